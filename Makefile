@@ -1,0 +1,59 @@
+# `make run` and `make test` need nothing but Python 3.11 or newer: the first of them sets up .venv.
+
+PYTHON ?= python3
+VENV   := .venv
+READY  := $(VENV)/.ready
+DEMO   := runs/demo
+SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post \
+          --seconds 30 --speed 4
+
+# $(call apt_install,PACKAGES,WHY), for use inside a shell command.
+apt_install = { \
+	command -v apt-get >/dev/null || { \
+	  echo "No apt-get here: for $(2), install what Debian calls $(1) your own way." >&2; false; }; \
+	} && $(SUDO) apt-get update && \
+	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $(1)
+
+.DEFAULT_GOAL := help
+.PHONY: help run test lint clean
+
+help:  ## list these targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+run: $(READY)  ## eight creative robots live through both tasks, then a film of each, in runs/demo
+	$(VENV)/bin/musebot run $(DEMO) --robots 8 --proposer creative
+	mkdir -p $(DEMO)/films
+	$(FILM) --task wall_avoidance --output $(DEMO)/films/wall_avoidance.mp4
+	$(FILM) --task spot_finding --output $(DEMO)/films/spot_finding.mp4
+
+test: $(READY)  ## run the tests
+	@$(VENV)/bin/pytest -q -n 2 tests
+
+lint: $(READY)  ## check style, format and types
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
+
+clean:  ## remove .venv and caches, never runs/
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+
+# Without EGL everything but pictures works, so its absence warns and goes on. Torch comes first, with
+# what its build for this machine needs; the rest is exactly constraints.txt, which leaves out labmaze
+# where it cannot be built (a plain `pip install -e .` would insist on it, for dm-control's mazes).
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "Musebot needs Python 3.11 or newer: name one with 'make PYTHON=/path/to/python3'." >&2; \
+	  exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+	  venv=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
+	  $(call apt_install,$$venv,virtual environments); }
+	@[ "$$(uname)" != Linux ] || { \
+	  found=$$(PATH=$$PATH:/usr/sbin:/sbin ldconfig -p); \
+	  echo "$$found" | grep -q 'libEGL\.so\.1' && echo "$$found" | grep -q 'libEGL_.*\.so\.0'; } || { \
+	  $(call apt_install,libegl1 libegl-mesa0 libgl1-mesa-dri,pictures and films); } || \
+	  echo "Going on without EGL: 'musebot film' will not work yet." >&2
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install -c constraints.txt torch
+	$(VENV)/bin/pip install --no-deps -r constraints.txt -e .
+	@touch $@
