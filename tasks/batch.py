@@ -1,0 +1,186 @@
+"""Many robots in lockstep, each alone in its arena, on `mujoco.rollout`.
+
+Same model, same rules, same instants as the dm_control tasks: a batch of one is the ordinary
+environment, to the bit (tests/test_batch.py).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from ..models import Dimensions
+from .arena import CONTROL_TIMESTEP, Rules, robot_pose, robot_qpos
+
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+_CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_MOCAP_POS.value
+
+
+def stop_timers() -> bool:
+    """Stops MuJoCo's clock readings in this process, a seventh of a small model's step.
+
+    MuJoCo's bindings time every stage of every step for `data.timer`, which nothing here
+    reads. The clock is a global callback of the library; there is no public switch.
+
+    Returns:
+      Whether it was found and stopped.
+    """
+    library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
+    if library is None:
+        return False
+    try:
+        ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time").value = None
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+class Batch:
+    """B robots, each alone in its own arena, stepped together in the calling thread.
+
+    Attributes:
+      robots: B.
+      rules: what the robots sense and are rewarded for.
+      dimensions: of robot, arena and spot.
+      substeps: physics steps in a control step.
+      sensordata: what MuJoCo last measured, shape (B, nsensordata).
+      valid: False for a robot whose simulation became unstable or left the arena, and from
+        then on stands still at the origin, shape (B,).
+    """
+
+    def __init__(self, model: mujoco.MjModel, rules: Rules, robots: int) -> None:
+        """Makes B robots, all at the origin.
+
+        Args:
+          model: a compiled arena.
+          rules: of the task, for that arena.
+          robots: B.
+
+        Raises:
+          ValueError: robots is not positive, or the timestep does not divide 0.1 s.
+        """
+        if robots < 1:
+            raise ValueError(f"robots must be positive, got {robots}")
+        self.robots = robots
+        self.rules = rules
+        self.model = model
+        self.dimensions = Dimensions.of(model)
+        self.substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
+        if abs(self.substeps * model.opt.timestep - CONTROL_TIMESTEP) > 1e-9:
+            raise ValueError(f"the timestep must divide 0.1 s, got {model.opt.timestep}")
+
+        self._scratch = mujoco.MjData(model)
+        self._engine = rollout.Rollout(nthread=0)
+        self._models = [model] * robots  # rollout's skip_checks wants one a robot
+        size = mujoco.mj_stateSize(model, _STATE)
+        self._state = np.zeros((robots, size))
+        self._states = np.zeros((robots, self.substeps, size))
+        self._sensors = np.zeros((robots, self.substeps, model.nsensordata))
+        # The motors and the spot, for every substep, in MuJoCo's order of a control vector.
+        self._control = np.zeros((robots, self.substeps, mujoco.mj_stateSize(model, _CONTROL)))
+        self._control[:, :, model.nu :] = self._scratch.mocap_pos.ravel()
+        self.sensordata = np.zeros((robots, model.nsensordata))
+        self.valid = np.ones(robots, dtype=bool)
+        self.place(np.arange(robots), np.zeros((robots, 3)))
+
+    @property
+    def pose(self) -> np.ndarray:
+        """x, y in metres and heading in radians of every robot, shape (B, 3)."""
+        return robot_pose(self._state[:, 1:])
+
+    @property
+    def spot(self) -> np.ndarray:
+        """x, y of every robot's spot, in metres, shape (B, 2)."""
+        return self._control[:, 0, self.model.nu : self.model.nu + 2].copy()
+
+    def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
+        """Puts robots, at rest, at poses, and lets them sense.
+
+        Args:
+          robots: indices, shape (n,).
+          poses: x, y in metres and heading in radians, shape (n, 3).
+        """
+        nq = self.model.nq
+        self._state[robots] = 0
+        self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
+        self._control[robots, :, : self.model.nu] = 0
+        for robot in robots:
+            mujoco.mj_setState(self.model, self._scratch, self._state[robot], _STATE)
+            mujoco.mj_setState(self.model, self._scratch, self._control[robot, 0], _CONTROL)
+            mujoco.mj_forward(self.model, self._scratch)
+            self.sensordata[robot] = self._scratch.sensordata
+
+    def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
+        """Moves robots' spots; they smell the change after the next step.
+
+        Args:
+          robots: indices, shape (n,).
+          spots: x, y in metres, shape (n, 2).
+        """
+        nu = self.model.nu
+        self._control[robots, :, nu : nu + 2] = np.asarray(spots)[:, None]
+
+    def step(self, motors: np.ndarray) -> None:
+        """Drives every robot for a control step of 0.1 s.
+
+        Args:
+          motors: left and right, shape (B, 2); values beyond [-0.5, 0.5] are clipped, and a
+            robot whose values are not finite becomes invalid.
+        """
+        self.valid &= np.isfinite(motors).all(axis=1)
+        if not self.valid.all():
+            motors = np.where(self.valid[:, None], motors, 0.0)
+        np.clip(motors[:, None], -0.5, 0.5, out=self._control[:, :, : self.model.nu])
+        time = self._state[:, 0].copy()
+        self._engine.rollout(
+            self._models,
+            [self._scratch],
+            self._state,
+            self._control,
+            nstep=self.substeps,
+            control_spec=_CONTROL,
+            state=self._states,
+            sensordata=self._sensors,
+            skip_checks=True,
+        )
+        self._state[:] = self._states[:, -1]
+        self.sensordata[:] = self._sensors[:, -1]
+        self._check(time)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything that the next steps depend on, for a checkpoint."""
+        return {
+            "state": self._state,
+            "control": self._control,
+            "sensordata": self.sensordata,
+            "valid": self.valid,
+        }
+
+    def load_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        """Goes on from `arrays`, to the bit.
+
+        Raises:
+          ValueError: an array is missing, or its shape is another.
+        """
+        for name, target in self.arrays().items():
+            if name not in arrays or arrays[name].shape != target.shape:
+                raise ValueError(f"{name} must have shape {target.shape}")
+            target[:] = arrays[name]
+
+    def _check(self, time: np.ndarray) -> None:
+        # MuJoCo resets an unstable simulation, and rollout breaks off at a warning: either
+        # way the clock shows less than a control step. Comparisons with NaN are false.
+        now, x, y = self._state[:, :3].T
+        sound = np.abs(now - time - CONTROL_TIMESTEP) < 1e-6
+        sound &= np.abs(x) < self.dimensions.half_length
+        sound &= np.abs(y) < self.dimensions.half_width
+        if not sound.all():
+            broken = np.flatnonzero(~sound)
+            self.valid[broken] = False
+            self.place(broken, np.zeros((len(broken), 3)))
+        if not self.valid.all():
+            self.sensordata[~self.valid] = 0
