@@ -1,0 +1,253 @@
+"""The command `musebot`: its verbs, their options, and one sentence for what is wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import sys
+import warnings
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+# Heavy imports (MuJoCo, torch) wait until a verb needs them: help is at once, and MUJOCO_GL
+# can still be chosen.
+
+
+@dataclasses.dataclass
+class Run:
+    """Live lives: all that OUT does not hold yet, resumable at any moment."""
+
+    out: Annotated[Path, tyro.conf.Positional]
+    """folder for everything the run leaves; an unfinished one goes on"""
+    task: tuple[str, ...] = ()
+    """wall_avoidance, spot_finding (default: both; without task and proposer OUT's own)"""
+    proposer: tuple[str, ...] = ()
+    """fixed, random, creative (default: all three; without task and proposer OUT's own)"""
+    robots: int | None = None
+    """robots in each condition (default: 60, or OUT's own)"""
+    cohort_size: int | None = None
+    """robots in lockstep on one random stream; part of the experiment's identity (default: the
+    largest divisor of ROBOTS up to 250, or OUT's own)"""
+    seed: int | None = None
+    """of every random stream (default: 1, or OUT's own)"""
+    time_scale: float | None = None
+    """below 1 shortens every duration, for rehearsals (default: 1, or OUT's own)"""
+    nose: str | None = None
+    """inverse or printed: the form of Eq. 3 (default: inverse, or OUT's own)"""
+    processes: int = os.cpu_count() or 1
+    """cohorts that live at a time, one core each"""
+    save_every: float = 60.0
+    """seconds between two checkpoints of a cohort"""
+
+    def __call__(self) -> None:
+        """Checks everything, then lives."""
+        from ..models import check_versions
+        from . import engine
+        from .experiment import PROPOSERS, TASKS, Experiment, InputError, Plan, default_cohort_size
+
+        check_versions()
+        if self.processes < 1:
+            raise InputError(f"the number of processes must be at least 1, got {self.processes}")
+        if not self.save_every > 0:
+            raise InputError(f"save-every must be positive, got {self.save_every}")
+        if self.robots is not None and self.robots < 1:
+            raise InputError(f"the number of robots must be at least 1, got {self.robots}")
+        held = engine.open_directory(self.out)
+        asked = {
+            "seed": self.seed,
+            "cohort_size": self.cohort_size,
+            "time_scale": self.time_scale,
+            "nose": self.nose,
+        }
+        asked = {name: value for name, value in asked.items() if value is not None}
+        robots = self.robots or (held.robots if held else 60)
+        if held:
+            experiment = dataclasses.replace(held.experiment, **asked)
+            for name, value in asked.items():
+                if value != (own := getattr(held.experiment, name)):
+                    raise InputError(
+                        f"{self.out} holds an experiment with {name} {own}, not {value}"
+                    )
+        else:
+            asked.setdefault("cohort_size", default_cohort_size(robots))
+            experiment = Experiment(**asked)
+        if held and not self.task and not self.proposer:
+            conditions = held.conditions
+        else:
+            pairs = ((t, p) for t in self.task or TASKS for p in self.proposer or PROPOSERS)
+            conditions = tuple(dict.fromkeys(pairs))
+        plan = Plan(experiment, conditions, robots)
+        results = engine.run(self.out, plan, processes=self.processes, save_every=self.save_every)
+        _write_tables(self.out, experiment, results)
+
+
+@dataclasses.dataclass
+class Tables:
+    """Print the paper's tables beside ours, from OUT's robots."""
+
+    out: Annotated[Path, tyro.conf.Positional]
+    """folder of a run"""
+    json: bool = False
+    """as JSON instead of Markdown"""
+
+    def __call__(self) -> None:
+        """Reads, prints, and writes tables.md."""
+        from . import tables
+
+        experiment, results = _read(self.out)
+        if self.json:
+            print(json.dumps(tables.as_json(experiment, results), indent=2))
+        else:
+            _write_tables(self.out, experiment, results)
+
+
+@dataclasses.dataclass
+class Film:
+    """Film a robot of OUT: its stored brain re-enacts a test, noise drawn anew."""
+
+    out: Annotated[Path, tyro.conf.Positional]
+    """folder of a run"""
+    task: str
+    """wall_avoidance or spot_finding"""
+    proposer: str
+    """fixed, random or creative"""
+    output: Path
+    """the film, an .mp4"""
+    robot: int = 0
+    """number of the robot within its condition"""
+    phase: Literal["pre", "post"] = "post"
+    """the test before or after training"""
+    seconds: float = 30.0
+    """length of the film, in seconds of the viewer's time"""
+    speed: float = 4.0
+    """simulated seconds in a second of the film"""
+    seed: int = 0
+    """of the noise in the re-enacted brain"""
+
+    def __call__(self) -> None:
+        """Renders headless, through EGL."""
+        from . import film
+
+        experiment, results = _read(self.out)
+        film.film(
+            experiment,
+            results,
+            self.task,
+            self.proposer,
+            self.robot,
+            self.output,
+            phase=self.phase,
+            seconds=self.seconds,
+            speed=self.speed,
+            seed=self.seed,
+        )
+        print(self.output)
+
+
+@dataclasses.dataclass
+class Explore:
+    """Open a window on a task: drive with random motors, or with a robot of a run."""
+
+    task: Annotated[str, tyro.conf.Positional] = "wall_avoidance"
+    """wall_avoidance or spot_finding"""
+    out: Path | None = None
+    """folder of a run to take a brain from (default: random motors)"""
+    proposer: str = "creative"
+    """fixed, random or creative"""
+    robot: int = 0
+    """number of the robot within its condition"""
+    phase: Literal["pre", "post"] = "post"
+    """the brain before or after training"""
+
+    def __call__(self) -> None:
+        """Needs a display."""
+        from . import explore
+
+        run = _read(self.out) if self.out else None
+        explore.explore(self.task, run, self.proposer, self.robot, self.phase)
+
+
+@dataclasses.dataclass
+class Doctor:
+    """Say what is installed, what renders, and what is missing and how to get it."""
+
+    def __call__(self) -> None:
+        """Exits 1 where something is missing."""
+        from . import doctor
+
+        raise SystemExit(doctor.report())
+
+
+def _read(out: Path):  # noqa: ANN202
+    from . import engine
+    from .experiment import InputError
+    from .results import load
+
+    if not (out / engine.PLAN).exists():
+        raise InputError(f"{out} holds no experiment of musebot's")
+    plan = engine.open_directory(out)
+    assert plan is not None
+    results = load(out)
+    if not results.robots:
+        raise InputError(
+            f"{out} holds no finished lives yet; `musebot run {out}` goes on with them"
+        )
+    return plan.experiment, results
+
+
+def _write_tables(out: Path, experiment, results) -> None:  # noqa: ANN001
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    from . import tables
+    from .storage import write_atomically
+
+    text = tables.markdown(experiment, results)
+    write_atomically(out / "tables.md", text.encode())
+    console = Console()
+    console.print(Markdown(text)) if console.is_terminal else print(text)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs a verb; returns the exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C."""
+    verb = tyro.extras.subcommand_cli_from_dict(
+        {"run": Run, "tables": Tables, "film": Film, "explore": Explore, "doctor": Doctor},
+        args=arguments,
+        prog="musebot",
+        description="Creative robots that learn during their life, in MuJoCo.",
+    )
+    # Before the first import of mujoco: a film opens EGL itself, the rest draws nothing at all.
+    if isinstance(verb, Explore):
+        warnings.filterwarnings("ignore", module="glfw")  # it says itself what is wrong
+    else:
+        os.environ["MUJOCO_GL"] = "off"
+    if isinstance(verb, Doctor):
+        verb()  # before the imports below, which need what it looks for
+    from .experiment import InputError
+    from .storage import DamagedFileError
+
+    try:
+        verb()
+    except (InputError, ValueError) as error:
+        return _complain(str(error), 2)
+    except ImportError as error:
+        return _complain(str(error), 2)
+    except (DamagedFileError, OSError) as error:
+        return _complain(str(error), 1)
+    except Exception as error:
+        from . import engine
+
+        if isinstance(error, engine.Interrupted):
+            return _complain("stopped; the same command goes on from here", 130)
+        if isinstance(error, engine.RunError):
+            return _complain(str(error), 1)
+        raise
+    return 0
+
+
+def _complain(sentence: str, status: int) -> int:
+    print(f"musebot: {sentence}", file=sys.stderr)
+    return status

@@ -1,0 +1,337 @@
+"""Many lives: cohorts spread over processes, checkpointed, and taken up where they stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import multiprocessing
+import os
+import queue
+import signal
+import time
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.synchronize import Event
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from ..tasks import CONTROL_TIMESTEP, stop_timers
+from .cohort import Cohort, Lives
+from .experiment import CohortKey, Experiment, InputError, Plan, load_plan, save_plan
+from .results import Results, collect, load, merge, save
+from .storage import DamagedFileError, load_arrays, save_arrays
+
+PLAN = "experiment.json"
+CHECKPOINTS = "checkpoints"
+_CHUNK = 50  # control steps between two looks at the clock
+
+
+class Interrupted(Exception):
+    """The run was asked to stop; everything lived so far is in its checkpoints."""
+
+
+class RunError(Exception):
+    """The run could not go on; the text says why, in one sentence."""
+
+
+def run(
+    directory: Path, plan: Plan, *, processes: int, save_every: float = 60.0, quiet: bool = False
+) -> Results:
+    """Lives all the plan's lives that are not finished yet, and keeps them in a directory.
+
+    Args:
+      directory: new, empty, or of the same experiment (`open_directory` checks that).
+      plan: which lives.
+      processes: how many cohorts live at a time, one core each.
+      save_every: seconds between two checkpoints of a cohort.
+      quiet: shows no progress.
+
+    Returns:
+      All lives of the directory.
+
+    Raises:
+      Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
+      RunError: a process died, or a file could not be written.
+    """
+    with _locked(directory):
+        if (directory / PLAN).exists():
+            plan = plan.merged_with(load_plan(directory / PLAN))
+        save_plan(directory / PLAN, plan)
+        done = load(directory)
+        known = {(r.task, r.proposer, r.cohort) for r in done.robots}
+        keys = [k for k in plan.cohorts() if (k.task, k.proposer, k.index) not in known]
+        if keys:
+            _live_all(directory, plan.experiment, keys, processes, save_every, quiet)
+        finished = [(key, _read_lives(_finished_file(directory, key))) for key in keys]
+        results = merge(done, collect(plan.experiment, finished))
+        if keys:
+            save(directory, results)
+        for file in (directory / CHECKPOINTS).glob("*"):
+            file.unlink()
+        with contextlib.suppress(OSError):
+            (directory / CHECKPOINTS).rmdir()
+        return results
+
+
+def open_directory(directory: Path) -> Plan | None:
+    """Looks whether a directory can hold a run; returns the plan of the one it holds.
+
+    Raises:
+      InputError: it is a file, cannot be written, or holds something else.
+    """
+    parent = directory
+    while not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir():
+        raise InputError(f"{parent} is not a folder")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise InputError(f"{parent} cannot be written")
+    if (directory / PLAN).exists():
+        try:
+            return load_plan(directory / PLAN)
+        except DamagedFileError as error:
+            raise InputError(str(error)) from error
+    if directory.exists() and any(p.name != ".lock" for p in directory.iterdir()):
+        raise InputError(f"{directory} is not empty and holds no experiment of musebot's")
+    return None
+
+
+@contextlib.contextmanager
+def _locked(directory: Path) -> Iterator[None]:
+    directory.mkdir(parents=True, exist_ok=True)
+    with (directory / ".lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(f"another musebot is running in {directory}") from error
+        yield
+    (directory / ".lock").unlink(missing_ok=True)
+
+
+def _checkpoint_file(directory: Path, key: CohortKey) -> Path:
+    return directory / CHECKPOINTS / f"{key}.safetensors"
+
+
+def _finished_file(directory: Path, key: CohortKey) -> Path:
+    return directory / CHECKPOINTS / f"{key}.finished.safetensors"
+
+
+def _live_all(
+    directory: Path,
+    experiment: Experiment,
+    keys: list[CohortKey],
+    processes: int,
+    save_every: float,
+    quiet: bool,
+) -> None:
+    context = multiprocessing.get_context("spawn")
+    stop, reports = context.Event(), context.Queue()
+    # One thread a process: on tensors this small several only get into each other's way. No
+    # OpenGL: nothing is drawn there. The children read both when they start.
+    settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
+    with (
+        _environment(settings),
+        _stop_at_signals(stop),
+        _Display(experiment, keys, quiet) as display,
+        ProcessPoolExecutor(
+            min(processes, len(keys)), context, _prepare_process, (stop, reports)
+        ) as pool,
+    ):
+        try:
+            waiting: set[Future[bool]] = {
+                pool.submit(_live, directory, experiment, key, save_every) for key in keys
+            }
+            whole = True
+            while waiting:
+                finished, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+                display.show(reports)
+                whole = all([future.result() for future in finished]) and whole
+            display.show(reports)
+        except BrokenProcessPool as error:
+            raise RunError(
+                "a process died, perhaps for want of memory; the same command goes on from "
+                "the last checkpoints"
+            ) from error
+        except OSError as error:
+            raise RunError(
+                f"a file could not be written ({error}); the same command goes on from the "
+                "last checkpoints"
+            ) from error
+        finally:
+            # After an error the others must end too, before the pool is waited for.
+            if not stop.is_set() and waiting:
+                stop.set()
+        if stop.is_set() and not whole:
+            raise Interrupted
+
+
+@contextlib.contextmanager
+def _environment(settings: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _stop_at_signals(stop: Event) -> Iterator[None]:
+    def handler(number: int, frame: Any) -> None:
+        del number, frame
+        stop.set()
+
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+class _Display:
+    """Progress with time left, and what the cohorts have to say."""
+
+    def __init__(self, experiment: Experiment, keys: list[CohortKey], quiet: bool) -> None:
+        self._robots = experiment.cohort_size
+        self._total = sum(sum(experiment.schedule(key.task).steps()) for key in keys)
+        self._steps: dict[CohortKey, int] = {}
+        self._first: int | None = None
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:5.1f} %"),
+            TextColumn("{task.fields[speed]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(elapsed_when_finished=False),
+            console=Console(stderr=True),
+            disable=quiet,
+            speed_estimate_period=300,
+        )
+        hours = self._total * self._robots * CONTROL_TIMESTEP / 3600
+        self._bar = self._progress.add_task(
+            f"{len(keys)} cohorts, {hours:,.0f} robot-hours", total=self._total, speed=""
+        )
+        self._began = time.monotonic()
+
+    def __enter__(self) -> _Display:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._progress.stop()
+
+    def show(self, reports: Any) -> None:
+        with contextlib.suppress(queue.Empty):
+            while True:
+                key, steps, message = reports.get_nowait()
+                if message:
+                    self._progress.console.print(f"[yellow]{message}[/yellow]")
+                self._steps[key] = steps
+        done = sum(self._steps.values())
+        if self._first is None and self._steps:
+            self._first = done  # what earlier runs lived says nothing of this one's speed
+        seconds = time.monotonic() - self._began
+        lived = (done - (self._first or 0)) * self._robots * CONTROL_TIMESTEP
+        speed = f"{lived / seconds:,.0f} x real time" if lived else ""
+        self._progress.update(self._bar, completed=done, speed=speed)
+
+
+_STOP: Event
+_REPORTS: Any
+
+
+def _prepare_process(stop: Event, reports: Any) -> None:
+    global _STOP, _REPORTS
+    _STOP, _REPORTS = stop, reports
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent tells us, in its own time
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    import torch
+
+    torch.set_num_threads(1)
+    stop_timers()
+
+
+def _live(directory: Path, experiment: Experiment, key: CohortKey, save_every: float) -> bool:
+    """Lives a cohort to its end, or to a call to stop; returns whether it came to its end."""
+    if _finished_file(directory, key).exists():
+        with contextlib.suppress(DamagedFileError):
+            _read_lives(_finished_file(directory, key))
+            return True
+    parent = os.getppid()
+    cohort, message = _restored(directory, experiment, key)
+    _REPORTS.put((key, cohort.step, message))
+    saved = reported = time.monotonic()
+    broken = 0
+    while not cohort.finished:
+        if _STOP.is_set() or os.getppid() != parent:
+            _save_checkpoint(directory, key, cohort)
+            return False
+        cohort.advance(_CHUNK)
+        message = ""
+        if (count := int((~cohort.batch.valid).sum())) > broken:
+            robots = [int(i) for i in (~cohort.batch.valid).nonzero()[0]]
+            message = (
+                f"unstable simulation: cohort {key}, robots {robots} stopped, step {cohort.step}"
+            )
+            broken = count
+        now = time.monotonic()
+        if message or now - reported > 0.5:
+            _REPORTS.put((key, cohort.step, message))
+            reported = now
+        if now - saved > save_every:
+            _save_checkpoint(directory, key, cohort)
+            saved = now
+    _save_lives(_finished_file(directory, key), cohort.lives())
+    _checkpoint_file(directory, key).unlink(missing_ok=True)
+    _REPORTS.put((key, cohort.step, ""))
+    return True
+
+
+def _save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
+    arrays, notes = cohort.checkpoint()
+    save_arrays(_checkpoint_file(directory, key), arrays, **notes)
+
+
+def _restored(directory: Path, experiment: Experiment, key: CohortKey) -> tuple[Cohort, str]:
+    """The cohort as its checkpoint has it, or newborn; and what is to be said of that."""
+    path = _checkpoint_file(directory, key)
+    cohort = Cohort(experiment, key)
+    try:
+        cohort.restore(*load_arrays(path))
+    except FileNotFoundError:
+        return cohort, ""
+    except (DamagedFileError, ValueError, KeyError) as error:
+        aside = path.with_suffix(".damaged")
+        path.replace(aside)
+        return Cohort(experiment, key), f"{error}; set aside, cohort {key} starts anew"
+    return cohort, ""
+
+
+def _save_lives(path: Path, lives: Lives) -> None:
+    arrays = {"events": lives.events, "minutes": lives.minutes, "valid": lives.valid}
+    for when, networks in (("before", lives.before), ("after", lives.after)):
+        arrays |= {f"{when}/{name}": array for name, array in networks.items()}
+    save_arrays(path, arrays)
+
+
+def _read_lives(path: Path) -> Lives:
+    arrays, _ = load_arrays(path)
+    return Lives(
+        arrays["events"],
+        arrays["minutes"],
+        arrays["valid"],
+        *(
+            {k.partition("/")[2]: v for k, v in arrays.items() if k.startswith(f"{when}/")}
+            for when in ("before", "after")
+        ),
+    )

@@ -1,0 +1,263 @@
+"""What a run leaves for its reader: robots.csv, curves.npz, brains.safetensors."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..tasks import CONTROL_TIMESTEP
+from .cohort import Lives
+from .experiment import CohortKey, Experiment, condition_order
+from .learn_ability import CATEGORIES, INVALID, Summary, category, learn_ability, summarise
+from .schedules import SCHEDULES, control_steps
+from .storage import DamagedFileError, load_arrays, save_arrays, write_atomically
+
+ROBOTS, CURVES, BRAINS = "robots.csv", "curves.npz", "brains.safetensors"
+
+
+@dataclasses.dataclass(frozen=True)
+class Robot:
+    """A row of robots.csv.
+
+    Attributes:
+      task: what it had to learn.
+      proposer: how its actions were proposed.
+      seed: of the experiment.
+      cohort: the number of its cohort within the condition.
+      robot: its number within the condition.
+      t_pre_s: seconds in contact, or in the spot, before training.
+      t_post_s: the same after training.
+      learn_ability: Eq. 4; NaN (an empty cell) for the unmeasured and the invalid.
+      category: of tables 1 and 2; genius or ignorant for the unmeasured; or invalid.
+    """
+
+    task: str
+    proposer: str
+    seed: int
+    cohort: int
+    robot: int
+    t_pre_s: float
+    t_post_s: float
+    learn_ability: float
+    category: str
+
+
+_COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
+
+
+@dataclasses.dataclass
+class Results:
+    """All finished lives of a run.
+
+    Attributes:
+      robots: rows, in the order of task, proposer, robot.
+      curves: by "task/proposer", each simulated minute's share in contact or in the spot,
+        shape (robots, minutes).
+      brains: by "task/proposer/before|after/network.tensor", shape (robots, ...).
+    """
+
+    robots: list[Robot]
+    curves: dict[str, np.ndarray]
+    brains: dict[str, np.ndarray]
+
+    def conditions(self) -> list[tuple[str, str]]:
+        """Pairs of task and proposer that have lives here, in the tables' order."""
+        return sorted({(r.task, r.proposer) for r in self.robots}, key=condition_order)
+
+    def of(self, task: str, proposer: str) -> list[Robot]:
+        """The rows of a condition."""
+        return [r for r in self.robots if (r.task, r.proposer) == (task, proposer)]
+
+    def summary(self, experiment: Experiment, task: str, proposer: str) -> Summary:
+        """The column of table 1 or 2 that a condition fills."""
+        rows = self.of(task, proposer)
+        valid = [row for row in rows if row.category != INVALID]
+        return summarise(
+            [row.learn_ability for row in valid],
+            [row.t_post_s for row in valid],
+            test_seconds(experiment, task),
+            invalid=len(rows) - len(valid),
+        )
+
+
+def test_seconds(experiment: Experiment, task: str) -> float:
+    """How long the test after training lasts, in simulated seconds."""
+    schedule = experiment.schedule(task)
+    pairs = zip(schedule.phases, schedule.steps(), strict=True)
+    return sum(steps for phase, steps in pairs if phase.part == "post") * CONTROL_TIMESTEP
+
+
+def collect(experiment: Experiment, cohorts: Iterable[tuple[CohortKey, Lives]]) -> Results:
+    """Turns finished cohorts into results."""
+    robots: list[Robot] = []
+    curves: dict[str, list[np.ndarray]] = {}
+    brains: dict[str, list[np.ndarray]] = {}
+    for key, lives in sorted(
+        cohorts,
+        key=lambda item: (*condition_order((item[0].task, item[0].proposer)), item[0].index),
+    ):
+        schedule = experiment.schedule(key.task)
+        pre, post = (lives.events[:, part] * CONTROL_TIMESTEP for part in (0, 2))
+        abilities = learn_ability(pre, post, schedule.wanted)
+        for index, valid in enumerate(lives.valid):
+            name = category(abilities[index])
+            name = schedule.unmeasured if name == "unmeasured" else name
+            robots.append(
+                Robot(
+                    key.task,
+                    key.proposer,
+                    experiment.seed,
+                    key.index,
+                    key.index * experiment.cohort_size + index,
+                    round(float(pre[index]), 1),
+                    round(float(post[index]), 1),
+                    float(abilities[index]) if valid else float("nan"),
+                    name if valid else INVALID,
+                )
+            )
+        condition = f"{key.task}/{key.proposer}"
+        steps = np.full(lives.minutes.shape[1], control_steps(1), dtype=np.float32)
+        steps[-1] = sum(schedule.steps()) - steps[:-1].sum()
+        curves.setdefault(condition, []).append((lives.minutes / steps).astype(np.float32))
+        for when, networks in (("before", lives.before), ("after", lives.after)):
+            for name, array in networks.items():
+                brains.setdefault(f"{condition}/{when}/{name}", []).append(array)
+    return Results(robots, _joined(curves), _joined(brains))
+
+
+def merge(older: Results, newer: Results) -> Results:
+    """Adds newer lives to older ones; a robot that both have is taken from the older."""
+    known = {(r.task, r.proposer, r.robot) for r in older.robots}
+    fresh = [r for r in newer.robots if (r.task, r.proposer, r.robot) not in known]
+    result = Results(
+        sorted(
+            older.robots + fresh,
+            key=lambda r: (*condition_order((r.task, r.proposer)), r.robot),
+        ),
+        dict(older.curves),
+        dict(older.brains),
+    )
+    for task, proposer in newer.conditions():
+        rows = newer.of(task, proposer)
+        chosen = [
+            i for i, row in enumerate(rows) if (row.task, row.proposer, row.robot) not in known
+        ]
+        order = np.argsort(
+            [r.robot for r in older.of(task, proposer)] + [rows[i].robot for i in chosen]
+        )
+        for target, source in ((result.curves, newer.curves), (result.brains, newer.brains)):
+            for name, array in source.items():
+                if name.split("/")[:2] == [task, proposer]:
+                    parts = [target[name]] if name in target else []
+                    target[name] = np.concatenate([*parts, array[chosen]])[order]
+    return result
+
+
+def save(directory: Path, results: Results) -> None:
+    """Writes the three files, each atomically.
+
+    Raises:
+      OSError: one cannot be written.
+    """
+    save_arrays(directory / BRAINS, results.brains)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **results.curves)  # type: ignore[arg-type]
+    write_atomically(directory / CURVES, buffer.getvalue())
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for robot in results.robots:
+        cells = dataclasses.asdict(robot)
+        if np.isnan(robot.learn_ability):
+            cells["learn_ability"] = ""
+        writer.writerow(cells.values())
+    write_atomically(directory / ROBOTS, text.getvalue().encode())
+
+
+def load(directory: Path) -> Results:
+    """Reads the three files; without them, there are no lives yet.
+
+    Raises:
+      DamagedFileError: one is damaged, or they do not go together.
+    """
+    paths = [directory / name for name in (ROBOTS, CURVES, BRAINS)]
+    if not paths[0].exists():  # written last: without it nothing was ever finished
+        return Results([], {}, {})
+    try:
+        robots = read_robots(paths[0])
+        curves = _read_curves(paths[1])
+        brains, _ = load_arrays(paths[2])
+    except FileNotFoundError as error:
+        raise DamagedFileError(f"{directory} lacks a file ({error})") from error
+    return _fitting(directory, Results(robots, curves, brains))
+
+
+def _fitting(directory: Path, results: Results) -> Results:
+    """Cuts curves and brains to the rows of robots.csv, which is written last."""
+    for task, proposer in results.conditions():
+        count = len(results.of(task, proposer))
+        if f"{task}/{proposer}" not in results.curves:
+            raise DamagedFileError(f"{directory / CURVES} lacks {task}/{proposer}")
+        for arrays in (results.curves, results.brains):
+            for name in [n for n in arrays if n.split("/")[:2] == [task, proposer]]:
+                if len(arrays[name]) < count:
+                    raise DamagedFileError(f"{directory} has fewer lives in {name} than rows")
+                arrays[name] = arrays[name][:count]
+    known = {f"{task}/{proposer}" for task, proposer in results.conditions()}
+    for arrays in (results.curves, results.brains):
+        for name in [n for n in arrays if "/".join(n.split("/")[:2]) not in known]:
+            del arrays[name]
+    return results
+
+
+def read_robots(path: Path) -> list[Robot]:
+    """Reads robots.csv.
+
+    Raises:
+      FileNotFoundError: there is none.
+      DamagedFileError: it is not a table of robots.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+        if not rows or tuple(rows[0]) != _COLUMNS:
+            raise DamagedFileError(f"{path} is not a table of robots")
+        return [_robot(*row) for row in rows[1:]]
+    except (ValueError, TypeError, csv.Error) as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
+
+
+def _robot(
+    task: str, proposer: str, seed: str, cohort: str, robot: str,
+    pre: str, post: str, ability: str, name: str,
+) -> Robot:  # fmt: skip
+    condition_order((task, proposer))  # ValueError for what is no condition
+    if name not in {*CATEGORIES[:-1], SCHEDULES[task].unmeasured, INVALID}:
+        raise ValueError(f"{name!r} is no category of {task}")
+    return Robot(
+        task, proposer, int(seed), int(cohort), int(robot), float(pre), float(post),
+        float(ability) if ability else float("nan"), name,
+    )  # fmt: skip
+
+
+def _read_curves(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if name := archive.testzip():  # numpy alone does not look at every checksum
+                raise DamagedFileError(f"{path} is damaged (in {name})")
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (DamagedFileError, FileNotFoundError):
+        raise
+    except Exception as error:  # zipfile, zlib and numpy each have many words for damage
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
+
+
+def _joined(parts: Mapping[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
+    return {name: np.concatenate(arrays) for name, arrays in parts.items()}

@@ -1,0 +1,114 @@
+"""The experiments as data: who is placed where, for how long, learning or not (section 3)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Literal
+
+from ..tasks import CONTROL_TIMESTEP
+
+Part = Literal["pre", "training", "post"]
+
+# Section 3.1: "a distance of ten cm to the walls facing the corner".
+_X, _Y = 1.05 / 2 - 0.10, 0.70 / 2 - 0.10
+UPPER_LEFT = (-_X, _Y, math.atan2(1, -1))
+UPPER_RIGHT = (_X, _Y, math.atan2(1, 1))
+
+
+@dataclasses.dataclass(frozen=True)
+class Phase:
+    """A stretch of a life under one regime.
+
+    Attributes:
+      part: of the life: "pre" and "post" are measured, "training" is not.
+      minutes: how long, in simulated minutes.
+      learning: whether the robot learns, and explores.
+      robot: where it is placed at the start: x, y in metres and heading in radians; "random"
+        draws a pose; None leaves it where it is.
+      spot: where the odorous spot is put at the start: x, y in metres; "random" draws a
+        place; None leaves it where it is.
+      every_minutes: robot and spot are placed as at the start again and again, after so many
+        simulated minutes; None places them once.
+    """
+
+    part: Part
+    minutes: float
+    learning: bool
+    robot: tuple[float, float, float] | Literal["random"] | None = None
+    spot: tuple[float, float] | Literal["random"] | None = None
+    every_minutes: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Schedule:
+    """A life: one task and its phases, in order.
+
+    Attributes:
+      task: of the domain "arena".
+      phases: in order.
+      wanted: whether the measured event is good (in the spot) or bad (in contact), the sign
+        of Learn Ability.
+      unmeasured: what a robot is called that never met the event in either test.
+    """
+
+    task: str
+    phases: tuple[Phase, ...]
+    wanted: bool
+    unmeasured: Literal["genius", "ignorant"]
+
+    def scaled(self, factor: float) -> Schedule:
+        """Returns the schedule with every duration times a factor."""
+        return dataclasses.replace(
+            self,
+            phases=tuple(
+                dataclasses.replace(
+                    phase,
+                    minutes=phase.minutes * factor,
+                    every_minutes=phase.every_minutes and phase.every_minutes * factor,
+                )
+                for phase in self.phases
+            ),
+        )
+
+    def steps(self) -> list[int]:
+        """Control steps of each phase, at least one."""
+        return [control_steps(phase.minutes) for phase in self.phases]
+
+
+def control_steps(minutes: float) -> int:
+    """Simulated minutes in control steps, to the nearest, at least one."""
+    return max(1, round(minutes * 60 / CONTROL_TIMESTEP))
+
+
+def _tests(part: Part) -> tuple[Phase, ...]:
+    return tuple(Phase(part, 10, False, robot=corner) for corner in (UPPER_LEFT, UPPER_RIGHT))
+
+
+def _search(part: Part) -> Phase:
+    return Phase(part, 60, False, robot=UPPER_LEFT, spot=UPPER_RIGHT[:2])
+
+
+WALL_AVOIDANCE = Schedule(
+    task="wall_avoidance",
+    phases=(
+        *_tests("pre"),
+        Phase("training", 120, True, robot="random", every_minutes=5),
+        *_tests("post"),
+    ),
+    wanted=False,
+    unmeasured="genius",
+)
+
+SPOT_FINDING = Schedule(
+    task="spot_finding",
+    phases=(
+        _search("pre"),
+        Phase("training", 240, True, spot="random", every_minutes=60),
+        _search("post"),
+    ),
+    wanted=True,
+    unmeasured="ignorant",
+)
+
+SCHEDULES = {schedule.task: schedule for schedule in (WALL_AVOIDANCE, SPOT_FINDING)}

@@ -1,0 +1,81 @@
+"""Files that are whole or not there: atomic writes, and arrays with a digest. No pickle."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors
+from safetensors.numpy import save
+
+
+class DamagedFileError(Exception):
+    """A file of a run is truncated, altered or not one of ours; the text names it."""
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Writes a file so that a reader, or a crash, meets the old one or the new, whole.
+
+    Raises:
+      OSError: it cannot be written; the old file is untouched.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with draft.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> None:
+    """Writes arrays and JSON notes into one safetensors file, atomically, with a digest.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    # Not ascontiguousarray, which would make a number, shape (), an array of shape (1,).
+    contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
+    text = json.dumps(notes, sort_keys=True)
+    # One entry: safetensors writes several in no particular order, and equal runs leave equal
+    # bytes.
+    metadata = {"musebot": json.dumps({"notes": text, "digest": _digest(contiguous, text)})}
+    write_atomically(path, save(contiguous, metadata=metadata))
+
+
+def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Reads what `save_arrays` wrote: the arrays and the notes.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: it is truncated, altered or not one of ours.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"there is no file {path}")
+    try:
+        with safetensors.safe_open(path, framework="numpy") as file:
+            metadata = json.loads((file.metadata() or {})["musebot"])
+            arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
+        sound = metadata["digest"] == _digest(arrays, metadata["notes"])
+        notes = json.loads(metadata["notes"])
+    except (safetensors.SafetensorError, KeyError, ValueError, OSError) as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
+    if not sound:
+        raise DamagedFileError(f"{path} is damaged (its content does not fit its digest)")
+    return arrays, notes
+
+
+def _digest(arrays: Mapping[str, np.ndarray], notes: str) -> str:
+    digest = hashlib.blake2b(notes.encode(), digest_size=16)
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
