@@ -132,7 +132,10 @@ class Neurocontroller:
         load_into(self.networks(), tensors)
 
     def state(self) -> dict[str, Tensor]:
-        """Everything that the next steps depend on, for a checkpoint."""
+        """Everything that the next steps depend on, for a checkpoint between two steps.
+
+        These are the tensors themselves: clone what is to outlive the next step.
+        """
         state = self.networks() | {"generator": self._generator.get_state()}
         state |= {f"now.{name}": tensor for name, tensor in self._now.items()}
         if self.memory is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Literal
 
 Proposer = Literal["fixed", "random", "creative"]
@@ -53,7 +54,7 @@ class Parameters:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
         for name in ("learn_rate", "noise", "initial_range"):
-            if not getattr(self, name) >= 0:
+            if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
         if not self.fixed_motors or not all(abs(m) <= 0.5 for m in self.fixed_motors):
             raise ValueError(f"fixed_motors must lie in [-0.5, 0.5], got {self.fixed_motors}")

@@ -39,8 +39,24 @@ class Run:
     """inverse or printed: the form of Eq. 3 (default: inverse, or OUT's own)"""
     processes: int = os.cpu_count() or 1
     """cohorts that live at a time, one core each"""
+    engine: str = "local"
+    """local, or ray: on an existing cluster, OUT on storage that all its nodes share"""
+    address: str = "auto"
+    """of the Ray cluster"""
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""
+
+    def _workforce(self):  # noqa: ANN202
+        from . import engine
+        from .experiment import InputError
+
+        if self.engine == "local":
+            return engine.Processes(self.processes)
+        if self.engine != "ray":
+            raise InputError(f"the engine must be local or ray, got {self.engine!r}")
+        from . import cluster
+
+        return cluster.Ray(self.address)
 
     def __call__(self) -> None:
         """Checks everything, then lives."""
@@ -80,7 +96,8 @@ class Run:
             pairs = ((t, p) for t in self.task or TASKS for p in self.proposer or PROPOSERS)
             conditions = tuple(dict.fromkeys(pairs))
         plan = Plan(experiment, conditions, robots)
-        results = engine.run(self.out, plan, processes=self.processes, save_every=self.save_every)
+        workforce = self._workforce()
+        results = engine.run(self.out, plan, workforce, save_every=self.save_every)
         _write_tables(self.out, experiment, results)
 
 

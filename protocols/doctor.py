@@ -83,8 +83,6 @@ def examine() -> Iterable[Finding]:
 
 
 def _python() -> str:
-    if sys.version_info < (3, 11):
-        raise _Missing(platform.python_version(), "install Python 3.11 or newer")
     return f"{platform.python_version()} ({sys.executable})"
 
 

@@ -1,20 +1,25 @@
-"""Many lives: cohorts spread over processes, checkpointed, and taken up where they stopped."""
+"""Many lives: cohorts spread over processes, checkpointed, and taken up where they stopped.
+
+What a cohort does, `live`, is the same on this machine's cores and on a Ray cluster's
+(`protocols/cluster.py`).
+"""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import fcntl
 import multiprocessing
 import os
 import queue
 import signal
 import time
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -38,15 +43,50 @@ class RunError(Exception):
     """The run could not go on; the text says why, in one sentence."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Work:
+    """What is still to be lived, and how.
+
+    Attributes:
+      directory: of the run, an absolute path.
+      experiment: what decides the lives.
+      keys: the cohorts to live, in the order in which to begin them.
+      save_every: seconds between two checkpoints of a cohort.
+    """
+
+    directory: Path
+    experiment: Experiment
+    keys: tuple[CohortKey, ...]
+    save_every: float
+
+
+class Workforce(Protocol):
+    """Whatever lives a work's cohorts: this machine's processes, or a cluster's."""
+
+    def __call__(self, work: Work, display: Display) -> None:
+        """Returns when all cohorts have their finished files.
+
+        Raises:
+          Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
+          RunError: it could not go on.
+        """
+        ...
+
+
 def run(
-    directory: Path, plan: Plan, *, processes: int, save_every: float = 60.0, quiet: bool = False
+    directory: Path,
+    plan: Plan,
+    workforce: Workforce,
+    *,
+    save_every: float = 60.0,
+    quiet: bool = False,
 ) -> Results:
     """Lives all the plan's lives that are not finished yet, and keeps them in a directory.
 
     Args:
       directory: new, empty, or of the same experiment (`open_directory` checks that).
       plan: which lives.
-      processes: how many cohorts live at a time, one core each.
+      workforce: who lives them: `Processes(n)`, or `cluster.Ray(address)`.
       save_every: seconds between two checkpoints of a cohort.
       quiet: shows no progress.
 
@@ -65,13 +105,16 @@ def run(
         known = {(r.task, r.proposer, r.cohort) for r in done.robots}
         keys = [k for k in plan.cohorts() if (k.task, k.proposer, k.index) not in known]
         if keys:
-            _live_all(directory, plan.experiment, keys, processes, save_every, quiet)
-        finished = [(key, _read_lives(_finished_file(directory, key))) for key in keys]
+            work = Work(directory.resolve(), plan.experiment, tuple(keys), save_every)
+            with Display(plan.experiment, keys, quiet) as display:
+                workforce(work, display)
+        finished = [(key, read_lives(finished_file(directory, key))) for key in keys]
         results = merge(done, collect(plan.experiment, finished))
         if keys:
             save(directory, results)
         for file in (directory / CHECKPOINTS).glob("*"):
-            file.unlink()
+            if file.suffix != ".damaged":
+                file.unlink()
         with contextlib.suppress(OSError):
             (directory / CHECKPOINTS).rmdir()
         return results
@@ -112,61 +155,62 @@ def _locked(directory: Path) -> Iterator[None]:
     (directory / ".lock").unlink(missing_ok=True)
 
 
-def _checkpoint_file(directory: Path, key: CohortKey) -> Path:
+def checkpoint_file(directory: Path, key: CohortKey) -> Path:
+    """Where a cohort's last checkpoint is kept while it lives."""
     return directory / CHECKPOINTS / f"{key}.safetensors"
 
 
-def _finished_file(directory: Path, key: CohortKey) -> Path:
+def finished_file(directory: Path, key: CohortKey) -> Path:
+    """Where a finished cohort waits for the others."""
     return directory / CHECKPOINTS / f"{key}.finished.safetensors"
 
 
-def _live_all(
-    directory: Path,
-    experiment: Experiment,
-    keys: list[CohortKey],
-    processes: int,
-    save_every: float,
-    quiet: bool,
-) -> None:
-    context = multiprocessing.get_context("spawn")
-    stop, reports = context.Event(), context.Queue()
-    # One thread a process: on tensors this small several only get into each other's way. No
-    # OpenGL: nothing is drawn there. The children read both when they start.
-    settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
-    with (
-        _environment(settings),
-        _stop_at_signals(stop),
-        _Display(experiment, keys, quiet) as display,
-        ProcessPoolExecutor(
-            min(processes, len(keys)), context, _prepare_process, (stop, reports)
-        ) as pool,
-    ):
-        try:
-            waiting: set[Future[bool]] = {
-                pool.submit(_live, directory, experiment, key, save_every) for key in keys
-            }
+@dataclasses.dataclass(frozen=True)
+class Processes:
+    """This machine's cores, a cohort each at a time.
+
+    Attributes:
+      count: how many cohorts live at a time.
+    """
+
+    count: int
+
+    def __call__(self, work: Work, display: Display) -> None:
+        """Lives a work's cohorts; see `Workforce`."""
+        context = multiprocessing.get_context("spawn")
+        stop, reports = context.Event(), context.Queue()
+        # One thread a process: on tensors this small several only get into each other's way.
+        # No OpenGL: nothing is drawn there. The children read both when they start.
+        settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
+        count = min(self.count, len(work.keys))
+        with (
+            _environment(settings),
+            stop_at_signals(stop),
+            ProcessPoolExecutor(count, context, _prepare_process, (stop, reports)) as pool,
+        ):
+            waiting = {pool.submit(_live_here, work, key) for key in work.keys}
             whole = True
-            while waiting:
-                finished, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+            try:
+                while waiting:
+                    finished, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+                    display.show(reports)
+                    whole = all([future.result() for future in finished]) and whole
                 display.show(reports)
-                whole = all([future.result() for future in finished]) and whole
-            display.show(reports)
-        except BrokenProcessPool as error:
-            raise RunError(
-                "a process died, perhaps for want of memory; the same command goes on from "
-                "the last checkpoints"
-            ) from error
-        except OSError as error:
-            raise RunError(
-                f"a file could not be written ({error}); the same command goes on from the "
-                "last checkpoints"
-            ) from error
-        finally:
-            # After an error the others must end too, before the pool is waited for.
-            if not stop.is_set() and waiting:
-                stop.set()
-        if stop.is_set() and not whole:
-            raise Interrupted
+            except (BrokenProcessPool, OSError) as error:
+                stop.set()  # the others must end too, before the pool is waited for
+                raise stopped_by(error) from error
+            if not whole:
+                raise Interrupted
+
+
+def stopped_by(error: Exception) -> RunError:
+    """Says what stopped a run, in one sentence."""
+    what = (
+        f"a file could not be written ({error})"
+        if isinstance(error, OSError)
+        else "a process died, perhaps for want of memory"
+    )
+    return RunError(f"{what}; the same command goes on from the last checkpoints")
 
 
 @contextlib.contextmanager
@@ -183,8 +227,18 @@ def _environment(settings: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
+class Stop(Protocol):
+    """An event that asks for an end."""
+
+    def set(self) -> None:
+        """Asks for it."""
+        ...
+
+
 @contextlib.contextmanager
-def _stop_at_signals(stop: Event) -> Iterator[None]:
+def stop_at_signals(stop: Stop) -> Iterator[None]:
+    """Turns Ctrl-C and SIGTERM into a polite request."""
+
     def handler(number: int, frame: Any) -> None:
         del number, frame
         stop.set()
@@ -197,7 +251,7 @@ def _stop_at_signals(stop: Event) -> Iterator[None]:
             signal.signal(number, old)
 
 
-class _Display:
+class Display:
     """Progress with time left, and what the cohorts have to say."""
 
     def __init__(self, experiment: Experiment, keys: list[CohortKey], quiet: bool) -> None:
@@ -223,7 +277,7 @@ class _Display:
         )
         self._began = time.monotonic()
 
-    def __enter__(self) -> _Display:
+    def __enter__(self) -> Display:
         self._progress.start()
         return self
 
@@ -231,6 +285,7 @@ class _Display:
         self._progress.stop()
 
     def show(self, reports: Any) -> None:
+        """Shows what has come into a queue of (cohort, its control step, message)."""
         with contextlib.suppress(queue.Empty):
             while True:
                 key, steps, message = reports.get_nowait()
@@ -261,51 +316,75 @@ def _prepare_process(stop: Event, reports: Any) -> None:
     stop_timers()
 
 
-def _live(directory: Path, experiment: Experiment, key: CohortKey, save_every: float) -> bool:
-    """Lives a cohort to its end, or to a call to stop; returns whether it came to its end."""
-    if _finished_file(directory, key).exists():
-        with contextlib.suppress(DamagedFileError):
-            _read_lives(_finished_file(directory, key))
-            return True
+def _live_here(work: Work, key: CohortKey) -> bool:
     parent = os.getppid()
-    cohort, message = _restored(directory, experiment, key)
-    _REPORTS.put((key, cohort.step, message))
+
+    def stop() -> bool:
+        return _STOP.is_set() or os.getppid() != parent  # an orphan has nobody to live for
+
+    return live(work, key, stop, lambda step, message: _REPORTS.put((key, step, message)))
+
+
+def live(
+    work: Work, key: CohortKey, stop: Callable[[], bool], report: Callable[[int, str], None]
+) -> bool:
+    """Lives a cohort from its last checkpoint to its end, or until it is asked to stop.
+
+    Args:
+      work: what it is part of.
+      key: which cohort.
+      stop: whether to stop.
+      report: told the control step, and what there is to say, about twice a second.
+
+    Returns:
+      Whether it came to its end, and its finished file is written.
+
+    Raises:
+      OSError: a file cannot be written.
+    """
+    if stop():
+        return False
+    directory = work.directory
+    if finished_file(directory, key).exists():
+        with contextlib.suppress(DamagedFileError):
+            read_lives(finished_file(directory, key))
+            return True
+    cohort, message = _restored(work, key)
+    report(cohort.step, message)
     saved = reported = time.monotonic()
-    broken = 0
+    broken = int((~cohort.batch.valid).sum())
     while not cohort.finished:
-        if _STOP.is_set() or os.getppid() != parent:
+        if stop():
             _save_checkpoint(directory, key, cohort)
             return False
         cohort.advance(_CHUNK)
         message = ""
         if (count := int((~cohort.batch.valid).sum())) > broken:
-            robots = [int(i) for i in (~cohort.batch.valid).nonzero()[0]]
-            message = (
-                f"unstable simulation: cohort {key}, robots {robots} stopped, step {cohort.step}"
-            )
+            robots = (~cohort.batch.valid).nonzero()[0].tolist()
+            message = f"unstable simulation in {key}: robots {robots} stopped by step {cohort.step}"
             broken = count
         now = time.monotonic()
         if message or now - reported > 0.5:
-            _REPORTS.put((key, cohort.step, message))
+            report(cohort.step, message)
             reported = now
-        if now - saved > save_every:
+        if now - saved > work.save_every:
             _save_checkpoint(directory, key, cohort)
             saved = now
-    _save_lives(_finished_file(directory, key), cohort.lives())
-    _checkpoint_file(directory, key).unlink(missing_ok=True)
-    _REPORTS.put((key, cohort.step, ""))
+    _save_lives(finished_file(directory, key), cohort.lives())
+    checkpoint_file(directory, key).unlink(missing_ok=True)
+    report(cohort.step, "")
     return True
 
 
 def _save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
     arrays, notes = cohort.checkpoint()
-    save_arrays(_checkpoint_file(directory, key), arrays, **notes)
+    save_arrays(checkpoint_file(directory, key), arrays, **notes)
 
 
-def _restored(directory: Path, experiment: Experiment, key: CohortKey) -> tuple[Cohort, str]:
+def _restored(work: Work, key: CohortKey) -> tuple[Cohort, str]:
     """The cohort as its checkpoint has it, or newborn; and what is to be said of that."""
-    path = _checkpoint_file(directory, key)
-    cohort = Cohort(experiment, key)
+    path = checkpoint_file(work.directory, key)
+    cohort = Cohort(work.experiment, key)
     try:
         cohort.restore(*load_arrays(path))
     except FileNotFoundError:
@@ -313,7 +392,7 @@ def _restored(directory: Path, experiment: Experiment, key: CohortKey) -> tuple[
     except (DamagedFileError, ValueError, KeyError) as error:
         aside = path.with_suffix(".damaged")
         path.replace(aside)
-        return Cohort(experiment, key), f"{error}; set aside, cohort {key} starts anew"
+        return Cohort(work.experiment, key), f"{error}; set aside, cohort {key} starts anew"
     return cohort, ""
 
 
@@ -324,7 +403,13 @@ def _save_lives(path: Path, lives: Lives) -> None:
     save_arrays(path, arrays)
 
 
-def _read_lives(path: Path) -> Lives:
+def read_lives(path: Path) -> Lives:
+    """Reads a finished cohort.
+
+    Raises:
+      FileNotFoundError: there is none.
+      DamagedFileError: it is damaged.
+    """
     arrays, _ = load_arrays(path)
     return Lives(
         arrays["events"],

@@ -66,6 +66,9 @@ class Experiment:
 
     def __post_init__(self) -> None:
         """Raises InputError where a number makes no sense."""
+        for name in ("seed", "cohort_size"):
+            if not isinstance(getattr(self, name), int):
+                raise InputError(f"{name} must be a whole number, got {getattr(self, name)}")
         if self.seed < 0:
             raise InputError(f"the seed must not be negative, got {self.seed}")
         if self.cohort_size < 1:
@@ -107,6 +110,8 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Raises InputError where the plan makes no sense."""
+        if not isinstance(self.robots, int):
+            raise InputError(f"robots must be a whole number, got {self.robots}")
         size = self.experiment.cohort_size
         for task, proposer in self.conditions:
             if task not in TASKS:
@@ -147,8 +152,18 @@ def condition_order(condition: Iterable[str]) -> tuple[int, int]:
 
 
 def default_cohort_size(robots: int, most: int = 250) -> int:
-    """The largest divisor of `robots` that is at most `most`."""
-    return max(size for size in range(1, min(most, max(robots, 1)) + 1) if robots % size == 0)
+    """The largest divisor of `robots` that is at most `most`.
+
+    Raises:
+      InputError: they only split into many small cohorts, which would live slowly.
+    """
+    size = max(size for size in range(1, min(most, max(robots, 1)) + 1) if robots % size == 0)
+    if robots > most and size < most / 10:
+        raise InputError(
+            f"{robots} robots do not split into a few equal cohorts of at most {most}; "
+            f"take {round(robots / most) * most} robots, or name a cohort size"
+        )
+    return size
 
 
 def save_plan(path: Path, plan: Plan) -> None:

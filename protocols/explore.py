@@ -54,6 +54,7 @@ def explore(
     kwargs = {"nose": run[0].nose} if run and task == "spot_finding" else {}
     from dm_control import viewer
 
+    print("Space starts and pauses, Backspace starts anew, F1 lists the other keys.")
     viewer.launch(
         lambda: tasks.load("arena", task, task_kwargs=kwargs, visualize_reward=True),
         policy=policy,

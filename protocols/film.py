@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import imageio.v2 as imageio
+import imageio_ffmpeg
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -24,7 +25,7 @@ from .schedules import SCHEDULES
 
 FPS = 25
 _TRAIL = 8.0  # seconds of the film after which the robot's trail has faded
-_TRAIL_POINTS = 600  # at most, where the film is so fast that there would be more
+_TRAIL_LIMIT = 90.0  # simulated seconds after which it has, however fast the film
 _TITLES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
 
@@ -132,11 +133,8 @@ def _shot(
     moment, after = past[now], past[min(now + 1, len(past) - 1)]
     span = after.time - moment.time
     pose = _between(moment.pose, after.pose, (time - moment.time) / span if span else 0.0)
-    reach = _TRAIL * speed
-    stride = max(1, math.ceil(reach / CONTROL_TIMESTEP / _TRAIL_POINTS))
-    oldest = max(0, math.ceil((time - reach) / CONTROL_TIMESTEP))
-    # Multiples of the stride, so that the trail keeps its corners from frame to frame.
-    points = past[-(-oldest // stride) * stride : now + 1 : stride]
+    reach = min(_TRAIL * speed, _TRAIL_LIMIT)
+    points = past[max(0, math.ceil((time - reach) / CONTROL_TIMESTEP)) : now + 1]
     signals = rules.observations(moment.sensordata)
     # What happened between two frames must not be missed.
     event = any(m.event for m in past[min(shown + 1, now) : now + 1])
@@ -180,15 +178,26 @@ def _write(output: Path, pictures: Iterator[np.ndarray], frames: int) -> None:
                 codec="libx264",
                 pixelformat="yuv420p",
                 macro_block_size=2,
-                ffmpeg_log_level="error",
+                ffmpeg_log_level="fatal",  # a failure shows in what is left, below
                 output_params=["-crf", "18", "-movflags", "+faststart"],
             ) as writer,
         ):
             for picture in progress.track(pictures, frames, description=output.name):
                 writer.append_data(picture)  # type: ignore[attr-defined]
+        _check_whole(draft, output, frames)
         draft.replace(output)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _check_whole(draft: Path, output: Path, frames: int) -> None:
+    # imageio closes ffmpeg without asking whether it could write everything.
+    try:
+        written, _ = imageio_ffmpeg.count_frames_and_secs(draft)
+    except RuntimeError:
+        written = 0
+    if written != frames:
+        raise OSError(f"{output} could not be written whole; is the disk full?")
 
 
 def _tell(sentence: str) -> None:

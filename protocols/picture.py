@@ -22,7 +22,7 @@ _STAGE = (WIDTH - _PANEL, HEIGHT - _HEADER)
 
 Colour = tuple[float, float, float]
 _BLUE, _GREY, _AMBER = (0.13, 0.42, 0.66), (0.46, 0.53, 0.62), (0.98, 0.65, 0.15)
-_RED, _GREEN = (0.89, 0.20, 0.16), (0.16, 0.66, 0.27)
+_RED, _GREEN, _MOSS = (0.89, 0.20, 0.16), (0.16, 0.66, 0.27), (0.04, 0.34, 0.12)
 _INK, _DIM, _GROOVE, _BACK, _HEAD = "#f2f4f7", "#98a2b1", "#39414f", "#1f252f", "#161b23"
 
 
@@ -98,7 +98,7 @@ class Stage:
         self._canvas.close()
 
     def _trail(self, shot: Shot) -> None:
-        event = _GREEN if isinstance(self._rules, SpotFindingRules) else _RED
+        event = _MOSS if isinstance(self._rules, SpotFindingRules) else _RED
         points = np.column_stack([shot.trail, np.full(len(shot.trail), 0.0015)])
         for k in range(len(points) - 1):
             colour = event if shot.trail_events[k + 1] else _BLUE

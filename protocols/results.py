@@ -167,7 +167,7 @@ def save(directory: Path, results: Results) -> None:
     """
     save_arrays(directory / BRAINS, results.brains)
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **results.curves)  # type: ignore[arg-type]
+    np.savez_compressed(buffer, **dict(sorted(results.curves.items())))  # type: ignore[arg-type]
     write_atomically(directory / CURVES, buffer.getvalue())
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

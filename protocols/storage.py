@@ -66,7 +66,9 @@ def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
         sound = metadata["digest"] == _digest(arrays, metadata["notes"])
         notes = json.loads(metadata["notes"])
-    except (safetensors.SafetensorError, KeyError, ValueError, OSError) as error:
+    except (
+        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, OSError
+    ) as error:  # fmt: skip
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     if not sound:
         raise DamagedFileError(f"{path} is damaged (its content does not fit its digest)")

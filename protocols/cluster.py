@@ -1,0 +1,104 @@
+"""Many machines: the same cohorts as Ray tasks on an existing cluster (extra `cluster`).
+
+The run's directory must be on storage that all nodes share: checkpoints are read and written
+there, so that a lost node's cohorts are taken up elsewhere. docs/scaling.md shows how.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from typing import Any
+
+from .engine import (
+    CHECKPOINTS,
+    Display,
+    Interrupted,
+    Work,
+    live,
+    stop_at_signals,
+    stopped_by,
+)
+from .experiment import CohortKey, InputError
+
+try:
+    import ray
+    from ray.exceptions import RayError
+    from ray.util.queue import Queue
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+except ImportError as error:
+    raise InputError("Ray is not installed; pip install 'musebot[cluster]' gets it") from error
+
+_STOP = "stop"  # a file in the checkpoints' folder; a node need not reach the driver to see it
+
+
+class Ray:
+    """A Ray cluster's cores, a cohort each at a time."""
+
+    def __init__(self, address: str) -> None:
+        """Connects to an existing cluster.
+
+        Args:
+          address: "host:port", or "auto" for the one this machine is part of.
+
+        Raises:
+          InputError: there is none.
+        """
+        try:
+            ray.init(
+                address=address,
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+                runtime_env={"env_vars": {"MUJOCO_GL": "off", "OMP_NUM_THREADS": "1"}},
+            )
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise InputError(f"there is no Ray cluster at {address!r}") from error
+
+    def __call__(self, work: Work, display: Display) -> None:
+        """Lives a work's cohorts; see `engine.Workforce`."""
+        here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
+        reports = Queue(actor_options={"num_cpus": 0, "scheduling_strategy": here})
+        stop_file = work.directory / CHECKPOINTS / _STOP
+        stop_file.parent.mkdir(exist_ok=True)
+        stop_file.unlink(missing_ok=True)
+        stop = threading.Event()
+        # Retried for ever: what a lost node leaves is a checkpoint.
+        task = ray.remote(num_cpus=1, max_retries=-1)(_live_there)
+        waiting = [task.remote(work, key, reports) for key in work.keys]
+        whole = True
+        try:
+            with stop_at_signals(stop):
+                while waiting:
+                    finished, waiting = ray.wait(waiting, timeout=0.5)
+                    display.show(reports)
+                    if stop.is_set():
+                        stop_file.touch()
+                    whole = all(ray.get(finished)) and whole
+                display.show(reports)
+        except (OSError, RayError) as error:
+            with contextlib.suppress(OSError):
+                stop_file.touch()
+            cause = getattr(error, "cause", error)
+            raise stopped_by(cause if isinstance(cause, OSError) else error) from error
+        finally:
+            reports.shutdown(force=True)
+        stop_file.unlink(missing_ok=True)
+        if not whole:
+            raise Interrupted
+
+
+def _live_there(work: Work, key: CohortKey, reports: Any) -> bool:
+    import torch
+
+    from ..tasks import stop_timers
+
+    torch.set_num_threads(1)
+    stop_timers()
+    stop_file = work.directory / CHECKPOINTS / _STOP
+
+    def report(step: int, message: str) -> None:
+        with contextlib.suppress(RayError):  # nobody listens any more
+            reports.put((key, step, message))
+
+    return live(work, key, stop_file.exists, report)

@@ -1,0 +1,134 @@
+"""The batch of robots and the dm_control environment are the same world, to the bit."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+
+from musebot.tasks import load, make_batch
+from musebot.tasks.arena import robot_pose, robot_qpos
+
+TASKS = ("wall_avoidance", "spot_finding")
+
+
+def scripted_motors(steps, seed=0):
+    random = np.random.default_rng(seed)
+    motors = random.uniform(-0.6, 0.6, (steps, 2))  # some beyond the limits
+    for start in range(0, steps, 40):  # and long straight drives into walls
+        if random.random() < 0.5:
+            motors[start : start + 30] = random.choice([-0.5, 0.5])
+    return motors
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_batch_equals_the_environment_to_the_bit(task):
+    start, second, spot = (-0.425, 0.25, 2.356), (0.3, -0.2, 0.4), (0.1, 0.05)
+    environment = load("arena", task, {"robot": start, "spot": spot})
+    batch = make_batch(task, 3)
+    everyone = np.arange(3)
+    timestep = environment.reset()
+    batch.place_spot(everyone, np.tile(spot, (3, 1)))
+    batch.place(everyone, np.tile(start, (3, 1)))
+    touched = 0
+    for step, motor in enumerate(scripted_motors(3000)):
+        if step in (700, 1500):
+            environment.task._robot = second
+            timestep = environment.reset()
+            batch.place(everyone, np.tile(second, (3, 1)))
+        if step == 2200:
+            environment.physics.place_spot(-0.2, 0.1)
+            batch.place_spot(everyone, np.tile([-0.2, 0.1], (3, 1)))
+        np.testing.assert_array_equal(
+            np.concatenate(list(timestep.observation.values())),
+            batch.rules.state(batch.sensordata)[1],
+        )
+        timestep = environment.step(motor)
+        others = np.random.default_rng(step).uniform(-0.5, 0.5, (2, 2))
+        batch.step(np.stack([others[0], motor, others[1]]))
+        qpos = batch.arrays()["state"][1, 1:10]
+        np.testing.assert_array_equal(environment.physics.data.qpos, qpos)
+        np.testing.assert_array_equal(environment.physics.data.sensordata, batch.sensordata[1])
+        np.testing.assert_array_equal(environment.physics.robot_pose(), batch.pose[1])
+        assert timestep.reward == batch.rules.reward(batch.sensordata)[1]
+        touched += bool(batch.sensordata[1, batch.rules.layout.touch][0] > 0)
+    assert touched > 100
+    assert batch.valid.all()
+
+
+def test_robots_do_not_feel_one_another():
+    alone, together = make_batch("wall_avoidance", 1), make_batch("wall_avoidance", 4)
+    for motor in scripted_motors(200):
+        alone.step(motor[None])
+        together.step(np.stack([motor, -motor, motor / 2, motor]))
+    np.testing.assert_array_equal(alone.sensordata[0], together.sensordata[0])
+    np.testing.assert_array_equal(together.sensordata[0], together.sensordata[3])
+
+
+def test_a_saved_batch_goes_on_to_the_same_bits():
+    first, second = make_batch("spot_finding", 5), make_batch("spot_finding", 5)
+    motors = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5, 2))
+    first.place_spot(np.arange(5), np.full((5, 2), 0.1))
+    for motor in motors[:50]:
+        first.step(motor)
+    second.load_arrays({name: array.copy() for name, array in first.arrays().items()})
+    for motor in motors[50:]:
+        first.step(motor)
+        second.step(motor)
+    for name, array in first.arrays().items():
+        np.testing.assert_array_equal(array, second.arrays()[name])
+
+
+@pytest.mark.parametrize("how", ["motor", "velocity", "escape"])
+def test_an_unstable_robot_is_stopped_and_the_others_live_on(how, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo leaves its log in the working directory
+    batch, twin = make_batch("wall_avoidance", 3), make_batch("wall_avoidance", 3)
+    motors = np.full((3, 2), [0.3, 0.1])
+    bad = motors.copy()
+    if how == "motor":
+        bad[1] = np.nan
+    elif how == "velocity":
+        batch.arrays()["state"][1, 10:] = np.inf
+    else:  # no robot gets through these walls: move them inwards for the one that is far out
+        batch.place(np.array([1]), np.array([[0.4, 0.0, 0.0]]))
+        batch.dimensions = dataclasses.replace(batch.dimensions, half_length=0.39)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        batch.step(bad)
+    twin.step(motors)
+    for _ in range(20):
+        batch.step(motors)
+        twin.step(motors)
+    assert batch.valid.tolist() == [True, False, True]
+    np.testing.assert_array_equal(batch.sensordata[[0, 2]], twin.sensordata[[0, 2]])
+    assert np.isfinite(batch.arrays()["state"]).all()
+    assert (batch.sensordata[1] == 0).all()
+
+
+def test_poses_survive_the_way_into_qpos_and_back():
+    poses = np.random.default_rng(0).uniform(-3, 3, (50, 3))
+    np.testing.assert_allclose(robot_pose(robot_qpos(poses)), poses, atol=1e-12)
+
+
+def test_a_moved_spot_is_smelled_through_mujoco_as_the_nose_function_says():
+    batch = make_batch("spot_finding", 500)
+    random = np.random.default_rng(0)
+    poses = random.uniform([-0.45, -0.3, -np.pi], [0.45, 0.3, np.pi], (500, 3))
+    spots = random.uniform([-0.46, -0.29], [0.46, 0.29], (500, 2))
+    batch.place_spot(np.arange(500), spots)
+    batch.place(np.arange(500), poses)
+    for pose, spot, signal in zip(poses, spots, batch.rules.reward(batch.sensordata), strict=True):
+        nose = pose[:2] + 0.0275 * np.array([np.cos(pose[2]), np.sin(pose[2])])
+        distance = np.hypot(*(spot - nose))
+        off = np.arctan2(*(spot - nose)[::-1]) - pose[2]
+        beta = abs((off + np.pi) % (2 * np.pi) - np.pi)
+        raw = 10 if distance < 0.06 else max(0.0, 10 * 0.06 / distance * (1 - 4 * beta / np.pi))
+        if abs(distance - 0.06) > 1e-9:
+            assert signal == pytest.approx(raw / (1 + raw), abs=1e-6)
+
+
+def test_bad_batches_are_refused():
+    with pytest.raises(ValueError, match="robots must be positive, got 0"):
+        make_batch("wall_avoidance", 0)
+    with pytest.raises(ValueError, match="task must be one of .*got 'dancing'"):
+        make_batch("dancing", 1)

@@ -1,0 +1,149 @@
+"""The command: what it prints, and one sentence and exit status 2 for what cannot be done."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from musebot.protocols import cli, engine
+from musebot.protocols.experiment import Experiment, Plan
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("cli") / "run"
+    conditions = (("wall_avoidance", "fixed"), ("spot_finding", "creative"))
+    plan = Plan(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
+    engine.run(directory, plan, engine.Processes(2), quiet=True)
+    return directory
+
+
+def listing(directory):
+    return {
+        str(path.relative_to(directory)): path.read_bytes()
+        for path in Path(directory).rglob("*")
+        if path.is_file()
+    }
+
+
+def test_tables_show_ours_beside_the_papers_and_say_it_was_a_rehearsal(run, capsys):
+    assert cli.main(["tables", str(run)]) == 0
+    text = capsys.readouterr().out
+    assert "Wall avoidance (table 1), a rehearsal: every duration times 0.002" in text
+    assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
+    assert (run / "tables.md").read_text().strip() == text.strip()
+
+
+def test_tables_as_json_hold_both(run, capsys):
+    assert cli.main(["tables", str(run), "--json"]) == 0
+    tables = json.loads(capsys.readouterr().out)["tables"]
+    assert tables["spot_finding"]["creative"]["paper"]["counts"]["L = 1"] == 109
+    assert tables["spot_finding"]["creative"]["ours"]["robots"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding, got 'dancing'"),
+        (["--proposer", "magic"], "proposer must be one of fixed, random, creative, got 'magic'"),
+        (["--robots", "0"], "number of robots must be at least 1, got 0"),
+        (["--robots", "-3"], "number of robots must be at least 1, got -3"),
+        (["--robots", "5", "--cohort-size", "2"], "multiple of the cohort size, 2, got 5"),
+        (["--cohort-size", "0"], "cohort size must be at least 1, got 0"),
+        (["--processes", "0"], "number of processes must be at least 1, got 0"),
+        (["--time-scale", "0"], "time scale must lie in (0, 1], got 0"),
+        (["--time-scale", "nan"], "time scale must lie in (0, 1], got nan"),
+        (["--seed", "-1"], "seed must not be negative, got -1"),
+        (["--nose", "red"], "nose must be 'inverse' or 'printed', got 'red'"),
+        (["--save-every", "0"], "save-every must be positive, got 0"),
+        (["--engine", "steam"], "engine must be local or ray, got 'steam'"),
+    ],
+)
+def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, tmp_path, capsys):
+    assert cli.main(["run", str(tmp_path / "new"), *arguments]) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert message.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_foreign_folder_is_refused_and_left_alone(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("precious")
+    assert cli.main(["run", str(tmp_path)]) == 2
+    assert "is not empty and holds no experiment of musebot's" in capsys.readouterr().err
+    assert listing(tmp_path) == {"thesis.tex": b"precious"}
+
+
+def test_a_foreign_experiment_json_is_refused_and_left_alone(tmp_path, capsys):
+    (tmp_path / "experiment.json").write_text('{"lab": "mine"}')
+    assert cli.main(["run", str(tmp_path)]) == 2
+    assert "is not an experiment of musebot's" in capsys.readouterr().err
+    assert listing(tmp_path) == {"experiment.json": b'{"lab": "mine"}'}
+
+
+def test_an_out_that_is_a_file_or_below_one_is_refused(tmp_path, capsys):
+    (tmp_path / "file").write_text("x")
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        assert cli.main(["run", str(out)]) == 2
+        assert "is not a folder" in capsys.readouterr().err
+
+
+def test_an_unwritable_out_is_refused(tmp_path, capsys, monkeypatch):
+    # Told by the system, not tried: root, who runs the tests in a container, may write anything.
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert cli.main(["run", str(tmp_path / "run")]) == 2
+    assert f"{tmp_path} cannot be written" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_parameters_than_a_folders_own_are_refused_and_nothing_changes(run, capsys):
+    before = listing(run)
+    others = (("seed", "7", "1"), ("cohort-size", "1", "2"), ("nose", "printed", "inverse"))
+    for name, value, own in others:
+        assert cli.main(["run", str(run), f"--{name}", value]) == 2
+        assert f"with {name.replace('-', '_')} {own}" in capsys.readouterr().err
+    assert listing(run) == before
+
+
+def test_tables_of_nothing_are_refused(tmp_path, capsys):
+    assert cli.main(["tables", str(tmp_path)]) == 2
+    assert "holds no experiment of musebot's" in capsys.readouterr().err
+
+
+def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):
+    code = (
+        "import mujoco, sys; mujoco.__version__ = '4.0.0'; "
+        "from musebot.protocols import cli; sys.exit(cli.main(sys.argv[1:]))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, "run", str(tmp_path / "new")],
+        capture_output=True, text=True, check=False, env=os.environ | {"MUJOCO_GL": "off"},
+    )  # fmt: skip
+    assert run.returncode == 2
+    assert "musebot needs MuJoCo 3.17.x" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("verb", ["run", "tables", "film", "explore", "doctor"])
+def test_every_verb_explains_itself(verb, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([verb, "--help"])
+    assert stop.value.code == 0
+    assert len(capsys.readouterr().out) > 100
+
+
+def test_importing_musebot_is_light_and_writes_nothing(tmp_path):
+    code = (
+        "import sys, os; before = dict(os.environ); import musebot; "
+        "assert not {'torch', 'OpenGL', 'mujoco', 'dm_control'} & set(sys.modules); "
+        "assert dict(os.environ) == before; print(musebot.__version__)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.strip()
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,107 @@
+"""Cohorts on a Ray cluster leave the local run's bytes, even when a node is lost."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from musebot.protocols import engine
+from musebot.protocols.experiment import Experiment, Plan
+from musebot.protocols.results import BRAINS, CURVES, ROBOTS
+
+ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
+
+PLAN = Plan(
+    Experiment(cohort_size=2, time_scale=0.03),
+    (("wall_avoidance", "fixed"), ("wall_avoidance", "creative")),
+    4,
+)
+
+
+def contents(directory):
+    return {name: (directory / name).read_bytes() for name in (ROBOTS, CURVES, BRAINS)}
+
+
+def free_port():
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+def node(*arguments):
+    """A node of a cluster in a process group of its own, so that it can be killed whole."""
+    command = [shutil.which("ray", path=os.path.dirname(sys.executable)), "start", "--block"]
+    settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
+    return subprocess.Popen(
+        [*command, *settings],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        env=os.environ | {"RAY_DISABLE_IMPORT_WARNING": "1", "RAY_USAGE_STATS_ENABLED": "0"},
+    )  # fmt: skip
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    port = free_port()
+    address = f"127.0.0.1:{port}"
+    head = node("--head", "--port", str(port), "--include-dashboard", "false")
+    for _ in range(240):
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        assert head.poll() is None, head.stdout.read()
+        time.sleep(0.25)
+    time.sleep(2)
+    second = node("--address", address)
+    yield address, second
+    for process in (second, head):
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+    subprocess.run([shutil.which("ray", path=os.path.dirname(sys.executable)), "stop", "--force"],
+                   capture_output=True, check=False)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_run_that_loses_a_node_leaves_the_local_runs_bytes(cluster, tmp_path):
+    address, second = cluster
+    run = subprocess.Popen(
+        [
+            sys.executable, "-m", "musebot", "run", str(tmp_path / "there"), "--robots", "4",
+            "--cohort-size", "2", "--time-scale", "0.03", "--task", "wall_avoidance",
+            "--proposer", "fixed", "creative", "--save-every", "0.5", "--engine", "ray",
+            "--address", address,
+        ],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    checkpoints = tmp_path / "there" / "checkpoints"
+    for _ in range(600):  # both nodes live a cohort
+        if len(list(checkpoints.glob("*[0-9].safetensors"))) >= 2:
+            break
+        assert run.poll() is None, run.stdout.read()
+        time.sleep(0.1)
+    else:
+        run.kill()
+        raise AssertionError(f"no two cohorts began: {run.communicate()[0]}")
+    os.killpg(second.pid, signal.SIGKILL)
+    output = run.communicate(timeout=300)[0]
+    assert run.returncode == 0, output
+    engine.run(tmp_path / "here", PLAN, engine.Processes(2), quiet=True)
+    assert contents(tmp_path / "there") == contents(tmp_path / "here")
+
+
+def test_no_cluster_is_one_sentence_and_exit_status_2(tmp_path):
+    address = f"127.0.0.1:{free_port()}"
+    run = subprocess.run(
+        [sys.executable, "-m", "musebot", "run", str(tmp_path / "run"), "--engine", "ray",
+         "--address", address],
+        capture_output=True, text=True, check=False, timeout=120,
+        env=os.environ | {"RAY_raylet_start_wait_time_s": "5"},
+    )  # fmt: skip
+    assert run.returncode == 2, run.stderr
+    assert f"there is no Ray cluster at '{address}'" in run.stderr
+    assert list(tmp_path.iterdir()) == []

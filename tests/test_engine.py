@@ -1,0 +1,215 @@
+"""A run is the same run however it is cut, killed, spread over processes or added to."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from musebot.protocols import engine
+from musebot.protocols.cohort import Cohort
+from musebot.protocols.experiment import CohortKey, Experiment, InputError, Plan
+from musebot.protocols.results import BRAINS, CURVES, ROBOTS
+
+FILES = (ROBOTS, CURVES, BRAINS)
+BOTH = (("wall_avoidance", "creative"), ("spot_finding", "random"))
+
+
+def contents(directory):
+    return {name: (Path(directory) / name).read_bytes() for name in FILES}
+
+
+def plan(robots=4, conditions=BOTH, **changes):
+    settings = {"cohort_size": 2, "time_scale": 0.004} | changes
+    return Plan(Experiment(**settings), conditions, robots)
+
+
+def live(directory, the_plan, processes=2):
+    return engine.run(Path(directory), the_plan, engine.Processes(processes), quiet=True)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("whole") / "run"
+    live(directory, plan())
+    return directory
+
+
+def test_a_run_leaves_what_it_promises(whole):
+    left = {path.name for path in whole.iterdir()}
+    assert left == {"experiment.json", *FILES}
+
+
+def test_same_seed_same_bytes_whatever_the_number_of_processes(whole, tmp_path):
+    live(tmp_path / "again", plan(), processes=1)
+    assert contents(tmp_path / "again") == contents(whole)
+
+
+def test_another_seed_gives_other_lives(whole, tmp_path):
+    live(tmp_path / "other", plan(seed=2))
+    assert contents(tmp_path / "other")[CURVES] != contents(whole)[CURVES]
+    assert contents(tmp_path / "other")[BRAINS] != contents(whole)[BRAINS]
+
+
+def test_a_life_does_not_depend_on_the_other_conditions(whole, tmp_path):
+    alone = live(tmp_path / "alone", plan(conditions=BOTH[1:]))
+    both = engine.load(whole)
+    assert str(alone.robots) == str(both.of(*BOTH[1]))  # as text: NaN equals NaN
+    for part, other in ((alone.curves, both.curves), (alone.brains, both.brains)):
+        for name, array in part.items():
+            np.testing.assert_array_equal(array, other[name])
+
+
+def test_robots_added_to_a_finished_run_are_new_cohorts_and_the_old_stay(whole, tmp_path):
+    live(tmp_path / "grown", plan(robots=2))
+    live(tmp_path / "grown", plan(robots=4))
+    assert contents(tmp_path / "grown") == contents(whole)
+
+
+def test_conditions_can_be_added_to_a_finished_run(whole, tmp_path):
+    live(tmp_path / "grown", plan(conditions=BOTH[1:]))
+    live(tmp_path / "grown", plan())
+    assert contents(tmp_path / "grown") == contents(whole)
+
+
+def test_a_finished_run_is_not_lived_again(whole):
+    def refuse(*_):
+        raise AssertionError("it lives again")
+
+    before = contents(whole)
+    engine.run(whole, plan(), refuse, quiet=True)
+    assert contents(whole) == before
+
+
+@pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+def test_a_restored_cohort_goes_on_to_the_same_bits(task, proposer):
+    experiment, key = Experiment(cohort_size=3, time_scale=0.01), CohortKey(task, proposer, 0)
+    straight, cut = Cohort(experiment, key), Cohort(experiment, key)
+    straight.advance(10**9)
+    steps = random.Random(0)
+    while not cut.finished:
+        cut.advance(steps.randrange(1, 400))
+        arrays, notes = cut.checkpoint()
+        arrays = {name: array.copy() for name, array in arrays.items()}
+        cut = Cohort(experiment, key)
+        cut.restore(arrays, notes)
+    for first, second in zip(straight.checkpoint(), cut.checkpoint(), strict=True):
+        np.testing.assert_equal(first, second)
+
+
+def command(directory, *more):
+    return [
+        sys.executable, "-m", "musebot", "run", str(directory), "--robots", "4",
+        "--cohort-size", "2", "--time-scale", "0.02", "--processes", "2",
+        "--task", "wall_avoidance", "--proposer", "creative", "fixed", *more,
+    ]  # fmt: skip
+
+
+LONGER = plan(
+    conditions=(("wall_avoidance", "fixed"), ("wall_avoidance", "creative")), time_scale=0.02
+)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("undisturbed") / "run"
+    live(directory, LONGER)
+    return contents(directory)
+
+
+def started(directory):
+    process = subprocess.Popen(
+        command(directory, "--save-every", "0.3"),
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+    )  # fmt: skip
+    return process
+
+
+def wait_for_checkpoints(directory, process, seconds=60):
+    for _ in range(seconds * 20):
+        if any((Path(directory) / "checkpoints").glob("*.safetensors")):
+            return
+        assert process.poll() is None, process.stdout.read()
+        time.sleep(0.05)
+    raise AssertionError("no checkpoint was written")
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_says_so_and_resumes_to_the_same_bytes(how, tmp_path, undisturbed):
+    process = started(tmp_path / "run")
+    wait_for_checkpoints(tmp_path / "run", process)
+    os.killpg(process.pid, how)
+    output = process.communicate(timeout=60)[0]
+    assert process.returncode == 130, output
+    assert "the same command goes on from here" in output
+    assert not (tmp_path / "run" / ROBOTS).exists()
+    live(tmp_path / "run", LONGER)
+    assert contents(tmp_path / "run") == undisturbed
+
+
+def test_a_run_killed_at_random_moments_resumes_to_the_same_bytes(tmp_path, undisturbed):
+    moments = random.Random(0)
+    for _ in range(5):
+        process = started(tmp_path / "run")
+        time.sleep(moments.uniform(1.0, 5.0))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+    live(tmp_path / "run", LONGER)
+    assert contents(tmp_path / "run") == undisturbed
+
+
+@pytest.mark.parametrize("damage", ["truncated", "altered"])
+def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_lived_again(
+    damage, tmp_path, undisturbed, capfd
+):
+    directory = tmp_path / "run"
+    process = started(directory)
+    wait_for_checkpoints(directory, process)
+    os.killpg(process.pid, signal.SIGTERM)
+    process.communicate(timeout=60)
+    victim = sorted((directory / "checkpoints").glob("*.safetensors"))[0]
+    whole = victim.read_bytes()
+    half = len(whole) // 2
+    altered = whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :]
+    victim.write_bytes(whole[:half] if damage == "truncated" else altered)
+    run = subprocess.run(command(directory), capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    told = " ".join((run.stdout + run.stderr).split())
+    assert victim.name in told.replace(" ", "") or victim.stem in told.replace(" ", "")
+    assert contents(directory) == undisturbed
+
+
+def test_two_runs_in_one_directory_are_refused(tmp_path):
+    directory = tmp_path / "run"
+    process = started(directory)
+    wait_for_checkpoints(directory, process)
+    try:
+        with pytest.raises(InputError, match="another musebot is running"):
+            live(directory, LONGER)
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def test_an_unstable_life_is_reported_counted_and_the_others_live_on(tmp_path, monkeypatch):
+    experiment, key = Experiment(cohort_size=3, time_scale=0.01), CohortKey(*BOTH[0], 0)
+    sound, broken = Cohort(experiment, key), Cohort(experiment, key)
+    sound.advance(100)
+    broken.advance(100)
+    broken.batch.arrays()["state"][1, 1] = np.nan
+    monkeypatch.chdir(tmp_path)  # MuJoCo leaves its log in the working directory
+    sound.advance(10**9)
+    broken.advance(10**9)
+    results = engine.collect(experiment, [(key, broken.lives())])
+    assert [r.category == "invalid" for r in results.robots] == [False, True, False]
+    assert results.summary(experiment, *BOTH[0]).invalid == 1
+    assert results.summary(experiment, *BOTH[0]).robots == 2
+    engine.save(tmp_path, results)
+    read = engine.load(tmp_path).robots
+    assert [r.category for r in read] == [r.category for r in results.robots]

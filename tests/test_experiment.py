@@ -1,0 +1,296 @@
+"""What an experiment is: its numbers, its random streams, and its file."""
+
+import dataclasses
+import json
+import os
+import random
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musebot import __version__
+from musebot.controller import PROPOSERS, Parameters
+from musebot.protocols.experiment import (
+    TASKS,
+    CohortKey,
+    Experiment,
+    InputError,
+    Plan,
+    default_cohort_size,
+    load_plan,
+    save_plan,
+)
+from musebot.protocols.schedules import SCHEDULES
+from musebot.protocols.storage import DamagedFileError
+
+quick = settings(deadline=None, max_examples=50)
+CONDITIONS = tuple((task, proposer) for task in TASKS for proposer in PROPOSERS)
+
+experiments = st.builds(
+    Experiment,
+    seed=st.integers(0, 2**64),
+    cohort_size=st.integers(1, 300),
+    time_scale=st.floats(0, 1, exclude_min=True),
+    nose=st.sampled_from(["inverse", "printed"]),
+    learn_across_placement=st.booleans(),
+    brain=st.builds(
+        Parameters,
+        learn_rate=st.floats(0, 1),
+        fixed_motors=st.lists(st.floats(-0.5, 0.5), min_size=1).map(tuple),
+        noise_on_biases=st.booleans(),
+    ),
+)
+
+
+@st.composite
+def plans(draw):
+    experiment = draw(experiments)
+    conditions = draw(st.lists(st.sampled_from(CONDITIONS), min_size=1, unique=True))
+    return Plan(experiment, tuple(conditions), draw(st.integers(1, 5)) * experiment.cohort_size)
+
+
+# Numbers
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"seed": -1}, "the seed must not be negative, got -1"),
+        ({"cohort_size": 0}, "the cohort size must be at least 1, got 0"),
+        ({"time_scale": 0}, "the time scale must lie in (0, 1], got 0"),
+        ({"time_scale": 1.5}, "the time scale must lie in (0, 1], got 1.5"),
+        ({"time_scale": float("nan")}, "the time scale must lie in (0, 1], got nan"),
+        ({"nose": "big"}, "the nose must be 'inverse' or 'printed', got 'big'"),
+    ],
+)
+def test_an_experiment_that_makes_no_sense_is_refused_in_a_sentence(fields, sentence):
+    with pytest.raises(InputError) as caught:
+        Experiment(**fields)
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("conditions", "robots", "sentence"),
+    [
+        (
+            (("swimming", "fixed"),),
+            50,
+            "the task must be one of wall_avoidance, spot_finding, got 'swimming'",
+        ),
+        (
+            (*CONDITIONS, ("spot_finding", "divine")),
+            50,
+            "the proposer must be one of fixed, random, creative, got 'divine'",
+        ),
+        ((), 50, "at least one task and one proposer are needed"),
+        (CONDITIONS, 0, "the number of robots must be at least 1, got 0"),
+        (CONDITIONS, -50, "the number of robots must be at least 1, got -50"),
+        (
+            CONDITIONS,
+            75,
+            "the number of robots must be a multiple of the cohort size, 50, got 75",
+        ),
+    ],
+)
+def test_a_plan_that_makes_no_sense_is_refused_in_a_sentence(conditions, robots, sentence):
+    with pytest.raises(InputError) as caught:
+        Plan(Experiment(cohort_size=50), conditions, robots)
+    assert str(caught.value) == sentence
+
+
+def test_an_experiment_is_the_papers_unless_told_otherwise():
+    experiment = Experiment()
+    assert experiment.brain == Parameters()
+    assert {task: experiment.schedule(task) for task in TASKS} == SCHEDULES
+    assert sum(Experiment(time_scale=0.5).schedule("wall_avoidance").steps()) == 48_000
+
+
+@quick
+@given(st.integers(1, 5000), st.integers(1, 300))
+def test_the_default_cohort_size_is_the_largest_divisor_up_to_the_most(robots, most):
+    size = default_cohort_size(robots, most)
+    assert robots % size == 0
+    assert size <= most
+    assert not any(robots % larger == 0 for larger in range(size + 1, min(most, robots) + 1))
+
+
+def test_500_robots_live_in_two_cohorts():
+    assert default_cohort_size(500) == 250
+    assert default_cohort_size(60) == 60
+
+
+# Cohorts
+
+
+@quick
+@given(plans())
+def test_cohorts_hold_every_robot_once_and_the_longest_lives_come_first(plan):
+    keys = plan.cohorts()
+    assert len(set(keys)) == len(keys)
+    assert len(keys) * plan.experiment.cohort_size == len(plan.conditions) * plan.robots
+    assert {(key.task, key.proposer) for key in keys} == set(plan.conditions)
+    lengths = [sum(plan.experiment.schedule(key.task).steps()) for key in keys]
+    assert lengths == sorted(lengths, reverse=True)
+
+
+@quick
+@given(plans(), st.integers(1, 5))
+def test_more_robots_are_more_cohorts(plan, more):
+    larger = dataclasses.replace(plan, robots=plan.robots + more * plan.experiment.cohort_size)
+    assert set(plan.cohorts()) < set(larger.cohorts())
+
+
+@quick
+@given(plans(), plans())
+def test_a_merged_plan_asks_for_the_lives_of_both(plan, other):
+    other = Plan(plan.experiment, other.conditions, plan.experiment.cohort_size * 3)
+    merged = plan.merged_with(other)
+    assert set(merged.cohorts()) >= {*plan.cohorts(), *other.cohorts()}
+    assert merged.robots == max(plan.robots, other.robots)
+    assert merged.conditions == tuple(
+        c for c in CONDITIONS if c in {*plan.conditions, *other.conditions}
+    )
+    assert merged == other.merged_with(plan)
+
+
+def test_the_name_of_a_cohort_tells_its_condition_and_number():
+    assert str(CohortKey("spot_finding", "random", 12)) == "spot_finding-random-0012"
+
+
+# Random streams
+
+
+def streams(experiment, key):
+    brains, world = experiment.seeds(key)
+    return brains, tuple(world.integers(2**63, size=4))
+
+
+def test_no_two_cohorts_conditions_or_seeds_share_a_stream():
+    found = [
+        streams(Experiment(seed=seed), CohortKey(task, proposer, index))
+        for seed in (0, 1, 2)
+        for task, proposer in CONDITIONS
+        for index in range(20)
+    ]
+    assert len({brains for brains, _ in found}) == len(found)
+    assert len({world for _, world in found}) == len(found)
+
+
+@quick
+@given(experiments, st.sampled_from(CONDITIONS), st.integers(0, 1000))
+def test_a_stream_depends_on_seed_condition_and_number_alone(experiment, condition, index):
+    key = CohortKey(*condition, index)
+    assert streams(experiment, key) == streams(Experiment(seed=experiment.seed), key)
+    assert 0 <= streams(experiment, key)[0] < 2**63  # what torch takes for a seed
+
+
+def test_the_brains_and_the_world_have_streams_of_their_own():
+    brains, world = Experiment().seeds(CohortKey("wall_avoidance", "fixed", 0))
+    again = np.random.default_rng(brains)
+    assert tuple(again.integers(2**63, size=4)) != tuple(world.integers(2**63, size=4))
+
+
+def test_another_process_draws_the_same_streams():
+    code = (
+        "from musebot.protocols.experiment import *\n"
+        "brains, world = Experiment(seed=3).seeds(CohortKey('spot_finding', 'creative', 5))\n"
+        "print(brains, *world.integers(2**63, size=4))"
+    )
+    path = os.pathsep.join(filter(None, sys.path))
+    environment = os.environ | {"PYTHONPATH": path, "PYTHONHASHSEED": "12345", "MUJOCO_GL": "off"}
+    result = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    brains, world = streams(Experiment(seed=3), CohortKey("spot_finding", "creative", 5))
+    assert [int(word) for word in result.stdout.split()] == [brains, *world]
+
+
+# The file
+
+
+@quick
+@given(plans())
+def test_experiment_json_gives_back_the_plan(tmp_path_factory, plan):
+    path = tmp_path_factory.mktemp("plan") / "experiment.json"
+    save_plan(path, plan)
+    assert load_plan(path) == plan
+
+
+def test_experiment_json_tells_what_it_was_made_with(tmp_path):
+    save_plan(tmp_path / "experiment.json", Plan(Experiment(), CONDITIONS, 50))
+    made_with = json.loads((tmp_path / "experiment.json").read_text())["made_with"]
+    assert made_with["musebot"] == __version__
+    assert made_with["numpy"] == np.__version__
+    assert {"python", "mujoco", "dm-control", "torch", "cpu", "cores"} < made_with.keys()
+
+
+@pytest.fixture
+def sound(tmp_path):
+    path = tmp_path / "experiment.json"
+    save_plan(path, Plan(Experiment(), CONDITIONS, 100))
+    return path
+
+
+def assert_damaged(path):
+    with pytest.raises(DamagedFileError) as caught:
+        load_plan(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_truncated_experiment_json_is_damaged(sound):
+    whole = sound.read_bytes()
+    for length in range(len(whole.rstrip())):
+        sound.write_bytes(whole[:length])
+        assert_damaged(sound)
+
+
+def test_a_flipped_bit_in_experiment_json_ends_in_a_plan_or_a_sentence_and_nothing_else(sound):
+    whole = sound.read_bytes()
+    bits = random.Random(0)
+    for index in range(len(whole)):
+        flipped = bytearray(whole)
+        flipped[index] ^= 1 << bits.randrange(8)
+        sound.write_bytes(flipped)
+        try:
+            assert isinstance(load_plan(sound), Plan)
+        except DamagedFileError as error:
+            assert str(sound) in str(error)
+        except InputError:
+            pass
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"null", b"[]", b"{}", b'{"experiment": 1}', b"\xff\xfe", b'"experiment"']
+)
+def test_a_file_of_another_kind_is_damaged(tmp_path, content):
+    path = tmp_path / "experiment.json"
+    path.write_bytes(content)
+    assert_damaged(path)
+
+
+@pytest.mark.parametrize(
+    ("group", "changes", "error"),
+    [
+        ("experiment", {"time_scale": 2}, InputError),
+        ("experiment", {"seed": "one"}, DamagedFileError),
+        ("experiment", {"mood": "good"}, DamagedFileError),
+        ("plan", {"robots": 75}, InputError),
+        ("plan", {"conditions": [["wall_avoidance"]]}, DamagedFileError),
+        ("plan", {"conditions": [["wall_avoidance", "divine"]]}, InputError),
+    ],
+)
+def test_an_experiment_json_whose_numbers_make_no_sense_is_refused(sound, group, changes, error):
+    content = json.loads(sound.read_text())
+    content[group] |= changes
+    sound.write_text(json.dumps(content))
+    with pytest.raises(error):
+        load_plan(sound)
+
+
+def test_a_missing_experiment_json_is_missing_and_not_damaged(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        load_plan(tmp_path / "experiment.json")

@@ -1,0 +1,350 @@
+"""Films, the re-enactments they show, and the window on the same brains."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import imageio.v2 as imageio
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from musebot import tasks
+from musebot.controller import Parameters
+from musebot.protocols import engine, explore, film, picture, replay
+from musebot.protocols.cohort import Cohort
+from musebot.protocols.experiment import Experiment, InputError, Plan, save_plan
+from musebot.protocols.results import Results, collect, load, save
+from musebot.protocols.schedules import UPPER_LEFT, UPPER_RIGHT
+
+CONDITIONS = (
+    ("wall_avoidance", "fixed"),
+    ("wall_avoidance", "creative"),
+    ("spot_finding", "creative"),
+)
+EXPERIMENT = Experiment(time_scale=0.002, cohort_size=2)
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("run")
+    plan = Plan(EXPERIMENT, CONDITIONS, robots=2)
+    lives = []
+    for key in plan.cohorts():
+        cohort = Cohort(EXPERIMENT, key)
+        cohort.advance(cohort.steps)
+        lives.append((key, cohort.lives()))
+    save_plan(directory / engine.PLAN, plan)
+    save(directory, collect(EXPERIMENT, lives))
+    return directory
+
+
+@pytest.fixture(scope="module")
+def results(directory: Path) -> Results:
+    return load(directory)
+
+
+@pytest.fixture(scope="module")
+def egl() -> None:
+    command = [sys.executable, "-m", "musebot.protocols.headless"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"nothing draws here: {done.stderr.strip()}")
+
+
+def make_film(results: Results, output: Path, **changes) -> None:
+    wanted = {"task": "wall_avoidance", "proposer": "creative", "robot": 0, "phase": "post"}
+    wanted |= {"seconds": 1.0, "speed": 1.0, "seed": 0} | changes
+    film.film(EXPERIMENT, results, output=output, **wanted)
+
+
+def reenact(results: Results, task="wall_avoidance", proposer="creative", phase="post", seed=0):
+    test = replay.Reenactment(EXPERIMENT, results, task, proposer, 1, phase, seed)
+    return list(test.moments())
+
+
+# ---- The file ----
+
+
+@pytest.mark.parametrize(
+    ("task", "phase", "seconds", "frames"),
+    [("wall_avoidance", "pre", 0.6, 15), ("spot_finding", "post", 0.4, 10)],
+)
+def test_film_is_h264_in_yuv420p_of_the_length_asked_for_and_something_moves(
+    egl: None, directory: Path, tmp_path: Path, task: str, phase: str, seconds: float, frames: int
+) -> None:
+    output = tmp_path / "film.mp4"
+    options = f"--proposer creative --robot 1 --speed 2 --seconds {seconds} --phase {phase}"
+    done = subprocess.run(
+        [sys.executable, "-m", "musebot", "film", str(directory), "--task", task]
+        + ["--output", str(output), *options.split()],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(output)
+    assert "drawing with" in done.stderr
+    assert os.listdir(tmp_path) == ["film.mp4"]
+
+    reader: Any = imageio.get_reader(output)
+    with reader:
+        meta = reader.get_meta_data()
+        pictures = np.stack([np.asarray(picture) for picture in reader])
+    assert meta["codec"] == "h264"
+    assert meta["pix_fmt"].startswith("yuv420p")
+    assert meta["fps"] == film.FPS
+    assert meta["duration"] == pytest.approx(seconds, abs=0.5 / film.FPS)
+    assert pictures.shape == (frames, picture.HEIGHT, picture.WIDTH, 3)
+    assert pictures[0].std() > 20  # not a blank picture
+    # More moves than compression or the clock alone would.
+    changed = np.abs(pictures[-1].astype(int) - pictures[0])[:, : picture.WIDTH - 240].max(axis=2)
+    assert (changed > 60).sum() > 100
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"task": "dancing"}, "the task must be one of"),
+        ({"proposer": "muse"}, "the proposer must be one of"),
+        ({"proposer": "random"}, "no robot of wall_avoidance, random has lived in this run"),
+        ({"robot": 2}, "are 0 to 1, got 2"),
+        ({"robot": -1}, "are 0 to 1, got -1"),
+        ({"phase": "training"}, "the phase must be one of"),
+        ({"seconds": 0.0}, "length in seconds must be positive"),
+        ({"seconds": float("inf")}, "length in seconds must be positive"),
+        ({"speed": -1.0}, "speed must be positive"),
+        ({"speed": float("nan")}, "speed must be positive"),
+        ({"seed": -1}, "the seed must not be negative"),
+    ],
+)
+def test_what_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
+    results: Results, tmp_path: Path, changes: dict, sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make_film(results, tmp_path / "film.mp4", **changes)
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [("film.avi", "must be an .mp4"), ("nowhere/film.mp4", "no folder"), ("d.mp4", "is a folder")],
+)
+def test_where_no_film_can_be_written_is_one_sentence(
+    results: Results, tmp_path: Path, name: str, sentence: str
+) -> None:
+    (tmp_path / "d.mp4").mkdir()
+    with pytest.raises(InputError, match=sentence):
+        make_film(results, tmp_path / name)
+    assert os.listdir(tmp_path) == ["d.mp4"]
+
+
+def test_folder_that_cannot_be_written_is_one_sentence(
+    results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    with pytest.raises(InputError, match="cannot be written"):
+        make_film(results, tmp_path / "film.mp4")
+
+
+def test_invalid_robot_is_not_filmed(results: Results, tmp_path: Path) -> None:
+    robots = [dataclasses.replace(row, category="invalid") for row in results.robots]
+    with pytest.raises(InputError, match="is invalid"):
+        make_film(dataclasses.replace(results, robots=robots), tmp_path / "film.mp4")
+
+
+def test_without_egl_the_sentence_says_how_to_get_it(
+    results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    with pytest.raises(InputError, match="apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"):
+        make_film(results, tmp_path / "film.mp4")
+    assert not os.listdir(tmp_path)
+
+
+class FailingStage:
+    """Draws grey, and fails at the third picture."""
+
+    renderer = "nothing"
+
+    def __init__(self, *_: object) -> None:
+        self.drawn = 0
+
+    def draw(self, _: picture.Shot) -> np.ndarray:
+        self.drawn += 1
+        if self.drawn == 3:
+            raise RuntimeError("out of paint")
+        return np.full((picture.HEIGHT - 44, picture.WIDTH - 240, 3), 128, dtype=np.uint8)
+
+    def close(self) -> None:
+        pass
+
+
+def test_failed_film_leaves_the_older_one_and_no_half_one(
+    results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(film, "Stage", FailingStage)
+    output = tmp_path / "film.mp4"
+    output.write_bytes(b"older")
+    with pytest.raises(RuntimeError, match="out of paint"):
+        make_film(results, output)
+    assert os.listdir(tmp_path) == ["film.mp4"]
+    assert output.read_bytes() == b"older"
+
+
+class GreyStage(FailingStage):
+    """Draws grey, and never fails."""
+
+    def draw(self, shot: picture.Shot) -> np.ndarray:
+        self.drawn = 0
+        return super().draw(shot)
+
+
+def test_film_that_the_encoder_cut_short_is_an_error_and_leaves_nothing(
+    results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(film, "Stage", GreyStage)
+    # As where the disk is full: ffmpeg ends early, and imageio does not ask.
+    monkeypatch.setattr(imageio_ffmpeg, "count_frames_and_secs", lambda _: (24, 0.96))
+    with pytest.raises(OSError, match="could not be written whole"):
+        make_film(results, tmp_path / "film.mp4")
+    assert not os.listdir(tmp_path)
+
+
+def test_film_ends_with_the_test_at_the_latest() -> None:
+    assert film.frame_count(30, 4, 600) == 30 * film.FPS
+    assert film.frame_count(30, 4, 60) == 15 * film.FPS
+    assert film.frame_count(30, 1e9, 60) == 1
+
+
+def test_robot_turns_the_shorter_way_between_two_control_steps() -> None:
+    pose = film._between(np.array([0.0, 0.2, 3.0]), np.array([0.1, 0.0, -3.0]), 0.5)
+    np.testing.assert_allclose(pose[:2], [0.05, 0.1])
+    assert np.cos(pose[2]) == pytest.approx(-1)
+
+
+def test_signal_goes_from_grey_to_hot() -> None:
+    hot = (1.0, 0.0, 0.0)
+    assert picture.heat(1.0, hot) == hot
+    assert picture.heat(0.0, hot) != picture.heat(0.5, hot) != hot
+
+
+# ---- The re-enactment ----
+
+
+@pytest.mark.parametrize(("phase", "when"), [("pre", "before"), ("post", "after")])
+def test_brain_is_the_robots_own_from_before_or_after_training(
+    results: Results, phase: str, when: str
+) -> None:
+    brain = replay.brain_of(EXPERIMENT, results, "spot_finding", "creative", 1, phase, 0)
+    networks = brain.networks()
+    stored = {name for name in results.brains if name.startswith(f"spot_finding/creative/{when}/")}
+    assert stored == {f"spot_finding/creative/{when}/{name}" for name in networks}
+    for name, tensor in networks.items():
+        whole = results.brains[f"spot_finding/creative/{when}/{name}"]
+        np.testing.assert_array_equal(tensor.numpy(), whole[1:2])
+
+
+def test_reenactment_lasts_a_test_from_its_start(results: Results) -> None:
+    moments = reenact(results, "spot_finding")
+    times = [moment.time for moment in moments]
+    np.testing.assert_allclose(times, 0.1 * np.arange(1 + round(3600 * 0.002 / 0.1)))
+    np.testing.assert_allclose(moments[0].pose, UPPER_LEFT, atol=1e-12)
+    assert (moments[0].event, moments[0].event_seconds) == (False, 0.0)
+    for moment, after in zip(moments[:-1], moments[1:], strict=True):
+        assert after.event_seconds - moment.event_seconds == pytest.approx(0.1 * after.event)
+
+
+def test_spot_lies_where_the_test_has_it(results: Results) -> None:
+    test = replay.Reenactment(EXPERIMENT, results, "spot_finding", "creative", 0, "pre", 0)
+    np.testing.assert_array_equal(test.batch.spot, [UPPER_RIGHT[:2]])
+
+
+def test_reenactment_does_not_change_the_brain(results: Results) -> None:
+    test = replay.Reenactment(EXPERIMENT, results, "wall_avoidance", "creative", 0, "post", 0)
+    before = {name: tensor.clone() for name, tensor in test._brain.networks().items()}
+    list(test.moments())
+    for name, tensor in test._brain.networks().items():
+        np.testing.assert_array_equal(tensor, before[name])
+
+
+def path(moments: list[replay.Moment]) -> np.ndarray:
+    return np.array([[*moment.pose, *moment.motors] for moment in moments])
+
+
+def test_same_seed_gives_the_same_reenactment_and_another_seed_another(results: Results) -> None:
+    np.testing.assert_array_equal(path(reenact(results)), path(reenact(results)))
+    assert not np.array_equal(path(reenact(results)), path(reenact(results, seed=1)))
+
+
+def test_fixed_actions_have_no_noise_for_a_seed_to_change(results: Results) -> None:
+    first, second = (reenact(results, proposer="fixed", seed=seed) for seed in (0, 1))
+    np.testing.assert_array_equal(path(first), path(second))
+
+
+def test_brain_of_another_shape_is_refused(results: Results) -> None:
+    other = dataclasses.replace(EXPERIMENT, brain=Parameters(memory_hidden=6))
+    with pytest.raises(ValueError, match="must have shape"):
+        replay.brain_of(other, results, "wall_avoidance", "creative", 0, "post", 0)
+
+
+# ---- The window ----
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_exploring_without_a_display_points_to_films(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match="no display.*musebot film"):
+        explore.explore("wall_avoidance", None, "creative", 0, "post")
+
+
+def test_exploring_with_opengl_elsewhere_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    with pytest.raises(InputError, match="MUJOCO_GL is 'egl'"):
+        explore.explore("wall_avoidance", None, "creative", 0, "post")
+
+
+def test_exploring_an_unknown_task_or_robot_is_one_sentence(results: Results) -> None:
+    with pytest.raises(InputError, match="the task must be one of"):
+        explore.explore("dancing", None, "creative", 0, "post")
+    with pytest.raises(InputError, match="are 0 to 1, got 7"):
+        explore.explore("wall_avoidance", (EXPERIMENT, results), "creative", 7, "post")
+
+
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+def test_explored_brain_drives_the_task_and_is_the_same_in_every_episode(
+    results: Results, task: str
+) -> None:
+    policy = explore.StoredBrain(
+        lambda: replay.brain_of(EXPERIMENT, results, task, "creative", 0, "post", 0)
+    )
+    environment = tasks.load("arena", task, {"robot": (0, 0, 0), "spot": (0.3, 0.1)})
+    episodes = []
+    for _ in range(2):
+        timestep = environment.reset()
+        actions = []
+        for _ in range(5):
+            actions.append(policy(timestep))
+            environment.action_spec().validate(actions[-1].astype(float))
+            timestep = environment.step(actions[-1])
+        episodes.append(actions)
+    np.testing.assert_array_equal(*episodes)
+
+
+def test_random_motors_hold_each_value_for_some_steps() -> None:
+    environment = tasks.load("arena", "wall_avoidance", {"random": 0})
+    policy = explore.RandomMotors(seed=0, steps=3)
+    timestep = environment.reset()
+    actions = []
+    for _ in range(6):
+        actions.append(policy(timestep))
+        timestep = environment.step(actions[-1])
+    assert len(np.unique(actions, axis=0)) == 2
+    assert np.abs(actions).max() <= 0.5

@@ -1,0 +1,140 @@
+"""One-hidden-layer networks: their outputs and their gradient, against autograd."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from musebot.controller import Networks
+
+quick = settings(deadline=None, max_examples=30)
+shapes = st.fixed_dictionaries(
+    {
+        "robots": st.integers(1, 4),
+        "inputs": st.integers(1, 6),
+        "hidden": st.integers(1, 8),
+        "outputs": st.integers(1, 3),
+        "seed": st.integers(0, 2**31),
+    }
+)
+
+
+def drawn(robots, inputs, hidden, outputs, seed, initial_range=1.0):
+    """Networks, an input and a step for each output, all of one seed."""
+    generator = torch.Generator().manual_seed(seed)
+    networks = Networks(robots, inputs, hidden, outputs, initial_range, generator)
+    x = torch.rand(robots, inputs, generator=generator) * 4 - 2
+    steps = torch.rand(robots, outputs, generator=generator) * 2 - 1
+    return networks, x, steps
+
+
+def weights(networks, robot):
+    """One robot's weights and biases in double precision, ready for autograd."""
+    return {
+        name: tensor[robot].double().clone().requires_grad_()
+        for name, tensor in networks.tensors().items()
+    }
+
+
+def output_sums(w, x):
+    hidden = torch.sigmoid(w["hidden_weights"] @ x.double() + w["hidden_biases"])
+    return w["output_weights"] @ hidden + w["output_biases"]
+
+
+def only(networks, robot):
+    """A batch of one, with the weights of one of many."""
+    robots, hidden, inputs = networks.hidden_weights.shape
+    outputs = networks.output_biases.shape[1]
+    alone = Networks(1, inputs, hidden, outputs, 1.0, torch.Generator())
+    alone.load({name: t[robot : robot + 1] for name, t in networks.tensors().items()})
+    return alone
+
+
+@quick
+@given(shapes)
+def test_forward_is_a_logistic_layer_and_a_linear_one(shape):
+    networks, x, _ = drawn(**shape)
+    hidden, output = networks.forward(x)
+    assert hidden.shape == (shape["robots"], shape["hidden"])
+    assert output.shape == (shape["robots"], shape["outputs"])
+    for robot in range(shape["robots"]):
+        w = weights(networks, robot)
+        torch.testing.assert_close(
+            output[robot].double(), output_sums(w, x[robot]).detach(), atol=1e-5, rtol=1e-5
+        )
+
+
+@quick
+@given(shapes)
+def test_ascend_goes_along_the_gradient_that_autograd_finds(shape):
+    networks, x, steps = drawn(**shape)
+    wanted = []
+    for robot in range(shape["robots"]):
+        w = weights(networks, robot)
+        (steps[robot].double() * output_sums(w, x[robot])).sum().backward()
+        wanted.append({name: (t + t.grad).detach() for name, t in w.items()})
+    networks.ascend(x, networks.forward(x)[0], steps)
+    for robot, after in enumerate(wanted):
+        for name, tensor in networks.tensors().items():
+            torch.testing.assert_close(tensor[robot].double(), after[name], atol=1e-5, rtol=0)
+
+
+@quick
+@given(shapes)
+def test_a_batch_is_as_many_batches_of_one(shape):
+    networks, x, steps = drawn(**shape)
+    alone = [only(networks, robot) for robot in range(shape["robots"])]
+    hidden, output = networks.forward(x)
+    networks.ascend(x, hidden, steps)
+    for robot, single in enumerate(alone):
+        row = slice(robot, robot + 1)
+        own_hidden, own_output = single.forward(x[row])
+        torch.testing.assert_close(output[row], own_output, atol=1e-6, rtol=1e-6)
+        single.ascend(x[row], own_hidden, steps[row])
+        for name, tensor in single.tensors().items():
+            torch.testing.assert_close(networks.tensors()[name][row], tensor, atol=1e-6, rtol=1e-6)
+
+
+def test_a_step_of_zero_changes_nothing():
+    networks, x, steps = drawn(3, 4, 5, 2, seed=0)
+    before = {name: tensor.clone() for name, tensor in networks.tensors().items()}
+    networks.ascend(x, networks.forward(x)[0], torch.zeros_like(steps))
+    assert all(torch.equal(before[name], t) for name, t in networks.tensors().items())
+
+
+def test_newborn_weights_and_biases_are_uniform_within_the_initial_range():
+    networks, _, _ = drawn(500, 7, 7, 1, seed=4, initial_range=0.8)
+    for name, tensor in networks.tensors().items():
+        sample = tensor.flatten().numpy()
+        assert abs(sample).max() <= 0.8
+        assert stats.kstest(sample, stats.uniform(-0.8, 1.6).cdf).pvalue > 0.001, name
+        assert stats.kstest(sample, stats.uniform(-1.0, 2.0).cdf).pvalue < 0.001, name
+
+
+def test_no_two_robots_are_born_alike():
+    networks, _, _ = drawn(50, 3, 7, 1, seed=5)
+    for tensor in networks.tensors().values():
+        assert len(tensor.flatten(1).unique(dim=0)) == 50
+
+
+def test_load_overwrites_in_place():
+    networks, x, _ = drawn(2, 3, 4, 1, seed=6)
+    other, _, _ = drawn(2, 3, 4, 1, seed=7)
+    before = networks.tensors()
+    networks.load(other.tensors())
+    assert all(networks.tensors()[name] is tensor for name, tensor in before.items())
+    assert torch.equal(networks.forward(x)[1], other.forward(x)[1])
+
+
+@pytest.mark.parametrize("name", Networks.NAMES)
+def test_load_names_what_is_missing_or_misshapen_and_then_changes_nothing(name):
+    networks, _, _ = drawn(2, 3, 4, 1, seed=6)
+    other, _, _ = drawn(2, 3, 4, 1, seed=7)
+    before = {name: tensor.clone() for name, tensor in networks.tensors().items()}
+    tensors = other.tensors()
+    with pytest.raises(ValueError, match=f"{name} is missing"):
+        networks.load({k: t for k, t in tensors.items() if k != name})
+    with pytest.raises(ValueError, match=f"{name} must have shape"):
+        networks.load(tensors | {name: tensors[name][:1]})
+    assert all(torch.equal(before[k], tensor) for k, tensor in networks.tensors().items())
