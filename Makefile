@@ -5,8 +5,7 @@ VENV   := .venv
 READY  := $(VENV)/.ready
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
-FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post \
-          --seconds 30 --speed 4
+FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post --seconds 30
 
 # $(call apt_install,PACKAGES,WHY), for use inside a shell command.
 apt_install = { \
@@ -24,8 +23,8 @@ help:  ## list these targets
 run: $(READY)  ## eight creative robots live through both tasks, then a film of each, in runs/demo
 	$(VENV)/bin/musebot run $(DEMO) --robots 8 --proposer creative
 	mkdir -p $(DEMO)/films
-	$(FILM) --task wall_avoidance --output $(DEMO)/films/wall_avoidance.mp4
-	$(FILM) --task spot_finding --output $(DEMO)/films/spot_finding.mp4
+	$(FILM) --task wall_avoidance --speed 4 --output $(DEMO)/films/wall_avoidance.mp4
+	$(FILM) --task spot_finding --speed 60 --output $(DEMO)/films/spot_finding.mp4
 
 test: $(READY)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 tests

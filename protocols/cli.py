@@ -8,9 +8,14 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+if TYPE_CHECKING:
+    from .engine import Workforce
+    from .experiment import Experiment
+    from .results import Results
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help is at once, and MUJOCO_GL
 # can still be chosen.
@@ -46,7 +51,7 @@ class Run:
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""
 
-    def _workforce(self):  # noqa: ANN202
+    def _workforce(self) -> Workforce:
         from . import engine
         from .experiment import InputError
 
@@ -61,8 +66,9 @@ class Run:
     def __call__(self) -> None:
         """Checks everything, then lives."""
         from ..models import check_versions
-        from . import engine
+        from . import engine, tables
         from .experiment import PROPOSERS, TASKS, Experiment, InputError, Plan, default_cohort_size
+        from .storage import write_atomically
 
         check_versions()
         if self.processes < 1:
@@ -98,7 +104,9 @@ class Run:
         plan = Plan(experiment, conditions, robots)
         workforce = self._workforce()
         results = engine.run(self.out, plan, workforce, save_every=self.save_every)
-        _write_tables(self.out, experiment, results)
+        text = tables.markdown(experiment, results)
+        write_atomically(self.out / "tables.md", text.encode())
+        _print(text)
 
 
 @dataclasses.dataclass
@@ -111,14 +119,14 @@ class Tables:
     """as JSON instead of Markdown"""
 
     def __call__(self) -> None:
-        """Reads, prints, and writes tables.md."""
+        """Reads and prints; changes nothing."""
         from . import tables
 
         experiment, results = _read(self.out)
         if self.json:
             print(json.dumps(tables.as_json(experiment, results), indent=2))
         else:
-            _write_tables(self.out, experiment, results)
+            _print(tables.markdown(experiment, results))
 
 
 @dataclasses.dataclass
@@ -188,6 +196,29 @@ class Explore:
 
 
 @dataclasses.dataclass
+class Bench:
+    """Measure the speed against the raw physics, on an idle machine: about 6 minutes."""
+
+    json: Path | None = None
+    """keep every number in this file"""
+    figure: Path | None = None
+    """draw the cost against the number of robots, an .svg, .png or .pdf"""
+    car_xml: Path | None = None
+    """MuJoCo's own model/car/car.xml (default: looked for where MuJoCo usually is)"""
+    quick: bool = False
+    """measure next to nothing, to see that everything works"""
+
+    def __call__(self) -> None:
+        """Prints Markdown, a section as soon as it is known."""
+        from ..models import check_versions
+
+        check_versions()
+        from . import bench
+
+        bench.run(self.json, self.figure, self.car_xml, self.quick)
+
+
+@dataclasses.dataclass
 class Doctor:
     """Say what is installed, what renders, and what is missing and how to get it."""
 
@@ -198,32 +229,24 @@ class Doctor:
         raise SystemExit(doctor.report())
 
 
-def _read(out: Path):  # noqa: ANN202
-    from . import engine
-    from .experiment import InputError
-    from .results import load
+def _read(out: Path) -> tuple[Experiment, Results]:
+    from . import engine, results
+    from .experiment import InputError, load_plan
 
-    if not (out / engine.PLAN).exists():
+    if not (out / engine.PLAN).is_file():
         raise InputError(f"{out} holds no experiment of musebot's")
-    plan = engine.open_directory(out)
-    assert plan is not None
-    results = load(out)
-    if not results.robots:
+    experiment, lives = load_plan(out / engine.PLAN).experiment, results.load(out)
+    if not lives.robots:
         raise InputError(
             f"{out} holds no finished lives yet; `musebot run {out}` goes on with them"
         )
-    return plan.experiment, results
+    return experiment, lives
 
 
-def _write_tables(out: Path, experiment, results) -> None:  # noqa: ANN001
+def _print(text: str) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    from . import tables
-    from .storage import write_atomically
-
-    text = tables.markdown(experiment, results)
-    write_atomically(out / "tables.md", text.encode())
     console = Console()
     console.print(Markdown(text)) if console.is_terminal else print(text)
 
@@ -231,7 +254,14 @@ def _write_tables(out: Path, experiment, results) -> None:  # noqa: ANN001
 def main(arguments: list[str] | None = None) -> int:
     """Runs a verb; returns the exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C."""
     verb = tyro.extras.subcommand_cli_from_dict(
-        {"run": Run, "tables": Tables, "film": Film, "explore": Explore, "doctor": Doctor},
+        {
+            "run": Run,
+            "tables": Tables,
+            "film": Film,
+            "explore": Explore,
+            "bench": Bench,
+            "doctor": Doctor,
+        },
         args=arguments,
         prog="musebot",
         description="Creative robots that learn during their life, in MuJoCo.",
@@ -248,10 +278,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         verb()
-    except (InputError, ValueError) as error:
+    except (InputError, ImportError) as error:
         return _complain(str(error), 2)
-    except ImportError as error:
-        return _complain(str(error), 2)
+    except KeyboardInterrupt:
+        return _complain("stopped", 130)
     except (DamagedFileError, OSError) as error:
         return _complain(str(error), 1)
     except Exception as error:

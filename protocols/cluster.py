@@ -17,6 +17,7 @@ from .engine import (
     Interrupted,
     Work,
     live,
+    prepare_process,
     stop_at_signals,
     stopped_by,
 )
@@ -89,12 +90,7 @@ class Ray:
 
 
 def _live_there(work: Work, key: CohortKey, reports: Any) -> bool:
-    import torch
-
-    from ..tasks import stop_timers
-
-    torch.set_num_threads(1)
-    stop_timers()
+    prepare_process()
     stop_file = work.directory / CHECKPOINTS / _STOP
 
     def report(step: int, message: str) -> None:

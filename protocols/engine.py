@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -21,10 +22,11 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any, Protocol
 
+import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from ..tasks import CONTROL_TIMESTEP, stop_timers
+from ..tasks import CONTROL_TIMESTEP, silence_warnings, stop_timers
 from .cohort import Cohort, Lives
 from .experiment import CohortKey, Experiment, InputError, Plan, load_plan, save_plan
 from .results import Results, collect, load, merge, save
@@ -138,7 +140,7 @@ def open_directory(directory: Path) -> Plan | None:
             return load_plan(directory / PLAN)
         except DamagedFileError as error:
             raise InputError(str(error)) from error
-    if directory.exists() and any(p.name != ".lock" for p in directory.iterdir()):
+    if directory.exists() and any(directory.iterdir()):
         raise InputError(f"{directory} is not empty and holds no experiment of musebot's")
     return None
 
@@ -146,13 +148,14 @@ def open_directory(directory: Path) -> Plan | None:
 @contextlib.contextmanager
 def _locked(directory: Path) -> Iterator[None]:
     directory.mkdir(parents=True, exist_ok=True)
-    with (directory / ".lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(f"another musebot is running in {directory}") from error
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
-    (directory / ".lock").unlink(missing_ok=True)
+    except BlockingIOError as error:
+        raise InputError(f"another musebot is running in {directory}") from error
+    finally:
+        os.close(handle)
 
 
 def checkpoint_file(directory: Path, key: CohortKey) -> Path:
@@ -310,19 +313,25 @@ def _prepare_process(stop: Event, reports: Any) -> None:
     _STOP, _REPORTS = stop, reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent tells us, in its own time
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
-    import torch
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    prepare_process()
 
+
+def _die_with_parent() -> None:
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
+
+
+def prepare_process() -> None:
+    """Makes this process one that lives cohorts: one thread, no timers, no log of MuJoCo's."""
     torch.set_num_threads(1)
     stop_timers()
+    silence_warnings()
 
 
 def _live_here(work: Work, key: CohortKey) -> bool:
-    parent = os.getppid()
-
-    def stop() -> bool:
-        return _STOP.is_set() or os.getppid() != parent  # an orphan has nobody to live for
-
-    return live(work, key, stop, lambda step, message: _REPORTS.put((key, step, message)))
+    return live(work, key, _STOP.is_set, lambda step, text: _REPORTS.put((key, step, text)))
 
 
 def live(

@@ -9,7 +9,7 @@ from dm_control.rl import control
 
 from . import arena
 from .arena import CONTROL_TIMESTEP, Physics, SpotFinding, WallAvoidance
-from .batch import Batch, stop_timers
+from .batch import Batch, silence_warnings, stop_timers
 from .senses import NoseForm
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "WallAvoidance",
     "load",
     "make_batch",
+    "silence_warnings",
     "stop_timers",
 ]
 

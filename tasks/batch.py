@@ -39,6 +39,11 @@ def stop_timers() -> bool:
     return True
 
 
+def silence_warnings() -> None:
+    """Keeps MuJoCo from writing MUJOCO_LOG.TXT; a batch tells by `valid` what went wrong."""
+    mujoco.set_mju_user_warning(lambda message: None)
+
+
 class Batch:
     """B robots, each alone in its own arena, stepped together in the calling thread.
 

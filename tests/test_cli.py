@@ -34,7 +34,20 @@ def test_tables_show_ours_beside_the_papers_and_say_it_was_a_rehearsal(run, caps
     text = capsys.readouterr().out
     assert "Wall avoidance (table 1), a rehearsal: every duration times 0.002" in text
     assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
+
+
+def test_a_finished_run_prints_its_tables_again_and_keeps_them(run, capsys):
+    assert cli.main(["run", str(run)]) == 0
+    text = capsys.readouterr().out
     assert (run / "tables.md").read_text().strip() == text.strip()
+    assert cli.main(["tables", str(run)]) == 0
+    assert capsys.readouterr().out == text
+
+
+def test_tables_need_no_right_to_write(run, capsys, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert cli.main(["tables", str(run)]) == 0
+    assert "260 (52%)" in capsys.readouterr().out
 
 
 def test_tables_as_json_hold_both(run, capsys):

@@ -164,6 +164,52 @@ def test_a_run_killed_at_random_moments_resumes_to_the_same_bytes(tmp_path, undi
     assert contents(tmp_path / "run") == undisturbed
 
 
+def test_a_killed_run_leaves_no_process_behind(tmp_path):
+    process = started(tmp_path / "run")
+    wait_for_checkpoints(tmp_path / "run", process)
+    group = os.getpgid(process.pid)
+    process.kill()
+    process.communicate()
+    for _ in range(100):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.1)
+    os.killpg(group, signal.SIGKILL)
+    raise AssertionError("its processes live on")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root to mount a small file system")
+def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(tmp_path, undisturbed):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk)], check=False
+    )
+    if mounted.returncode:
+        pytest.skip("no small file system can be mounted here")
+    try:
+        ballast = disk / "ballast"
+        ballast.write_bytes(bytes(900 * 1024))
+        run = subprocess.run(
+            command(disk / "run", "--save-every", "0.3"),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert run.returncode == 1
+        assert "a file could not be written" in run.stderr
+        assert "No space left" in run.stderr
+        assert "Traceback" not in run.stderr
+        ballast.unlink()
+        subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)
+        live(disk / "run", LONGER)
+        assert contents(disk / "run") == undisturbed
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
 @pytest.mark.parametrize("damage", ["truncated", "altered"])
 def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_lived_again(
     damage, tmp_path, undisturbed, capfd
