@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV   := .venv
 READY  := $(VENV)/.ready
+RAY    := $(VENV)/.ray
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post --seconds 30
@@ -26,10 +27,10 @@ run: $(READY)  ## eight creative robots live through both tasks, then a film of 
 	$(FILM) --task wall_avoidance --speed 4 --output $(DEMO)/films/wall_avoidance.mp4
 	$(FILM) --task spot_finding --speed 60 --output $(DEMO)/films/spot_finding.mp4
 
-test: $(READY)  ## run the tests
+test: $(READY) $(RAY)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 tests
 
-lint: $(READY)  ## check style, format and types
+lint: $(READY) $(RAY)  ## check style, format and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
@@ -55,4 +56,10 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install -c constraints.txt torch
 	$(VENV)/bin/pip install --no-deps -r constraints.txt -e .
+	@touch $@
+
+# A quarter of a gigabyte that only the tests of the cluster need: they skip themselves without it.
+$(RAY): $(READY) constraints-cluster.txt
+	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt || \
+	  echo "Going on without Ray: the tests of the cluster will be skipped." >&2
 	@touch $@

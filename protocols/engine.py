@@ -102,11 +102,11 @@ def run(
     with _locked(directory):
         if (directory / PLAN).exists():
             plan = plan.merged_with(load_plan(directory / PLAN))
-        save_plan(directory / PLAN, plan)
         done = load(directory)
         known = {(r.task, r.proposer, r.cohort) for r in done.robots}
         keys = [k for k in plan.cohorts() if (k.task, k.proposer, k.index) not in known]
         if keys:
+            save_plan(directory / PLAN, plan)
             work = Work(directory.resolve(), plan.experiment, tuple(keys), save_every)
             with Display(plan.experiment, keys, quiet) as display:
                 workforce(work, display)
@@ -150,10 +150,11 @@ def _locked(directory: Path) -> Iterator[None]:
     directory.mkdir(parents=True, exist_ok=True)
     handle = os.open(directory, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(f"another musebot is running in {directory}") from error
         yield
-    except BlockingIOError as error:
-        raise InputError(f"another musebot is running in {directory}") from error
     finally:
         os.close(handle)
 
@@ -199,9 +200,11 @@ class Processes:
                     display.show(reports)
                     whole = all([future.result() for future in finished]) and whole
                 display.show(reports)
-            except (BrokenProcessPool, OSError) as error:
+            except Exception as error:
                 stop.set()  # the others must end too, before the pool is waited for
-                raise stopped_by(error) from error
+                if isinstance(error, BrokenProcessPool | OSError):
+                    raise stopped_by(error) from error
+                raise
             if not whole:
                 raise Interrupted
 

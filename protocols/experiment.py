@@ -167,18 +167,24 @@ def default_cohort_size(robots: int, most: int = 250) -> int:
 
 
 def save_plan(path: Path, plan: Plan) -> None:
-    """Writes `experiment.json`: the plan, and on what it runs."""
+    """Writes `experiment.json`: the plan, and on what it runs.
+
+    `made_with` lists every set of versions and machine that lives were lived with: more than
+    one where a run was continued or added to elsewhere.
+    """
+    here = {
+        "python": platform.python_version(),
+        "musebot": __version__,
+        **{name: metadata.version(name) for name in ("mujoco", "dm-control", "numpy", "torch")},
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "platform": platform.platform(),
+    }
+    made_with = json.loads(path.read_text())["made_with"] if path.exists() else []
     content = {
         "experiment": dataclasses.asdict(plan.experiment),
         "plan": {"conditions": plan.conditions, "robots": plan.robots},
-        "made_with": {
-            "python": platform.python_version(),
-            "musebot": __version__,
-            **{name: metadata.version(name) for name in ("mujoco", "dm-control", "numpy", "torch")},
-            "cpu": _cpu(),
-            "cores": os.cpu_count(),
-            "platform": platform.platform(),
-        },
+        "made_with": [*(one for one in made_with if one != here), here],
     }
     write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
 
