@@ -14,8 +14,9 @@ class NoisePatterns:
 
     A pattern has exactly n = round(share * N) of N connections at +noise or -noise, and 0
     elsewhere; positions and signs are uniform. A large pool of patterns is drawn at once,
-    every idea takes one of it at random, and the pool is drawn anew every `LIFETIME` steps:
-    the same distribution as a draw for every idea, at a tenth of the cost.
+    every idea takes one of it at random, and the pool is drawn anew every `LIFETIME` steps.
+    Each idea has the distribution of a draw of its own, at a tenth of the cost; two ideas are
+    the same with a probability of one in 16384, which a draw of their own would not grant.
     """
 
     POOL = 16384

@@ -112,6 +112,11 @@ class Neurocontroller:
         """Breaks the chain of steps, as when robots (indices; None: all) are placed anew."""
         self._now["chained"][slice(None) if robots is None else robots] = 0
 
+    def finite(self) -> Tensor:
+        """Whether all of a robot's weights and biases are finite numbers, shape (B,)."""
+        checks = [t.isfinite().flatten(1).all(dim=1) for t in self.networks().values()]
+        return torch.stack(checks).all(dim=0)
+
     def networks(self) -> dict[str, Tensor]:
         """All weights and biases, "evaluation.*" and "memory.*", each of shape (B, ...)."""
         owners = {"evaluation": self.evaluation.networks}

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from .errors import InputError, Interrupted, RunError
+
 if TYPE_CHECKING:
     from .engine import Workforce
-    from .experiment import Experiment
+    from .experiment import Experiment, Plan
     from .results import Results
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help is at once, and MUJOCO_GL
@@ -42,7 +44,7 @@ class Run:
     """below 1 shortens every duration, for rehearsals (default: 1, or OUT's own)"""
     nose: str | None = None
     """inverse or printed: the form of Eq. 3 (default: inverse, or OUT's own)"""
-    processes: int = os.cpu_count() or 1
+    processes: int = len(os.sched_getaffinity(0))
     """cohorts that live at a time, one core each"""
     engine: str = "local"
     """local, or ray: on an existing cluster, OUT on storage that all its nodes share"""
@@ -51,9 +53,47 @@ class Run:
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""
 
+    def __call__(self) -> None:
+        """Checks everything, then lives."""
+        from . import engine, tables
+        from .storage import write_atomically
+
+        if self.processes < 1:
+            raise InputError(f"the number of processes must be at least 1, got {self.processes}")
+        if not self.save_every > 0:
+            raise InputError(f"save-every must be positive, got {self.save_every}")
+        plan = self._plan(engine.open_directory(self.out))
+        results = engine.run(self.out, plan, self._workforce(), save_every=self.save_every)
+        text = tables.markdown(plan.experiment, results)
+        write_atomically(self.out / "tables.md", text.encode())
+        _print(text)
+
+    def _plan(self, held: Plan | None) -> Plan:
+        """What was asked for; for what was not, what OUT holds, or the defaults."""
+        from .experiment import PROPOSERS, TASKS, Experiment, Plan, default_cohort_size
+
+        settings = ("seed", "cohort_size", "time_scale", "nose")
+        asked = {name: x for name in settings if (x := getattr(self, name)) is not None}
+        if self.robots is not None and self.robots < 1:
+            raise InputError(f"the number of robots must be at least 1, got {self.robots}")
+        if held:
+            experiment = held.experiment
+            for name, value in asked.items():
+                if value != (own := getattr(experiment, name)):
+                    raise InputError(
+                        f"{self.out} holds an experiment with {name} {own}, not {value}"
+                    )
+        else:
+            asked.setdefault("cohort_size", default_cohort_size(self.robots or 60))
+            experiment = Experiment(**asked)
+        if held and not self.task and not self.proposer:
+            return Plan.of(experiment, held.robots, self.robots) if self.robots else held
+        conditions = [(t, p) for t in self.task or TASKS for p in self.proposer or PROPOSERS]
+        robots = self.robots or (max(held.robots.values()) if held else 60)
+        return Plan.of(experiment, conditions, robots)
+
     def _workforce(self) -> Workforce:
         from . import engine
-        from .experiment import InputError
 
         if self.engine == "local":
             return engine.Processes(self.processes)
@@ -62,51 +102,6 @@ class Run:
         from . import cluster
 
         return cluster.Ray(self.address)
-
-    def __call__(self) -> None:
-        """Checks everything, then lives."""
-        from ..models import check_versions
-        from . import engine, tables
-        from .experiment import PROPOSERS, TASKS, Experiment, InputError, Plan, default_cohort_size
-        from .storage import write_atomically
-
-        check_versions()
-        if self.processes < 1:
-            raise InputError(f"the number of processes must be at least 1, got {self.processes}")
-        if not self.save_every > 0:
-            raise InputError(f"save-every must be positive, got {self.save_every}")
-        if self.robots is not None and self.robots < 1:
-            raise InputError(f"the number of robots must be at least 1, got {self.robots}")
-        held = engine.open_directory(self.out)
-        asked = {
-            "seed": self.seed,
-            "cohort_size": self.cohort_size,
-            "time_scale": self.time_scale,
-            "nose": self.nose,
-        }
-        asked = {name: value for name, value in asked.items() if value is not None}
-        robots = self.robots or (held.robots if held else 60)
-        if held:
-            experiment = dataclasses.replace(held.experiment, **asked)
-            for name, value in asked.items():
-                if value != (own := getattr(held.experiment, name)):
-                    raise InputError(
-                        f"{self.out} holds an experiment with {name} {own}, not {value}"
-                    )
-        else:
-            asked.setdefault("cohort_size", default_cohort_size(robots))
-            experiment = Experiment(**asked)
-        if held and not self.task and not self.proposer:
-            conditions = held.conditions
-        else:
-            pairs = ((t, p) for t in self.task or TASKS for p in self.proposer or PROPOSERS)
-            conditions = tuple(dict.fromkeys(pairs))
-        plan = Plan(experiment, conditions, robots)
-        workforce = self._workforce()
-        results = engine.run(self.out, plan, workforce, save_every=self.save_every)
-        text = tables.markdown(experiment, results)
-        write_atomically(self.out / "tables.md", text.encode())
-        _print(text)
 
 
 @dataclasses.dataclass
@@ -231,7 +226,7 @@ class Doctor:
 
 def _read(out: Path) -> tuple[Experiment, Results]:
     from . import engine, results
-    from .experiment import InputError, load_plan
+    from .experiment import load_plan
 
     if not (out / engine.PLAN).is_file():
         raise InputError(f"{out} holds no experiment of musebot's")
@@ -248,7 +243,10 @@ def _print(text: str) -> None:
     from rich.markdown import Markdown
 
     console = Console()
-    console.print(Markdown(text)) if console.is_terminal else print(text)
+    if console.is_terminal:
+        console.print(Markdown(text))
+    else:
+        print(text)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -271,27 +269,20 @@ def main(arguments: list[str] | None = None) -> int:
         warnings.filterwarnings("ignore", module="glfw")  # it says itself what is wrong
     else:
         os.environ["MUJOCO_GL"] = "off"
-    if isinstance(verb, Doctor):
-        verb()  # before the imports below, which need what it looks for
-    from .experiment import InputError
-    from .storage import DamagedFileError
-
     try:
+        if not isinstance(verb, Doctor):  # who is there to say what is wrong
+            from ..models import check_versions
+
+            check_versions()
         verb()
     except (InputError, ImportError) as error:
         return _complain(str(error), 2)
+    except (RunError, OSError) as error:
+        return _complain(str(error), 1)
+    except Interrupted:
+        return _complain("stopped; the same command goes on from here", 130)
     except KeyboardInterrupt:
         return _complain("stopped", 130)
-    except (DamagedFileError, OSError) as error:
-        return _complain(str(error), 1)
-    except Exception as error:
-        from . import engine
-
-        if isinstance(error, engine.Interrupted):
-            return _complain("stopped; the same command goes on from here", 130)
-        if isinstance(error, engine.RunError):
-            return _complain(str(error), 1)
-        raise
     return 0
 
 

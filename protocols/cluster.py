@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import threading
 from typing import Any
 
 from .engine import (
     CHECKPOINTS,
     Display,
-    Interrupted,
     Work,
+    heeding_signals,
     live,
     prepare_process,
-    stop_at_signals,
     stopped_by,
 )
-from .experiment import CohortKey, InputError
+from .errors import InputError, Interrupted
+from .experiment import CohortKey
 
 try:
     import ray
@@ -63,17 +62,16 @@ class Ray:
         stop_file = work.directory / CHECKPOINTS / _STOP
         stop_file.parent.mkdir(exist_ok=True)
         stop_file.unlink(missing_ok=True)
-        stop = threading.Event()
         # Retried for ever: what a lost node leaves is a checkpoint.
         task = ray.remote(num_cpus=1, max_retries=-1)(_live_there)
         waiting = [task.remote(work, key, reports) for key in work.keys]
         whole = True
         try:
-            with stop_at_signals(stop):
+            with heeding_signals() as asked:
                 while waiting:
                     finished, waiting = ray.wait(waiting, timeout=0.5)
                     display.show(reports)
-                    if stop.is_set():
+                    if asked.to_stop:
                         stop_file.touch()
                     whole = all(ray.get(finished)) and whole
                 display.show(reports)

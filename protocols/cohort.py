@@ -134,6 +134,8 @@ class Cohort:
             events += event
             self._minutes[:, self.step // _MINUTE] += event
             self.step += 1
+            if self.step % _MINUTE == 0:
+                batch.stop(~brain.finite().numpy())
 
     def lives(self) -> Lives:
         """What the cohort leaves, once it is finished."""

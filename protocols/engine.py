@@ -28,21 +28,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from ..tasks import CONTROL_TIMESTEP, silence_warnings, stop_timers
 from .cohort import Cohort, Lives
-from .experiment import CohortKey, Experiment, InputError, Plan, load_plan, save_plan
+from .errors import DamagedFileError, InputError, Interrupted, RunError
+from .experiment import CohortKey, Experiment, Plan, load_plan, save_plan
 from .results import Results, collect, load, merge, save
-from .storage import DamagedFileError, load_arrays, save_arrays
+from .storage import load_arrays, remove_drafts, save_arrays
 
 PLAN = "experiment.json"
 CHECKPOINTS = "checkpoints"
 _CHUNK = 50  # control steps between two looks at the clock
-
-
-class Interrupted(Exception):
-    """The run was asked to stop; everything lived so far is in its checkpoints."""
-
-
-class RunError(Exception):
-    """The run could not go on; the text says why, in one sentence."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,10 +89,13 @@ def run(
       All lives of the directory.
 
     Raises:
+      InputError: the directory is another run's, or its experiment or physics is another.
       Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
       RunError: a process died, or a file could not be written.
     """
     with _locked(directory):
+        for folder in (directory, directory / CHECKPOINTS):
+            remove_drafts(folder)
         if (directory / PLAN).exists():
             plan = plan.merged_with(load_plan(directory / PLAN))
         done = load(directory)
@@ -128,20 +124,20 @@ def open_directory(directory: Path) -> Plan | None:
     Raises:
       InputError: it is a file, cannot be written, or holds something else.
     """
-    parent = directory
-    while not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir():
-        raise InputError(f"{parent} is not a folder")
-    if not os.access(parent, os.W_OK | os.X_OK):
-        raise InputError(f"{parent} cannot be written")
-    if (directory / PLAN).exists():
-        try:
+    try:
+        parent = directory
+        while not parent.exists():
+            parent = parent.parent
+        if not parent.is_dir():
+            raise InputError(f"{parent} is not a folder")
+        if not os.access(parent, os.W_OK | os.X_OK):
+            raise InputError(f"{parent} cannot be written")
+        if (directory / PLAN).exists():
             return load_plan(directory / PLAN)
-        except DamagedFileError as error:
-            raise InputError(str(error)) from error
-    if directory.exists() and any(directory.iterdir()):
-        raise InputError(f"{directory} is not empty and holds no experiment of musebot's")
+        if directory.exists() and any(directory.iterdir()):
+            raise InputError(f"{directory} is not empty and holds no experiment of musebot's")
+    except OSError as error:
+        raise InputError(f"{directory} cannot be used ({error.strerror})") from error
     return None
 
 
@@ -189,7 +185,7 @@ class Processes:
         count = min(self.count, len(work.keys))
         with (
             _environment(settings),
-            stop_at_signals(stop),
+            heeding_signals() as asked,
             ProcessPoolExecutor(count, context, _prepare_process, (stop, reports)) as pool,
         ):
             waiting = {pool.submit(_live_here, work, key) for key in work.keys}
@@ -198,6 +194,8 @@ class Processes:
                 while waiting:
                     finished, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
                     display.show(reports)
+                    if asked.to_stop:
+                        stop.set()
                     whole = all([future.result() for future in finished]) and whole
                 display.show(reports)
             except Exception as error:
@@ -233,25 +231,31 @@ def _environment(settings: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-class Stop(Protocol):
-    """An event that asks for an end."""
+class Asked:
+    """What signals have asked for.
 
-    def set(self) -> None:
-        """Asks for it."""
-        ...
+    A handler only sets a plain flag: an Event is held by a lock that the interrupted thread
+    may hold itself.
+
+    Attributes:
+      to_stop: by Ctrl-C or SIGTERM.
+    """
+
+    to_stop = False
 
 
 @contextlib.contextmanager
-def stop_at_signals(stop: Stop) -> Iterator[None]:
+def heeding_signals() -> Iterator[Asked]:
     """Turns Ctrl-C and SIGTERM into a polite request."""
+    asked = Asked()
 
     def handler(number: int, frame: Any) -> None:
         del number, frame
-        stop.set()
+        asked.to_stop = True
 
     before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield asked
     finally:
         for number, old in before.items():
             signal.signal(number, old)
@@ -264,7 +268,7 @@ class Display:
         self._robots = experiment.cohort_size
         self._total = sum(sum(experiment.schedule(key.task).steps()) for key in keys)
         self._steps: dict[CohortKey, int] = {}
-        self._first: int | None = None
+        self._first: dict[CohortKey, int] = {}  # what earlier runs lived is not this one's speed
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -298,24 +302,24 @@ class Display:
                 if message:
                     self._progress.console.print(f"[yellow]{message}[/yellow]")
                 self._steps[key] = steps
+                self._first.setdefault(key, steps)
         done = sum(self._steps.values())
-        if self._first is None and self._steps:
-            self._first = done  # what earlier runs lived says nothing of this one's speed
         seconds = time.monotonic() - self._began
-        lived = (done - (self._first or 0)) * self._robots * CONTROL_TIMESTEP
+        lived = (done - sum(self._first.values())) * self._robots * CONTROL_TIMESTEP
         speed = f"{lived / seconds:,.0f} x real time" if lived else ""
         self._progress.update(self._bar, completed=done, speed=speed)
 
 
 _STOP: Event
 _REPORTS: Any
+_ASKED = Asked()
 
 
 def _prepare_process(stop: Event, reports: Any) -> None:
     global _STOP, _REPORTS
     _STOP, _REPORTS = stop, reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent tells us, in its own time
-    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    signal.signal(signal.SIGTERM, lambda *_: setattr(_ASKED, "to_stop", True))
     threading.Thread(target=_die_with_parent, daemon=True).start()
     prepare_process()
 
@@ -334,7 +338,10 @@ def prepare_process() -> None:
 
 
 def _live_here(work: Work, key: CohortKey) -> bool:
-    return live(work, key, _STOP.is_set, lambda step, text: _REPORTS.put((key, step, text)))
+    def stop() -> bool:
+        return _ASKED.to_stop or _STOP.is_set()
+
+    return live(work, key, stop, lambda step, text: _REPORTS.put((key, step, text)))
 
 
 def live(
@@ -360,6 +367,7 @@ def live(
     if finished_file(directory, key).exists():
         with contextlib.suppress(DamagedFileError):
             read_lives(finished_file(directory, key))
+            report(sum(work.experiment.schedule(key.task).steps()), "")
             return True
     cohort, message = _restored(work, key)
     report(cohort.step, message)
@@ -390,7 +398,7 @@ def live(
 
 def _save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
     arrays, notes = cohort.checkpoint()
-    save_arrays(checkpoint_file(directory, key), arrays, **notes)
+    save_arrays(checkpoint_file(directory, key), arrays, cohort=str(key), **notes)
 
 
 def _restored(work: Work, key: CohortKey) -> tuple[Cohort, str]:

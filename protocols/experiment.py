@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 import platform
@@ -16,15 +17,13 @@ import numpy as np
 
 from .. import __version__
 from ..controller import PROPOSERS, Parameters
+from ..tasks import make_batch
 from ..tasks.senses import NoseForm
+from .errors import DamagedFileError, InputError
 from .schedules import SCHEDULES, Schedule
-from .storage import DamagedFileError, write_atomically
+from .storage import write_atomically
 
 TASKS = tuple(SCHEDULES)
-
-
-class InputError(Exception):
-    """What the user asked for cannot be done; the text says why, in one sentence."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,49 +99,67 @@ class Plan:
 
     Attributes:
       experiment: what decides the lives.
-      conditions: pairs of task and proposer.
-      robots: in each condition, a multiple of the cohort size.
+      robots: how many in each condition (task, proposer), a multiple of the cohort size.
     """
 
     experiment: Experiment
-    conditions: tuple[tuple[str, str], ...]
-    robots: int
+    robots: dict[tuple[str, str], int]
+
+    @classmethod
+    def of(cls, experiment: Experiment, conditions: Iterable[tuple[str, str]], robots: int) -> Plan:
+        """The plan of as many robots in each of several conditions."""
+        return cls(experiment, dict.fromkeys(conditions, robots))
 
     def __post_init__(self) -> None:
         """Raises InputError where the plan makes no sense."""
-        if not isinstance(self.robots, int):
-            raise InputError(f"robots must be a whole number, got {self.robots}")
-        size = self.experiment.cohort_size
-        for task, proposer in self.conditions:
-            if task not in TASKS:
-                raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
-            if proposer not in PROPOSERS:
-                names = ", ".join(PROPOSERS)
-                raise InputError(f"the proposer must be one of {names}, got {proposer!r}")
-        if not self.conditions:
+        if not self.robots:
             raise InputError("at least one task and one proposer are needed")
-        if self.robots < 1:
-            raise InputError(f"the number of robots must be at least 1, got {self.robots}")
-        if self.robots % size:
-            raise InputError(
-                f"the number of robots must be a multiple of the cohort size, {size}, "
-                f"got {self.robots}"
-            )
+        size = self.experiment.cohort_size
+        for (task, proposer), robots in self.robots.items():
+            check_condition(task, proposer)
+            if not isinstance(robots, int):
+                raise InputError(f"the number of robots must be a whole number, got {robots}")
+            if robots < 1:
+                raise InputError(f"the number of robots must be at least 1, got {robots}")
+            if robots % size:
+                raise InputError(
+                    f"the number of robots must be a multiple of the cohort size, {size}, "
+                    f"got {robots}"
+                )
+
+    @property
+    def conditions(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of task and proposer."""
+        return tuple(self.robots)
 
     def cohorts(self) -> list[CohortKey]:
         """All cohorts, the longest lives first, so that processes end together."""
         keys = [
             CohortKey(task, proposer, index)
-            for task, proposer in self.conditions
-            for index in range(self.robots // self.experiment.cohort_size)
+            for (task, proposer), robots in self.robots.items()
+            for index in range(robots // self.experiment.cohort_size)
         ]
         return sorted(keys, key=lambda key: -sum(self.experiment.schedule(key.task).steps()))
 
     def merged_with(self, older: Plan) -> Plan:
-        """The plan that asks for the lives of both (of the same experiment)."""
-        conditions = dict.fromkeys((*older.conditions, *self.conditions))
-        ordered = tuple(sorted(conditions, key=condition_order))
-        return Plan(self.experiment, ordered, max(self.robots, older.robots))
+        """The plan that asks for the lives of both.
+
+        Raises:
+          InputError: they are of different experiments.
+        """
+        if self.experiment != older.experiment:
+            raise InputError("the lives of two experiments cannot be merged")
+        conditions = sorted({*older.robots, *self.robots}, key=condition_order)
+        robots = {c: max(self.robots.get(c, 0), older.robots.get(c, 0)) for c in conditions}
+        return Plan(self.experiment, robots)
+
+
+def check_condition(task: str, proposer: str) -> None:
+    """Raises InputError where there is no such task or proposer."""
+    if task not in TASKS:
+        raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
+    if proposer not in PROPOSERS:
+        raise InputError(f"the proposer must be one of {', '.join(PROPOSERS)}, got {proposer!r}")
 
 
 def condition_order(condition: Iterable[str]) -> tuple[int, int]:
@@ -167,26 +184,51 @@ def default_cohort_size(robots: int, most: int = 250) -> int:
 
 
 def save_plan(path: Path, plan: Plan) -> None:
-    """Writes `experiment.json`: the plan, and on what it runs.
+    """Writes `experiment.json`: the plan, its physics, and on what it runs.
 
     `made_with` lists every set of versions and machine that lives were lived with: more than
     one where a run was continued or added to elsewhere.
+
+    Raises:
+      InputError: the file is there, of another experiment or another physics.
+      DamagedFileError: the file is there, and not one that this function wrote.
     """
-    here = {
-        "python": platform.python_version(),
-        "musebot": __version__,
-        **{name: metadata.version(name) for name in ("mujoco", "dm-control", "numpy", "torch")},
-        "cpu": _cpu(),
-        "cores": os.cpu_count(),
-        "platform": platform.platform(),
-    }
-    made_with = json.loads(path.read_text())["made_with"] if path.exists() else []
+    made_with: list[Any] = []
+    if path.exists():
+        plan = plan.merged_with(load_plan(path))
+        older = json.loads(path.read_bytes())
+        made_with = [one for one in older["made_with"] if one != _here()]
+        if not np.allclose(older["physics"], physics_probe(), rtol=0, atol=1e-6):
+            raise InputError(
+                f"{path.parent} was lived in another physics than this version's: "
+                "its lives and new ones must not be mixed"
+            )
+    rows = [
+        {"task": task, "proposer": proposer, "robots": robots}
+        for (task, proposer), robots in plan.robots.items()
+    ]
     content = {
         "experiment": dataclasses.asdict(plan.experiment),
-        "plan": {"conditions": plan.conditions, "robots": plan.robots},
-        "made_with": [*(one for one in made_with if one != here), here],
+        "plan": rows,
+        "physics": physics_probe(),
+        "made_with": [*made_with, _here()],
     }
     write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
+
+
+@functools.cache
+def physics_probe() -> tuple[float, ...]:
+    """Where a robot ends, and what it then senses, after a short drive into a wall.
+
+    Numbers that tell one physics from another, whatever it was that was changed: a mass, a
+    friction, the timestep, MuJoCo itself. Decoration does not move them.
+    """
+    batch = make_batch("spot_finding", 1)
+    batch.place(np.array([0]), np.array([[0.42, 0.05, 0.3]]))
+    for motors in ((0.5, 0.4), (0.5, 0.5), (-0.2, 0.5), (0.1, -0.5)):
+        for _ in range(4):
+            batch.step(np.array([motors]))
+    return (*batch.pose[0].tolist(), *batch.sensordata[0].tolist())
 
 
 def load_plan(path: Path) -> Plan:
@@ -203,10 +245,22 @@ def load_plan(path: Path) -> Plan:
         fields = content["experiment"]
         brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
         experiment = Experiment(**(fields | {"brain": Parameters(**brain)}))
-        conditions = tuple((task, proposer) for task, proposer in content["plan"]["conditions"])
-        return Plan(experiment, conditions, content["plan"]["robots"])
+        robots = {(row["task"], row["proposer"]): row["robots"] for row in content["plan"]}
+        _ = [one["cpu"] for one in content["made_with"]], np.array(content["physics"], dtype=float)
+        return Plan(experiment, robots)
     except (ValueError, KeyError, TypeError) as error:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
+
+
+def _here() -> dict[str, Any]:
+    return {
+        "python": platform.python_version(),
+        "musebot": __version__,
+        **{name: metadata.version(name) for name in ("mujoco", "dm-control", "numpy", "torch")},
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "platform": platform.platform(),
+    }
 
 
 def _cpu() -> str:

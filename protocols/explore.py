@@ -13,8 +13,9 @@ import torch
 
 from .. import tasks
 from ..controller import Neurocontroller
-from .experiment import Experiment, InputError
-from .replay import brain_of, check_task
+from .errors import InputError
+from .experiment import Experiment, check_condition
+from .replay import brain_of
 from .results import Results
 
 
@@ -39,7 +40,7 @@ def explore(
     Raises:
       InputError: there is no such task, no such robot, or no display.
     """
-    check_task(task)
+    check_condition(task, proposer)
     if run is None:
         title = f"Musebot: {task}, random motors"
         policy = RandomMotors(seed)

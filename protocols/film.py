@@ -17,7 +17,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..tasks import CONTROL_TIMESTEP
 from ..tasks.arena import Rules
-from .experiment import Experiment, InputError
+from .errors import InputError
+from .experiment import Experiment
 from .picture import Panel, Shot, Stage
 from .replay import Moment, Reenactment
 from .results import Results

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from .doctor import EGL_REMEDY
-from .experiment import InputError
+from .errors import InputError
 
 
 class Canvas:

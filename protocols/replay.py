@@ -8,21 +8,16 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from ..controller import PROPOSERS, Neurocontroller
+from ..controller import Neurocontroller
 from ..tasks import CONTROL_TIMESTEP, Batch, make_batch
-from .experiment import TASKS, Experiment, InputError
+from .errors import InputError
+from .experiment import Experiment, check_condition
 from .learn_ability import INVALID
 from .results import Results
 from .schedules import Phase, control_steps
 
 # Which of the two stored brains sat the test.
 _BRAINS = {"pre": "before", "post": "after"}
-
-
-def check_task(task: str) -> None:
-    """Raises InputError where there is no such task."""
-    if task not in TASKS:
-        raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
 
 
 def brain_of(
@@ -48,14 +43,11 @@ def brain_of(
     Raises:
       InputError: there is no such robot, or its life was invalid; or a number makes no sense.
     """
-    check_task(task)
-    if proposer not in PROPOSERS:
-        names = ", ".join(PROPOSERS)
-        raise InputError(f"the proposer must be one of {names}, got {proposer!r}")
+    check_condition(task, proposer)
     if phase not in _BRAINS:
         raise InputError(f"the phase must be one of {', '.join(_BRAINS)}, got {phase!r}")
-    if seed < 0:
-        raise InputError(f"the seed must not be negative, got {seed}")
+    if not 0 <= seed < 2**63:
+        raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
     row = _row(results, task, proposer, robot)
     prefix = f"{task}/{proposer}/{_BRAINS[phase]}/"
     networks = {

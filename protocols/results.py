@@ -13,10 +13,11 @@ import numpy as np
 
 from ..tasks import CONTROL_TIMESTEP
 from .cohort import Lives
+from .errors import DamagedFileError
 from .experiment import CohortKey, Experiment, condition_order
 from .learn_ability import CATEGORIES, INVALID, Summary, category, learn_ability, summarise
 from .schedules import SCHEDULES, control_steps
-from .storage import DamagedFileError, load_arrays, save_arrays, write_atomically
+from .storage import load_arrays, save_arrays, write_atomically
 
 ROBOTS, CURVES, BRAINS = "robots.csv", "curves.npz", "brains.safetensors"
 

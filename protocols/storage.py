@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,9 @@ import numpy as np
 import safetensors
 from safetensors.numpy import save
 
+from .errors import DamagedFileError
 
-class DamagedFileError(Exception):
-    """A file of a run is truncated, altered or not one of ours; the text names it."""
+_DRAFT = re.compile(r"\..*\.\d+\.draft")
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -25,7 +26,7 @@ def write_atomically(path: Path, content: bytes) -> None:
       OSError: it cannot be written; the old file is untouched.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
     try:
         with draft.open("wb") as file:
             file.write(content)
@@ -34,6 +35,19 @@ def write_atomically(path: Path, content: bytes) -> None:
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+    # The rename too must outlast a power failure, before anything older is removed.
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def remove_drafts(folder: Path) -> None:
+    """Removes what writers that were killed have left in a folder."""
+    for draft in folder.glob(".*"):
+        if _DRAFT.fullmatch(draft.name):
+            draft.unlink(missing_ok=True)
 
 
 def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> None:

@@ -38,11 +38,10 @@ def _table(experiment: Experiment, task: str, title: str, summaries: dict[str, S
             shares = zip(summary.counts, summary.shares, strict=True)
             cells = [f"{summary.robots}", *(f"{n} ({share:.0%})" for n, share in shares)]
             cells += [_number(x) for x in (summary.mean, summary.deviation, summary.post_share)]
-            cells.append(f"{total_variation(ours, summary):.2f}" if summary is ours else "")
-            if summary is ours:
-                cells[-1] = f"{total_variation(ours, PAPER[task, proposer]):.2f}"
-                if ours.invalid:
-                    cells[0] += f" (and {ours.invalid} invalid)"
+            distance = total_variation(ours, PAPER[task, proposer])
+            cells.append(f"{distance:.2f}" if summary is ours else "")
+            if summary.invalid:
+                cells[0] += f" (and {summary.invalid} invalid)"
             for row, cell in zip(rows, cells, strict=True):
                 row.append(cell)
     head = ["", *(f"{p}, {whose}" for p in summaries for whose in ("ours", "paper"))]

@@ -53,8 +53,9 @@ class Batch:
       dimensions: of robot, arena and spot.
       substeps: physics steps in a control step.
       sensordata: what MuJoCo last measured, shape (B, nsensordata).
-      valid: False for a robot whose simulation became unstable or left the arena, and from
-        then on stands still at the origin, shape (B,).
+      valid: False for a robot that was stopped, because its simulation became unstable, it
+        left the arena or its motors were not finite: it stands still and senses zeros for
+        good, shape (B,).
     """
 
     def __init__(self, model: mujoco.MjModel, rules: Rules, robots: int) -> None:
@@ -155,6 +156,15 @@ class Batch:
         self._state[:] = self._states[:, -1]
         self.sensordata[:] = self._sensors[:, -1]
         self._check(time)
+
+    def stop(self, robots: np.ndarray) -> None:
+        """Makes robots invalid, as whoever drives them may have reason to.
+
+        Args:
+          robots: indices or a mask.
+        """
+        self.valid[robots] = False
+        self.sensordata[robots] = 0
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything that the next steps depend on, for a checkpoint."""

@@ -16,7 +16,7 @@ from musebot.protocols.experiment import Experiment, Plan
 def run(tmp_path_factory):
     directory = tmp_path_factory.mktemp("cli") / "run"
     conditions = (("wall_avoidance", "fixed"), ("spot_finding", "creative"))
-    plan = Plan(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
+    plan = Plan.of(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
     engine.run(directory, plan, engine.Processes(2), quiet=True)
     return directory
 

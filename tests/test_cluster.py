@@ -16,7 +16,7 @@ from musebot.protocols.results import BRAINS, CURVES, ROBOTS
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
 
-PLAN = Plan(
+PLAN = Plan.of(
     Experiment(cohort_size=2, time_scale=0.03),
     (("wall_avoidance", "fixed"), ("wall_avoidance", "creative")),
     4,

@@ -13,7 +13,8 @@ import pytest
 
 from musebot.protocols import engine
 from musebot.protocols.cohort import Cohort
-from musebot.protocols.experiment import CohortKey, Experiment, InputError, Plan
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment import CohortKey, Experiment, Plan
 from musebot.protocols.results import BRAINS, CURVES, ROBOTS
 
 FILES = (ROBOTS, CURVES, BRAINS)
@@ -26,7 +27,7 @@ def contents(directory):
 
 def plan(robots=4, conditions=BOTH, **changes):
     settings = {"cohort_size": 2, "time_scale": 0.004} | changes
-    return Plan(Experiment(**settings), conditions, robots)
+    return Plan.of(Experiment(**settings), conditions, robots)
 
 
 def live(directory, the_plan, processes=2):

@@ -14,6 +14,9 @@ from hypothesis import strategies as st
 
 from musebot import __version__
 from musebot.controller import PROPOSERS, Parameters
+from musebot.models import arena_spec
+from musebot.protocols import experiment as experiment_module
+from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.experiment import (
     TASKS,
     CohortKey,
@@ -25,7 +28,7 @@ from musebot.protocols.experiment import (
     save_plan,
 )
 from musebot.protocols.schedules import SCHEDULES
-from musebot.protocols.storage import DamagedFileError
+from musebot.tasks import arena
 
 quick = settings(deadline=None, max_examples=50)
 CONDITIONS = tuple((task, proposer) for task in TASKS for proposer in PROPOSERS)
@@ -50,7 +53,7 @@ experiments = st.builds(
 def plans(draw):
     experiment = draw(experiments)
     conditions = draw(st.lists(st.sampled_from(CONDITIONS), min_size=1, unique=True))
-    return Plan(experiment, tuple(conditions), draw(st.integers(1, 5)) * experiment.cohort_size)
+    return Plan.of(experiment, tuple(conditions), draw(st.integers(1, 5)) * experiment.cohort_size)
 
 
 # Numbers
@@ -98,7 +101,7 @@ def test_an_experiment_that_makes_no_sense_is_refused_in_a_sentence(fields, sent
 )
 def test_a_plan_that_makes_no_sense_is_refused_in_a_sentence(conditions, robots, sentence):
     with pytest.raises(InputError) as caught:
-        Plan(Experiment(cohort_size=50), conditions, robots)
+        Plan.of(Experiment(cohort_size=50), conditions, robots)
     assert str(caught.value) == sentence
 
 
@@ -133,7 +136,7 @@ def test_500_robots_live_in_two_cohorts():
 def test_cohorts_hold_every_robot_once_and_the_longest_lives_come_first(plan):
     keys = plan.cohorts()
     assert len(set(keys)) == len(keys)
-    assert len(keys) * plan.experiment.cohort_size == len(plan.conditions) * plan.robots
+    assert len(keys) * plan.experiment.cohort_size == sum(plan.robots.values())
     assert {(key.task, key.proposer) for key in keys} == set(plan.conditions)
     lengths = [sum(plan.experiment.schedule(key.task).steps()) for key in keys]
     assert lengths == sorted(lengths, reverse=True)
@@ -142,21 +145,58 @@ def test_cohorts_hold_every_robot_once_and_the_longest_lives_come_first(plan):
 @quick
 @given(plans(), st.integers(1, 5))
 def test_more_robots_are_more_cohorts(plan, more):
-    larger = dataclasses.replace(plan, robots=plan.robots + more * plan.experiment.cohort_size)
+    extra = more * plan.experiment.cohort_size
+    robots = {condition: count + extra for condition, count in plan.robots.items()}
+    larger = dataclasses.replace(plan, robots=robots)
     assert set(plan.cohorts()) < set(larger.cohorts())
 
 
 @quick
 @given(plans(), plans())
 def test_a_merged_plan_asks_for_the_lives_of_both(plan, other):
-    other = Plan(plan.experiment, other.conditions, plan.experiment.cohort_size * 3)
+    other = Plan.of(plan.experiment, other.conditions, plan.experiment.cohort_size * 3)
     merged = plan.merged_with(other)
-    assert set(merged.cohorts()) >= {*plan.cohorts(), *other.cohorts()}
-    assert merged.robots == max(plan.robots, other.robots)
+    assert set(merged.cohorts()) == {*plan.cohorts(), *other.cohorts()}
     assert merged.conditions == tuple(
         c for c in CONDITIONS if c in {*plan.conditions, *other.conditions}
     )
     assert merged == other.merged_with(plan)
+
+
+def test_plans_of_two_experiments_do_not_merge():
+    first, second = (Plan.of(Experiment(seed=seed), CONDITIONS, 50) for seed in (1, 2))
+    with pytest.raises(InputError, match="two experiments cannot be merged"):
+        first.merged_with(second)
+
+
+def test_a_run_of_another_physics_is_refused_and_left_alone(sound):
+    content = json.loads(sound.read_text())
+    content["physics"][0] += 1e-5
+    sound.write_text(json.dumps(content))
+    before = sound.read_bytes()
+    with pytest.raises(InputError, match="was lived in another physics"):
+        save_plan(sound, load_plan(sound))
+    assert sound.read_bytes() == before
+
+
+def test_the_physics_probe_tells_a_changed_body_and_not_a_changed_colour(monkeypatch):
+    probe = experiment_module.physics_probe.__wrapped__
+    ours = probe()
+    assert any(value != 0 for value in ours)
+
+    def with_a(part, name, **changes):
+        def spec(**kwargs):
+            edited = arena_spec(**kwargs)
+            for attribute, value in changes.items():
+                setattr(getattr(edited, part)(name), attribute, value)
+            return edited
+
+        monkeypatch.setattr(arena, "arena_spec", spec)
+
+    with_a("geom", "hull", mass=0.08)
+    assert np.abs(np.subtract(probe(), ours)).max() > 1e-5
+    with_a("site", "lid", rgba=[1, 1, 1, 1])
+    assert probe() == ours
 
 
 def test_the_name_of_a_cohort_tells_its_condition_and_number():
@@ -223,7 +263,7 @@ def test_experiment_json_gives_back_the_plan(tmp_path_factory, plan):
 
 
 def test_experiment_json_tells_what_it_was_made_with(tmp_path):
-    save_plan(tmp_path / "experiment.json", Plan(Experiment(), CONDITIONS, 50))
+    save_plan(tmp_path / "experiment.json", Plan.of(Experiment(), CONDITIONS, 50))
     (made_with,) = json.loads((tmp_path / "experiment.json").read_text())["made_with"]
     assert made_with["musebot"] == __version__
     assert made_with["numpy"] == np.__version__
@@ -241,7 +281,7 @@ def test_experiment_json_tells_of_every_machine_that_went_on_with_it(sound, monk
 @pytest.fixture
 def sound(tmp_path):
     path = tmp_path / "experiment.json"
-    save_plan(path, Plan(Experiment(), CONDITIONS, 100))
+    save_plan(path, Plan.of(Experiment(), CONDITIONS, 100))
     return path
 
 
@@ -289,13 +329,20 @@ def test_a_file_of_another_kind_is_damaged(tmp_path, content):
         ("experiment", {"seed": "one"}, InputError),
         ("experiment", {"mood": "good"}, DamagedFileError),
         ("plan", {"robots": 75}, InputError),
-        ("plan", {"conditions": [["wall_avoidance"]]}, DamagedFileError),
-        ("plan", {"conditions": [["wall_avoidance", "divine"]]}, InputError),
+        ("plan", {"robots": 1.5}, InputError),
+        ("plan", {"proposer": "divine"}, InputError),
+        ("made_with", "nothing", DamagedFileError),
+        ("physics", ["heavy"], DamagedFileError),
     ],
 )
 def test_an_experiment_json_whose_numbers_make_no_sense_is_refused(sound, group, changes, error):
     content = json.loads(sound.read_text())
-    content[group] |= changes
+    if group == "plan":
+        content["plan"][0] |= changes
+    elif group == "experiment":
+        content["experiment"] |= changes
+    else:
+        content[group] = changes
     sound.write_text(json.dumps(content))
     with pytest.raises(error):
         load_plan(sound)

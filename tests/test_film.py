@@ -18,7 +18,8 @@ from musebot import tasks
 from musebot.controller import Parameters
 from musebot.protocols import engine, explore, film, picture, replay
 from musebot.protocols.cohort import Cohort
-from musebot.protocols.experiment import Experiment, InputError, Plan, save_plan
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment import Experiment, Plan, save_plan
 from musebot.protocols.results import Results, collect, load, save
 from musebot.protocols.schedules import UPPER_LEFT, UPPER_RIGHT
 
@@ -33,7 +34,7 @@ EXPERIMENT = Experiment(time_scale=0.002, cohort_size=2)
 @pytest.fixture(scope="module")
 def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("run")
-    plan = Plan(EXPERIMENT, CONDITIONS, robots=2)
+    plan = Plan.of(EXPERIMENT, CONDITIONS, robots=2)
     lives = []
     for key in plan.cohorts():
         cohort = Cohort(EXPERIMENT, key)

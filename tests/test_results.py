@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from musebot.protocols import results as module
 from musebot.protocols.cohort import Lives
+from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.experiment import TASKS, CohortKey, Experiment
 from musebot.protocols.results import (
     BRAINS,
@@ -27,7 +28,6 @@ from musebot.protocols.results import (
     read_robots,
     save,
 )
-from musebot.protocols.storage import DamagedFileError
 
 quick = settings(deadline=None, max_examples=50)
 CONDITIONS = [(t, p) for t in TASKS for p in ("fixed", "random", "creative")]

@@ -14,12 +14,8 @@ from hypothesis.extra import numpy as npst
 from safetensors.numpy import save
 
 from musebot.controller import Neurocontroller, Parameters
-from musebot.protocols.storage import (
-    DamagedFileError,
-    load_arrays,
-    save_arrays,
-    write_atomically,
-)
+from musebot.protocols.errors import DamagedFileError
+from musebot.protocols.storage import load_arrays, remove_drafts, save_arrays, write_atomically
 
 quick = settings(deadline=None, max_examples=50)
 
@@ -199,7 +195,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch, 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
 def test_a_full_disk_leaves_the_old_file_and_no_draft(tmp_path):
     (tmp_path / "file").write_bytes(b"old")
-    (tmp_path / f".file.{os.getpid()}").symlink_to("/dev/full")  # where the draft goes
+    (tmp_path / f".file.{os.getpid()}.draft").symlink_to("/dev/full")  # where the draft goes
     with pytest.raises(OSError, match="No space left"):
         write_atomically(tmp_path / "file", b"new")
     assert files(tmp_path) == {"file": b"old"}
@@ -218,8 +214,17 @@ def test_the_old_file_stands_until_the_new_one_is_whole_on_disk(tmp_path, monkey
 
     monkeypatch.setattr(os, "fsync", look)
     write_atomically(path, b"new")
-    assert seen == [b"old", b"new"]
+    # The draft is whole on disk before it takes the old one's place, and then the folder is.
+    assert seen == [b"old", b"new", b"new"]
     assert files(tmp_path) == {"file": b"new"}
+
+
+def test_drafts_of_killed_writers_are_removed_and_nothing_else(tmp_path):
+    kept = {"file": b"1", ".hidden": b"2", ".file.12.draft.txt": b"3"}
+    for name, content in (kept | {".file.12.draft": b"4"}).items():
+        (tmp_path / name).write_bytes(content)
+    remove_drafts(tmp_path)
+    assert files(tmp_path) == kept
 
 
 def test_a_failed_save_of_arrays_leaves_the_old_ones(sound, monkeypatch):
