@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import types
 
 import numpy as np
 import pytest
@@ -92,8 +93,7 @@ class Watched:
         settings = {"cohort_size": ROBOTS, "time_scale": self.course.time_scale} | changes
         self.cohort = Cohort(Experiment(**settings), CohortKey(task, proposer, 0))
         self.moments = []
-        self.born = self.networks()
-        self.untaught = self.taught = None
+        self.born, self.untaught, self.taught = self.networks(), None, None
         self._drive = drive
         brain, batch = self.cohort.brain, self.cohort.batch
         self._act, self._learn, self._step = brain.act, brain.learn, batch.step
@@ -105,6 +105,10 @@ class Watched:
         return {k: v.numpy().copy() for k, v in self.cohort.brain.networks().items()}
 
     def act(self, state, explore):
+        if len(self.moments) == self.course.training.start:
+            self.untaught = self.networks()
+        if len(self.moments) == self.course.training.stop:
+            self.taught = self.networks()
         motors = self._act(state, explore)
         if self._drive is not None:
             motors = self._drive(len(self.moments), state)
@@ -125,13 +129,11 @@ class Watched:
     def learn(self, reward):
         before = self.networks()
         error = self._learn(reward)
-        self.taught = self.networks()
-        if self.untaught is None:
-            self.untaught = before
+        after = self.networks()
         now = self.moments[-1]
         now.rewards.append(reward.numpy().copy())
         now.errors.append(error.numpy().copy())
-        now.changed.append(np.any([differ(before[k], self.taught[k]) for k in before], axis=0))
+        now.changed.append(np.any([differ(before[k], after[k]) for k in before], axis=0))
         return error
 
     def step(self, motors):
@@ -325,6 +327,20 @@ def test_events_are_counted_after_each_step_in_the_part_and_the_minute_they_happ
     assert lives.minutes.shape == (ROBOTS, 2)
 
 
+def test_an_event_that_never_ends_fills_every_part_and_every_minute():
+    course = COURSES["wall_avoidance"]
+    experiment = Experiment(cohort_size=2, time_scale=course.time_scale)
+    cohort = Cohort(experiment, CohortKey("wall_avoidance", "fixed", 0))
+    rules = cohort.rules
+    cohort.rules = types.SimpleNamespace(
+        state=rules.state, reward=rules.reward, event=lambda sensordata: np.array([True, False])
+    )
+    cohort.advance(10**9)
+    lives = cohort.lives()
+    assert lives.events.tolist() == [[len(part) for part in course.parts], [0, 0, 0]]
+    assert lives.minutes.tolist() == [[MINUTE, course.end - MINUTE], [0, 0]]
+
+
 # Networks
 
 
@@ -348,6 +364,7 @@ def test_tests_change_no_network(life):
 def in_vain(life):
     """The steps of training that taught nobody anything; in all others everybody learns."""
     learning = {step: life.moments[step] for step in life.steps_where(lambda m: m.changed)}
+    assert learning
     idle = [step for step, moment in learning.items() if not moment.changed[0].any()]
     assert all(not learning[step].errors[0].any() for step in idle)
     others = [moment for step, moment in learning.items() if step not in idle]
