@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import socket
 from typing import Any
 
 from .engine import (
@@ -46,13 +47,16 @@ class Ray:
           InputError: there is none.
         """
         try:
+            if ":" in address:  # Ray itself would go on trying for minutes
+                host, _, port = address.rpartition(":")
+                socket.create_connection((host, int(port)), timeout=10).close()
             ray.init(
                 address=address,
                 log_to_driver=False,
                 logging_level=logging.ERROR,
                 runtime_env={"env_vars": {"MUJOCO_GL": "off", "OMP_NUM_THREADS": "1"}},
             )
-        except (ConnectionError, RuntimeError, ValueError) as error:
+        except (OSError, RuntimeError, ValueError, OverflowError) as error:
             raise InputError(f"there is no Ray cluster at {address!r}") from error
 
     def __call__(self, work: Work, display: Display) -> None:

@@ -110,8 +110,9 @@ def test_poses_survive_the_way_into_qpos_and_back():
     np.testing.assert_allclose(robot_pose(robot_qpos(poses)), poses, atol=1e-12)
 
 
-def test_a_moved_spot_is_smelled_through_mujoco_as_the_nose_function_says():
-    batch = make_batch("spot_finding", 500)
+@pytest.mark.parametrize("form", ["inverse", "printed"])
+def test_a_moved_spot_is_smelled_through_mujoco_as_the_nose_function_says(form):
+    batch = make_batch("spot_finding", 500, nose=form)
     random = np.random.default_rng(0)
     poses = random.uniform([-0.45, -0.3, -np.pi], [0.45, 0.3, np.pi], (500, 3))
     spots = random.uniform([-0.46, -0.29], [0.46, 0.29], (500, 2))
@@ -122,7 +123,8 @@ def test_a_moved_spot_is_smelled_through_mujoco_as_the_nose_function_says():
         distance = np.hypot(*(spot - nose))
         off = np.arctan2(*(spot - nose)[::-1]) - pose[2]
         beta = abs((off + np.pi) % (2 * np.pi) - np.pi)
-        raw = 10 if distance < 0.06 else max(0.0, 10 * 0.06 / distance * (1 - 4 * beta / np.pi))
+        ratio = 0.06 / distance if form == "inverse" else distance / 0.06
+        raw = 10 if distance < 0.06 else max(0.0, 10 * ratio * (1 - 4 * beta / np.pi))
         if abs(distance - 0.06) > 1e-9:
             assert signal == pytest.approx(raw / (1 + raw), abs=1e-6)
 

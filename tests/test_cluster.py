@@ -100,7 +100,6 @@ def test_no_cluster_is_one_sentence_and_exit_status_2(tmp_path):
         [sys.executable, "-m", "musebot", "run", str(tmp_path / "run"), "--engine", "ray",
          "--address", address],
         capture_output=True, text=True, check=False, timeout=120,
-        env=os.environ | {"RAY_raylet_start_wait_time_s": "5"},
     )  # fmt: skip
     assert run.returncode == 2, run.stderr
     assert f"there is no Ray cluster at '{address}'" in run.stderr

@@ -147,6 +147,16 @@ def test_rangefinders_read_the_analytic_distance_over_1000_poses(model, size):
     assert worst < 0.0005
 
 
+@pytest.mark.parametrize("gap", [0.0, -0.0002, -0.0008])
+@pytest.mark.parametrize(("name", "heading"), [("front", 0), ("back", np.pi), ("left", -np.pi / 2)])
+def test_an_eye_that_dips_into_a_wall_still_sees_it(model, size, name, heading, gap):
+    data = mujoco.MjData(model)
+    data.qpos[0] = size.half_length - size.radius - gap
+    data.qpos[3], data.qpos[6] = np.cos(heading / 2), np.sin(heading / 2)
+    mujoco.mj_forward(model, data)
+    assert 0 <= data.sensor(name).data[0] <= 0.001 + 1e-9
+
+
 def test_the_spot_touches_nothing_and_moves_without_recompiling(model):
     data = mujoco.MjData(model)
     data.mocap_pos[0, :2] = 0, 0
