@@ -44,16 +44,15 @@ def arena_spec(*, motor_speed: float | None = None) -> mujoco.MjSpec:
     if motor_speed is not None:
         if not motor_speed > 0:
             raise ValueError(f"motor_speed must be positive, got {motor_speed}")
-        # A gear is motor value over wheel speed; torque = gear * force, so the limits of the
-        # torque and the stiffness of the servo are kept by scaling force and gain against it.
+        # A gear is motor value over wheel speed, and torque = gear * gain * (motor value - gear *
+        # wheel speed): the gain keeps the torque of a stalled wheel what it was.
         for motor in spec.actuators:
             radius = spec.geom(motor.target).size[0]
             gear = 0.5 * radius / motor_speed
             scale = motor.gear[0] / gear
             motor.gear[0] = gear
-            motor.gainprm[0] *= scale * scale
-            motor.biasprm[2] *= scale * scale
-            motor.forcerange = [limit * scale for limit in motor.forcerange]
+            motor.gainprm[0] *= scale
+            motor.biasprm[2] *= scale
     return spec
 
 

@@ -319,7 +319,7 @@ def test_events_are_counted_after_each_step_in_the_part_and_the_minute_they_happ
 
     # No other way of counting would have come to the same.
     pre, training, post = lives.events.T
-    assert lives.events.all()
+    assert lives.events.any(axis=0).all()  # somebody, in every part
     assert ((pre != training) & (training != post) & (post != pre)).all()
     assert len(np.unique(lives.events, axis=0)) == ROBOTS
     before = happened(life, np.array([moment.sensordata for moment in life.moments]))
