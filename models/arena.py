@@ -85,14 +85,14 @@ class Dimensions:
         Raises:
           KeyError: a body, geom, site or actuator of the arena is missing.
         """
-        hull = model.geom("hull")
+        bumper = model.geom("bumper")
         wheel_radius = float(model.geom("left_wheel").size[0])
         return cls(
             half_length=float(model.geom("east").pos[0]),
             half_width=float(model.geom("north").pos[1]),
-            radius=float(hull.size[0]),
+            radius=float(bumper.size[0]),
             wheel_base=float(model.body("left_wheel").pos[1] - model.body("right_wheel").pos[1]),
             motor_speed=float(0.5 * wheel_radius / model.actuator("left_motor").gear[0]),
-            contact_margin=float(hull.margin[0]),
+            contact_margin=float(bumper.margin[0]),
             spot_radius=float(model.site("spot").size[0]),
         )

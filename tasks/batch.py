@@ -6,6 +6,7 @@ environment, to the bit (tests/test_batch.py).
 
 from __future__ import annotations
 
+import copy
 import ctypes
 from pathlib import Path
 
@@ -42,6 +43,42 @@ def stop_timers() -> bool:
 def silence_warnings() -> None:
     """Keeps MuJoCo from writing MUJOCO_LOG.TXT; a batch tells by `valid` what went wrong."""
     mujoco.set_mju_user_warning(lambda message: None)
+
+
+class _Call:
+    """A rollout of some physics steps of all robots, and the arrays that it wants."""
+
+    def __init__(
+        self, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, steps: int
+    ) -> None:
+        """Prepares `steps` physics steps of robots of a state (B, n) under a control (B, m)."""
+        robots = len(state)
+        self._models = [model] * robots  # rollout's skip_checks wants one a robot
+        self._state, self._control, self._steps = state, control, steps
+        self._held = np.zeros((robots, steps, control.shape[1]))
+        self._states = np.zeros((robots, steps, state.shape[1]))
+        self._sensors = np.zeros((robots, steps, model.nsensordata))
+
+    @property
+    def sensordata(self) -> np.ndarray:
+        """What the last of the steps sensed, shape (B, nsensordata)."""
+        return self._sensors[:, -1]
+
+    def step(self, engine: rollout.Rollout, scratch: mujoco.MjData) -> None:
+        """Moves the state on."""
+        self._held[:] = self._control[:, None]
+        engine.rollout(
+            self._models,
+            [scratch],
+            self._state,
+            self._held,
+            nstep=self._steps,
+            control_spec=_CONTROL,
+            state=self._states,
+            sensordata=self._sensors,
+            skip_checks=True,
+        )
+        self._state[:] = self._states[:, -1]
 
 
 class Batch:
@@ -81,14 +118,18 @@ class Batch:
 
         self._scratch = mujoco.MjData(model)
         self._engine = rollout.Rollout(nthread=0)
-        self._models = [model] * robots  # rollout's skip_checks wants one a robot
+        # Sensors are read once a control step, so only its last substep pays for them.
+        blind = copy.copy(model)
+        blind.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
         size = mujoco.mj_stateSize(model, _STATE)
         self._state = np.zeros((robots, size))
-        self._states = np.zeros((robots, self.substeps, size))
-        self._sensors = np.zeros((robots, self.substeps, model.nsensordata))
-        # The motors and the spot, for every substep, in MuJoCo's order of a control vector.
-        self._control = np.zeros((robots, self.substeps, mujoco.mj_stateSize(model, _CONTROL)))
-        self._control[:, :, model.nu :] = self._scratch.mocap_pos.ravel()
+        self._control = np.zeros((robots, mujoco.mj_stateSize(model, _CONTROL)))
+        self._control[:, model.nu :] = self._scratch.mocap_pos.ravel()
+        self._calls = [
+            _Call(seeing, self._state, self._control, steps)
+            for seeing, steps in ((blind, self.substeps - 1), (model, 1))
+            if steps
+        ]
         self.sensordata = np.zeros((robots, model.nsensordata))
         self.valid = np.ones(robots, dtype=bool)
         self.place(np.arange(robots), np.zeros((robots, 3)))
@@ -101,7 +142,7 @@ class Batch:
     @property
     def spot(self) -> np.ndarray:
         """x, y of every robot's spot, in metres, shape (B, 2)."""
-        return self._control[:, 0, self.model.nu : self.model.nu + 2].copy()
+        return self._control[:, self.model.nu : self.model.nu + 2].copy()
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """Puts robots, at rest, at poses, and lets them sense.
@@ -113,10 +154,10 @@ class Batch:
         nq = self.model.nq
         self._state[robots] = 0
         self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
-        self._control[robots, :, : self.model.nu] = 0
+        self._control[robots, : self.model.nu] = 0
         for robot in robots:
             mujoco.mj_setState(self.model, self._scratch, self._state[robot], _STATE)
-            mujoco.mj_setState(self.model, self._scratch, self._control[robot, 0], _CONTROL)
+            mujoco.mj_setState(self.model, self._scratch, self._control[robot], _CONTROL)
             mujoco.mj_forward(self.model, self._scratch)
             self.sensordata[robot] = self._scratch.sensordata
 
@@ -128,7 +169,7 @@ class Batch:
           spots: x, y in metres, shape (n, 2).
         """
         nu = self.model.nu
-        self._control[robots, :, nu : nu + 2] = np.asarray(spots)[:, None]
+        self._control[robots, nu : nu + 2] = spots
 
     def step(self, motors: np.ndarray) -> None:
         """Drives every robot for a control step of 0.1 s.
@@ -140,21 +181,11 @@ class Batch:
         self.valid &= np.isfinite(motors).all(axis=1)
         if not self.valid.all():
             motors = np.where(self.valid[:, None], motors, 0.0)
-        np.clip(motors[:, None], -0.5, 0.5, out=self._control[:, :, : self.model.nu])
+        np.clip(motors, -0.5, 0.5, out=self._control[:, : self.model.nu])
         time = self._state[:, 0].copy()
-        self._engine.rollout(
-            self._models,
-            [self._scratch],
-            self._state,
-            self._control,
-            nstep=self.substeps,
-            control_spec=_CONTROL,
-            state=self._states,
-            sensordata=self._sensors,
-            skip_checks=True,
-        )
-        self._state[:] = self._states[:, -1]
-        self.sensordata[:] = self._sensors[:, -1]
+        for call in self._calls:
+            call.step(self._engine, self._scratch)
+        self.sensordata[:] = self._calls[-1].sensordata
         self._check(time)
 
     def stop(self, robots: np.ndarray) -> None:
