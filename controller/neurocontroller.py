@@ -71,7 +71,8 @@ class Neurocontroller:
 
         Args:
           state: sensor signals, shape (B, S).
-          explore: whether epsilon-greedy or greedy.
+          explore: whether epsilon-greedy as in training, or as in the tests: greedy, unless
+            there is a `test_epsilon`.
 
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
@@ -79,10 +80,11 @@ class Neurocontroller:
         actions = self._proposer.propose(state)
         values = self.evaluation.values(state, actions)
         chosen = values.argmax(dim=1)
-        if explore:
+        epsilon = self._parameters.epsilon if explore else self._parameters.test_epsilon
+        if epsilon or explore:
             size = chosen.shape
             anything = torch.randint(actions.shape[1], size, generator=self._generator)
-            strays = torch.rand(size, generator=self._generator) < self._parameters.epsilon
+            strays = torch.rand(size, generator=self._generator) < epsilon
             chosen = torch.where(strays, anything, chosen)
         self._before, self._now = self._now, self._before
         self._now["state"].copy_(state)
@@ -111,11 +113,6 @@ class Neurocontroller:
     def forget_step(self, robots: Tensor | None = None) -> None:
         """Breaks the chain of steps, as when robots (indices; None: all) are placed anew."""
         self._now["chained"][slice(None) if robots is None else robots] = 0
-
-    def finite(self) -> Tensor:
-        """Whether all of a robot's weights and biases are finite numbers, shape (B,)."""
-        checks = [t.isfinite().flatten(1).all(dim=1) for t in self.networks().values()]
-        return torch.stack(checks).all(dim=0)
 
     def networks(self) -> dict[str, Tensor]:
         """All weights and biases, "evaluation.*" and "memory.*", each of shape (B, ...)."""

@@ -18,8 +18,8 @@ class Parameters:
       evaluation_hidden: logistic hidden neurons of the evaluation network (section 3).
       learn_rate: eta of Eq. 1 (section 3).
       discount: gamma of Eq. 1 (section 3).
-      epsilon: probability of a random action among those proposed, while learning (section
-        3); in test phases there is none (not stated: docs/paper.md).
+      epsilon: probability of a random action among those proposed, while learning (section 3).
+      test_epsilon: the same in the test phases (not stated: docs/paper.md).
       fixed_motors: the motor values whose pairs are the fixed actions (section 3).
       ideas: actions that the random and the creative proposer offer a step (section 3).
       memory_hidden: logistic hidden neurons of the creative memory (section 3).
@@ -36,6 +36,7 @@ class Parameters:
     learn_rate: float = 0.01
     discount: float = 0.9
     epsilon: float = 0.01
+    test_epsilon: float = 0.0
     fixed_motors: tuple[float, ...] = (-0.5, -0.25, 0.0, 0.25, 0.5)
     ideas: int = 25
     memory_hidden: int = 5
@@ -50,7 +51,7 @@ class Parameters:
         for name in ("evaluation_hidden", "ideas", "memory_hidden"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        for name in ("discount", "epsilon", "noisy_share"):
+        for name in ("discount", "epsilon", "test_epsilon", "noisy_share"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
         for name in ("learn_rate", "noise", "initial_range"):

@@ -26,6 +26,7 @@ import numpy as np
 import torch
 from mujoco import rollout
 
+from ..tasks import Batch
 from .cohort import Cohort, legs
 from .engine import prepare_process
 from .errors import RunError
@@ -82,6 +83,7 @@ class Life:
         self._motors: list[np.ndarray] = []
         self._start = self._state().copy()
         batch = self._cohort.batch
+        assert isinstance(batch, Batch)  # of MuJoCo's own body
         self._bare = _Bare(batch.model, setting.robots, batch.substeps)
 
     def live(self) -> float:
@@ -112,9 +114,9 @@ class Life:
 
     def _watch(self) -> None:
         # A microsecond a control step, of all robots together, and counted against the life.
-        brain, batch = self._cohort.brain, self._cohort.batch
-        brain.act = self._timed(brain.act)
-        brain.learn = self._timed(brain.learn)
+        agent, batch = self._cohort.agent, self._cohort.batch
+        agent.act = self._timed(agent.act)
+        agent.learn = self._timed(agent.learn)
         step = batch.step
 
         def record(motors: np.ndarray) -> None:

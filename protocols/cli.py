@@ -30,9 +30,11 @@ class Run:
     out: Annotated[Path, tyro.conf.Positional]
     """folder for everything the run leaves; an unfinished one goes on"""
     task: tuple[str, ...] = ()
-    """wall_avoidance, spot_finding (default: both; without task and proposer OUT's own)"""
+    """wall_avoidance, spot_finding (default: both; without task, proposer and agent OUT's own)"""
     proposer: tuple[str, ...] = ()
-    """fixed, random, creative (default: all three; without task and proposer OUT's own)"""
+    """fixed, random, creative (default: all three; without task, proposer and agent OUT's own)"""
+    agent: tuple[str, ...] = ()
+    """package.module:factory: agents of yours, beside the proposers or instead of them"""
     robots: int | None = None
     """robots in each condition (default: 60, or OUT's own)"""
     cohort_size: int | None = None
@@ -44,6 +46,11 @@ class Run:
     """below 1 shortens every duration, for rehearsals (default: 1, or OUT's own)"""
     nose: str | None = None
     """inverse or printed: the form of Eq. 3 (default: inverse, or OUT's own)"""
+    body: str | None = None
+    """mujoco, or kinematic: an ideal differential drive instead of physics (default: mujoco, or
+    OUT's own)"""
+    motor_speed: float | None = None
+    """of a wheel at full motor, in metres a second (default: the robot's 0.2, or OUT's own)"""
     processes: int = len(os.sched_getaffinity(0))
     """cohorts that live at a time, one core each"""
     engine: str = "local"
@@ -72,7 +79,7 @@ class Run:
         """What was asked for; for what was not, what OUT holds, or the defaults."""
         from .experiment import PROPOSERS, TASKS, Experiment, Plan, default_cohort_size
 
-        settings = ("seed", "cohort_size", "time_scale", "nose")
+        settings = ("seed", "cohort_size", "time_scale", "nose", "body", "motor_speed")
         asked = {name: x for name in settings if (x := getattr(self, name)) is not None}
         if self.robots is not None and self.robots < 1:
             raise InputError(f"the number of robots must be at least 1, got {self.robots}")
@@ -86,9 +93,10 @@ class Run:
         else:
             asked.setdefault("cohort_size", default_cohort_size(self.robots or 60))
             experiment = Experiment(**asked)
-        if held and not self.task and not self.proposer:
+        chosen = (*self.proposer, *self.agent)
+        if held and not self.task and not chosen:
             return Plan.of(experiment, held.robots, self.robots) if self.robots else held
-        conditions = [(t, p) for t in self.task or TASKS for p in self.proposer or PROPOSERS]
+        conditions = [(t, p) for t in self.task or TASKS for p in chosen or PROPOSERS]
         robots = self.robots or (max(held.robots.values()) if held else 60)
         return Plan.of(experiment, conditions, robots)
 

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import torch
 
-from ..controller import Neurocontroller
-from ..tasks import make_batch
 from ..tasks.arena import random_poses, random_spots
+from ..tasks.batch import Robots
+from .agents import make_agent
 from .experiment import CohortKey, Experiment
 from .schedules import Phase, Schedule, control_steps
 
@@ -39,6 +38,25 @@ def legs(schedule: Schedule) -> list[Leg]:
             result.append(Leg(now, min(now + stride, end), phase))
             now = result[-1].stop
     return result
+
+
+def place(batch: Robots, phase: Phase, random: np.random.Generator) -> None:
+    """Puts robots and spots where a phase begins; the spots first, so that they are smelled.
+
+    Args:
+      batch: the robots.
+      phase: which.
+      random: to draw the places from that the phase leaves to chance.
+    """
+    everyone = np.arange(batch.robots)
+    if phase.spot == "random":
+        batch.place_spot(everyone, random_spots(random, batch.dimensions, batch.robots))
+    elif phase.spot is not None:
+        batch.place_spot(everyone, np.tile(phase.spot, (batch.robots, 1)))
+    if phase.robot == "random":
+        batch.place(everyone, random_poses(random, batch.dimensions, batch.robots))
+    elif phase.robot is not None:
+        batch.place(everyone, np.tile(phase.robot, (batch.robots, 1)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,11 +92,11 @@ class Cohort:
         robots = experiment.cohort_size
         seed, self._random = experiment.seeds(key)
         self._experiment = experiment
-        self.batch = make_batch(key.task, robots, nose=experiment.nose)
+        self.batch = experiment.batch(key.task, robots)
         self.rules = self.batch.rules
         sensors = self.rules.state(self.batch.sensordata).shape[1]
-        self.brain = Neurocontroller(experiment.brain, key.proposer, robots, sensors, seed)
-        self._before = {k: v.clone() for k, v in self.brain.networks().items()}
+        self.agent = make_agent(experiment, key.proposer, robots, sensors, seed)
+        self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = legs(experiment.schedule(key.task))
         self.step = 0
         self.steps = self._legs[-1].stop
@@ -90,7 +108,6 @@ class Cohort:
         """Whether the last test is over."""
         return self.step == self.steps
 
-    @torch.inference_mode()
     def advance(self, steps: int) -> None:
         """Lives up to so many more control steps."""
         until = min(self.step + steps, self.steps)
@@ -104,38 +121,26 @@ class Cohort:
             self._live(leg.phase, min(leg.stop, until))
 
     def _place(self, phase: Phase) -> None:
-        everyone = np.arange(self.batch.robots)
-        if phase.spot is not None:
-            spots = (
-                random_spots(self._random, self.batch.dimensions, len(everyone))
-                if phase.spot == "random"
-                else np.tile(phase.spot, (len(everyone), 1))
-            )
-            self.batch.place_spot(everyone, spots)
+        place(self.batch, phase, self._random)
         if phase.robot is not None:
-            poses = (
-                random_poses(self._random, self.batch.dimensions, len(everyone))
-                if phase.robot == "random"
-                else np.tile(phase.robot, (len(everyone), 1))
-            )
-            self.batch.place(everyone, poses)
-            if not self._experiment.learn_across_placement:
-                self.brain.forget_step()
+            self.agent.reset()
 
     def _live(self, phase: Phase, until: int) -> None:
-        batch, rules, brain = self.batch, self.rules, self.brain
+        batch, rules, agent = self.batch, self.rules, self.agent
         events = self._events[:, PARTS.index(phase.part)]
         while self.step < until:
-            motors = brain.act(_tensor(rules.state(batch.sensordata)), explore=phase.learning)
+            motors = agent.act(rules.state(batch.sensordata).astype(np.float32), phase.learning)
             if phase.learning:
-                brain.learn(_tensor(rules.reward(batch.sensordata)))
-            batch.step(motors.numpy())
+                agent.learn(rules.reward(batch.sensordata).astype(np.float32))
+            batch.step(motors)
             event = rules.event(batch.sensordata)
             events += event
             self._minutes[:, self.step // _MINUTE] += event
             self.step += 1
             if self.step % _MINUTE == 0:
-                batch.stop(~brain.finite().numpy())
+                for weights in agent.weights().values():
+                    finite = np.isfinite(weights).reshape(batch.robots, -1)
+                    batch.stop(np.flatnonzero(~finite.all(axis=1)))
 
     def lives(self) -> Lives:
         """What the cohort leaves, once it is finished."""
@@ -143,8 +148,8 @@ class Cohort:
             self._events,
             self._minutes,
             self.batch.valid,
-            {k: v.numpy() for k, v in self._before.items()},
-            {k: v.numpy() for k, v in self.brain.networks().items()},
+            self._before,
+            {k: v.copy() for k, v in self.agent.weights().items()},
         )
 
     def checkpoint(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -152,8 +157,8 @@ class Cohort:
         arrays = {
             "events": self._events,
             "minutes": self._minutes,
-            **{f"before.{k}": v.numpy() for k, v in self._before.items()},
-            **{f"brain.{k}": v.numpy() for k, v in self.brain.state().items()},
+            **{f"before.{k}": v for k, v in self._before.items()},
+            **{f"brain.{k}": v for k, v in self.agent.state().items()},
             **{f"batch.{k}": v for k, v in self.batch.arrays().items()},
         }
         return arrays, {"step": self.step, "random": self._random.bit_generator.state}
@@ -172,14 +177,10 @@ class Cohort:
         if not 0 <= notes["step"] <= self.steps:
             raise ValueError(f"step must lie in [0, {self.steps}], got {notes['step']}")
         self.batch.load_arrays(groups["batch"])
-        self.brain.load_state({k: torch.from_numpy(v) for k, v in groups["brain"].items()})
-        for name, tensor in self._before.items():
-            tensor.copy_(torch.from_numpy(groups["before"][name]))
+        self.agent.load_state(groups["brain"])
+        for name, weights in self._before.items():
+            weights[:] = groups["before"][name]
         self._events[:] = arrays["events"]
         self._minutes[:] = arrays["minutes"]
         self._random.bit_generator.state = notes["random"]
         self.step = notes["step"]
-
-
-def _tensor(array: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(array.astype(np.float32))

@@ -5,25 +5,30 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 import os
 import platform
 import zlib
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from .. import __version__
 from ..controller import PROPOSERS, Parameters
-from ..tasks import make_batch
+from ..models.kinematic import Kinematics
+from ..tasks import Robots, make_batch
 from ..tasks.senses import NoseForm
+from .agents import check_agent
 from .errors import DamagedFileError, InputError
 from .schedules import SCHEDULES, Schedule
 from .storage import write_atomically
 
 TASKS = tuple(SCHEDULES)
+Body = Literal["mujoco", "kinematic"]
+BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +41,7 @@ class CohortKey:
 
     def __str__(self) -> str:
         """The name of the cohort's files."""
-        return f"{self.task}-{self.proposer}-{self.index:04d}"
+        return f"{self.task}-{self.proposer.replace(':', '.')}-{self.index:04d}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +58,11 @@ class Experiment:
       nose: the form of Eq. 3 (see `tasks.senses.Nose`).
       learn_across_placement: whether the step from before a robot is placed anew to after it
         is learnt from (not stated in the paper).
+      turned_start: by how much a robot in a corner is turned away from facing it, in degrees.
+      motor_speed: speed of a wheel at motor value 0.5, in metres a second; None for the
+        robot's own.
+      body: "mujoco", or "kinematic" for the stand-in of `models.kinematic`.
+      kinematics: how the stand-in drives.
       brain: the neurocontroller's numbers.
     """
 
@@ -61,6 +71,10 @@ class Experiment:
     time_scale: float = 1.0
     nose: NoseForm = "inverse"
     learn_across_placement: bool = False
+    turned_start: float = 0.0
+    motor_speed: float | None = None
+    body: Body = "mujoco"
+    kinematics: Kinematics = Kinematics()
     brain: Parameters = Parameters()
 
     def __post_init__(self) -> None:
@@ -76,10 +90,27 @@ class Experiment:
             raise InputError(f"the time scale must lie in (0, 1], got {self.time_scale}")
         if self.nose not in ("inverse", "printed"):
             raise InputError(f"the nose must be 'inverse' or 'printed', got {self.nose!r}")
+        if self.body not in BODIES:
+            raise InputError(f"the body must be one of {', '.join(BODIES)}, got {self.body!r}")
+        if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
+            raise InputError(f"the motor speed must be positive, got {self.motor_speed}")
+        if not np.isfinite(self.turned_start):
+            raise InputError(f"the start must be turned by degrees, got {self.turned_start}")
 
     def schedule(self, task: str) -> Schedule:
-        """The schedule of a task's lives, scaled."""
-        return SCHEDULES[task].scaled(self.time_scale)
+        """The schedule of a task's lives, scaled, the robots turned at the start."""
+        schedule = SCHEDULES[task].scaled(self.time_scale)
+        return schedule.turned(math.radians(self.turned_start)) if self.turned_start else schedule
+
+    def batch(self, task: str, robots: int) -> Robots:
+        """Robots in lockstep, in the body of the experiment."""
+        return make_batch(
+            task,
+            robots,
+            nose=self.nose,
+            motor_speed=self.motor_speed,
+            kinematics=self.kinematics if self.body == "kinematic" else None,
+        )
 
     def seeds(self, key: CohortKey) -> tuple[int, np.random.Generator]:
         """A cohort's own random streams: a seed for its brains, a generator for its world.
@@ -155,17 +186,21 @@ class Plan:
 
 
 def check_condition(task: str, proposer: str) -> None:
-    """Raises InputError where there is no such task or proposer."""
+    """Raises InputError where there is no such task, or no such name of a proposer or agent."""
     if task not in TASKS:
         raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
-    if proposer not in PROPOSERS:
-        raise InputError(f"the proposer must be one of {', '.join(PROPOSERS)}, got {proposer!r}")
+    check_agent(proposer)
 
 
-def condition_order(condition: Iterable[str]) -> tuple[int, int]:
-    """Sorts conditions as the paper's tables do."""
+def condition_order(condition: Iterable[str]) -> tuple[int, int, str]:
+    """Sorts conditions as the paper's tables do, agents by name after the paper's own.
+
+    Raises:
+      ValueError: there is no such task.
+    """
     task, proposer = condition
-    return TASKS.index(task), PROPOSERS.index(proposer)  # type: ignore[arg-type]
+    own = [*PROPOSERS, proposer].index(proposer)  # type: ignore[arg-type]
+    return TASKS.index(task), own, proposer
 
 
 def default_cohort_size(robots: int, most: int = 250) -> int:
@@ -244,7 +279,9 @@ def load_plan(path: Path) -> Plan:
         content: dict[str, Any] = json.loads(text)
         fields = content["experiment"]
         brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
-        experiment = Experiment(**(fields | {"brain": Parameters(**brain)}))
+        kinematics = Kinematics(**fields.get("kinematics", {}))
+        made = {"brain": Parameters(**brain), "kinematics": kinematics}
+        experiment = Experiment(**(fields | made))
         robots = {(row["task"], row["proposer"]): row["robots"] for row in content["plan"]}
         _ = [one["cpu"] for one in content["made_with"]], np.array(content["physics"], dtype=float)
         return Plan(experiment, robots)

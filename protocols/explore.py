@@ -9,10 +9,9 @@ from collections.abc import Callable
 
 import dm_env
 import numpy as np
-import torch
 
 from .. import tasks
-from ..controller import Neurocontroller
+from .agents import Brain
 from .errors import InputError
 from .experiment import Experiment, check_condition
 from .replay import brain_of
@@ -105,7 +104,7 @@ class RandomMotors:
 class StoredBrain:
     """A policy that is a robot's brain, neither learning nor exploring."""
 
-    def __init__(self, make: Callable[[], Neurocontroller]) -> None:
+    def __init__(self, make: Callable[[], Brain]) -> None:
         """Takes what makes the brain, a batch of one; it is made anew for each episode."""
         self._make = make
         self._brain = make()
@@ -115,5 +114,4 @@ class StoredBrain:
         if timestep.first():
             self._brain = self._make()
         state = np.concatenate(list(timestep.observation.values())).astype(np.float32)
-        with torch.inference_mode():
-            return self._brain.act(torch.from_numpy(state[None]), explore=False).numpy()[0]
+        return self._brain.act(state[None], learning=False)[0]

@@ -9,12 +9,14 @@ import numpy as np
 import torch
 
 from ..controller import Neurocontroller
-from ..tasks import CONTROL_TIMESTEP, Batch, make_batch
+from ..tasks import CONTROL_TIMESTEP
+from .agents import Brain
+from .cohort import place
 from .errors import InputError
 from .experiment import Experiment, check_condition
 from .learn_ability import INVALID
 from .results import Results
-from .schedules import Phase, control_steps
+from .schedules import control_steps
 
 # Which of the two stored brains sat the test.
 _BRAINS = {"pre": "before", "post": "after"}
@@ -28,7 +30,7 @@ def brain_of(
     robot: int,
     phase: str,
     seed: int,
-) -> Neurocontroller:
+) -> Brain:
     """Returns the brain that a robot had in a test, as a batch of one.
 
     Args:
@@ -58,7 +60,7 @@ def brain_of(
     sensors = networks["evaluation.hidden_weights"].shape[-1] - 2  # the rest are the motors
     brain = Neurocontroller(experiment.brain, proposer, 1, sensors, seed)
     brain.load_networks(networks)
-    return brain
+    return Brain(brain)
 
 
 def _row(results: Results, task: str, proposer: str, robot: int) -> int:
@@ -140,13 +142,12 @@ class Reenactment:
         start = next(p for p in experiment.schedule(task).phases if p.part == phase)
         self._steps = control_steps(start.minutes)
         self.seconds = self._steps * CONTROL_TIMESTEP
-        self.batch = make_batch(task, 1, nose=experiment.nose)
-        _place(self.batch, start)
+        self.batch = experiment.batch(task, 1)
+        place(self.batch, start, np.random.default_rng(seed))
 
-    @torch.inference_mode()
     def _act(self) -> np.ndarray:
         state = self.batch.rules.state(self.batch.sensordata).astype(np.float32)
-        return self._brain.act(torch.from_numpy(state), explore=False).numpy()
+        return self._brain.act(state, learning=False)
 
     def moments(self) -> Iterator[Moment]:
         """Lives through the test, once; ends early where the simulation becomes unstable."""
@@ -166,11 +167,3 @@ class Reenactment:
                 return
             event = bool(batch.rules.event(batch.sensordata)[0])
             events += event
-
-
-def _place(batch: Batch, start: Phase) -> None:
-    # A test begins at a fixed place; the spot first, so that the robot smells it at once.
-    if isinstance(start.spot, tuple):
-        batch.place_spot(np.array([0]), np.array([start.spot]))
-    if isinstance(start.robot, tuple):
-        batch.place(np.array([0]), np.array([start.robot]))

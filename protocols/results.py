@@ -13,8 +13,8 @@ import numpy as np
 
 from ..tasks import CONTROL_TIMESTEP
 from .cohort import Lives
-from .errors import DamagedFileError
-from .experiment import CohortKey, Experiment, condition_order
+from .errors import DamagedFileError, InputError
+from .experiment import CohortKey, Experiment, check_condition, condition_order
 from .learn_ability import CATEGORIES, INVALID, Summary, category, learn_ability, summarise
 from .schedules import SCHEDULES, control_steps
 from .storage import load_arrays, save_arrays, write_atomically
@@ -230,7 +230,7 @@ def read_robots(path: Path) -> list[Robot]:
         if not rows or tuple(rows[0]) != _COLUMNS:
             raise DamagedFileError(f"{path} is not a table of robots")
         return [_robot(*row) for row in rows[1:]]
-    except (ValueError, TypeError, csv.Error) as error:
+    except (ValueError, TypeError, InputError, csv.Error) as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
 
 
@@ -238,7 +238,7 @@ def _robot(
     task: str, proposer: str, seed: str, cohort: str, robot: str,
     pre: str, post: str, ability: str, name: str,
 ) -> Robot:  # fmt: skip
-    condition_order((task, proposer))  # ValueError for what is no condition
+    check_condition(task, proposer)
     if name not in {*CATEGORIES[:-1], SCHEDULES[task].unmeasured, INVALID}:
         raise ValueError(f"{name!r} is no category of {task}")
     return Robot(

@@ -71,6 +71,18 @@ class Schedule:
             ),
         )
 
+    def turned(self, angle: float) -> Schedule:
+        """Returns the schedule with every robot that is put at a fixed place turned by radians."""
+        return dataclasses.replace(
+            self,
+            phases=tuple(
+                dataclasses.replace(phase, robot=(*phase.robot[:2], phase.robot[2] + angle))
+                if isinstance(phase.robot, tuple)
+                else phase
+                for phase in self.phases
+            ),
+        )
+
     def steps(self) -> list[int]:
         """Control steps of each phase, at least one."""
         return [control_steps(phase.minutes) for phase in self.phases]

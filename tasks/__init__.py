@@ -7,16 +7,20 @@ from typing import Any
 
 from dm_control.rl import control
 
+from ..models.kinematic import Kinematics
 from . import arena
 from .arena import CONTROL_TIMESTEP, Physics, SpotFinding, WallAvoidance
-from .batch import Batch, silence_warnings, stop_timers
+from .batch import Batch, Robots, silence_warnings, stop_timers
+from .kinematic import KinematicBatch
 from .senses import NoseForm
 
 __all__ = [
     "ALL_TASKS",
     "CONTROL_TIMESTEP",
     "Batch",
+    "KinematicBatch",
     "Physics",
+    "Robots",
     "SpotFinding",
     "WallAvoidance",
     "load",
@@ -38,7 +42,8 @@ def make_batch(
     *,
     nose: NoseForm = "inverse",
     motor_speed: float | None = None,
-) -> Batch:
+    kinematics: Kinematics | None = None,
+) -> Robots:
     """Returns robots in lockstep, each alone in the arena, sensing what the task lets it.
 
     Args:
@@ -47,6 +52,7 @@ def make_batch(
       nose: the form of Eq. 3.
       motor_speed: speed of a wheel at motor value 0.5, in metres a second; None for the
         robot's own.
+      kinematics: how the kinematic stand-in drives, to have that instead of MuJoCo.
 
     Raises:
       ValueError: there is no such task, or a number makes no sense.
@@ -58,7 +64,11 @@ def make_batch(
     }
     if task_name not in rules:
         raise ValueError(f"task must be one of {sorted(rules)}, got {task_name!r}")
-    return Batch(model, rules[task_name](), robots)
+    chosen = rules[task_name]()
+    if kinematics is not None:
+        size = arena.Dimensions.of(model)
+        return KinematicBatch(size, chosen, model.nsensordata, robots, kinematics)
+    return Batch(model, chosen, robots)
 
 
 def load(

@@ -6,8 +6,10 @@ environment, to the bit (tests/test_batch.py).
 
 from __future__ import annotations
 
+import abc
 import copy
 import ctypes
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
@@ -43,6 +45,100 @@ def stop_timers() -> bool:
 def silence_warnings() -> None:
     """Keeps MuJoCo from writing MUJOCO_LOG.TXT; a batch tells by `valid` what went wrong."""
     mujoco.set_mju_user_warning(lambda message: None)
+
+
+class Robots(abc.ABC):
+    """B robots in lockstep, each alone in its arena: what every body has in common.
+
+    Attributes:
+      robots: B.
+      rules: what the robots sense and are rewarded for.
+      dimensions: of robot, arena and spot.
+      sensordata: what was last measured, shape (B, nsensordata).
+      valid: False for a robot that was stopped, because its simulation became unstable, it
+        left the arena or its motors were not finite: it stands still and senses zeros for
+        good, shape (B,).
+    """
+
+    def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:
+        """Makes B robots that sense zeros.
+
+        Raises:
+          ValueError: robots is not positive.
+        """
+        if robots < 1:
+            raise ValueError(f"robots must be positive, got {robots}")
+        self.robots = robots
+        self.rules = rules
+        self.dimensions = dimensions
+        self.sensordata = np.zeros((robots, nsensordata))
+        self.valid = np.ones(robots, dtype=bool)
+
+    @property
+    @abc.abstractmethod
+    def pose(self) -> np.ndarray:
+        """x, y in metres and heading in radians of every robot, shape (B, 3)."""
+
+    @property
+    @abc.abstractmethod
+    def spot(self) -> np.ndarray:
+        """x, y of every robot's spot, in metres, shape (B, 2)."""
+
+    @abc.abstractmethod
+    def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
+        """Puts robots, at rest, at poses, and lets them sense.
+
+        Args:
+          robots: indices, shape (n,).
+          poses: x, y in metres and heading in radians, shape (n, 3).
+        """
+
+    @abc.abstractmethod
+    def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
+        """Moves robots' spots; they smell the change after the next step, or placement.
+
+        Args:
+          robots: indices, shape (n,).
+          spots: x, y in metres, shape (n, 2).
+        """
+
+    @abc.abstractmethod
+    def step(self, motors: np.ndarray) -> None:
+        """Drives every robot for a control step of 0.1 s.
+
+        Args:
+          motors: left and right, shape (B, 2); values beyond [-0.5, 0.5] are clipped, and a
+            robot whose values are not finite becomes invalid.
+        """
+
+    @abc.abstractmethod
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything that the next steps depend on, for a checkpoint."""
+
+    def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Goes on from `arrays`, to the bit.
+
+        Raises:
+          ValueError: an array is missing, or its shape is another.
+        """
+        for name, target in self.arrays().items():
+            if name not in arrays or arrays[name].shape != target.shape:
+                raise ValueError(f"{name} must have shape {target.shape}")
+            target[:] = arrays[name]
+
+    def stop(self, robots: np.ndarray) -> None:
+        """Makes robots invalid, as whoever drives them may have reason to.
+
+        Args:
+          robots: indices or a mask.
+        """
+        self.valid[robots] = False
+        self.sensordata[robots] = 0
+
+    def _sound(self, motors: np.ndarray) -> np.ndarray:
+        """The motors, with those of stopped robots and of robots to be stopped at zero."""
+        self.valid &= np.isfinite(motors).all(axis=1)
+        return motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
 
 
 class _Call:
@@ -81,18 +177,12 @@ class _Call:
         self._state[:] = self._states[:, -1]
 
 
-class Batch:
-    """B robots, each alone in its own arena, stepped together in the calling thread.
+class Batch(Robots):
+    """Robots in MuJoCo, stepped together in the calling thread.
 
     Attributes:
-      robots: B.
-      rules: what the robots sense and are rewarded for.
-      dimensions: of robot, arena and spot.
+      model: the compiled arena, the same for all.
       substeps: physics steps in a control step.
-      sensordata: what MuJoCo last measured, shape (B, nsensordata).
-      valid: False for a robot that was stopped, because its simulation became unstable, it
-        left the arena or its motors were not finite: it stands still and senses zeros for
-        good, shape (B,).
     """
 
     def __init__(self, model: mujoco.MjModel, rules: Rules, robots: int) -> None:
@@ -106,12 +196,8 @@ class Batch:
         Raises:
           ValueError: robots is not positive, or the timestep does not divide 0.1 s.
         """
-        if robots < 1:
-            raise ValueError(f"robots must be positive, got {robots}")
-        self.robots = robots
-        self.rules = rules
+        super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
         self.model = model
-        self.dimensions = Dimensions.of(model)
         self.substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
         if abs(self.substeps * model.opt.timestep - CONTROL_TIMESTEP) > 1e-9:
             raise ValueError(f"the timestep must divide 0.1 s, got {model.opt.timestep}")
@@ -130,27 +216,20 @@ class Batch:
             for seeing, steps in ((blind, self.substeps - 1), (model, 1))
             if steps
         ]
-        self.sensordata = np.zeros((robots, model.nsensordata))
-        self.valid = np.ones(robots, dtype=bool)
         self.place(np.arange(robots), np.zeros((robots, 3)))
 
     @property
     def pose(self) -> np.ndarray:
-        """x, y in metres and heading in radians of every robot, shape (B, 3)."""
+        """See `Robots.pose`."""
         return robot_pose(self._state[:, 1:])
 
     @property
     def spot(self) -> np.ndarray:
-        """x, y of every robot's spot, in metres, shape (B, 2)."""
+        """See `Robots.spot`."""
         return self._control[:, self.model.nu : self.model.nu + 2].copy()
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """Puts robots, at rest, at poses, and lets them sense.
-
-        Args:
-          robots: indices, shape (n,).
-          poses: x, y in metres and heading in radians, shape (n, 3).
-        """
+        """See `Robots.place`."""
         nq = self.model.nq
         self._state[robots] = 0
         self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
@@ -162,60 +241,27 @@ class Batch:
             self.sensordata[robot] = self._scratch.sensordata
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
-        """Moves robots' spots; they smell the change after the next step.
-
-        Args:
-          robots: indices, shape (n,).
-          spots: x, y in metres, shape (n, 2).
-        """
+        """See `Robots.place_spot`."""
         nu = self.model.nu
         self._control[robots, nu : nu + 2] = spots
 
     def step(self, motors: np.ndarray) -> None:
-        """Drives every robot for a control step of 0.1 s.
-
-        Args:
-          motors: left and right, shape (B, 2); values beyond [-0.5, 0.5] are clipped, and a
-            robot whose values are not finite becomes invalid.
-        """
-        self.valid &= np.isfinite(motors).all(axis=1)
-        if not self.valid.all():
-            motors = np.where(self.valid[:, None], motors, 0.0)
-        np.clip(motors, -0.5, 0.5, out=self._control[:, : self.model.nu])
+        """See `Robots.step`."""
+        np.clip(self._sound(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
         time = self._state[:, 0].copy()
         for call in self._calls:
             call.step(self._engine, self._scratch)
         self.sensordata[:] = self._calls[-1].sensordata
         self._check(time)
 
-    def stop(self, robots: np.ndarray) -> None:
-        """Makes robots invalid, as whoever drives them may have reason to.
-
-        Args:
-          robots: indices or a mask.
-        """
-        self.valid[robots] = False
-        self.sensordata[robots] = 0
-
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything that the next steps depend on, for a checkpoint."""
+        """See `Robots.arrays`."""
         return {
             "state": self._state,
             "control": self._control,
             "sensordata": self.sensordata,
             "valid": self.valid,
         }
-
-    def load_arrays(self, arrays: dict[str, np.ndarray]) -> None:
-        """Goes on from `arrays`, to the bit.
-
-        Raises:
-          ValueError: an array is missing, or its shape is another.
-        """
-        for name, target in self.arrays().items():
-            if name not in arrays or arrays[name].shape != target.shape:
-                raise ValueError(f"{name} must have shape {target.shape}")
-            target[:] = arrays[name]
 
     def _check(self, time: np.ndarray) -> None:
         # MuJoCo resets an unstable simulation, and rollout breaks off at a warning: either

@@ -6,7 +6,6 @@ import types
 
 import numpy as np
 import pytest
-import torch
 
 from musebot.models import Dimensions
 from musebot.protocols.cohort import Cohort
@@ -56,14 +55,14 @@ COURSES = {
 def bump(step, state):
     """Ahead into whatever comes, and back every third stretch of time; later more slowly."""
     speed = 0.5 if step < MINUTE else 0.2
-    back = (step // torch.tensor([11, 13, 17])) % 3 == 2
-    return torch.where(back, -speed, speed)[:, None].expand(-1, 2)
+    back = (step // np.array([11, 13, 17])) % 3 == 2
+    return np.where(back, -speed, speed)[:, None].repeat(2, axis=1)
 
 
 def seek(step, state):
     """Turns, everyone differently, until it smells the spot, and drives; later more slowly."""
-    turns = torch.tensor([[-0.2, 0.2], [0.2, -0.2], [-0.3, 0.3]])
-    return torch.where(state > 0, 0.5 if step < MINUTE else 0.3, turns)
+    turns = np.array([[-0.2, 0.2], [0.2, -0.2], [-0.3, 0.3]])
+    return np.where(state > 0, 0.5 if step < MINUTE else 0.3, turns)
 
 
 @dataclasses.dataclass
@@ -95,14 +94,15 @@ class Watched:
         self.moments = []
         self.born, self.untaught, self.taught = self.networks(), None, None
         self._drive = drive
-        brain, batch = self.cohort.brain, self.cohort.batch
-        self._act, self._learn, self._step = brain.act, brain.learn, batch.step
-        brain.act, brain.learn, batch.step = self.act, self.learn, self.step
+        agent, batch = self.cohort.agent, self.cohort.batch
+        brain = agent.controller  # its `learn` tells the TD error
+        self._act, self._learn, self._step = agent.act, brain.learn, batch.step
+        agent.act, brain.learn, batch.step = self.act, self.learn, self.step
         while not self.cohort.finished:
             self.cohort.advance(stride)
 
     def networks(self):
-        return {k: v.numpy().copy() for k, v in self.cohort.brain.networks().items()}
+        return {k: v.copy() for k, v in self.cohort.agent.weights().items()}
 
     def act(self, state, explore):
         if len(self.moments) == self.course.training.start:
@@ -116,8 +116,8 @@ class Watched:
         self.moments.append(
             Moment(
                 explore=explore,
-                state=state.numpy().copy(),
-                motors=motors.numpy().copy(),
+                state=state.copy(),
+                motors=motors.copy(),
                 sensordata=batch.sensordata.copy(),
                 physics=batch.arrays()["state"].copy(),
                 pose=batch.pose,
@@ -396,6 +396,6 @@ def test_a_robot_whose_networks_are_no_longer_numbers_is_invalid_and_the_others_
         Experiment(cohort_size=ROBOTS, time_scale=0.01), CohortKey("wall_avoidance", "fixed", 0)
     )
     cohort.advance(100)
-    cohort.brain.networks()["evaluation.output_weights"][1] = torch.nan
+    cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
     cohort.advance(10**9)
     assert cohort.lives().valid.tolist() == [True, False, True]

@@ -87,7 +87,8 @@ def test_an_experiment_that_makes_no_sense_is_refused_in_a_sentence(fields, sent
         (
             (*CONDITIONS, ("spot_finding", "divine")),
             50,
-            "the proposer must be one of fixed, random, creative, got 'divine'",
+            "the proposer must be one of fixed, random, creative, or an agent's factory as "
+            "package.module:factory, got 'divine'",
         ),
         ((), 50, "at least one task and one proposer are needed"),
         (CONDITIONS, 0, "the number of robots must be at least 1, got 0"),
@@ -193,7 +194,7 @@ def test_the_physics_probe_tells_a_changed_body_and_not_a_changed_colour(monkeyp
 
         monkeypatch.setattr(arena, "arena_spec", spec)
 
-    with_a("geom", "hull", mass=0.08)
+    with_a("body", "robot", mass=0.08)
     assert np.abs(np.subtract(probe(), ours)).max() > 1e-5
     with_a("site", "lid", rgba=[1, 1, 1, 1])
     assert probe() == ours

@@ -243,7 +243,7 @@ def test_brain_is_the_robots_own_from_before_or_after_training(
     results: Results, phase: str, when: str
 ) -> None:
     brain = replay.brain_of(EXPERIMENT, results, "spot_finding", "creative", 1, phase, 0)
-    networks = brain.networks()
+    networks = brain.controller.networks()
     stored = {name for name in results.brains if name.startswith(f"spot_finding/creative/{when}/")}
     assert stored == {f"spot_finding/creative/{when}/{name}" for name in networks}
     for name, tensor in networks.items():
@@ -268,9 +268,9 @@ def test_spot_lies_where_the_test_has_it(results: Results) -> None:
 
 def test_reenactment_does_not_change_the_brain(results: Results) -> None:
     test = replay.Reenactment(EXPERIMENT, results, "wall_avoidance", "creative", 0, "post", 0)
-    before = {name: tensor.clone() for name, tensor in test._brain.networks().items()}
+    before = {name: tensor.clone() for name, tensor in test._brain.controller.networks().items()}
     list(test.moments())
-    for name, tensor in test._brain.networks().items():
+    for name, tensor in test._brain.controller.networks().items():
         np.testing.assert_array_equal(tensor, before[name])
 
 

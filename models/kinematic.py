@@ -1,0 +1,123 @@
+"""A stand-in for the body: an ideal differential drive, with no mass, no slip and no lag.
+
+It moves on the same floor between the same walls and feels them in the same way, so that
+what physics does to a life can be told from what the brain does (docs/results.md). The
+paper's own simulator was of this kind.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+
+from .arena import Dimensions
+
+Wall = Literal["holds", "slides", "sticks"]
+WALLS: tuple[Wall, ...] = ("holds", "slides", "sticks")
+
+
+@dataclasses.dataclass(frozen=True)
+class Kinematics:
+    """What an ideal differential drive needs to be told; None takes it from the real body.
+
+    Attributes:
+      radius: the robot's, in metres.
+      wheel_base: distance between the wheels, in metres.
+      wall: what a robot does that drives into a wall. "holds": it stops there, free to turn;
+        "slides": along the wall, too; "sticks": it can do neither, only back off.
+      any_contact: whether contact is felt wherever there was one during a control step;
+        else where there is one at its end.
+      pieces: equal parts of a control step, each along one arc.
+    """
+
+    radius: float | None = None
+    wheel_base: float | None = None
+    wall: Wall = "holds"
+    any_contact: bool = False
+    pieces: int = 4
+
+    def __post_init__(self) -> None:
+        """Raises ValueError, naming the field, where a number makes no sense."""
+        for name in ("radius", "wheel_base"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"{name} must be positive, got {value}")
+        if self.wall not in WALLS:
+            raise ValueError(f"wall must be one of {', '.join(WALLS)}, got {self.wall!r}")
+        if self.pieces < 1:
+            raise ValueError(f"pieces must be at least 1, got {self.pieces}")
+
+    def applied_to(self, dimensions: Dimensions) -> Dimensions:
+        """The dimensions of an arena, with this robot in it."""
+        return dataclasses.replace(
+            dimensions,
+            radius=self.radius or dimensions.radius,
+            wheel_base=self.wheel_base or dimensions.wheel_base,
+        )
+
+
+def drive(
+    poses: np.ndarray, motors: np.ndarray, seconds: float, wall: Wall, size: Dimensions
+) -> np.ndarray:
+    """Moves robots along the arcs that their wheels roll, as far as the walls let them.
+
+    Args:
+      poses: x, y in metres and heading in radians, shape (B, 3).
+      motors: left and right, in [-0.5, 0.5], shape (B, 2).
+      seconds: how long.
+      wall: see `Kinematics`.
+      size: of robot and arena.
+
+    Returns:
+      The poses reached, shape (B, 3).
+    """
+    speeds = motors * (2 * size.motor_speed)
+    turn = (speeds[:, 1] - speeds[:, 0]) / size.wheel_base * seconds
+    # The chord of the arc: at half the turn, shorter than the arc by sin(x) / x.
+    length = speeds.mean(axis=1) * seconds * np.sinc(turn / (2 * np.pi))
+    along = poses[:, 2] + turn / 2
+    step = length[:, None] * np.stack([np.cos(along), np.sin(along)], axis=1)
+    room = np.array([size.half_length, size.half_width]) - size.radius
+    target = poses[:, :2] + step
+    inside = np.clip(target, -room, room)
+    blocked = (inside != target).any(axis=1)
+    if wall != "slides":
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = (np.copysign(room, step) - poses[:, :2]) / step
+        share = np.where(step == 0, 1.0, share).min(axis=1).clip(0, 1)
+        inside = np.clip(poses[:, :2] + share[:, None] * step, -room, room)
+    if wall == "sticks":
+        turn = np.where(blocked, 0.0, turn)
+    return np.column_stack([inside, poses[:, 2] + turn])
+
+
+def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
+    """From the robots' rims to the nearest wall, in metres, shape (B,)."""
+    room = np.array([size.half_length, size.half_width]) - np.abs(poses[:, :2])
+    return room.min(axis=1) - size.radius
+
+
+def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
+    """What rangefinders on the rim read, front, back, left and right, in metres, shape (B, 4)."""
+    angles = poses[:, 2, None] + np.array([0, np.pi, np.pi / 2, -np.pi / 2])
+    heading = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    walls = np.copysign([size.half_length, size.half_width], heading)
+    with np.errstate(divide="ignore"):
+        rays = (walls - poses[:, None, :2]) / heading
+    return np.maximum(rays.min(axis=-1) - size.radius, 0)
+
+
+def seen_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:
+    """Spots in the frame of the nose at the front of the rim: ahead, to the left, shape (B, 2).
+
+    Args:
+      poses: x, y in metres and heading in radians, shape (B, 3).
+      spots: x, y in metres, shape (B, 2).
+      size: of the robot.
+    """
+    offset = spots - poses[:, :2]
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    ahead = cosine * offset[:, 0] + sine * offset[:, 1] - size.radius
+    return np.stack([ahead, cosine * offset[:, 1] - sine * offset[:, 0]], axis=1)

@@ -1,0 +1,95 @@
+"""Robots in lockstep on the kinematic stand-in instead of MuJoCo: same rules, same interface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..models import Dimensions
+from ..models.kinematic import Kinematics, distances, drive, gaps, seen_from_nose
+from .arena import CONTROL_TIMESTEP, Rules
+from .batch import Robots
+
+
+class KinematicBatch(Robots):
+    """B ideal differential drives, each alone in its own arena (see `models.kinematic`)."""
+
+    def __init__(
+        self,
+        dimensions: Dimensions,
+        rules: Rules,
+        nsensordata: int,
+        robots: int,
+        kinematics: Kinematics,
+    ) -> None:
+        """Makes B robots, all at the origin.
+
+        Args:
+          dimensions: of the MuJoCo arena that this one stands in for.
+          rules: of the task, for that arena.
+          nsensordata: numbers that MuJoCo measures there.
+          robots: B.
+          kinematics: how they drive.
+
+        Raises:
+          ValueError: robots is not positive.
+        """
+        super().__init__(robots, rules, kinematics.applied_to(dimensions), nsensordata)
+        self._kinematics = kinematics
+        self._poses = np.zeros((robots, 3))
+        self._spots = np.zeros((robots, 2))
+        self._touch = np.zeros(robots)
+        self._sense()
+
+    @property
+    def pose(self) -> np.ndarray:
+        """See `Robots.pose`."""
+        return self._poses.copy()
+
+    @property
+    def spot(self) -> np.ndarray:
+        """See `Robots.spot`."""
+        return self._spots.copy()
+
+    def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
+        """See `Robots.place`."""
+        self._poses[robots] = poses
+        self._touch[robots] = self._near()[robots]
+        self._sense()
+
+    def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
+        """See `Robots.place_spot`."""
+        self._spots[robots] = spots
+
+    def step(self, motors: np.ndarray) -> None:
+        """See `Robots.step`."""
+        motors = np.clip(self._sound(motors), -0.5, 0.5)
+        how, contact = self._kinematics, np.zeros(self.robots, dtype=bool)
+        for _ in range(how.pieces):
+            self._poses = drive(
+                self._poses, motors, CONTROL_TIMESTEP / how.pieces, how.wall, self.dimensions
+            )
+            near = self._near()
+            contact = (contact | near) if how.any_contact else near
+        self._touch[:] = contact
+        self._sense()
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `Robots.arrays`."""
+        return {
+            "poses": self._poses,
+            "spots": self._spots,
+            "touch": self._touch,
+            "sensordata": self.sensordata,
+            "valid": self.valid,
+        }
+
+    def _near(self) -> np.ndarray:
+        return gaps(self._poses, self.dimensions) <= self.dimensions.contact_margin
+
+    def _sense(self) -> None:
+        layout = self.rules.layout
+        nose = seen_from_nose(self._poses, self._spots, self.dimensions)
+        self.sensordata[:, layout.distances] = distances(self._poses, self.dimensions)
+        self.sensordata[:, layout.touch] = self._touch[:, None]
+        self.sensordata[:, layout.smell.start : layout.smell.start + 2] = nose
+        self.sensordata[~self.valid] = 0

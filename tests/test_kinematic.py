@@ -1,0 +1,145 @@
+"""The kinematic stand-in moves as geometry says, and senses as the body in MuJoCo does."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musebot.models import Dimensions, arena_spec
+from musebot.models.kinematic import WALLS, Kinematics, drive, gaps
+from musebot.protocols.cohort import Cohort
+from musebot.protocols.experiment import CohortKey, Experiment
+from musebot.tasks import make_batch
+
+SIZE = Dimensions.of(arena_spec().compile())
+ROOM = np.array([SIZE.half_length, SIZE.half_width]) - SIZE.radius
+BODIES = make_batch("spot_finding", 1), make_batch("spot_finding", 1, kinematics=Kinematics())
+
+motors = st.floats(-0.5, 0.5)
+poses = st.tuples(
+    st.floats(-ROOM[0], ROOM[0]), st.floats(-ROOM[1], ROOM[1]), st.floats(-np.pi, np.pi)
+)
+
+
+def driven(pose, left, right, seconds=0.1, wall="holds"):
+    return drive(np.array([pose]), np.array([[left, right]]), seconds, wall, SIZE)[0]
+
+
+def test_equal_motors_drive_straight_at_the_commanded_speed():
+    assert driven((0, 0, 0.3), 0.25, 0.25, seconds=2) == pytest.approx(
+        [0.2 * np.cos(0.3), 0.2 * np.sin(0.3), 0.3]
+    )
+
+
+def test_opposite_motors_turn_on_the_spot():
+    x, y, heading = driven((0.1, -0.1, 0), -0.5, 0.5)
+    assert (x, y) == (0.1, -0.1)
+    assert heading == pytest.approx(0.1 * 0.4 / SIZE.wheel_base)
+
+
+@given(motors, motors, st.floats(-np.pi, np.pi))
+def test_one_arc_ends_where_a_thousand_short_straight_steps_do(left, right, heading):
+    x = y = 0.0
+    angle, n = heading, 1000
+    turn = (right - left) * 2 * SIZE.motor_speed / SIZE.wheel_base * 0.1 / n
+    for _ in range(n):
+        x += (left + right) * SIZE.motor_speed * 0.1 / n * np.cos(angle + turn / 2)
+        y += (left + right) * SIZE.motor_speed * 0.1 / n * np.sin(angle + turn / 2)
+        angle += turn
+    assert driven((0, 0, heading), left, right) == pytest.approx([x, y, angle], abs=1e-7)
+
+
+@given(poses, motors, motors, st.sampled_from(WALLS))
+def test_no_robot_gets_into_a_wall(pose, left, right, wall):
+    assert gaps(driven(pose, left, right, wall=wall)[None], SIZE)[0] >= -1e-12
+
+
+def test_a_robot_that_drives_into_a_wall_is_held_slides_or_sticks():
+    start = (ROOM[0], 0.0, np.pi / 4)  # at the east wall, looking north-east
+    held, slid, stuck = (driven(start, 0.4, 0.5, wall=wall) for wall in WALLS)
+    turned = 0.1 * 2 * SIZE.motor_speed * 0.1 / SIZE.wheel_base
+    assert held == pytest.approx([ROOM[0], 0, np.pi / 4 + turned])
+    assert slid[0] == pytest.approx(ROOM[0])
+    assert slid[1] > 0.01
+    assert slid[2] == pytest.approx(np.pi / 4 + turned)
+    assert stuck == pytest.approx(start)
+
+
+def test_a_robot_that_backs_off_a_wall_is_free():
+    for wall in WALLS:
+        moved = driven((ROOM[0], 0, 0), -0.5, -0.5, wall=wall)
+        assert moved == pytest.approx([ROOM[0] - 0.02, 0, 0])
+
+
+@settings(max_examples=50, deadline=None)
+@given(poses, st.tuples(st.floats(-0.46, 0.46), st.floats(-0.29, 0.29)))
+def test_it_senses_what_the_body_in_mujoco_does(pose, spot):
+    for batch in BODIES:
+        batch.place_spot(np.array([0]), np.array([spot]))
+        batch.place(np.array([0]), np.array([pose]))
+    real, stand_in = BODIES
+    layout = real.rules.layout
+    for where in (layout.distances, slice(layout.smell.start, layout.smell.start + 2)):
+        ours, theirs = stand_in.sensordata[0, where], real.sensordata[0, where]
+        assert ours == pytest.approx(theirs, abs=1e-6)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.0004, 0.0006, 0.01])
+def test_contact_is_a_gap_of_half_a_millimetre_at_most(gap):
+    batch = make_batch("wall_avoidance", 1, kinematics=Kinematics())
+    batch.place(np.array([0]), np.array([[0.1, ROOM[1] - gap, 0.3]]))
+    batch.step(np.zeros((1, 2)))
+    assert batch.rules.event(batch.sensordata)[0] == (gap <= 0.0005)
+
+
+def test_a_short_contact_counts_only_where_any_contact_does():
+    # An arc that brings the rim 0.3 mm nearer to the wall, and back, within a control step.
+    start = np.array([[0.1, ROOM[1] - 0.0006, 0.08]])
+    arc = np.array([[0.5, 0.3]])
+    touched = []
+    for any_contact in (False, True):
+        batch = make_batch(
+            "wall_avoidance", 1, kinematics=Kinematics(any_contact=any_contact, pieces=10)
+        )
+        batch.place(np.array([0]), start)
+        batch.step(arc)
+        touched.append(bool(batch.rules.event(batch.sensordata)[0]))
+    assert touched == [False, True]
+
+
+def test_its_own_size_replaces_the_bodys():
+    changed = Kinematics(radius=0.02, wheel_base=0.04).applied_to(SIZE)
+    assert changed == dataclasses.replace(SIZE, radius=0.02, wheel_base=0.04)
+    assert Kinematics().applied_to(SIZE) == SIZE
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"radius": 0}, {"wheel_base": -1}, {"wall": "eats"}, {"pieces": 0}]
+)
+def test_a_number_that_makes_no_sense_is_refused_by_name(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Kinematics(**wrong)
+
+
+def test_a_life_goes_on_from_a_checkpoint_to_the_bit():
+    experiment = Experiment(cohort_size=3, time_scale=0.01, body="kinematic")
+    key = CohortKey("wall_avoidance", "creative", 0)
+    whole, first, second = (Cohort(experiment, key) for _ in range(3))
+    whole.advance(10**9)
+    first.advance(333)
+    second.restore(*first.checkpoint())
+    second.advance(10**9)
+    assert np.array_equal(whole.lives().minutes, second.lives().minutes)
+    for name, weights in whole.lives().after.items():
+        assert np.array_equal(weights, second.lives().after[name])
+
+
+def test_same_seed_same_brains_in_either_body():
+    key = CohortKey("spot_finding", "creative", 0)
+    real, stand_in = (
+        Cohort(Experiment(cohort_size=2, body=body), key) for body in ("mujoco", "kinematic")
+    )
+    for name, weights in real.agent.weights().items():
+        assert np.array_equal(weights, stand_in.agent.weights()[name])
