@@ -63,6 +63,7 @@ class Run:
     def __call__(self) -> None:
         """Checks everything, then lives."""
         from . import engine, tables
+        from .cohort import check_births
         from .storage import write_atomically
 
         if self.processes < 1:
@@ -70,6 +71,8 @@ class Run:
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
         plan = self._plan(engine.open_directory(self.out))
+        if self.agent:
+            check_births(plan)
         results = engine.run(self.out, plan, self._workforce(), save_every=self.save_every)
         text = tables.markdown(plan.experiment, results)
         write_atomically(self.out / "tables.md", text.encode())

@@ -11,7 +11,7 @@ import numpy as np
 from ..tasks.arena import random_poses, random_spots
 from ..tasks.batch import Robots
 from .agents import make_agent
-from .experiment import CohortKey, Experiment
+from .experiment import CohortKey, Experiment, Plan
 from .schedules import Phase, Schedule, control_steps
 
 PARTS = ("pre", "training", "post")
@@ -57,6 +57,17 @@ def place(batch: Robots, phase: Phase, random: np.random.Generator) -> None:
         batch.place(everyone, random_poses(random, batch.dimensions, batch.robots))
     elif phase.robot is not None:
         batch.place(everyone, np.tile(phase.robot, (batch.robots, 1)))
+
+
+def check_births(plan: Plan) -> None:
+    """Gives birth to a robot of every condition, to see whether that can be done.
+
+    Raises:
+      InputError: there is no such agent, or it is none.
+    """
+    one = dataclasses.replace(plan.experiment, cohort_size=1)
+    for task, proposer in plan.conditions:
+        Cohort(one, CohortKey(task, proposer, 0))
 
 
 @dataclasses.dataclass(frozen=True)

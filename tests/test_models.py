@@ -107,6 +107,15 @@ def test_a_robot_pressed_against_a_wall_is_free_to_turn(motors, size):
     assert turned > 0.8 * commanded
 
 
+@pytest.mark.parametrize("degrees", [0, 15, 30, 45])
+@pytest.mark.parametrize("motors", [(0.5, 0.5), (0.45, 0.43), (0.43, 0.45)])
+def test_a_robot_pressed_against_a_wall_turns_as_told_and_not_to_face_it(motors, degrees, size):
+    start = (0.525 - 0.0275 - 0.001, 0, np.radians(degrees))
+    headings = drive(SUBSTEPS, np.tile(motors, (1, 10, 1)), start).poses[0, :, 2]
+    commanded = (motors[1] - motors[0]) * 2 * size.motor_speed / size.wheel_base
+    assert headings[-1] - start[2] == pytest.approx(commanded, abs=0.05)
+
+
 def test_touch_reads_nothing_of_floor_wheels_or_castors():
     touch = drive(SUBSTEPS, random_motors(5, 20, full_speed=True), (0, 0, 0)).touch
     assert (touch == 0).all()
