@@ -31,7 +31,7 @@ from .cohort import Cohort, Lives
 from .errors import DamagedFileError, InputError, Interrupted, RunError
 from .experiment import CohortKey, Experiment, Plan, load_plan, save_plan
 from .results import Results, collect, load, merge, save
-from .storage import load_arrays, remove_drafts, save_arrays
+from .storage import is_draft, load_arrays, remove_drafts, save_arrays
 
 PLAN = "experiment.json"
 CHECKPOINTS = "checkpoints"
@@ -134,7 +134,7 @@ def open_directory(directory: Path) -> Plan | None:
             raise InputError(f"{parent} cannot be written")
         if (directory / PLAN).exists():
             return load_plan(directory / PLAN)
-        if directory.exists() and any(directory.iterdir()):
+        if directory.exists() and not all(map(is_draft, directory.iterdir())):
             raise InputError(f"{directory} is not empty and holds no experiment of musebot's")
     except OSError as error:
         raise InputError(f"{directory} cannot be used ({error.strerror})") from error
