@@ -189,13 +189,15 @@ def save_plan(path: Path, plan: Plan) -> None:
     `made_with` lists every set of versions and machine that lives were lived with: more than
     one where a run was continued or added to elsewhere.
 
+    Args:
+      path: of the file.
+      plan: asks for what the file that is there asks for, at least (`Plan.merged_with`).
+
     Raises:
-      InputError: the file is there, of another experiment or another physics.
-      DamagedFileError: the file is there, and not one that this function wrote.
+      InputError: the file is there, of another physics.
     """
     made_with: list[Any] = []
     if path.exists():
-        plan = plan.merged_with(load_plan(path))
         older = json.loads(path.read_bytes())
         made_with = [one for one in older["made_with"] if one != _here()]
         if not np.allclose(older["physics"], physics_probe(), rtol=0, atol=1e-6):
