@@ -199,7 +199,7 @@ def save_plan(path: Path, plan: Plan) -> None:
     made_with: list[Any] = []
     if path.exists():
         older = json.loads(path.read_bytes())
-        made_with = [one for one in older["made_with"] if one != _here()]
+        made_with = [one for one in older["made_with"] if one != machine()]
         if not np.allclose(older["physics"], physics_probe(), rtol=0, atol=1e-6):
             raise InputError(
                 f"{path.parent} was lived in another physics than this version's: "
@@ -213,7 +213,7 @@ def save_plan(path: Path, plan: Plan) -> None:
         "experiment": dataclasses.asdict(plan.experiment),
         "plan": rows,
         "physics": physics_probe(),
-        "made_with": [*made_with, _here()],
+        "made_with": [*made_with, machine()],
     }
     write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
 
@@ -254,7 +254,8 @@ def load_plan(path: Path) -> Plan:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
 
 
-def _here() -> dict[str, Any]:
+def machine() -> dict[str, Any]:
+    """The versions, the processor and the system that lives are lived with here."""
     return {
         "python": platform.python_version(),
         "musebot": __version__,

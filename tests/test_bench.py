@@ -55,7 +55,7 @@ def test_the_json_holds_every_figure_finite_and_positive(quick):
         assert math.isfinite(content[name])
     assert all(math.isfinite(x) for x in numbers(content))
     assert content["machine"]["quick"] is True
-    assert content["machine"]["versions"]["mujoco"] == mujoco.__version__
+    assert content["machine"]["mujoco"] == mujoco.__version__
 
 
 def test_the_json_holds_the_seconds_of_every_block(quick):
