@@ -531,6 +531,10 @@ def as_json(measured: Measured) -> dict[str, Any]:
     return {
         "throughput_ratio": ratios,
         "throughput_ratio_spot_finding": spot,
+        "robot_step_us": {
+            f"{c.setting.task}/{c.setting.proposer}/{c.setting.robots}": c.microseconds["total"]
+            for c in measured.lives
+        },
         "not_physics_us": {
             f"{c.setting.task}/{c.setting.proposer}/{c.setting.robots}": c.microseconds["brain"]
             + c.microseconds["rest"]
