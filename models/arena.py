@@ -10,6 +10,7 @@ import dataclasses
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 ROBOT_XML = Path(__file__).with_name("robot.xml")
 ARENA_XML = Path(__file__).with_name("arena.xml")
@@ -56,6 +57,34 @@ def arena_spec(*, motor_speed: float | None = None) -> mujoco.MjSpec:
     return spec
 
 
+def robot_qpos(pose: np.ndarray) -> np.ndarray:
+    """Generalised positions of a robot standing on the floor, wheels at angle zero.
+
+    Args:
+      pose: x, y in metres and heading in radians (0 looks along +x), shape (..., 3).
+
+    Returns:
+      Position, quaternion and the two wheel angles, shape (..., 9).
+    """
+    pose = np.asarray(pose, dtype=float)
+    qpos = np.zeros((*pose.shape[:-1], 9))
+    qpos[..., :2] = pose[..., :2]
+    qpos[..., 3] = np.cos(pose[..., 2] / 2)
+    qpos[..., 6] = np.sin(pose[..., 2] / 2)
+    return qpos
+
+
+def robot_pose(qpos: np.ndarray) -> np.ndarray:
+    """The inverse of `robot_qpos`: x, y and heading, shape (..., 3), from (..., 9)."""
+    x, y, _, w, i, j, k = np.moveaxis(qpos[..., :7], -1, 0)
+    return np.stack([x, y, np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))], axis=-1)
+
+
+def half_size(arena: mujoco.MjModel | mujoco.MjSpec) -> tuple[float, float]:
+    """Half of the arena along x and along y, in metres; compiled or not."""
+    return float(arena.geom("east").pos[0]), float(arena.geom("north").pos[1])
+
+
 @dataclasses.dataclass(frozen=True)
 class Dimensions:
     """What Python needs to know of a compiled arena. SI units.
@@ -87,9 +116,10 @@ class Dimensions:
         """
         bumper = model.geom("bumper")
         wheel_radius = float(model.geom("left_wheel").size[0])
+        half_length, half_width = half_size(model)
         return cls(
-            half_length=float(model.geom("east").pos[0]),
-            half_width=float(model.geom("north").pos[1]),
+            half_length=half_length,
+            half_width=half_width,
             radius=float(bumper.size[0]),
             wheel_base=float(model.body("left_wheel").pos[1] - model.body("right_wheel").pos[1]),
             motor_speed=float(0.5 * wheel_radius / model.actuator("left_motor").gear[0]),

@@ -15,10 +15,11 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from .arena import Dimensions, arena_spec
+from .arena import Dimensions, arena_spec, robot_pose, robot_qpos
 
 SUBSTEPS = (100, 50, 25, 20, 15, 10, 5)  # in a control step of 0.1 s; the first is the reference
 _CONTROL_TIMESTEP = 0.1
+_CENTRE = (0.0, 0.0, 0.0)
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 
@@ -57,7 +58,7 @@ def drive(substeps: int, motors: np.ndarray, start: tuple[float, float, float]) 
     spec.option.timestep = _CONTROL_TIMESTEP / substeps
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[[0, 1, 3, 6]] = *start[:2], np.cos(start[2] / 2), np.sin(start[2] / 2)
+    data.qpos[:] = robot_qpos(np.array(start))
     first = np.empty(mujoco.mj_stateSize(model, _STATE))
     mujoco.mj_getState(model, data, first, _STATE)
     state = np.tile(first, (len(motors), 1))
@@ -73,15 +74,10 @@ def drive(substeps: int, motors: np.ndarray, start: tuple[float, float, float]) 
             seconds += time.perf_counter() - began
             states = np.concatenate([state[:, None], states], axis=1)
             state = states[:, -1].copy()
-            w, i, j, k = states[..., 4:8].transpose(2, 0, 1)
-            room = np.minimum(
-                size.half_length - np.abs(states[..., 1]), size.half_width - np.abs(states[..., 2])
-            )
-            gap = room - size.radius
+            gap = _gap(states, size)
             deepest = min(deepest, gap.min())
-            tilt = max(tilt, np.degrees(np.arccos(1 - 2 * (i * i + j * j))).max())
-            heading = np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
-            poses.append(np.stack([states[:, -1, 1], states[:, -1, 2], heading[:, -1]], axis=-1))
+            tilt = max(tilt, _tilt(states).max())
+            poses.append(robot_pose(state[:, 1:]))
             gaps.append(gap[:, -2])  # sensors show the start of the last substep
             touches.append(sensors[:, -1, touch_at])
     return Drive(
@@ -92,6 +88,18 @@ def drive(substeps: int, motors: np.ndarray, start: tuple[float, float, float]) 
         float(tilt),
         seconds / (motors.shape[0] * motors.shape[1] * substeps) * 1e6,
     )
+
+
+def _gap(states: np.ndarray, size: Dimensions) -> np.ndarray:
+    """From the rim to the nearest wall, in metres, shape (...), of states (..., n)."""
+    x, y = np.abs(states[..., 1]), np.abs(states[..., 2])
+    return np.minimum(size.half_length - x, size.half_width - y) - size.radius
+
+
+def _tilt(states: np.ndarray) -> np.ndarray:
+    """In degrees, shape (...), of states (..., n)."""
+    i, j = states[..., 5], states[..., 6]
+    return np.degrees(np.arccos(1 - 2 * (i * i + j * j)))
 
 
 def random_motors(robots: int, steps: int, *, full_speed: bool, seed: int = 0) -> np.ndarray:
@@ -117,54 +125,72 @@ def random_motors(robots: int, steps: int, *, full_speed: bool, seed: int = 0) -
 
 def study(seeds: int = 20, minutes: float = 10.0) -> str:
     """Runs the study; returns its table as Markdown."""
-    model = arena_spec().compile()
-    size = Dimensions.of(model)
+    size = Dimensions.of(arena_spec().compile())
     steps = round(minutes * 600)
     wild = random_motors(seeds, steps, full_speed=True)
     calm = random_motors(50, 50, full_speed=False)
-    straight = np.full((1, 20, 2), 0.5)
-    spin = np.tile([-0.5, 0.5], (1, steps, 1))
-    rest = np.zeros((1, steps, 2))
-    columns = [
-        "timestep, ms", "substeps", "position off after 5 s, mm", "heading off after 5 s, deg",
-        "straight speed off", "spinning speed off", "drift spinning, mm", "drift at rest, mm",
-        "deepest into a wall, mm", "tilt, deg", "contact is not geometry", "in contact",
-        "us a step", "us a control step",
-    ]  # fmt: skip
-    lines = ["| " + " | ".join(columns) + " |", "|" + " ---: |" * len(columns)]
-    reference = None
+    rows, reference = [], None
     for substeps in SUBSTEPS:
-        free = drive(substeps, calm, (0.0, 0.0, 0.0))
-        if reference is None:
-            reference = free.poses[:, -1]
-        off = free.poses[:, -1] - reference
-        turn = np.abs((off[:, 2] + np.pi) % (2 * np.pi) - np.pi)
-        fast = drive(substeps, straight, (-0.45, 0.0, 0.0)).poses[0]
-        speed = (fast[-1, 0] - fast[9, 0]) / 1.0
-        round_ = drive(substeps, spin, (0.0, 0.0, 0.0)).poses[0]
-        rate = np.diff(np.unwrap(round_[:, 2]))[20:].mean() / _CONTROL_TIMESTEP
-        still = drive(substeps, rest, (0.0, 0.0, 0.0)).poses[0]
+        free = drive(substeps, calm, _CENTRE).poses[:, -1]
+        fast = drive(substeps, np.full((1, 20, 2), 0.5), (-0.45, 0.0, 0.0)).poses[0]
+        spin = drive(substeps, np.tile([-0.5, 0.5], (1, steps, 1)), _CENTRE).poses[0]
+        rest = drive(substeps, np.zeros((1, steps, 2)), _CENTRE).poses[0]
+        reference = free if reference is None else reference
         crash = drive(substeps, wild, (-0.425, 0.25, 3 * np.pi / 4))
-        wanted = 2 * size.motor_speed / size.wheel_base
-        cells = [
-            f"{1e3 * _CONTROL_TIMESTEP / substeps:.3g}",
-            f"{substeps}",
-            f"{1e3 * np.hypot(off[:, 0], off[:, 1]).mean():.2f}",
-            f"{np.degrees(turn).mean():.2f}",
-            f"{speed / size.motor_speed - 1:+.2%}",
-            f"{rate / wanted - 1:+.2%}",
-            f"{1e3 * np.hypot(*(round_[:, :2] - round_[0, :2]).T).max():.4f}",
-            f"{1e3 * np.hypot(*still[:, :2].T).max():.4f}",
-            f"{max(0.0, -1e3 * crash.deepest):.2f}",
-            f"{crash.tilt:.1f}",
-            f"{np.mean((crash.gap <= size.contact_margin) != (crash.touch > 0)):.2%}",
-            f"{np.mean(crash.touch > 0):.1%}",
-            f"{crash.microseconds:.1f}",
-            f"{crash.microseconds * substeps:.0f}",
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
+        rows.append(
+            {
+                "timestep, ms": f"{1e3 * _CONTROL_TIMESTEP / substeps:.3g}",
+                "substeps": f"{substeps}",
+                **_accuracy(free - reference),
+                **_speeds(fast, spin, size),
+                **_drifts(spin, rest),
+                **_contacts(crash, size),
+                "us a step": f"{crash.microseconds:.1f}",
+                "us a control step": f"{crash.microseconds * substeps:.0f}",
+            }
+        )
         print(f"{substeps} substeps done", file=sys.stderr)
-    return "\n".join(lines)
+    lines = ["| " + " | ".join(cells) + " |" for cells in (rows[0], *map(dict.values, rows))]
+    return "\n".join([lines[0], "|" + " ---: |" * len(rows[0]), *lines[1:]])
+
+
+def _accuracy(off: np.ndarray) -> dict[str, str]:
+    """How far from the reference robots are, by differences of poses, shape (B, 3)."""
+    turn = np.abs((off[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+    return {
+        "position off after 5 s, mm": f"{1e3 * np.hypot(off[:, 0], off[:, 1]).mean():.2f}",
+        "heading off after 5 s, deg": f"{np.degrees(turn).mean():.2f}",
+    }
+
+
+def _speeds(fast: np.ndarray, spin: np.ndarray, size: Dimensions) -> dict[str, str]:
+    """Straight ahead and on the spot, against what was commanded; poses of shape (T, 3)."""
+    speed = (fast[-1, 0] - fast[9, 0]) / 1.0
+    rate = np.diff(np.unwrap(spin[:, 2]))[20:].mean() / _CONTROL_TIMESTEP
+    wanted = 2 * size.motor_speed / size.wheel_base
+    return {
+        "straight speed off": f"{speed / size.motor_speed - 1:+.2%}",
+        "spinning speed off": f"{rate / wanted - 1:+.2%}",
+    }
+
+
+def _drifts(spin: np.ndarray, rest: np.ndarray) -> dict[str, str]:
+    """How far robots come that should stay where they are; poses of shape (T, 3)."""
+    return {
+        "drift spinning, mm": f"{1e3 * np.hypot(*(spin[:, :2] - spin[0, :2]).T).max():.4f}",
+        "drift at rest, mm": f"{1e3 * np.hypot(*rest[:, :2].T).max():.4f}",
+    }
+
+
+def _contacts(crash: Drive, size: Dimensions) -> dict[str, str]:
+    """What walls do to robots that ram them."""
+    touching = crash.touch > 0
+    return {
+        "deepest into a wall, mm": f"{max(0.0, -1e3 * crash.deepest):.2f}",
+        "tilt, deg": f"{crash.tilt:.1f}",
+        "contact is not geometry": f"{np.mean((crash.gap <= size.contact_margin) != touching):.2%}",
+        "in contact": f"{np.mean(touching):.1%}",
+    }
 
 
 if __name__ == "__main__":

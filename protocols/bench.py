@@ -8,11 +8,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import platform
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from importlib import metadata
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -22,7 +20,6 @@ import torch
 from rich.console import Console
 from rich.markdown import Markdown
 
-from .. import __version__
 from ..controller import PROPOSERS
 from ..tasks import CONTROL_TIMESTEP, stop_timers
 from . import bench_lives as lives
@@ -30,7 +27,7 @@ from . import bench_models as models
 from .bench_lives import Act, Comparison, Scaling, Setting
 from .bench_models import EnvironmentCost, StepCost
 from .errors import InputError
-from .experiment import TASKS, Experiment, _cpu
+from .experiment import TASKS, Experiment, machine
 from .storage import write_atomically
 
 MAIN, SMALL = 250, 50  # robots in a process: a run's cohorts, and a small cohort
@@ -187,16 +184,21 @@ def run(
     torch.set_num_threads(1)
     # For the processes started below, as a run has it for its own.
     os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", MUJOCO_GL="off")
-    machine = _machine(stop_timers(), quick)
+    here = machine() | {
+        "cores_used": lives.cores(),
+        "load_before": os.getloadavg()[0],  # 0 on an idle machine
+        "timers_stopped": stop_timers(),
+        "quick": quick,
+    }
     effort = QUICK if quick else FULL
     report = _Report()
-    report.show(_machine_section(machine))
+    report.show(_machine_section(here))
     measured = _measure(effort, car, report)
     report.show(_bars_section(measured))
     if figure is not None:
         draw(measured.sizes, figure)
     if json_file is not None:
-        content = as_json(measured) | {"machine": machine, "raw": _raw(measured)}
+        content = as_json(measured) | {"machine": here, "raw": _raw(measured)}
         write_atomically(json_file, (json.dumps(content, indent=2) + "\n").encode())
 
 
@@ -217,20 +219,6 @@ def _car(path: Path | None) -> mujoco.MjModel | None:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path} is no model that MuJoCo can read ({reason})") from error
-
-
-def _machine(timers_stopped: bool, quick: bool) -> dict[str, Any]:
-    names = ("mujoco", "dm-control", "numpy", "torch")
-    versions = {name: metadata.version(name) for name in names}
-    return {
-        "cpu": _cpu(),
-        "cores": lives.cores(),
-        "platform": platform.platform(),
-        "versions": {"python": platform.python_version(), "musebot": __version__, **versions},
-        "load_before": os.getloadavg()[0],
-        "timers_stopped": timers_stopped,
-        "quick": quick,
-    }
 
 
 def _measure(effort: Effort, car: mujoco.MjModel | None, report: _Report) -> Measured:
@@ -291,23 +279,12 @@ def _compare_sizes(
         yield known[setting]
 
 
-def _machine_section(machine: dict[str, Any]) -> Section:
+def _machine_section(here: dict[str, Any]) -> Section:
     text = "Where everything below was measured."
-    if machine["quick"]:
+    if here["quick"]:
         text += " **With --quick: far too short to be quoted.**"
-    versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
-    return Section(
-        "Machine",
-        text,
-        ("", "value"),
-        (
-            ("CPU", machine["cpu"]),
-            ("cores", str(machine["cores"])),
-            ("load before (0: idle)", f"{machine['load_before']:.1f}"),
-            ("versions", versions),
-            ("MuJoCo's timers", "stopped" if machine["timers_stopped"] else "running"),
-        ),
-    )
+    rows = tuple((_words(name), str(value)) for name, value in here.items())
+    return Section("Machine", text, ("", "value"), rows)
 
 
 def _throughput_section(compared: Iterable[Comparison]) -> Section:
@@ -554,6 +531,10 @@ def as_json(measured: Measured) -> dict[str, Any]:
     return {
         "throughput_ratio": ratios,
         "throughput_ratio_spot_finding": spot,
+        "robot_step_us": {
+            f"{c.setting.task}/{c.setting.proposer}/{c.setting.robots}": c.microseconds["total"]
+            for c in measured.lives
+        },
         "not_physics_us": {
             f"{c.setting.task}/{c.setting.proposer}/{c.setting.robots}": c.microseconds["brain"]
             + c.microseconds["rest"]

@@ -388,10 +388,11 @@ def _live_and_weigh(pipe: Connection, setting: Setting) -> None:
     arrays, notes = cohort.checkpoint()
     with tempfile.TemporaryDirectory() as folder:
         save_arrays(Path(folder) / "checkpoint.safetensors", arrays, **notes)
-    pipe.send(_peak_bytes() / 1e6)
+    pipe.send(peak_bytes() / 1e6)
 
 
-def _peak_bytes() -> int:
+def peak_bytes() -> int:
+    """The most memory that this process has ever held."""
     # Linux hands ru_maxrss down from the process that started this one; VmHWM is our own.
     status = Path("/proc/self/status")
     if status.exists():

@@ -161,20 +161,12 @@ class Film:
     def __call__(self) -> None:
         """Renders headless, through EGL."""
         from . import film
+        from .replay import Candidate
 
-        experiment, results = _read(self.out)
-        film.film(
-            experiment,
-            results,
-            self.task,
-            self.proposer,
-            self.robot,
-            self.output,
-            phase=self.phase,
-            seconds=self.seconds,
-            speed=self.speed,
-            seed=self.seed,
+        candidate = Candidate(
+            *_read(self.out), self.task, self.proposer, self.robot, self.phase, self.seed
         )
+        film.film(candidate, self.output, seconds=self.seconds, speed=self.speed)
         print(self.output)
 
 
@@ -196,9 +188,12 @@ class Explore:
     def __call__(self) -> None:
         """Needs a display."""
         from . import explore
+        from .replay import Candidate
 
-        run = _read(self.out) if self.out else None
-        explore.explore(self.task, run, self.proposer, self.robot, self.phase)
+        candidate = self.out and Candidate(
+            *_read(self.out), self.task, self.proposer, self.robot, self.phase
+        )
+        explore.explore(self.task, candidate)
 
 
 @dataclasses.dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import json
 import os
@@ -22,6 +23,18 @@ from rich.text import Text
 # Nothing of musebot's is imported until it is looked at: the doctor must be well where a
 # package is missing.
 
+# What pyproject.toml asks for and has no look of its own below: a module to import, and the
+# requirement.
+_PACKAGES = {
+    "dm-control": ("dm_control.suite.base", "dm-control>=1.0.50"),
+    "numpy": ("numpy", "numpy>=2"),
+    "safetensors": ("safetensors.numpy", "safetensors"),
+    "matplotlib": ("matplotlib.figure", "matplotlib"),
+    "pillow": ("PIL.Image", "pillow"),
+    "imageio": ("imageio.v2", "imageio"),
+    "tyro": ("tyro", "tyro"),
+    "rich": ("rich", "rich"),
+}
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 _PROBE_SECONDS = 120  # a first picture takes seconds where a processor draws; a hang must end
 
@@ -106,18 +119,14 @@ def _mujoco() -> str:
     return version
 
 
-def _dm_control() -> str:
-    _imported("dm_control.suite.base", "dm-control>=1.0.50")
-    return metadata.version("dm-control")
+def _package(name: str) -> str:
+    _imported(*_PACKAGES[name])
+    return metadata.version(name)
 
 
 def _torch() -> str:
     torch = _imported("torch", "torch>=2.6")
     return f"{torch.__version__}, {torch.get_num_threads()} threads (a run uses one a process)"
-
-
-def _numpy() -> str:
-    return _imported("numpy", "numpy>=2").__version__
 
 
 def _egl() -> str:
@@ -143,6 +152,14 @@ def _egl() -> str:
         raise _Missing(lines[-1], EGL_REMEDY)
     found = json.loads(done.stdout.splitlines()[-1])
     return f"{found['renderer']}, {found['ms']:.0f} ms a picture of 640 x 480"
+
+
+def _ray() -> str:
+    # Not needed but for clusters: never missing.
+    try:
+        return metadata.version("ray")
+    except metadata.PackageNotFoundError:
+        return "none, so no `musebot run --engine ray`; pip install 'musebot[cluster]' gets it"
 
 
 def _display() -> str:
@@ -179,14 +196,15 @@ def _memory() -> str:
 
 def _physics() -> str:
     try:
-        import mujoco
+        from ..tasks.arena import make_physics
 
-        from ..models import arena_spec
+        physics = make_physics()
+    except Exception as error:  # dm_control and MuJoCo that do not go together say it in many ways
+        reason = f"the arena does not compile ({type(error).__name__}: {error})"
+        raise _Missing(reason, "see mujoco and dm-control, above") from error
+    import mujoco
 
-        model = arena_spec().compile()
-    except ImportError as error:
-        raise _Missing(str(error), "see mujoco, above") from error
-    data = mujoco.MjData(model)
+    model, data = physics.model.ptr, physics.data.ptr
     data.ctrl[:] = 0.3, 0.5
     steps, times = 2000, []
     for _ in range(3):
@@ -203,11 +221,11 @@ def _physics() -> str:
 _LOOKS: dict[str, Callable[[], str]] = {
     "Python": _python,
     "mujoco": _mujoco,
-    "dm_control": _dm_control,
     "torch": _torch,
-    "numpy": _numpy,
+    **{name: functools.partial(_package, name) for name in _PACKAGES},
+    "ray": _ray,
     "EGL": _egl,
-    "ffmpeg": _ffmpeg,
+    "imageio-ffmpeg": _ffmpeg,
     "display": _display,
     "cores": _cores,
     "memory": _memory,

@@ -15,7 +15,7 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
@@ -31,7 +31,7 @@ from .cohort import Cohort, Lives
 from .errors import DamagedFileError, InputError, Interrupted, RunError
 from .experiment import CohortKey, Experiment, Plan, load_plan, save_plan
 from .results import Results, collect, load, merge, save
-from .storage import load_arrays, remove_drafts, save_arrays
+from .storage import is_draft, load_arrays, remove_drafts, save_arrays
 
 PLAN = "experiment.json"
 CHECKPOINTS = "checkpoints"
@@ -104,18 +104,35 @@ def run(
         if keys:
             save_plan(directory / PLAN, plan)
             work = Work(directory.resolve(), plan.experiment, tuple(keys), save_every)
-            with Display(plan.experiment, keys, quiet) as display:
-                workforce(work, display)
-        finished = [(key, read_lives(finished_file(directory, key))) for key in keys]
-        results = merge(done, collect(plan.experiment, finished))
-        if keys:
-            save(directory, results)
+            lives = _lived(work, workforce, quiet)
+            done = merge(done, collect(plan.experiment, lives.items()))
+            save(directory, done)
         for file in (directory / CHECKPOINTS).glob("*"):
             if file.suffix != ".damaged":
                 file.unlink()
         with contextlib.suppress(OSError):
             (directory / CHECKPOINTS).rmdir()
-        return results
+        return done
+
+
+def _lived(work: Work, workforce: Workforce, quiet: bool) -> dict[CohortKey, Lives]:
+    """The lives of a work's cohorts; those that an earlier run has finished are only read."""
+    lives, damage = {}, []
+    for key in work.keys:
+        path = finished_file(work.directory, key)
+        try:
+            lives[key] = read_lives(path)
+        except FileNotFoundError:
+            continue
+        except DamagedFileError as error:
+            damage.append(_set_aside(path, key, error))
+    left = tuple(key for key in work.keys if key not in lives)
+    if left:
+        with Display(work.experiment, left, quiet) as display:
+            for sentence in damage:
+                display.tell(sentence)
+            workforce(dataclasses.replace(work, keys=left), display)
+    return lives | {key: read_lives(finished_file(work.directory, key)) for key in left}
 
 
 def open_directory(directory: Path) -> Plan | None:
@@ -134,7 +151,7 @@ def open_directory(directory: Path) -> Plan | None:
             raise InputError(f"{parent} cannot be written")
         if (directory / PLAN).exists():
             return load_plan(directory / PLAN)
-        if directory.exists() and any(directory.iterdir()):
+        if directory.exists() and not all(map(is_draft, directory.iterdir())):
             raise InputError(f"{directory} is not empty and holds no experiment of musebot's")
     except OSError as error:
         raise InputError(f"{directory} cannot be used ({error.strerror})") from error
@@ -264,7 +281,7 @@ def heeding_signals() -> Iterator[Asked]:
 class Display:
     """Progress with time left, and what the cohorts have to say."""
 
-    def __init__(self, experiment: Experiment, keys: list[CohortKey], quiet: bool) -> None:
+    def __init__(self, experiment: Experiment, keys: Sequence[CohortKey], quiet: bool) -> None:
         self._robots = experiment.cohort_size
         self._total = sum(sum(experiment.schedule(key.task).steps()) for key in keys)
         self._steps: dict[CohortKey, int] = {}
@@ -294,13 +311,17 @@ class Display:
     def __exit__(self, *exception: object) -> None:
         self._progress.stop()
 
+    def tell(self, sentence: str) -> None:
+        """Says something, above the progress."""
+        self._progress.console.print(f"[yellow]{sentence}[/yellow]")
+
     def show(self, reports: Any) -> None:
         """Shows what has come into a queue of (cohort, its control step, message)."""
         with contextlib.suppress(queue.Empty):
             while True:
                 key, steps, message = reports.get_nowait()
                 if message:
-                    self._progress.console.print(f"[yellow]{message}[/yellow]")
+                    self.tell(message)
                 self._steps[key] = steps
                 self._first.setdefault(key, steps)
         done = sum(self._steps.values())
@@ -364,11 +385,9 @@ def live(
     if stop():
         return False
     directory = work.directory
-    if finished_file(directory, key).exists():
-        with contextlib.suppress(DamagedFileError):
-            read_lives(finished_file(directory, key))
-            report(sum(work.experiment.schedule(key.task).steps()), "")
-            return True
+    if finished_file(directory, key).exists():  # by a node that was lost before it could say so
+        report(sum(work.experiment.schedule(key.task).steps()), "")
+        return True
     cohort, message = _restored(work, key)
     report(cohort.step, message)
     saved = reported = time.monotonic()
@@ -410,10 +429,14 @@ def _restored(work: Work, key: CohortKey) -> tuple[Cohort, str]:
     except FileNotFoundError:
         return cohort, ""
     except (DamagedFileError, ValueError, KeyError) as error:
-        aside = path.with_suffix(".damaged")
-        path.replace(aside)
-        return Cohort(work.experiment, key), f"{error}; set aside, cohort {key} starts anew"
+        return Cohort(work.experiment, key), _set_aside(path, key, error)
     return cohort, ""
+
+
+def _set_aside(path: Path, key: CohortKey, error: Exception) -> str:
+    """Keeps a damaged file out of the way; returns what is to be said of that."""
+    path.replace(path.with_suffix(".damaged"))
+    return f"{error}; set aside, cohort {key} starts anew"
 
 
 def _save_lives(path: Path, lives: Lives) -> None:

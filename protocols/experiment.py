@@ -224,15 +224,17 @@ def save_plan(path: Path, plan: Plan) -> None:
     `made_with` lists every set of versions and machine that lives were lived with: more than
     one where a run was continued or added to elsewhere.
 
+    Args:
+      path: of the file.
+      plan: asks for what the file that is there asks for, at least (`Plan.merged_with`).
+
     Raises:
-      InputError: the file is there, of another experiment or another physics.
-      DamagedFileError: the file is there, and not one that this function wrote.
+      InputError: the file is there, of another physics.
     """
     made_with: list[Any] = []
     if path.exists():
-        plan = plan.merged_with(load_plan(path))
         older = json.loads(path.read_bytes())
-        made_with = [one for one in older["made_with"] if one != _here()]
+        made_with = [one for one in older["made_with"] if one != machine()]
         if not np.allclose(older["physics"], physics_probe(), rtol=0, atol=1e-6):
             raise InputError(
                 f"{path.parent} was lived in another physics than this version's: "
@@ -246,7 +248,7 @@ def save_plan(path: Path, plan: Plan) -> None:
         "experiment": dataclasses.asdict(plan.experiment),
         "plan": rows,
         "physics": physics_probe(),
-        "made_with": [*made_with, _here()],
+        "made_with": [*made_with, machine()],
     }
     write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
 
@@ -289,7 +291,8 @@ def load_plan(path: Path) -> Plan:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
 
 
-def _here() -> dict[str, Any]:
+def machine() -> dict[str, Any]:
+    """The versions, the processor and the system that lives are lived with here."""
     return {
         "python": platform.python_version(),
         "musebot": __version__,

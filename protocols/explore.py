@@ -11,47 +11,36 @@ import dm_env
 import numpy as np
 
 from .. import tasks
+from ..controller import PROPOSERS
 from .agents import Brain
 from .errors import InputError
-from .experiment import Experiment, check_condition
-from .replay import brain_of
-from .results import Results
+from .experiment import check_condition
+from .replay import Candidate
 
 
-def explore(
-    task: str,
-    run: tuple[Experiment, Results] | None,
-    proposer: str,
-    robot: int,
-    phase: str,
-    seed: int = 0,
-) -> None:
+def explore(task: str, candidate: Candidate | None = None) -> None:
     """Opens a window on a task; robot and spot are placed at random, anew at each Backspace.
 
     Args:
       task: "wall_avoidance" or "spot_finding".
-      run: an experiment and its results, to take a brain from; None for random motors.
-      proposer: how the robot's actions were proposed; of no account without a run.
-      robot: its number within its condition; likewise.
-      phase: "pre" for its brain before training, "post" for the one after; likewise.
-      seed: of the motors, or of the brain's noise.
+      candidate: a robot that learnt this task, whose brain drives; None for random motors.
 
     Raises:
       InputError: there is no such task, no such robot, or no display.
     """
-    check_condition(task, proposer)
-    if run is None:
+    check_condition(task, candidate.proposer if candidate else PROPOSERS[0])
+    if candidate is None:
         title = f"Musebot: {task}, random motors"
-        policy = RandomMotors(seed)
+        policy = RandomMotors(seed=0)
     else:
-        title = f"Musebot: {task}, {proposer}, robot {robot}, {phase}-training"
-        experiment, results = run
-        policy = StoredBrain(
-            lambda: brain_of(experiment, results, task, proposer, robot, phase, seed)
-        )
+        who = f"{candidate.proposer}, robot {candidate.robot}, {candidate.phase}-training"
+        title = f"Musebot: {task}, {who}"
+        policy = StoredBrain(candidate.brain)
     check_display()
     # As in the run: what a nose smells there, it smells here.
-    kwargs = {"nose": run[0].nose} if run and task == "spot_finding" else {}
+    kwargs = {}
+    if candidate and task == "spot_finding":
+        kwargs["nose"] = candidate.experiment.nose
     from dm_control import viewer
 
     print("Space starts and pauses, Backspace starts anew, F1 lists the other keys.")

@@ -18,10 +18,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from ..tasks import CONTROL_TIMESTEP
 from ..tasks.arena import Rules
 from .errors import InputError
-from .experiment import Experiment
 from .picture import Panel, Shot, Stage
-from .replay import Moment, Reenactment
-from .results import Results
+from .replay import Candidate, Moment, Reenactment
 from .schedules import SCHEDULES
 
 FPS = 25
@@ -30,37 +28,19 @@ _TRAIL_LIMIT = 90.0  # simulated seconds after which it has, however fast the fi
 _TITLES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
 
-def film(
-    experiment: Experiment,
-    results: Results,
-    task: str,
-    proposer: str,
-    robot: int,
-    output: Path,
-    *,
-    phase: str,
-    seconds: float,
-    speed: float,
-    seed: int,
-) -> None:
+def film(candidate: Candidate, output: Path, *, seconds: float, speed: float) -> None:
     """Films a robot's stored brain as it sits a test again, from the test's start.
 
-    The brain neither learns nor explores, as in the test. Its noise is drawn anew, from
-    `seed`, for the random stream of its life is not stored: the film shows what this brain
-    does, not to the bit what it did. It ends with the first stretch of the test at the latest.
+    The brain neither learns nor explores, as in the test. Its noise is drawn anew: the film
+    shows what this brain does, not to the bit what it did. It ends with the first stretch of
+    the test at the latest.
 
     Args:
-      experiment: of the run.
-      results: of the run.
-      task: what the robot had to learn.
-      proposer: how its actions were proposed.
-      robot: its number within the condition.
+      candidate: who sits which test.
       output: the file, an .mp4 (H.264, yuv420p); an older one is replaced when the film is
         whole.
-      phase: "pre" or "post", the test before or after training.
       seconds: length of the film, in seconds of the viewer's time.
       speed: simulated seconds in a second of the film.
-      seed: of the brain's noise.
 
     Raises:
       InputError: something of this makes no sense, cannot be written, or there is no EGL.
@@ -69,7 +49,7 @@ def film(
     for name, value in (("length in seconds", seconds), ("speed", speed)):
         if not (value > 0 and math.isfinite(value)):
             raise InputError(f"the film's {name} must be positive, got {value:g}")
-    test = Reenactment(experiment, results, task, proposer, robot, phase, seed)
+    test = Reenactment(candidate)
     _check_output(output)
     frames = frame_count(seconds, speed, test.seconds)
     with contextlib.closing(Stage(test.batch.rules, test.batch.spot[0])) as stage:
@@ -79,10 +59,10 @@ def film(
                 f"the test is over after {test.seconds:g} s, and so is the film: {frames / FPS:g} s"
             )
         panel = Panel(
-            _TITLES.get(task, task),
-            f"{proposer} proposer, robot {robot}",
-            after=phase == "post",
-            wanted=SCHEDULES[task].wanted,
+            _TITLES.get(candidate.task, candidate.task),
+            f"{candidate.proposer} proposer, robot {candidate.robot}",
+            after=candidate.phase == "post",
+            wanted=SCHEDULES[candidate.task].wanted,
             speed=speed,
             seconds=frames * speed / FPS,
         )

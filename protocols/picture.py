@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ..models import arena_spec
+from ..models import arena_spec, robot_qpos
 from ..tasks import CONTROL_TIMESTEP
-from ..tasks.arena import RANGEFINDERS, Rules, SpotFindingRules, robot_qpos
+from ..tasks.arena import RANGEFINDERS, Rules, SpotFindingRules
 from .headless import Canvas
 
 WIDTH, HEIGHT = 960, 540  # pixels; H.264 wants even numbers

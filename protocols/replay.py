@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from ..controller import Neurocontroller
+from ..controller import PROPOSERS, Neurocontroller
 from ..tasks import CONTROL_TIMESTEP
 from .agents import Brain
 from .cohort import place
@@ -22,45 +22,53 @@ from .schedules import control_steps
 _BRAINS = {"pre": "before", "post": "after"}
 
 
-def brain_of(
-    experiment: Experiment,
-    results: Results,
-    task: str,
-    proposer: str,
-    robot: int,
-    phase: str,
-    seed: int,
-) -> Brain:
-    """Returns the brain that a robot had in a test, as a batch of one.
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A robot of a run, as its stored brain sits a test again.
 
-    Args:
+    Attributes:
       experiment: of the run.
       results: of the run.
       task: what the robot had to learn.
       proposer: how its actions were proposed.
       robot: its number within the condition.
-      phase: "pre" for the brain before training, "post" for the one after.
-      seed: of the brain's random stream, which was not stored.
-
-    Raises:
-      InputError: there is no such robot, or its life was invalid; or a number makes no sense.
+      phase: "pre" or "post", the test before or after training.
+      seed: of the brain's noise, drawn anew: the random stream of a life is not stored.
     """
-    check_condition(task, proposer)
-    if phase not in _BRAINS:
-        raise InputError(f"the phase must be one of {', '.join(_BRAINS)}, got {phase!r}")
-    if not 0 <= seed < 2**63:
-        raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
-    row = _row(results, task, proposer, robot)
-    prefix = f"{task}/{proposer}/{_BRAINS[phase]}/"
-    networks = {
-        name.removeprefix(prefix): torch.from_numpy(array[row : row + 1])
-        for name, array in results.brains.items()
-        if name.startswith(prefix)
-    }
-    sensors = networks["evaluation.hidden_weights"].shape[-1] - 2  # the rest are the motors
-    brain = Neurocontroller(experiment.brain, proposer, 1, sensors, seed)
-    brain.load_networks(networks)
-    return Brain(brain)
+
+    experiment: Experiment
+    results: Results
+    task: str
+    proposer: str
+    robot: int
+    phase: str
+    seed: int = 0
+
+    def brain(self) -> Brain:
+        """Returns the brain that the robot had in the test, as a batch of one.
+
+        Raises:
+          InputError: there is no such robot, or its life was invalid; or a number makes no
+            sense.
+        """
+        check_condition(self.task, self.proposer)
+        if self.proposer not in PROPOSERS:
+            raise InputError(f"only the paper's brains can be put back, not {self.proposer}")
+        if self.phase not in _BRAINS:
+            raise InputError(f"the phase must be one of {', '.join(_BRAINS)}, got {self.phase!r}")
+        if not 0 <= self.seed < 2**63:
+            raise InputError(f"the seed must lie in [0, 2^63), got {self.seed}")
+        row = _row(self.results, self.task, self.proposer, self.robot)
+        prefix = f"{self.task}/{self.proposer}/{_BRAINS[self.phase]}/"
+        networks = {
+            name.removeprefix(prefix): torch.from_numpy(array[row : row + 1])
+            for name, array in self.results.brains.items()
+            if name.startswith(prefix)
+        }
+        sensors = networks["evaluation.hidden_weights"].shape[-1] - 2  # the rest are the motors
+        brain = Neurocontroller(self.experiment.brain, self.proposer, 1, sensors, self.seed)
+        brain.load_networks(networks)
+        return Brain(brain)
 
 
 def _row(results: Results, task: str, proposer: str, robot: int) -> int:
@@ -114,36 +122,19 @@ class Reenactment:
       seconds: how long the test lasts, simulated.
     """
 
-    def __init__(
-        self,
-        experiment: Experiment,
-        results: Results,
-        task: str,
-        proposer: str,
-        robot: int,
-        phase: str,
-        seed: int,
-    ) -> None:
+    def __init__(self, candidate: Candidate) -> None:
         """Puts robot and spot where the first stretch of the test begins.
 
-        Args:
-          experiment: of the run.
-          results: of the run.
-          task: what the robot had to learn.
-          proposer: how its actions were proposed.
-          robot: its number within the condition.
-          phase: "pre" or "post", the test before or after training.
-          seed: of the brain's noise.
-
         Raises:
-          InputError: see `brain_of`.
+          InputError: see `Candidate.brain`.
         """
-        self._brain = brain_of(experiment, results, task, proposer, robot, phase, seed)
-        start = next(p for p in experiment.schedule(task).phases if p.part == phase)
+        self._brain = candidate.brain()
+        experiment, task = candidate.experiment, candidate.task
+        start = next(p for p in experiment.schedule(task).phases if p.part == candidate.phase)
         self._steps = control_steps(start.minutes)
         self.seconds = self._steps * CONTROL_TIMESTEP
         self.batch = experiment.batch(task, 1)
-        place(self.batch, start, np.random.default_rng(seed))
+        place(self.batch, start, np.random.default_rng(candidate.seed))
 
     def _act(self) -> np.ndarray:
         state = self.batch.rules.state(self.batch.sensordata).astype(np.float32)

@@ -6,12 +6,13 @@ import dataclasses
 import math
 from typing import Literal
 
+from ..models import arena_spec, half_size
 from ..tasks import CONTROL_TIMESTEP
 
 Part = Literal["pre", "training", "post"]
 
 # Section 3.1: "a distance of ten cm to the walls facing the corner".
-_X, _Y = 1.05 / 2 - 0.10, 0.70 / 2 - 0.10
+_X, _Y = (half - 0.10 for half in half_size(arena_spec()))
 UPPER_LEFT = (-_X, _Y, math.atan2(1, -1))
 UPPER_RIGHT = (_X, _Y, math.atan2(1, 1))
 

@@ -43,11 +43,16 @@ def write_atomically(path: Path, content: bytes) -> None:
         os.close(folder)
 
 
+def is_draft(path: Path) -> bool:
+    """Whether it is what a writer that was killed has left."""
+    return _DRAFT.fullmatch(path.name) is not None
+
+
 def remove_drafts(folder: Path) -> None:
     """Removes what writers that were killed have left in a folder."""
-    for draft in folder.glob(".*"):
-        if _DRAFT.fullmatch(draft.name):
-            draft.unlink(missing_ok=True)
+    for path in folder.glob(".*"):
+        if is_draft(path):
+            path.unlink(missing_ok=True)
 
 
 def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> None:

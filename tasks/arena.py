@@ -18,36 +18,13 @@ from dm_control.suite import base
 from dm_control.utils import containers
 from dm_env import specs
 
-from ..models import Dimensions, arena_spec
+from ..models import Dimensions, arena_spec, robot_pose, robot_qpos
 from .senses import Nose, NoseForm, contact_signal, distance_signal
 
 CONTROL_TIMESTEP = 0.1  # seconds; the cycle time of section 3
 RANGEFINDERS = ("front", "back", "left", "right")
 
 SUITE = containers.TaggedTasks()
-
-
-def robot_qpos(pose: np.ndarray) -> np.ndarray:
-    """Generalised positions of a robot standing on the floor, wheels at angle zero.
-
-    Args:
-      pose: x, y in metres and heading in radians (0 looks along +x), shape (..., 3).
-
-    Returns:
-      Position, quaternion and the two wheel angles, shape (..., 9).
-    """
-    pose = np.asarray(pose, dtype=float)
-    qpos = np.zeros((*pose.shape[:-1], 9))
-    qpos[..., :2] = pose[..., :2]
-    qpos[..., 3] = np.cos(pose[..., 2] / 2)
-    qpos[..., 6] = np.sin(pose[..., 2] / 2)
-    return qpos
-
-
-def robot_pose(qpos: np.ndarray) -> np.ndarray:
-    """The inverse of `robot_qpos`: x, y and heading, shape (..., 3), from (..., 9)."""
-    x, y, _, w, i, j, k = np.moveaxis(qpos[..., :7], -1, 0)
-    return np.stack([x, y, np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))], axis=-1)
 
 
 @dataclasses.dataclass(frozen=True)

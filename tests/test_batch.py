@@ -6,8 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
+from musebot.models import robot_pose, robot_qpos
 from musebot.tasks import load, make_batch
-from musebot.tasks.arena import robot_pose, robot_qpos
 
 TASKS = ("wall_avoidance", "spot_finding")
 

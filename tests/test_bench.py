@@ -40,8 +40,11 @@ def test_the_json_holds_every_figure_finite_and_positive(quick):
     assert content["throughput_ratio"].keys() == {"fixed", "random", "creative"}
     assert all(ratio.keys() == {"50", "250"} for ratio in content["throughput_ratio"].values())
     assert content["peak_memory_mb"].keys() == {"50", "250", "1000"}
+    conditions = {f"{task}/{proposer}/250" for task in bench.TASKS for proposer in bench.PROPOSERS}
+    assert conditions < content["robot_step_us"].keys()  # docs/scaling.md counts with them
     for name in (
         "throughput_ratio",
+        "robot_step_us",
         "process_scaling",
         "process_scaling_bare",
         "step_cost_ratio_car",
@@ -55,7 +58,7 @@ def test_the_json_holds_every_figure_finite_and_positive(quick):
         assert math.isfinite(content[name])
     assert all(math.isfinite(x) for x in numbers(content))
     assert content["machine"]["quick"] is True
-    assert content["machine"]["versions"]["mujoco"] == mujoco.__version__
+    assert content["machine"]["mujoco"] == mujoco.__version__
 
 
 def test_the_json_holds_the_seconds_of_every_block(quick):

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
 import pytest
 
+import musebot
 from musebot.protocols import doctor
+from musebot.tasks import arena
 
 
 @pytest.fixture
@@ -39,13 +45,62 @@ def test_sound_machine_is_called_sound(quick: None, capsys: pytest.CaptureFixtur
     assert mujoco.__version__ in printed
 
 
+def requirements() -> dict[str, str]:
+    """What pyproject.toml asks for, by the name of the package."""
+    project = tomllib.loads((Path(musebot.__file__).parent / "pyproject.toml").read_text())
+    return {re.split("[<>=]", line)[0]: line for line in project["project"]["dependencies"]}
+
+
+@pytest.mark.parametrize("package", requirements())
 def test_missing_package_is_named_with_the_command_that_gets_it(
+    quick: None, monkeypatch: pytest.MonkeyPatch, package: str
+) -> None:
+    module = {
+        "dm-control": "dm_control.suite.base",
+        "imageio": "imageio.v2",
+        "matplotlib": "matplotlib.figure",
+        "pillow": "PIL.Image",
+        "safetensors": "safetensors.numpy",
+    }.get(package, package.replace("-", "_"))
+    monkeypatch.setitem(sys.modules, module, None)
+    found = finding(package)
+    assert not found.good
+    assert "cannot be imported" in found.text
+    assert found.remedy == f"pip install '{requirements()[package]}'"
+
+
+def test_what_is_missing_ends_the_report_with_its_remedy(
     quick: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert doctor.report() == 1
     printed = capsys.readouterr().out
-    assert "ffmpeg is missing; to get it: pip install 'imageio-ffmpeg'" in printed
+    assert "imageio-ffmpeg is missing; to get it: pip install 'imageio-ffmpeg'" in printed
+
+
+def test_dm_control_that_cannot_read_the_arena_is_told(
+    quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(**_: object) -> None:
+        raise AttributeError("'MjModel' object has no attribute 'flex_vertedge'")
+
+    monkeypatch.setattr(arena, "make_physics", fail)
+    found = finding("physics")
+    assert not found.good
+    assert "does not compile (AttributeError: 'MjModel' object has no" in found.text
+
+
+def test_ray_is_told_and_never_missing(quick: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(doctor.metadata, "version", lambda name: "2.9")
+    assert finding("ray") == doctor.Finding("ray", "2.9")
+    monkeypatch.setattr(doctor, "_LOOKS", {"ray": doctor._ray})
+    monkeypatch.setattr(doctor.metadata, "version", none)
+    found = finding("ray")
+    assert found.good
+    assert "musebot[cluster]" in found.text
 
 
 def test_mujoco_that_dm_control_breaks_with_is_missing(

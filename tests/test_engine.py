@@ -1,5 +1,6 @@
 """A run is the same run however it is cut, killed, spread over processes or added to."""
 
+import collections
 import os
 import random
 import signal
@@ -11,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from musebot.protocols import engine
+from musebot.protocols import engine, storage
 from musebot.protocols.cohort import Cohort
-from musebot.protocols.errors import InputError
+from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment import CohortKey, Experiment, Plan
 from musebot.protocols.results import BRAINS, CURVES, ROBOTS
 
@@ -154,18 +155,7 @@ def test_a_stopped_run_says_so_and_resumes_to_the_same_bytes(how, tmp_path, undi
     assert contents(tmp_path / "run") == undisturbed
 
 
-def test_a_run_killed_at_random_moments_resumes_to_the_same_bytes(tmp_path, undisturbed):
-    moments = random.Random(0)
-    for _ in range(5):
-        process = started(tmp_path / "run")
-        time.sleep(moments.uniform(1.0, 5.0))
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-    live(tmp_path / "run", LONGER)
-    assert contents(tmp_path / "run") == undisturbed
-
-
-def test_a_killed_run_leaves_no_process_behind(tmp_path):
+def test_a_killed_run_leaves_no_process_behind_and_resumes_to_the_same_bytes(tmp_path, undisturbed):
     process = started(tmp_path / "run")
     wait_for_checkpoints(tmp_path / "run", process)
     group = os.getpgid(process.pid)
@@ -175,10 +165,13 @@ def test_a_killed_run_leaves_no_process_behind(tmp_path):
         try:
             os.killpg(group, 0)
         except ProcessLookupError:
-            return
+            break
         time.sleep(0.1)
-    os.killpg(group, signal.SIGKILL)
-    raise AssertionError("its processes live on")
+    else:
+        os.killpg(group, signal.SIGKILL)
+        raise AssertionError("its processes live on")
+    live(tmp_path / "run", LONGER)
+    assert contents(tmp_path / "run") == undisturbed
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to mount a small file system")
@@ -230,6 +223,59 @@ def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_lived_again(
     told = " ".join((run.stdout + run.stderr).split())
     assert victim.name in told.replace(" ", "") or victim.stem in told.replace(" ", "")
     assert contents(directory) == undisturbed
+
+
+class Here:
+    """Lives cohorts in this process, and stops after some."""
+
+    def __init__(self, most=10**9):
+        self.most = most
+        self.keys = []
+
+    def __call__(self, work, display):
+        for key in work.keys:
+            if len(self.keys) == self.most:
+                raise Interrupted
+            assert engine.live(work, key, lambda: False, lambda step, message: None)
+            self.keys.append(key)
+
+
+def finish(directory, monkeypatch):
+    """Takes a run up; returns which cohorts it lived, and how often it read each file."""
+    reads = collections.Counter()
+
+    def load_arrays(path):
+        reads[path.name] += path.exists()
+        return storage.load_arrays(path)
+
+    here = Here()
+    monkeypatch.setattr(engine, "load_arrays", load_arrays)
+    engine.run(directory, plan(), here, quiet=True)
+    return here.keys, +reads
+
+
+def test_a_cohort_that_was_finished_is_not_lived_again_and_read_once(whole, tmp_path, monkeypatch):
+    early = Here(most=3)
+    with pytest.raises(Interrupted):
+        engine.run(tmp_path, plan(), early, quiet=True)
+    keys, reads = finish(tmp_path, monkeypatch)
+    assert sorted(map(str, early.keys + keys)) == sorted(map(str, plan().cohorts()))
+    assert reads == {f"{key}.finished.safetensors": 1 for key in plan().cohorts()}
+    assert contents(tmp_path) == contents(whole)
+
+
+def test_a_damaged_finished_cohort_is_named_set_aside_and_lived_again(whole, tmp_path, capfd):
+    early = Here(most=1)
+    with pytest.raises(Interrupted):
+        engine.run(tmp_path, plan(), early, quiet=True)
+    victim = engine.finished_file(tmp_path, early.keys[0])
+    victim.write_bytes(victim.read_bytes()[:-1])
+    here = Here()
+    engine.run(tmp_path, plan(), here)
+    assert sorted(map(str, here.keys)) == sorted(map(str, plan().cohorts()))
+    assert victim.name in capfd.readouterr().err.replace("\n", "")
+    assert victim.with_suffix(".damaged").exists()
+    assert contents(tmp_path) == contents(whole)
 
 
 def test_two_runs_in_one_directory_are_refused(tmp_path):

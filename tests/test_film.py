@@ -58,15 +58,18 @@ def egl() -> None:
         pytest.skip(f"nothing draws here: {done.stderr.strip()}")
 
 
+def candidate(results: Results, **changes) -> replay.Candidate:
+    robot = replay.Candidate(EXPERIMENT, results, "wall_avoidance", "creative", 0, "post")
+    return dataclasses.replace(robot, **changes)
+
+
 def make_film(results: Results, output: Path, **changes) -> None:
-    wanted = {"task": "wall_avoidance", "proposer": "creative", "robot": 0, "phase": "post"}
-    wanted |= {"seconds": 1.0, "speed": 1.0, "seed": 0} | changes
-    film.film(EXPERIMENT, results, output=output, **wanted)
+    length = {name: changes.pop(name, 1.0) for name in ("seconds", "speed")}
+    film.film(candidate(results, **changes), output, **length)
 
 
-def reenact(results: Results, task="wall_avoidance", proposer="creative", phase="post", seed=0):
-    test = replay.Reenactment(EXPERIMENT, results, task, proposer, 1, phase, seed)
-    return list(test.moments())
+def reenact(results: Results, **changes) -> list[replay.Moment]:
+    return list(replay.Reenactment(candidate(results, robot=1, **changes)).moments())
 
 
 # ---- The file ----
@@ -242,7 +245,7 @@ def test_signal_goes_from_grey_to_hot() -> None:
 def test_brain_is_the_robots_own_from_before_or_after_training(
     results: Results, phase: str, when: str
 ) -> None:
-    brain = replay.brain_of(EXPERIMENT, results, "spot_finding", "creative", 1, phase, 0)
+    brain = candidate(results, task="spot_finding", robot=1, phase=phase).brain()
     networks = brain.controller.networks()
     stored = {name for name in results.brains if name.startswith(f"spot_finding/creative/{when}/")}
     assert stored == {f"spot_finding/creative/{when}/{name}" for name in networks}
@@ -252,7 +255,7 @@ def test_brain_is_the_robots_own_from_before_or_after_training(
 
 
 def test_reenactment_lasts_a_test_from_its_start(results: Results) -> None:
-    moments = reenact(results, "spot_finding")
+    moments = reenact(results, task="spot_finding")
     times = [moment.time for moment in moments]
     np.testing.assert_allclose(times, 0.1 * np.arange(1 + round(3600 * 0.002 / 0.1)))
     np.testing.assert_allclose(moments[0].pose, UPPER_LEFT, atol=1e-12)
@@ -262,12 +265,12 @@ def test_reenactment_lasts_a_test_from_its_start(results: Results) -> None:
 
 
 def test_spot_lies_where_the_test_has_it(results: Results) -> None:
-    test = replay.Reenactment(EXPERIMENT, results, "spot_finding", "creative", 0, "pre", 0)
+    test = replay.Reenactment(candidate(results, task="spot_finding", phase="pre"))
     np.testing.assert_array_equal(test.batch.spot, [UPPER_RIGHT[:2]])
 
 
 def test_reenactment_does_not_change_the_brain(results: Results) -> None:
-    test = replay.Reenactment(EXPERIMENT, results, "wall_avoidance", "creative", 0, "post", 0)
+    test = replay.Reenactment(candidate(results))
     before = {name: tensor.clone() for name, tensor in test._brain.controller.networks().items()}
     list(test.moments())
     for name, tensor in test._brain.controller.networks().items():
@@ -291,7 +294,7 @@ def test_fixed_actions_have_no_noise_for_a_seed_to_change(results: Results) -> N
 def test_brain_of_another_shape_is_refused(results: Results) -> None:
     other = dataclasses.replace(EXPERIMENT, brain=Parameters(memory_hidden=6))
     with pytest.raises(ValueError, match="must have shape"):
-        replay.brain_of(other, results, "wall_avoidance", "creative", 0, "post", 0)
+        candidate(results, experiment=other).brain()
 
 
 # ---- The window ----
@@ -302,30 +305,28 @@ def test_exploring_without_a_display_points_to_films(monkeypatch: pytest.MonkeyP
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="no display.*musebot film"):
-        explore.explore("wall_avoidance", None, "creative", 0, "post")
+        explore.explore("wall_avoidance")
 
 
 def test_exploring_with_opengl_elsewhere_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv("MUJOCO_GL", "egl")
     with pytest.raises(InputError, match="MUJOCO_GL is 'egl'"):
-        explore.explore("wall_avoidance", None, "creative", 0, "post")
+        explore.explore("wall_avoidance")
 
 
 def test_exploring_an_unknown_task_or_robot_is_one_sentence(results: Results) -> None:
     with pytest.raises(InputError, match="the task must be one of"):
-        explore.explore("dancing", None, "creative", 0, "post")
+        explore.explore("dancing")
     with pytest.raises(InputError, match="are 0 to 1, got 7"):
-        explore.explore("wall_avoidance", (EXPERIMENT, results), "creative", 7, "post")
+        explore.explore("wall_avoidance", candidate(results, robot=7))
 
 
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
 def test_explored_brain_drives_the_task_and_is_the_same_in_every_episode(
     results: Results, task: str
 ) -> None:
-    policy = explore.StoredBrain(
-        lambda: replay.brain_of(EXPERIMENT, results, task, "creative", 0, "post", 0)
-    )
+    policy = explore.StoredBrain(candidate(results, task=task).brain)
     environment = tasks.load("arena", task, {"robot": (0, 0, 0), "spot": (0.3, 0.1)})
     episodes = []
     for _ in range(2):

@@ -1,0 +1,47 @@
+"""What takes a quarter of an hour or more, and is run by hand: CONTRIBUTING.md says how."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+# A process of a run, less its neighbours: a whole life of spot finding, six simulated hours, and
+# the peak of its memory by the end of each.
+LIFE = """
+import json, pathlib, sys
+from musebot.protocols import engine
+from musebot.protocols.bench_lives import peak_bytes
+from musebot.protocols.experiment import CohortKey, Experiment
+
+engine.prepare_process()
+experiment = Experiment(cohort_size=50, time_scale=float(sys.argv[2]))
+key = CohortKey("spot_finding", "creative", 0)
+steps = sum(experiment.schedule(key.task).steps())
+peaks = {}
+
+def report(step, message):
+    assert not message, message
+    peaks[min(6 * step // steps, 5) + 1] = peak_bytes() / 1e6
+
+work = engine.Work(pathlib.Path(sys.argv[1]), experiment, (key,), save_every=10.0)
+assert engine.live(work, key, lambda: False, report)
+print(json.dumps(peaks))
+"""
+
+
+def peaks(directory, time_scale):
+    """Peak memory in MB of 10^6 bytes by the end of each sixth of a life, 1 to 6."""
+    command = [sys.executable, "-c", LIFE, str(directory), str(time_scale)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return {int(hour): peak for hour, peak in json.loads(done.stdout).items()}
+
+
+@pytest.mark.slow
+@pytest.mark.night
+def test_peak_memory_of_fifty_robots_grows_by_less_than_20_mb_in_five_hours(tmp_path):
+    by_hour = peaks(tmp_path, time_scale=1)
+    print("peak memory in MB by the end of each simulated hour:", by_hour)
+    assert sorted(by_hour) == [1, 2, 3, 4, 5, 6]
+    assert by_hour[6] - by_hour[1] < 20
