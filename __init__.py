@@ -17,11 +17,33 @@ if TYPE_CHECKING:
 
     from dm_control.rl import control
 
-    from .tasks import ALL_TASKS
+    from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
 
 __version__ = "0.1.0"
 
-__all__ = ["ALL_TASKS", "load"]
+__all__ = [
+    "ALL_TASKS",
+    "BENCHMARKING",
+    "GYMNASIUM_TASKS",
+    "PAPER",
+    "SUITE",
+    "TASKS_BY_DOMAIN",
+    "load",
+    "register",
+    "register_gymnasium",
+]
+
+# Gymnasium's names, in its namespace "musebot". A version changes with what the task means.
+GYMNASIUM_TASKS = {
+    "WallAvoidance-v0": "wall_avoidance",
+    "SpotFinding-v0": "spot_finding",
+    "WallAvoidanceUnit-v0": "wall_avoidance_unit",
+    "WallAvoidanceObstacles-v0": "wall_avoidance_obstacles",
+    "SpotFindingUnit-v0": "spot_finding_unit",
+    "SpotFindingTwoNoses-v0": "spot_finding_two_noses",
+    "SpotFindingWalls-v0": "spot_finding_walls",
+    "SpotFindingJumping-v0": "spot_finding_jumping",
+}
 
 
 def load(
@@ -41,16 +63,44 @@ def load(
       visualize_reward: whether the robot's colour shows its reward.
 
     Raises:
-      ValueError: there is no such domain or task.
+      TypeError: a keyword is unknown.
+      ValueError: there is no such domain or task, or a value makes no sense.
     """
     from . import tasks
 
     return tasks.load(domain_name, task_name, task_kwargs, environment_kwargs, visualize_reward)
 
 
-def __getattr__(name: str) -> Any:
-    if name == "ALL_TASKS":
-        from .tasks import ALL_TASKS
+def register() -> None:
+    """Lets `dm_control.suite.load("musebot_arena", TASK)` find the tasks, in this process."""
+    from . import tasks
 
-        return ALL_TASKS
+    tasks.register()
+
+
+def register_gymnasium() -> None:
+    """Lets `gymnasium.make("musebot/WallAvoidance-v0")` find the tasks.
+
+    Gymnasium calls this by itself where musebot is installed: it is musebot's plugin. Nothing
+    but the names is loaded.
+    """
+    import gymnasium
+
+    for name, task in GYMNASIUM_TASKS.items():
+        if f"musebot/{name}" in gymnasium.registry:
+            continue
+        gymnasium.register(
+            id=f"musebot/{name}",
+            entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
+            vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
+            kwargs={"task": task},
+            max_episode_steps=1000,
+        )
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("ALL_TASKS", "BENCHMARKING", "PAPER", "SUITE", "TASKS_BY_DOMAIN"):
+        from . import tasks
+
+        return getattr(tasks, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,15 @@
-"""The bodies: one MJCF of the robot, one of its arena, and how they are read."""
+"""The bodies: one MJCF of the robot, one of its arena, how they are read, and variants."""
 
 from .arena import ARENA_XML, ROBOT_XML, Dimensions, arena_spec, check_versions
+from .variants import add_noses, add_obstacles, add_velocity
 
-__all__ = ["ARENA_XML", "ROBOT_XML", "Dimensions", "arena_spec", "check_versions"]
+__all__ = [
+    "ARENA_XML",
+    "ROBOT_XML",
+    "Dimensions",
+    "add_noses",
+    "add_obstacles",
+    "add_velocity",
+    "arena_spec",
+    "check_versions",
+]
