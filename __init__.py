@@ -1,7 +1,7 @@
 """Musebot: Mayer's creative robot (IEEE SMC 2004), alive in MuJoCo.
 
 The tasks open like any of dm_control's; importing this module alone loads no physics, no torch and
-no OpenGL.
+no OpenGL, but tells Gymnasium, where it is installed, the names of the tasks.
 
     import musebot
 
@@ -10,6 +10,8 @@ no OpenGL.
 
 from __future__ import annotations
 
+import importlib.util
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -81,11 +83,17 @@ def register() -> None:
 def register_gymnasium() -> None:
     """Lets `gymnasium.make("musebot/WallAvoidance-v0")` find the tasks.
 
-    Gymnasium calls this by itself where musebot is installed: it is musebot's plugin. Nothing
-    but the names is loaded.
+    Importing musebot does so too: since its version 1.0 Gymnasium has no plugins, and learns of
+    environments when somebody imports them. Nothing but the names is loaded.
+
+    Raises:
+      ModuleNotFoundError: Gymnasium is not installed.
     """
+    promptless = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
     import gymnasium
 
+    if not promptless:  # Gymnasium sets it, and importing musebot sets nothing
+        os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
     for name, task in GYMNASIUM_TASKS.items():
         if f"musebot/{name}" in gymnasium.registry:
             continue
@@ -104,3 +112,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(tasks, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+if importlib.util.find_spec("gymnasium"):
+    register_gymnasium()

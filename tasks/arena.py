@@ -351,13 +351,17 @@ class Task(base.Task):
         """
         super().__init__(random=None if isinstance(random, np.random.Generator) else random)
         if isinstance(random, np.random.Generator):
-            self._random = random
+            self.reseed(random)
         self.rules = rules
         self.start = start or Start()
         self.limit = limit
         self.spot_steps = spot_steps
         self._steps = 0
         self._shell: np.ndarray | None = None
+
+    def reseed(self, random: Random) -> None:
+        """From now on draws from another random stream."""
+        self._random = random
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
         """Returns the bounds of the motors, left and right."""

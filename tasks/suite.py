@@ -72,9 +72,9 @@ class Row:
         return round(self.spot_seconds / CONTROL_TIMESTEP)
 
     @property
-    def smells(self) -> bool:
-        """Whether the robot has a nose, so that `nose=` means something."""
-        return issubclass(self.rules, SpotFindingRules)
+    def keywords(self) -> list[str]:
+        """That say how the task is set up, whichever the door: only a robot with a nose has one."""
+        return ["robot", "spot", *(["nose"] if issubclass(self.rules, SpotFindingRules) else [])]
 
 
 _FOR_EVER = float("inf")
@@ -114,7 +114,7 @@ def make_batch(
     Raises:
       ValueError: there is no such task, or a number makes no sense.
     """
-    row = _row(task_name)
+    row = row_of(task_name)
     model = row.spec(motor_speed).compile()
     return Batch(model, row.rules.of(model, nose), robots, threads=threads)
 
@@ -145,9 +145,9 @@ def make_environment(
       TypeError: an environment keyword is unknown.
       ValueError: there is no such task, or a value makes no sense.
     """
-    row = _row(task_name)
+    row = row_of(task_name)
     settings = dict(environment_kwargs or {})
-    _check_keywords("the environment", settings, _environment_keywords())
+    check_keywords("the environment", settings, _environment_keywords())
     physics = Physics.from_model(MjModel(row.spec().compile()))
     rules = row.rules.of(physics.model.ptr, nose)
     task = Task(
@@ -163,12 +163,10 @@ def make_environment(
 
 def _factory(task_name: str, row: Row) -> Callable[..., Environment]:
     """What dm_control's suites keep of a task: a function of its name."""
-    allowed = ["environment_kwargs", "random", "robot", "spot", "time_limit"]
-    if row.smells:
-        allowed.insert(1, "nose")
+    allowed = [*row.keywords, "environment_kwargs", "random", "time_limit"]
 
     def make(**kwargs: Any) -> Environment:
-        _check_keywords(f"task {task_name!r}", kwargs, allowed)
+        check_keywords(f"task {task_name!r}", kwargs, allowed)
         return make_environment(task_name, **kwargs)
 
     make.__name__ = task_name
@@ -211,7 +209,7 @@ def load(
             f"Domain {domain_name!r} does not exist: domain must be one of {[DOMAIN]}, "
             f"got {domain_name!r}"
         )
-    _row(task_name)
+    row_of(task_name)
     kwargs = dict(task_kwargs or {})
     if environment_kwargs is not None:
         kwargs["environment_kwargs"] = environment_kwargs
@@ -230,7 +228,12 @@ def register() -> None:
     dm_suite._DOMAINS[FOREIGN_DOMAIN] = sys.modules[__name__]
 
 
-def _row(task_name: str) -> Row:
+def row_of(task_name: str) -> Row:
+    """A row of the table.
+
+    Raises:
+      ValueError: there is no such task.
+    """
     if task_name not in TASKS:
         raise ValueError(
             f"Level {task_name!r} does not exist in domain {DOMAIN!r}: task must be one of "
@@ -247,7 +250,8 @@ def _environment_keywords() -> list[str]:
     ]
 
 
-def _check_keywords(whose: str, given: Mapping[str, Any], allowed: list[str]) -> None:
+def check_keywords(whose: str, given: Mapping[str, Any], allowed: list[str]) -> None:
+    """Raises TypeError where a keyword is not among those allowed."""
     unknown = sorted(set(given) - set(allowed))
     if unknown:
         raise TypeError(f"{whose} takes the keywords {sorted(allowed)}, got {unknown}")
