@@ -1,7 +1,7 @@
 """The bodies: one MJCF of the robot, one of its arena, how they are read, and variants."""
 
 from .arena import ARENA_XML, ROBOT_XML, Dimensions, arena_spec, check_versions
-from .variants import add_noses, add_obstacles, add_velocity
+from .variants import add_noses, add_obstacles, add_velocity, hide_spot
 
 __all__ = [
     "ARENA_XML",
@@ -12,4 +12,5 @@ __all__ = [
     "add_velocity",
     "arena_spec",
     "check_versions",
+    "hide_spot",
 ]

@@ -12,6 +12,11 @@ OBSTACLES = ((-0.22, 0.11, 0.05), (0.05, -0.14, 0.06), (0.27, 0.10, 0.04))  # x,
 NOSE_ANGLE = np.pi / 6  # radians off the front, where each of two noses sits and looks
 
 
+def hide_spot(spec: mujoco.MjSpec) -> None:
+    """Makes the spot invisible, where it plays no part."""
+    spec.material("spot").rgba[3] = 0
+
+
 def add_obstacles(spec: mujoco.MjSpec) -> None:
     """Stands three round pillars, as high as the walls, on the floor."""
     bumper = spec.geom("bumper")

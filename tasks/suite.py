@@ -19,7 +19,7 @@ from dm_control.mujoco.wrapper import MjModel
 from dm_control.rl import control
 from dm_control.utils import containers
 
-from .. import models
+from ..models import add_noses, add_obstacles, add_velocity, arena_spec, hide_spot
 from .arena import (
     CONTROL_TIMESTEP,
     Environment,
@@ -61,7 +61,7 @@ class Row:
 
     def spec(self, motor_speed: float | None = None) -> mj.MjSpec:
         """The task's arena (see `models.arena_spec` for the argument)."""
-        spec = models.arena_spec(motor_speed=motor_speed)
+        spec = arena_spec(motor_speed=motor_speed)
         for edit in self.edits:
             edit(spec)
         return spec
@@ -77,15 +77,15 @@ class Row:
         return ["robot", "spot", *(["nose"] if issubclass(self.rules, SpotFindingRules) else [])]
 
 
-_FOR_EVER = float("inf")
+_ENDLESS = float("inf")
 
 TASKS: Mapping[str, Row] = {
-    "wall_avoidance": Row(WallAvoidanceRules, tag="paper", limit=0.5, time_limit=_FOR_EVER),
-    "spot_finding": Row(SpotFindingRules, tag="paper", limit=0.5, time_limit=_FOR_EVER),
-    "wall_avoidance_unit": Row(UnitWallAvoidanceRules),
-    "wall_avoidance_obstacles": Row(DrivingRules, (models.add_obstacles, models.add_velocity)),
+    "wall_avoidance": Row(WallAvoidanceRules, (hide_spot,), "paper", 0.5, _ENDLESS),
+    "spot_finding": Row(SpotFindingRules, (), "paper", 0.5, _ENDLESS),
+    "wall_avoidance_unit": Row(UnitWallAvoidanceRules, (hide_spot,)),
+    "wall_avoidance_obstacles": Row(DrivingRules, (hide_spot, add_obstacles, add_velocity)),
     "spot_finding_unit": Row(SpotFindingRules),
-    "spot_finding_two_noses": Row(TwoNosesRules, (models.add_noses,)),
+    "spot_finding_two_noses": Row(TwoNosesRules, (add_noses,)),
     "spot_finding_walls": Row(SpotAmongWallsRules),
     "spot_finding_jumping": Row(SpotFindingRules, spot_seconds=20.0),
 }
