@@ -10,7 +10,7 @@ no OpenGL, but tells Gymnasium, where it is installed, the names of the tasks.
 
 from __future__ import annotations
 
-import importlib.util
+import contextlib
 import os
 from typing import TYPE_CHECKING, Any
 
@@ -114,5 +114,5 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-if importlib.util.find_spec("gymnasium"):
+with contextlib.suppress(ImportError):  # Gymnasium is an extra
     register_gymnasium()
