@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV   := .venv
 READY  := $(VENV)/.ready
 RAY    := $(VENV)/.ray
+GYM    := $(VENV)/.gym
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post --seconds 30
@@ -27,10 +28,10 @@ run: $(READY)  ## eight creative robots live through both tasks, then a film of 
 	$(FILM) --task wall_avoidance --speed 4 --output $(DEMO)/films/wall_avoidance.mp4
 	$(FILM) --task spot_finding --speed 60 --output $(DEMO)/films/spot_finding.mp4
 
-test: $(READY) $(RAY)  ## run the tests
+test: $(READY) $(RAY) $(GYM)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 tests
 
-lint: $(READY) $(RAY)  ## check style, format and types
+lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
@@ -62,4 +63,10 @@ $(READY): pyproject.toml constraints.txt
 $(RAY): $(READY) constraints-cluster.txt
 	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt || \
 	  echo "Going on without Ray: the tests of the cluster will be skipped." >&2
+	@touch $@
+
+# Likewise what only users of Gymnasium need.
+$(GYM): $(READY) constraints-gym.txt
+	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt || \
+	  echo "Going on without Gymnasium: the tests of its doors will be skipped." >&2
 	@touch $@

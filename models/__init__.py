@@ -1,4 +1,4 @@
-"""The bodies: one MJCF of the robot, one of its arena, and how they are read."""
+"""The bodies: one MJCF of the robot, one of its arena, how they are read, and variants."""
 
 from .arena import (
     ARENA_XML,
@@ -10,14 +10,21 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
+from .kinematic import Kinematics
+from .variants import add_noses, add_obstacles, add_velocity, hide_spot
 
 __all__ = [
     "ARENA_XML",
     "ROBOT_XML",
     "Dimensions",
+    "Kinematics",
+    "add_noses",
+    "add_obstacles",
+    "add_velocity",
     "arena_spec",
     "check_versions",
     "half_size",
+    "hide_spot",
     "robot_pose",
     "robot_qpos",
 ]

@@ -97,6 +97,7 @@ class Dimensions:
       motor_speed: speed of a wheel at motor value 0.5, in metres a second.
       contact_margin: the gap to a wall at which the rim feels it, in metres.
       spot_radius: of the odorous spot, in metres.
+      obstacles: of each, x, y and radius, in metres.
     """
 
     half_length: float
@@ -106,6 +107,7 @@ class Dimensions:
     motor_speed: float
     contact_margin: float
     spot_radius: float
+    obstacles: tuple[tuple[float, float, float], ...] = ()
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Dimensions:
@@ -125,4 +127,9 @@ class Dimensions:
             motor_speed=float(0.5 * wheel_radius / model.actuator("left_motor").gear[0]),
             contact_margin=float(bumper.margin[0]),
             spot_radius=float(model.site("spot").size[0]),
+            obstacles=tuple(
+                (float(body.pos[0]), float(body.pos[1]), float(model.geom(body.name).size[0]))
+                for body in map(model.body, range(model.nbody))
+                if body.name.startswith("obstacle")
+            ),
         )

@@ -274,8 +274,7 @@ def _physics_steps(legacy: bool, substeps: int) -> Callable[[mujoco.MjModel, muj
 def environment_costs(rounds: int, steps: int) -> list[EnvironmentCost]:
     """Our tasks and dm_control's point_mass, `env.step` and bare physics in turns."""
     twins = [
-        Twins(task, tasks.load("arena", task, task_kwargs={"random": 1}))
-        for _, task in tasks.ALL_TASKS
+        Twins(task, tasks.load("arena", task, task_kwargs={"random": 1})) for _, task in tasks.PAPER
     ]
     twins.append(Twins("point_mass", point_mass.easy(time_limit=_ENDLESS, random=1)))
     seconds: dict[str, list[tuple[float, float]]] = {twin.name: [] for twin in twins}

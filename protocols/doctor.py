@@ -196,9 +196,9 @@ def _memory() -> str:
 
 def _physics() -> str:
     try:
-        from ..tasks.arena import make_physics
+        from .. import tasks
 
-        physics = make_physics()
+        physics = tasks.load("arena", "wall_avoidance").physics
     except Exception as error:  # dm_control and MuJoCo that do not go together say it in many ways
         reason = f"the arena does not compile ({type(error).__name__}: {error})"
         raise _Missing(reason, "see mujoco and dm-control, above") from error

@@ -18,8 +18,8 @@ import numpy as np
 
 from .. import __version__
 from ..controller import PROPOSERS, Parameters
-from ..models.kinematic import Kinematics
-from ..tasks import Robots, make_batch
+from ..models import Kinematics
+from ..tasks import Robots, make_batch, make_kinematic_batch
 from ..tasks.senses import NoseForm
 from .agents import check_agent
 from .errors import DamagedFileError, InputError
@@ -104,13 +104,10 @@ class Experiment:
 
     def batch(self, task: str, robots: int) -> Robots:
         """Robots in lockstep, in the body of the experiment."""
-        return make_batch(
-            task,
-            robots,
-            nose=self.nose,
-            motor_speed=self.motor_speed,
-            kinematics=self.kinematics if self.body == "kinematic" else None,
-        )
+        shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed}
+        if self.body == "kinematic":
+            return make_kinematic_batch(task, robots, self.kinematics, **shared)
+        return make_batch(task, robots, **shared)
 
     def seeds(self, key: CohortKey) -> tuple[int, np.random.Generator]:
         """A cohort's own random streams: a seed for its brains, a generator for its world.

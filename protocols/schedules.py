@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Literal
 
-from ..models import arena_spec, half_size
 from ..tasks import CONTROL_TIMESTEP
+from ..tasks.arena import CORNERS
 
 Part = Literal["pre", "training", "post"]
 
-# Section 3.1: "a distance of ten cm to the walls facing the corner".
-_X, _Y = (half - 0.10 for half in half_size(arena_spec()))
-UPPER_LEFT = (-_X, _Y, math.atan2(1, -1))
-UPPER_RIGHT = (_X, _Y, math.atan2(1, 1))
+UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
 
 
 @dataclasses.dataclass(frozen=True)

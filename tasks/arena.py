@@ -1,4 +1,7 @@
-"""The domain "arena": one physics, and the paper's two tasks in it (sections 3.1 and 3.2)."""
+"""The arena as dm_control knows it: its physics, and the paper's two tasks (3.1 and 3.2).
+
+The table of all tasks, the paper's and further ones, is in `suite.py`.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +9,32 @@ import abc
 import collections
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, Self
 
 import mujoco as mj
 import numpy as np
 from dm_control import mujoco
-from dm_control.mujoco.wrapper import MjModel
 from dm_control.rl import control
 from dm_control.suite import base
-from dm_control.utils import containers
 from dm_env import specs
 
-from ..models import Dimensions, arena_spec, robot_pose, robot_qpos
+from ..models import Dimensions, arena_spec, half_size, robot_pose, robot_qpos
 from .senses import Nose, NoseForm, contact_signal, distance_signal
 
 CONTROL_TIMESTEP = 0.1  # seconds; the cycle time of section 3
 RANGEFINDERS = ("front", "back", "left", "right")
 
-SUITE = containers.TaggedTasks()
+Corner = Literal["upper_left", "upper_right"]
+# Section 3.1: "a distance of ten cm to the walls facing the corner": x, y in metres, heading.
+_X, _Y = (half - 0.10 for half in half_size(arena_spec()))
+CORNERS: Mapping[str, tuple[float, float, float]] = {
+    "upper_left": (-_X, _Y, math.atan2(1, -1)),
+    "upper_right": (_X, _Y, math.atan2(1, 1)),
+}
+
+Random = np.random.RandomState | np.random.Generator
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,11 +114,27 @@ class Rules(abc.ABC):
     Attributes:
       layout: where each sensor's numbers stand.
       shapes: of each observation, how many numbers, their minimum and their maximum.
+      rewards: the smallest and the largest.
     """
 
     layout: SensorLayout
 
     shapes: ClassVar[Mapping[str, tuple[int, float, float]]]
+    rewards: ClassVar[tuple[float, float]]
+
+    @classmethod
+    def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:
+        """The rules for a compiled arena.
+
+        Args:
+          model: of the arena.
+          nose: the form of Eq. 3, for robots that have a nose.
+
+        Raises:
+          KeyError: the arena lacks a sensor.
+        """
+        del nose
+        return cls(SensorLayout.of(model))
 
     @abc.abstractmethod
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
@@ -131,6 +157,7 @@ class WallAvoidanceRules(Rules):
     """Section 3.1: feel the walls with four distances and a contact; contact is punished."""
 
     shapes: ClassVar = {"distances": (4, 0.0, 1.0), "contact": (1, -1.0, 0.0)}
+    rewards: ClassVar = (-1.0, 0.0)
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """`distances` (..., 4): front, back, left, right (Eq. 2); and `contact` (..., 1)."""
@@ -155,6 +182,13 @@ class SpotFindingRules(Rules):
     nose: Nose = Nose()
 
     shapes: ClassVar = {"nose": (1, 0.0, 1.0)}
+    rewards: ClassVar = (0.0, 1.0)
+
+    @classmethod
+    def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:
+        """The rules for a compiled arena, whose spot has the size that counts as inside."""
+        radius = Dimensions.of(model).spot_radius
+        return cls(SensorLayout.of(model), Nose(spot_radius=radius, form=nose))
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """`nose` (..., 1): Eq. 3."""
@@ -169,10 +203,8 @@ class SpotFindingRules(Rules):
         return self.nose.inside(sensordata[..., self.layout.smell])
 
 
-def random_poses(
-    random: np.random.RandomState | np.random.Generator, dimensions: Dimensions, count: int
-) -> np.ndarray:
-    """Draws poses uniformly over the arena, clear of the walls by a centimetre.
+def random_poses(random: Random, dimensions: Dimensions, count: int) -> np.ndarray:
+    """Draws poses uniformly over the arena, clear of walls and obstacles by a centimetre.
 
     Args:
       random: the random stream to draw from.
@@ -184,12 +216,17 @@ def random_poses(
     """
     clear = dimensions.radius + 0.01
     high = np.array([dimensions.half_length - clear, dimensions.half_width - clear, np.pi])
-    return random.uniform(-high, high, (count, 3))
+    poses = random.uniform(-high, high, (count, 3))
+    obstacles = np.reshape(dimensions.obstacles, (-1, 3))
+    while True:
+        apart = np.hypot(*(poses[:, None, :2] - obstacles[:, :2]).transpose(2, 0, 1))
+        blocked = (apart < obstacles[:, 2] + clear).any(axis=1)
+        if not blocked.any():
+            return poses
+        poses[blocked] = random.uniform(-high, high, (int(blocked.sum()), 3))
 
 
-def random_spots(
-    random: np.random.RandomState | np.random.Generator, dimensions: Dimensions, count: int
-) -> np.ndarray:
+def random_spots(random: Random, dimensions: Dimensions, count: int) -> np.ndarray:
     """Draws centres of the spot uniformly, the whole spot inside the arena.
 
     Args:
@@ -205,58 +242,128 @@ def random_spots(
     return random.uniform(-high, high, (count, 2))
 
 
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """Where episodes start.
+
+    Attributes:
+      robot: x, y in metres and heading in radians; a corner of the paper's, which the robot
+        looks into; None draws a pose anew for every episode.
+      spot: x, y of its centre in metres; a corner; None draws a place for every episode.
+    """
+
+    robot: tuple[float, float, float] | Corner | None = None
+    spot: tuple[float, float] | Corner | None = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where a place makes no sense."""
+        for name, length in (("robot", 3), ("spot", 2)):
+            place = getattr(self, name)
+            if isinstance(place, str):
+                if place not in CORNERS:
+                    raise ValueError(f"{name} must be one of {list(CORNERS)}, got {place!r}")
+            elif place is not None:
+                if np.shape(place) != (length,) or not np.isfinite(place).all():
+                    raise ValueError(f"{name} must be {length} finite numbers, got {place!r}")
+
+    def draw(self, random: Random, dimensions: Dimensions) -> tuple[np.ndarray, np.ndarray]:
+        """Returns a robot's pose, shape (3,), and a spot, shape (2,): the pose is drawn first."""
+        robot = CORNERS[self.robot] if isinstance(self.robot, str) else self.robot
+        spot = CORNERS[self.spot][:2] if isinstance(self.spot, str) else self.spot
+        if robot is None:
+            robot = random_poses(random, dimensions, 1)[0]
+        if spot is None:
+            spot = random_spots(random, dimensions, 1)[0]
+        return np.asarray(robot, dtype=float), np.asarray(spot, dtype=float)
+
+
+def checked_actions(actions: Any, shape: tuple[int, ...], limit: float) -> np.ndarray:
+    """Motor values for actions in [-limit, limit], of the same shape.
+
+    Args:
+      actions: left and right; values beyond the limits are clipped.
+      shape: that they must have, (..., 2).
+      limit: the action that is motor value 0.5.
+
+    Raises:
+      ValueError: the actions have another shape, or are not finite.
+    """
+    actions = np.asarray(actions, dtype=float)
+    if actions.shape != shape or not np.isfinite(actions).all():
+        raise ValueError(
+            f"an action is two finite motor values, shape {shape} in all; "
+            f"got shape {actions.shape}: {actions!r}"
+        )
+    return np.clip(actions, -limit, limit) * (0.5 / limit)
+
+
 class Task(base.Task):
-    """What both tasks share: starts, signals as observations, a motor in [-0.5, 0.5].
+    """A task of the arena: starts, signals as observations, two motors as actions.
 
     Attributes:
       rules: what the robot senses and is rewarded for.
+      start: where episodes start.
+      limit: actions lie in [-limit, limit]; the ends are motor values -0.5 and 0.5.
+      spot_steps: control steps after which the spot jumps, again and again, to a place drawn
+        at random; 0 for never.
     """
-
-    rules: Rules
 
     def __init__(
         self,
         rules: Rules,
         *,
-        robot: tuple[float, float, float] | None = None,
-        spot: tuple[float, float] | None = None,
-        random: np.random.RandomState | int | None = None,
+        start: Start | None = None,
+        limit: float = 0.5,
+        spot_steps: int = 0,
+        random: Random | int | None = None,
     ) -> None:
         """Makes a task.
 
         Args:
           rules: what the robot senses and is rewarded for.
-          robot: where it starts: x, y in metres and heading in radians; None draws it anew
-            for every episode.
-          spot: where the spot lies: x, y in metres; None draws it anew for every episode.
-          random: a RandomState, a seed for one, or None for a seed of the machine's.
+          start: where episodes start; None draws all of it.
+          limit: actions lie in [-limit, limit].
+          spot_steps: control steps between two jumps of the spot; 0 for a spot that stays.
+          random: a random stream, a seed for one, or None for a seed of the machine's.
         """
-        super().__init__(random=random)
+        super().__init__(random=None if isinstance(random, np.random.Generator) else random)
+        if isinstance(random, np.random.Generator):
+            self.reseed(random)
         self.rules = rules
-        self._robot = robot
-        self._spot = spot
+        self.start = start or Start()
+        self.limit = limit
+        self.spot_steps = spot_steps
+        self._steps = 0
+        self._shell: np.ndarray | None = None
+
+    def reseed(self, random: Random) -> None:
+        """From now on draws from another random stream."""
+        self._random = random
+
+    def action_spec(self, physics: Physics) -> specs.BoundedArray:
+        """Returns the bounds of the motors, left and right."""
+        del physics
+        high = np.full(2, self.limit)
+        return specs.BoundedArray(high.shape, np.float64, -high, high, name="motors")
 
     def initialize_episode(self, physics: Physics) -> None:
         """Places robot and spot."""
-        robot, spot = self._robot, self._spot
-        if robot is None:
-            robot = random_poses(self.random, physics.dimensions, 1)[0]
-        if spot is None:
-            spot = random_spots(self.random, physics.dimensions, 1)[0]
+        robot, spot = self.start.draw(self.random, physics.dimensions)
         physics.place_robot(*robot)
         physics.place_spot(*spot)
+        self._steps = 0
         super().initialize_episode(physics)
 
     def before_step(self, action: np.ndarray, physics: Physics) -> None:
-        """Sets the motors, left and right; values beyond [-0.5, 0.5] are clipped.
+        """Sets the motors, and lets the spot jump when it is time.
 
         Raises:
           ValueError: the action is not two finite numbers.
         """
-        action = np.asarray(action, dtype=float)
-        if action.shape != (2,) or not np.isfinite(action).all():
-            raise ValueError(f"an action is two finite motor values, got {action!r}")
-        physics.set_control(np.clip(action, -0.5, 0.5))
+        physics.set_control(checked_actions(action, (2,), self.limit))
+        if self.spot_steps and self._steps and self._steps % self.spot_steps == 0:
+            physics.place_spot(*random_spots(self.random, physics.dimensions, 1)[0])
+        self._steps += 1
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict[str, np.ndarray]:
         """Returns the sensor signals by name, each of shape (n,)."""
@@ -267,12 +374,12 @@ class Task(base.Task):
         """Returns the bounds of every observation."""
         del physics
         return collections.OrderedDict(
-            (name, _bounded(name, length, low, high))
+            (name, specs.BoundedArray((length,), np.float64, low, high, name=name))
             for name, (length, low, high) in self.rules.shapes.items()
         )
 
     def get_reward(self, physics: Physics) -> float:
-        """Returns the reward: the contact or the nose signal."""
+        """Returns the reward of the rules."""
         return float(self.rules.reward(physics.data.sensordata[None])[0])
 
     def after_step(self, physics: Physics) -> None:
@@ -280,82 +387,40 @@ class Task(base.Task):
         if self._visualize_reward:
             reward = abs(self.get_reward(physics))
             highlight = np.array([0.95, 0.25, 0.15, 1.0])
-            if not hasattr(self, "_shell"):
-                self._shell = physics.named.model.mat_rgba["musebot/shell"].copy()
+            shell = self._shell
+            if shell is None:
+                shell = self._shell = physics.named.model.mat_rgba["musebot/shell"].copy()
             physics.named.model.mat_rgba["musebot/shell"] = (
-                reward * highlight + (1 - reward) * self._shell
+                reward * highlight + (1 - reward) * shell
             )
 
 
-class WallAvoidance(Task):
-    """Section 3.1: stay away from the walls.
+class Environment(control.Environment):
+    """dm_control's, with bounds on rewards and flat observations, and exactly limited episodes."""
 
-    Observations `distances` (4, in [0, 1], Eq. 2: front, back, left, right) and `contact`
-    (1, -1 or 0); reward -1 while in contact, else 0.
-    """
+    def __init__(self, physics: Physics, task: Task, **settings: Any) -> None:
+        """Makes an environment with the keywords of `dm_control.rl.control.Environment`."""
+        # legacy_step=False: plain mj_step, as the batch's rollout does, so that both agree.
+        settings = {"control_timestep": CONTROL_TIMESTEP, "legacy_step": False} | settings
+        super().__init__(physics, task, **settings)
+        # 100 s / (14 * 0.1 s / 14) is 1000.0000000000001, a step too many.
+        self._step_limit = round(self._step_limit, 6)
 
+    def observation_spec(self) -> Any:
+        """Returns the bounds of every observation, or of all in one array if they are flat."""
+        named = self.task.observation_spec(self.physics)
+        if not self._flat_observation:
+            return named
+        low, high = (
+            np.concatenate(
+                [np.broadcast_to(getattr(spec, end), spec.shape) for spec in named.values()]
+            )
+            for end in ("minimum", "maximum")
+        )
+        name = control.FLAT_OBSERVATION_KEY
+        spec = specs.BoundedArray(low.shape, np.float64, low, high, name=name)
+        return collections.OrderedDict([(name, spec)])
 
-class SpotFinding(Task):
-    """Section 3.2: go to the odorous spot and stay there.
-
-    Observation `nose` (1, in [0, 1), Eq. 3); reward the same signal.
-    """
-
-
-def make_physics(*, motor_speed: float | None = None) -> Physics:
-    """Compiles the arena (see `models.arena_spec` for the argument)."""
-    return Physics.from_model(MjModel(arena_spec(motor_speed=motor_speed).compile()))
-
-
-def wall_avoidance_rules(model: mj.MjModel) -> WallAvoidanceRules:
-    """The rules of section 3.1 for a compiled arena."""
-    return WallAvoidanceRules(SensorLayout.of(model))
-
-
-def spot_finding_rules(model: mj.MjModel, nose: NoseForm = "inverse") -> SpotFindingRules:
-    """The rules of section 3.2 for a compiled arena."""
-    radius = Dimensions.of(model).spot_radius
-    return SpotFindingRules(SensorLayout.of(model), Nose(spot_radius=radius, form=nose))
-
-
-@SUITE.add("paper")
-def wall_avoidance(
-    time_limit: float = float("inf"),
-    random: np.random.RandomState | int | None = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
-    **start: Any,
-) -> control.Environment:
-    """Returns the wall avoidance task; `robot=(x, y, heading)` fixes the start."""
-    physics = make_physics()
-    task = WallAvoidance(wall_avoidance_rules(physics.model.ptr), random=random, **start)
-    return _environment(physics, task, time_limit, environment_kwargs)
-
-
-@SUITE.add("paper")
-def spot_finding(
-    time_limit: float = float("inf"),
-    random: np.random.RandomState | int | None = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
-    nose: NoseForm = "inverse",
-    **start: Any,
-) -> control.Environment:
-    """Returns the spot finding task; `robot=` and `spot=` fix the start, `nose=` Eq. 3."""
-    physics = make_physics()
-    task = SpotFinding(spot_finding_rules(physics.model.ptr, nose), random=random, **start)
-    return _environment(physics, task, time_limit, environment_kwargs)
-
-
-def _environment(
-    physics: Physics,
-    task: Task,
-    time_limit: float,
-    environment_kwargs: Mapping[str, Any] | None,
-) -> control.Environment:
-    # legacy_step=False: plain mj_step, as the batch's rollout does, so that both agree.
-    settings = {"control_timestep": CONTROL_TIMESTEP, "legacy_step": False}
-    settings.update(environment_kwargs or {})
-    return control.Environment(physics, task, time_limit=time_limit, **settings)
-
-
-def _bounded(name: str, length: int, low: float, high: float) -> Any:
-    return specs.BoundedArray((length,), np.float64, low, high, name=name)
+    def reward_spec(self) -> specs.BoundedArray:
+        """Returns the bounds of the reward."""
+        return specs.BoundedArray((), float, *self.task.rules.rewards, name="reward")

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from ..models import Dimensions
-from .arena import CONTROL_TIMESTEP, Rules, robot_pose, robot_qpos
+from ..models import Dimensions, robot_pose, robot_qpos
+from .arena import CONTROL_TIMESTEP, Rules
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_MOCAP_POS.value
@@ -160,12 +160,12 @@ class _Call:
         """What the last of the steps sensed, shape (B, nsensordata)."""
         return self._sensors[:, -1]
 
-    def step(self, engine: rollout.Rollout, scratch: mujoco.MjData) -> None:
+    def step(self, engine: rollout.Rollout, scratch: list[mujoco.MjData]) -> None:
         """Moves the state on."""
         self._held[:] = self._control[:, None]
         engine.rollout(
             self._models,
-            [scratch],
+            scratch,
             self._state,
             self._held,
             nstep=self._steps,
@@ -178,32 +178,40 @@ class _Call:
 
 
 class Batch(Robots):
-    """Robots in MuJoCo, stepped together in the calling thread.
+    """Robots in MuJoCo, stepped together.
 
     Attributes:
       model: the compiled arena, the same for all.
       substeps: physics steps in a control step.
     """
 
-    def __init__(self, model: mujoco.MjModel, rules: Rules, robots: int) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, rules: Rules, robots: int, *, threads: int = 0
+    ) -> None:
         """Makes B robots, all at the origin.
 
         Args:
           model: a compiled arena.
           rules: of the task, for that arena.
           robots: B.
+          threads: that step the physics; 0 for the calling thread. Each robot's step depends
+            on its own state alone, so that results do not depend on it.
 
         Raises:
-          ValueError: robots is not positive, or the timestep does not divide 0.1 s.
+          ValueError: robots is not positive, threads is negative, or the timestep does not
+            divide 0.1 s.
         """
         super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
+        if threads < 0:
+            raise ValueError(f"threads must not be negative, got {threads}")
         self.model = model
         self.substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
         if abs(self.substeps * model.opt.timestep - CONTROL_TIMESTEP) > 1e-9:
             raise ValueError(f"the timestep must divide 0.1 s, got {model.opt.timestep}")
 
-        self._scratch = mujoco.MjData(model)
-        self._engine = rollout.Rollout(nthread=0)
+        self._threads = [mujoco.MjData(model) for _ in range(max(threads, 1))]
+        self._scratch = self._threads[0]
+        self._engine = rollout.Rollout(nthread=threads)
         # Sensors are read once a control step, so only its last substep pays for them.
         blind = copy.copy(model)
         blind.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
@@ -250,7 +258,7 @@ class Batch(Robots):
         np.clip(self._sound(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
         time = self._state[:, 0].copy()
         for call in self._calls:
-            call.step(self._engine, self._scratch)
+            call.step(self._engine, self._threads)
         self.sensordata[:] = self._calls[-1].sensordata
         self._check(time)
 

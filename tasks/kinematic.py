@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..models import Dimensions
-from ..models.kinematic import Kinematics, distances, drive, gaps, seen_from_nose
+from ..models import Dimensions, Kinematics
+from ..models.kinematic import distances, drive, gaps, seen_from_nose
 from .arena import CONTROL_TIMESTEP, Rules
 from .batch import Robots
+from .senses import NoseForm
+from .suite import row_of
 
 
 class KinematicBatch(Robots):
@@ -93,3 +95,31 @@ class KinematicBatch(Robots):
         self.sensordata[:, layout.touch] = self._touch[:, None]
         self.sensordata[:, layout.smell.start : layout.smell.start + 2] = nose
         self.sensordata[~self.valid] = 0
+
+
+def make_kinematic_batch(
+    task_name: str,
+    robots: int,
+    kinematics: Kinematics,
+    *,
+    nose: NoseForm = "inverse",
+    motor_speed: float | None = None,
+) -> KinematicBatch:
+    """Returns robots in lockstep on the stand-in, for one of the paper's tasks.
+
+    Args:
+      task_name: "wall_avoidance" or "spot_finding".
+      robots: how many.
+      kinematics: how they drive.
+      nose: the form of Eq. 3.
+      motor_speed: see `make_batch`.
+
+    Raises:
+      ValueError: there is no such task, or a number makes no sense.
+    """
+    row = row_of(task_name)
+    if row.tag != "paper":
+        raise ValueError(f"the kinematic stand-in has the paper's tasks alone, not {task_name!r}")
+    model = row.spec(motor_speed).compile()
+    rules = row.rules.of(model, nose)
+    return KinematicBatch(Dimensions.of(model), rules, model.nsensordata, robots, kinematics)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from musebot.models import robot_pose, robot_qpos
-from musebot.tasks import load, make_batch
+from musebot.tasks import ALL_TASKS, load, make_batch
+from musebot.tasks.arena import Start
 
-TASKS = ("wall_avoidance", "spot_finding")
+TASKS = [task for _, task in ALL_TASKS]
 
 
 def scripted_motors(steps, seed=0):
@@ -24,7 +25,8 @@ def scripted_motors(steps, seed=0):
 @pytest.mark.parametrize("task", TASKS)
 def test_batch_equals_the_environment_to_the_bit(task):
     start, second, spot = (-0.425, 0.25, 2.356), (0.3, -0.2, 0.4), (0.1, 0.05)
-    environment = load("arena", task, {"robot": start, "spot": spot})
+    environment = load("arena", task, {"robot": start, "spot": spot, "time_limit": 1e9})
+    environment.task.spot_steps = 0  # who drives the batch decides when a spot jumps
     batch = make_batch(task, 3)
     everyone = np.arange(3)
     timestep = environment.reset()
@@ -33,7 +35,7 @@ def test_batch_equals_the_environment_to_the_bit(task):
     touched = 0
     for step, motor in enumerate(scripted_motors(3000)):
         if step in (700, 1500):
-            environment.task._robot = second
+            environment.task.start = Start(second, spot)
             timestep = environment.reset()
             batch.place(everyone, np.tile(second, (3, 1)))
         if step == 2200:
@@ -43,7 +45,7 @@ def test_batch_equals_the_environment_to_the_bit(task):
             np.concatenate(list(timestep.observation.values())),
             batch.rules.state(batch.sensordata)[1],
         )
-        timestep = environment.step(motor)
+        timestep = environment.step(motor / 0.5 * environment.task.limit)
         others = np.random.default_rng(step).uniform(-0.5, 0.5, (2, 2))
         batch.step(np.stack([others[0], motor, others[1]]))
         qpos = batch.arrays()["state"][1, 1:10]
@@ -54,6 +56,18 @@ def test_batch_equals_the_environment_to_the_bit(task):
         touched += bool(batch.sensordata[1, batch.rules.layout.touch][0] > 0)
     assert touched > 100
     assert batch.valid.all()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_number_of_threads_changes_no_bit(task):
+    batches = [make_batch(task, 7, threads=threads) for threads in (0, 1, 2, 3)]
+    motors = np.random.default_rng(0).uniform(-0.5, 0.5, (200, 7, 2))
+    for motor in motors:
+        for batch in batches:
+            batch.step(motor)
+    for batch in batches[1:]:
+        for name, array in batch.arrays().items():
+            np.testing.assert_array_equal(array, batches[0].arrays()[name])
 
 
 def test_robots_do_not_feel_one_another():
@@ -132,5 +146,7 @@ def test_a_moved_spot_is_smelled_through_mujoco_as_the_nose_function_says(form):
 def test_bad_batches_are_refused():
     with pytest.raises(ValueError, match="robots must be positive, got 0"):
         make_batch("wall_avoidance", 0)
+    with pytest.raises(ValueError, match="threads must not be negative, got -1"):
+        make_batch("wall_avoidance", 1, threads=-1)
     with pytest.raises(ValueError, match="task must be one of .*got 'dancing'"):
         make_batch("dancing", 1)

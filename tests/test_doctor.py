@@ -14,8 +14,8 @@ import mujoco
 import pytest
 
 import musebot
+from musebot import tasks
 from musebot.protocols import doctor
-from musebot.tasks import arena
 
 
 @pytest.fixture
@@ -81,10 +81,10 @@ def test_what_is_missing_ends_the_report_with_its_remedy(
 def test_dm_control_that_cannot_read_the_arena_is_told(
     quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(**_: object) -> None:
+    def fail(*_: object) -> None:
         raise AttributeError("'MjModel' object has no attribute 'flex_vertedge'")
 
-    monkeypatch.setattr(arena, "make_physics", fail)
+    monkeypatch.setattr(tasks, "load", fail)
     found = finding("physics")
     assert not found.good
     assert "does not compile (AttributeError: 'MjModel' object has no" in found.text

@@ -11,11 +11,11 @@ from musebot.models import Dimensions, arena_spec
 from musebot.models.kinematic import WALLS, Kinematics, drive, gaps
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.experiment import CohortKey, Experiment
-from musebot.tasks import make_batch
+from musebot.tasks import make_batch, make_kinematic_batch
 
 SIZE = Dimensions.of(arena_spec().compile())
 ROOM = np.array([SIZE.half_length, SIZE.half_width]) - SIZE.radius
-BODIES = make_batch("spot_finding", 1), make_batch("spot_finding", 1, kinematics=Kinematics())
+BODIES = make_batch("spot_finding", 1), make_kinematic_batch("spot_finding", 1, Kinematics())
 
 motors = st.floats(-0.5, 0.5)
 poses = st.tuples(
@@ -88,7 +88,7 @@ def test_it_senses_what_the_body_in_mujoco_does(pose, spot):
 
 @pytest.mark.parametrize("gap", [0.0, 0.0004, 0.0006, 0.01])
 def test_contact_is_a_gap_of_half_a_millimetre_at_most(gap):
-    batch = make_batch("wall_avoidance", 1, kinematics=Kinematics())
+    batch = make_kinematic_batch("wall_avoidance", 1, Kinematics())
     batch.place(np.array([0]), np.array([[0.1, ROOM[1] - gap, 0.3]]))
     batch.step(np.zeros((1, 2)))
     assert batch.rules.event(batch.sensordata)[0] == (gap <= 0.0005)
@@ -100,8 +100,8 @@ def test_a_short_contact_counts_only_where_any_contact_does():
     arc = np.array([[0.5, 0.3]])
     touched = []
     for any_contact in (False, True):
-        batch = make_batch(
-            "wall_avoidance", 1, kinematics=Kinematics(any_contact=any_contact, pieces=10)
+        batch = make_kinematic_batch(
+            "wall_avoidance", 1, Kinematics(any_contact=any_contact, pieces=10)
         )
         batch.place(np.array([0]), start)
         batch.step(arc)

@@ -1,0 +1,83 @@
+"""Edits of the arena for further tasks: what stands in it, and what the robot wears.
+
+The numbers of these additions stand here; those of robot and arena stay in their XML.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+OBSTACLES = ((-0.22, 0.11, 0.05), (0.05, -0.14, 0.06), (0.27, 0.10, 0.04))  # x, y, radius: metres
+NOSE_ANGLE = np.pi / 6  # radians off the front, where each of two noses sits and looks
+
+
+def hide_spot(spec: mujoco.MjSpec) -> None:
+    """Makes the spot invisible, where it plays no part."""
+    spec.material("spot").rgba[3] = 0
+
+
+def add_obstacles(spec: mujoco.MjSpec) -> None:
+    """Stands three round pillars, as high as the walls, on the floor."""
+    bumper = spec.geom("bumper")
+    for number, (x, y, radius) in enumerate(OBSTACLES, start=1):
+        body = spec.worldbody.add_body(name=f"obstacle_{number}", pos=[x, y, 0])
+        # Seen, by eyes and by rays.
+        body.add_geom(
+            name=f"obstacle_{number}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[radius, 0.025, 0],
+            pos=[0, 0, 0.025],
+            contype=0,
+            conaffinity=0,
+            material="wall",
+        )
+        # Felt: a ball as high as the bumper pushes it to the side alone, and MuJoCo's test of a
+        # ball against a cylinder is exact. An eye that dips into the pillar sees it too.
+        body.add_geom(
+            name=f"obstacle_{number}_core",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0, 0],
+            pos=[0, 0, bumper.pos[2]],
+            contype=0,
+            conaffinity=1,
+            group=3,
+            material="wall",
+        )
+
+
+def add_velocity(spec: mujoco.MjSpec) -> None:
+    """Lets the robot sense its velocity: ahead, to the left, up, in metres a second."""
+    spec.add_sensor(
+        name="velocity",
+        type=mujoco.mjtSensor.mjSENS_VELOCIMETER,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname="rim",
+    )
+
+
+def add_noses(spec: mujoco.MjSpec) -> None:
+    """Puts a nose to the left and one to the right of the front, looking outwards.
+
+    The one in front stays as a point to measure from, but nobody smells with it.
+    """
+    front = spec.site("nose")
+    front.group = 4
+    radius = front.pos[0]
+    for name, angle in (("left", NOSE_ANGLE), ("right", -NOSE_ANGLE)):
+        spec.body("robot").add_site(
+            name=f"{name}_nose",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=front.size,
+            pos=[radius * np.cos(angle), radius * np.sin(angle), front.pos[2]],
+            quat=[np.cos(angle / 2), 0, 0, np.sin(angle / 2)],
+            material=front.material,
+        )
+        spec.add_sensor(
+            name=f"{name}_smell",
+            type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+            objname="spot",
+            reftype=mujoco.mjtObj.mjOBJ_SITE,
+            refname=f"{name}_nose",
+        )

@@ -1,0 +1,317 @@
+"""The tasks as Gymnasium knows them: one robot, or thousands of them in a batch.
+
+`musebot.register_gymnasium` gives both their names. Observations are the task's signals side by
+side, in the order of `docs/tasks.md`, as 32 bit floats; actions are 32 bit floats; episodes have
+no end of their own, and are truncated after 1,000 steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from dm_control.rl.control import PhysicsError
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from .arena import CONTROL_TIMESTEP, Rules, Start, checked_actions, random_spots
+from .suite import Row, check_keywords, load, make_batch, row_of
+
+_FPS = round(1 / CONTROL_TIMESTEP)
+
+
+def _spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+    """Of one robot's observations, shape (S,), and actions, shape (2,)."""
+    low, high = (
+        np.concatenate(
+            [np.full(shape[0], shape[end], np.float32) for shape in rules.shapes.values()]
+        )
+        for end in (1, 2)
+    )
+    return gymnasium.spaces.Box(low, high), gymnasium.spaces.Box(-limit, limit, (2,))
+
+
+def _checked(task: str, kwargs: dict[str, Any]) -> Row:
+    row = row_of(task)
+    check_keywords(f"task {task!r}", kwargs, row.keywords)
+    return row
+
+
+class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One robot: the dm_control environment, in Gymnasium's terms.
+
+    Actions beyond the limits are clipped; a nonsense action is a ValueError.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": _FPS}
+
+    def __init__(
+        self,
+        task: str,
+        *,
+        render_mode: str | None = None,
+        camera: str = "overhead",
+        width: int = 480,
+        height: int = 320,
+        **kwargs: Any,
+    ) -> None:
+        """Makes a task's environment.
+
+        Args:
+          task: see `musebot.ALL_TASKS`.
+          render_mode: "rgb_array", "human" for a window, or None.
+          camera: that looks: "overhead", "corner", "follow" or "eye".
+          width: of the picture, in pixels.
+          height: of the picture, in pixels.
+          **kwargs: keywords of the task: `robot`, `spot`, `nose` (see `suite.make_environment`).
+
+        Raises:
+          TypeError: a keyword is unknown.
+          ValueError: there is no such task, or a value makes no sense.
+        """
+        row = _checked(task, kwargs)
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            modes = self.metadata["render_modes"]
+            raise ValueError(f"render_mode must be one of {modes} or None, got {render_mode!r}")
+        # The end of an episode is Gymnasium's affair: its wrapper TimeLimit counts steps.
+        self._environment = load("arena", task, {**kwargs, "time_limit": float("inf")})
+        self.observation_space, self.action_space = _spaces(row.rules, row.limit)
+        self.render_mode = render_mode
+        self._camera, self._width, self._height = camera, width, height
+        self._window: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Starts an episode; returns the observation, shape (S,), and nothing else."""
+        super().reset(seed=seed)
+        self._environment.task.reseed(self.np_random)
+        timestep = self._environment.reset()
+        self._show()
+        return _state(timestep.observation), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Drives the robot for 0.1 s, with an action of shape (2,)."""
+        timestep = self._environment.step(action)
+        self._show()
+        return _state(timestep.observation), timestep.reward, False, False, {}
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """Returns the picture, shape (height, width, 3), if `render_mode` asks for pictures."""
+        if self.render_mode != "rgb_array":
+            return None
+        return self._environment.physics.render(self._height, self._width, self._camera)
+
+    def close(self) -> None:
+        """Closes the window, and frees what draws."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+        self._environment.physics.free()
+
+    def _show(self) -> None:
+        if self.render_mode != "human":
+            return
+        if self._window is None:
+            from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+
+            physics = self._environment.physics
+            self._window = MujocoRenderer(
+                physics.model.ptr,
+                physics.data.ptr,
+                width=self._width,
+                height=self._height,
+                camera_name=self._camera,
+            )
+        self._window.render("human")
+
+
+class ArenaVectorEnv(gymnasium.vector.VectorEnv):
+    """Robots in a batch, equal to as many of `ArenaEnv` to the bit, each with its own seed.
+
+    Actions beyond the limits are clipped; nonsense among them is a ValueError.
+    """
+
+    metadata = {
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+        "render_modes": [],
+        "render_fps": _FPS,
+    }
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        render_mode: None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Makes robots.
+
+        Args:
+          task: see `musebot.ALL_TASKS`.
+          num_envs: how many robots, B.
+          max_episode_steps: after which an episode is truncated; None or -1 for never.
+          autoreset_mode: what happens after that: with NEXT_STEP the next call of `step`
+            starts an episode, whatever the action, and returns its first observation, with
+            a reward of 0; with SAME_STEP the same call does, and returns the last
+            observation of the old one as `info["final_obs"]`.
+          threads: that step the physics; 0 for the calling thread. Results do not depend on it.
+          render_mode: None: a batch draws nothing.
+          **kwargs: keywords of the task: `robot`, `spot`, `nose` (see `suite.make_environment`).
+
+        Raises:
+          TypeError: a keyword is unknown.
+          ValueError: there is no such task, or a value makes no sense.
+        """
+        row = _checked(task, kwargs)
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None for a batch, got {render_mode!r}")
+        mode = AutoresetMode(autoreset_mode)
+        if mode is AutoresetMode.DISABLED:
+            raise ValueError(f"autoreset_mode must be 'NextStep' or 'SameStep', got {mode.value!r}")
+        self.metadata = {**self.metadata, "autoreset_mode": mode}
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = _spaces(row.rules, row.limit)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        nose = kwargs.pop("nose", "inverse")
+        self._batch = make_batch(task, num_envs, nose=nose, threads=threads)
+        self._start = Start(**kwargs)
+        self._same_step = mode is AutoresetMode.SAME_STEP
+        self._limit, self._spot_steps = row.limit, row.spot_steps
+        endless = max_episode_steps in (None, -1)
+        self._max_steps = np.inf if endless else float(max_episode_steps or 0)
+        self._randoms: list[np.random.Generator] | None = None
+        self._seeds: list[int] = []
+        self._steps = np.zeros(num_envs, dtype=np.int64)  # of each robot's episode
+        self._over = np.zeros(num_envs, dtype=bool)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Every robot's own random stream."""
+        return tuple(self._streams([None] * self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What every robot's random stream was made from."""
+        self._streams([None] * self.num_envs)
+        return tuple(self._seeds)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Starts an episode of every robot.
+
+        Args:
+          seed: of every robot; or one, which the first robot gets, the second one more, and
+            so on; None goes on with the random streams there are.
+          options: none are known.
+
+        Returns:
+          Observations, shape (B, S), and nothing else.
+
+        Raises:
+          ValueError: there are not as many seeds as robots.
+        """
+        if isinstance(seed, int | np.integer):
+            seed = [int(seed) + k for k in range(self.num_envs)]
+        seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
+        self._streams(seeds)
+        self._begin(np.arange(self.num_envs))
+        self._over[:] = False
+        return self._states(), {}
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Drives every robot for 0.1 s, with actions of shape (B, 2).
+
+        Returns:
+          Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and what
+          SAME_STEP adds.
+
+        Raises:
+          ValueError: the actions have another shape, or are not finite.
+          PhysicsError: a robot's simulation became unstable.
+        """
+        batch = self._batch
+        motors = checked_actions(actions, (self.num_envs, 2), self._limit)
+        starting = np.flatnonzero(self._over)  # never with SAME_STEP
+        if self._spot_steps:
+            due = (self._steps > 0) & (self._steps % self._spot_steps == 0) & ~self._over
+            self._jump(np.flatnonzero(due))
+        batch.step(motors)
+        if not batch.valid.all():
+            broken = np.flatnonzero(~batch.valid).tolist()
+            raise PhysicsError(f"the simulation of the robots {broken} became unstable")
+        self._steps += 1
+        rewards = batch.rules.reward(batch.sensordata)
+        if len(starting):
+            self._begin(starting)
+            rewards[starting] = 0.0
+        self._over = self._steps >= self._max_steps
+        truncations, observations, info = self._over.copy(), self._states(), {}
+        if self._same_step and self._over.any():
+            ended = np.flatnonzero(self._over)
+            info = _final(observations, ended)
+            self._begin(ended)
+            self._over[:] = False
+            observations = self._states()
+        return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
+
+    def _streams(self, seeds: Sequence[int | None]) -> list[np.random.Generator]:
+        """The random streams; those that have a seed made anew."""
+        if self._randoms is None:
+            pairs = [seeding.np_random(seed) for seed in seeds]
+            self._randoms = [random for random, _ in pairs]
+            self._seeds = [made_from for _, made_from in pairs]
+        else:
+            for robot, seed in enumerate(seeds):
+                if seed is not None:
+                    self._randoms[robot], self._seeds[robot] = seeding.np_random(seed)
+        return self._randoms
+
+    def _begin(self, robots: np.ndarray) -> None:
+        """Starts an episode of some robots, drawing from their own streams."""
+        randoms = self._streams([None] * self.num_envs)
+        starts = [self._start.draw(randoms[robot], self._batch.dimensions) for robot in robots]
+        poses, spots = map(np.stack, zip(*starts, strict=True))
+        self._batch.place_spot(robots, spots)
+        self._batch.place(robots, poses)
+        self._steps[robots] = 0
+
+    def _jump(self, robots: np.ndarray) -> None:
+        """Moves the spots of some robots, drawing from their own streams."""
+        randoms = self._streams([None] * self.num_envs)
+        for robot in robots:
+            spot = random_spots(randoms[robot], self._batch.dimensions, 1)
+            self._batch.place_spot(robot[None], spot)
+
+    def _states(self) -> np.ndarray:
+        return self._batch.rules.state(self._batch.sensordata).astype(np.float32)
+
+
+def _state(observation: dict[str, np.ndarray]) -> np.ndarray:
+    return np.concatenate(list(observation.values())).astype(np.float32)
+
+
+def _final(observations: np.ndarray, ended: np.ndarray) -> dict[str, Any]:
+    """What Gymnasium calls the last observations of episodes, for those that ended."""
+    mask = np.zeros(len(observations), dtype=bool)
+    mask[ended] = True
+    final = np.full(len(observations), None, dtype=object)
+    for robot in ended:
+        final[robot] = observations[robot]
+    return {"final_obs": final, "_final_obs": mask, "final_info": {}, "_final_info": mask.copy()}

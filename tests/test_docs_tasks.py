@@ -1,0 +1,73 @@
+"""The page of the tasks tells the truth, and its examples run."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import musebot
+from musebot.tasks.arena import CONTROL_TIMESTEP
+from musebot.tasks.suite import TASKS
+
+PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
+TEXT = PAGE.read_text()
+EXAMPLES = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+SECTIONS = {
+    title: body for title, body in re.findall(r"^## (\w+)\n(.*?)(?=^## )", TEXT, re.DOTALL | re.M)
+}
+
+
+def run(code, cwd):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES[:4], ids=["load", "register", "make", "make_vec"])
+def test_the_examples_run(example, tmp_path):
+    if "gymnasium" in example:
+        pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    printed = run(example, tmp_path)
+    if "print" in example:  # and the policies in them are worth showing
+        assert float(printed.split()[0]) > 150
+
+
+@pytest.mark.slow
+def test_the_example_of_stable_baselines_runs(tmp_path):
+    pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
+    (example,) = EXAMPLES[4:]
+    assert "learn(327_680)" in example
+    for long, short in (("327_680", "1"), ("n_steps=256", "n_steps=8"), ("=2048", "=512")):
+        example = example.replace(long, short)
+    run(example, tmp_path)
+    assert (tmp_path / "driver.zip").exists()
+
+
+@pytest.mark.parametrize("name, row", TASKS.items(), ids=TASKS)
+def test_every_task_has_a_section_with_its_signals_and_a_picture(name, row):
+    section = SECTIONS[name]
+    if "as in [" in section:
+        origin = re.findall(r"as in \[(\w+)\]", section)[0]
+        assert TASKS[origin].rules.shapes == row.rules.shapes
+        section += SECTIONS[origin]
+    for signal, (length, low, high) in row.rules.shapes.items():
+        cells = rf"\| `{signal}`[^|]*\| \({length},\) \| {low:g} \| {high:g} \|"
+        assert re.search(cells, section), signal
+    (picture, *_) = re.findall(r"\((images/\w+\.png)\)", section)
+    assert (PAGE.parent / picture).exists()
+    for word in ("*Reward*", "*Episode*", "*Start*", "*Versions*"):
+        assert word in section
+
+
+def test_the_table_is_the_one_of_the_code():
+    ids = {task: name for name, task in musebot.GYMNASIUM_TASKS.items()}
+    for name, row in TASKS.items():
+        steps = row.time_limit / CONTROL_TIMESTEP
+        length = "endless" if steps == float("inf") else f"{steps:,.0f} steps"
+        limits = f"[-{row.limit:g}, {row.limit:g}]"
+        start = f"| [{name}](#{name}) | `musebot/{ids[name]}` | {limits} |"
+        line = next(line for line in TEXT.splitlines() if line.startswith(start))
+        assert f"| {length} |" in line

@@ -1,0 +1,81 @@
+"""Stable-Baselines3 trains on the batch."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
+
+import torch  # noqa: E402
+from stable_baselines3 import PPO  # noqa: E402
+from stable_baselines3.common.callbacks import BaseCallback  # noqa: E402
+
+from musebot.tasks.gymnasium_env import ArenaVectorEnv  # noqa: E402
+from musebot.tasks.stable_baselines import ArenaVecEnv  # noqa: E402
+
+TASK = "wall_avoidance_obstacles"
+
+
+def test_it_sees_the_batch_and_the_last_observation_of_an_episode():
+    ours = ArenaVecEnv(TASK, 3, max_episode_steps=4)
+    batch = ArenaVectorEnv(TASK, 3, max_episode_steps=4)
+    ours.seed(5)
+    np.testing.assert_array_equal(ours.reset(), batch.reset(seed=5)[0])
+    for step in range(1, 5):
+        actions = np.full((3, 2), 0.1 * step, np.float32)
+        observations, rewards, ends, notes = ours.step(actions)
+        last, their_rewards, _, truncations, _ = batch.step(actions)
+        np.testing.assert_array_equal(rewards, their_rewards.astype(np.float32))
+        np.testing.assert_array_equal(ends, truncations)
+        assert ends.all() == (step == 4)
+        assert all(note["TimeLimit.truncated"] == (step == 4) for note in notes)
+    finals = np.stack([note["terminal_observation"] for note in notes])
+    np.testing.assert_array_equal(finals, last)
+    np.testing.assert_array_equal(observations, batch.step(actions)[0])  # their next step starts
+
+
+class Rewards(BaseCallback):
+    """Keeps every robot's rewards."""
+
+    def __init__(self):
+        super().__init__()
+        self.kept = []
+
+    def _on_step(self):
+        self.kept.append(self.locals["rewards"].copy())
+        return True
+
+
+def interval(rewards):
+    """Mean and half of its 95 % interval, over robots; rewards of shape (T, B)."""
+    means = rewards.mean(axis=0)
+    return means.mean(), 1.96 * means.std(ddof=1) / np.sqrt(len(means))
+
+
+@pytest.mark.slow
+def test_ppo_learns_to_drive_among_obstacles():
+    torch.set_num_threads(1)
+    robots, steps = 32, 80 * 1024
+    random = np.random.default_rng(0)
+    env = ArenaVecEnv(TASK, robots, threads=2)
+    env.seed(1)
+    env.reset()
+    chance = np.stack(
+        [env.step(random.uniform(-1, 1, (robots, 2)).astype(np.float32))[1] for _ in range(300)]
+    )
+    rewards = Rewards()
+    model = PPO(
+        "MlpPolicy",
+        env,
+        n_steps=256,
+        batch_size=1024,
+        learning_rate=1e-3,
+        gamma=0.95,
+        seed=0,
+        device="cpu",
+    )
+    model.learn(steps, callback=rewards)
+    tenths = np.array_split(np.stack(rewards.kept), 10)
+    (first, first_half), (last, last_half) = interval(tenths[0]), interval(tenths[-1])
+    random_mean, random_half = interval(chance)
+    assert last - last_half > first + first_half
+    assert last - last_half > random_mean + random_half
