@@ -84,7 +84,7 @@ def drive(
     inside = np.clip(target, -room, room)
     blocked = (inside != target).any(axis=1)
     if wall != "slides":
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             share = (np.copysign(room, step) - poses[:, :2]) / step
         share = np.where(step == 0, 1.0, share).min(axis=1).clip(0, 1)
         inside = np.clip(poses[:, :2] + share[:, None] * step, -room, room)
