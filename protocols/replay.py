@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -49,14 +49,37 @@ def brain_of(
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
     row = _row(results, task, proposer, robot)
-    prefix = f"{task}/{proposer}/{_BRAINS[phase]}/"
+    return stored_brains(experiment, results, task, proposer, [(row, _BRAINS[phase])], seed)
+
+
+def stored_brains(
+    experiment: Experiment,
+    results: Results,
+    task: str,
+    proposer: str,
+    which: Sequence[tuple[int, str]],
+    seed: int,
+) -> Neurocontroller:
+    """Returns stored brains of a condition as one batch.
+
+    Args:
+      experiment: of the run.
+      results: of the run.
+      task: what the robots had to learn.
+      proposer: how their actions were proposed.
+      which: each brain's row within the condition, and "before" or "after" training.
+      seed: of the batch's one random stream.
+    """
+    prefix = f"{task}/{proposer}/after/"
+    names = [name.removeprefix(prefix) for name in results.brains if name.startswith(prefix)]
     networks = {
-        name.removeprefix(prefix): torch.from_numpy(array[row : row + 1])
-        for name, array in results.brains.items()
-        if name.startswith(prefix)
+        name: torch.from_numpy(
+            np.stack([results.brains[f"{task}/{proposer}/{when}/{name}"][i] for i, when in which])
+        )
+        for name in names
     }
     sensors = networks["evaluation.hidden_weights"].shape[-1] - 2  # the rest are the motors
-    brain = Neurocontroller(experiment.brain, proposer, 1, sensors, seed)
+    brain = Neurocontroller(experiment.brain, proposer, len(which), sensors, seed)
     brain.load_networks(networks)
     return brain
 
