@@ -22,9 +22,8 @@ from .results import Results
 from .schedules import UPPER_LEFT, UPPER_RIGHT, control_steps
 
 SAMPLE = 24  # robots of a condition that are watched
-SPIN_MINUTES = 3.0  # of the test, for the spinning statistic
-STAY_MINUTES = 30.0  # of learning, from the rim of the spot on
-STAYERS = 12  # robots of a condition that are set there
+SPIN_MINUTES = 2.0  # of the test, for the spinning statistic
+STAY_MINUTES = 20.0  # of learning, from the rim of the spot on
 SEED = 0
 
 _SECOND = round(1 / CONTROL_TIMESTEP)  # control steps
@@ -59,10 +58,9 @@ class Stay:
     """How robots behave that learn from the moment they found the spot.
 
     Attributes:
-      staying: whether a robot spent at least a tenth of the first and of the last sixth of the time
-        at the spot, shape (n,).
-      following: share of its time at the spot that it went along the contour, in the first and in
-        the last sixth, shape (n, 2).
+      staying: whether a robot spent at least a tenth of the time at the spot, shape (n,).
+      following: of the first and of the last third of the time that a robot spent at the spot, the
+        share that it went along the contour, shape (n, 2); NaN for a robot that left at once.
       spinning: likewise, that it spun inside.
       minutes: over the robots at the spot, the same two shares in every minute: minute's number,
         following, spinning; NaN where nobody was there, shape (M, 3).
@@ -107,17 +105,22 @@ def observe(experiment: Experiment, results: Results, tick: Tick = lambda: None)
             spinning[task, proposer] = shares.reshape(2, -1).T
     stays = {}
     for proposer in (p for task, p in results.conditions() if task == "spot_finding"):
-        if rows := sample(results, "spot_finding", proposer, STAYERS):
+        if rows := _finders(experiment, results, proposer):
             stays[proposer] = _stay(experiment, results, proposer, rows, tick)
     return Behaviour(spinning, stays)
 
 
 def ticks(experiment: Experiment, results: Results) -> int:
     """How often `observe` ticks."""
-    scale, conditions = experiment.time_scale, results.conditions()
-    minutes = [SPIN_MINUTES * scale] * len(conditions)
-    minutes += [STAY_MINUTES * scale for task, _ in conditions if task == "spot_finding"]
-    return sum(map(minutes_of, minutes))
+    minutes = [
+        (SPIN_MINUTES, sample(results, task, proposer, SAMPLE))
+        for task, proposer in results.conditions()
+    ] + [
+        (STAY_MINUTES, _finders(experiment, results, proposer))
+        for task, proposer in results.conditions()
+        if task == "spot_finding"
+    ]
+    return sum(minutes_of(m * experiment.time_scale) for m, rows in minutes if rows)
 
 
 def minutes_of(minutes: float) -> int:
@@ -129,6 +132,17 @@ def sample(results: Results, task: str, proposer: str, most: int) -> list[int]:
     """Rows of a condition's first valid robots; they were born in no particular order."""
     rows = enumerate(results.of(task, proposer))
     return list(itertools.islice((i for i, row in rows if row.category != INVALID), most))
+
+
+def _finders(experiment: Experiment, results: Results, proposer: str) -> list[int]:
+    """Rows of robots that found the spot in training: there for a tenth of it or more."""
+    schedule = experiment.schedule("spot_finding")
+    pairs = zip(schedule.phases, schedule.steps(), strict=True)
+    tests = [steps / control_steps(1) for phase, steps in pairs if phase.part != "training"]
+    curves = results.curves[f"spot_finding/{proposer}"]
+    training = curves[:, int(tests[0]) : curves.shape[1] - int(tests[-1])].mean(axis=1)
+    rows = sample(results, "spot_finding", proposer, len(training))
+    return [row for row in rows if training[row] >= 0.1][:SAMPLE]
 
 
 def sit(
@@ -247,23 +261,27 @@ def stay_of(track: Track, spot_radius: float) -> Stay:
     near = (distance < spot_radius + _RIM).all(axis=1)
     follows = near & (distance > spot_radius - _RIM).all(axis=1) & (way > _STILL)
     inside = (distance < spot_radius).all(axis=1) & (way < _STILL) & (turn > _TURNED)
-    sixth = max(1, seconds // 6)
-    parts = slice(0, sixth), slice(seconds - sixth, seconds)
     return Stay(
-        np.all([near[part].mean(axis=0) >= 0.1 for part in parts], axis=0),
-        np.stack([_share(follows[part], near[part], 0) for part in parts], axis=1),
-        np.stack([_share(inside[part], near[part], 0) for part in parts], axis=1),
+        near.mean(axis=0) >= 0.1,
+        np.array([_ends(*pair) for pair in zip(follows.T, near.T, strict=True)]),
+        np.array([_ends(*pair) for pair in zip(inside.T, near.T, strict=True)]),
         np.array(
             [
-                (first / 60, *(float(_share(x[m], near[m], None)) for x in (follows, inside)))
-                for first in range(0, seconds, 60)
-                for m in [slice(first, first + 60)]
+                (minute, *(_share(what[part], near[part]) for what in (follows, inside)))
+                for minute in range(-(-seconds // 60))
+                for part in [slice(60 * minute, 60 * minute + 60)]
             ]
         ),
     )
 
 
-def _share(what: np.ndarray, of: np.ndarray, axis: int | None) -> np.ndarray:
-    total = np.asarray(of.sum(axis=axis), dtype=float)
-    found = np.asarray((what & of).sum(axis=axis), dtype=float)
-    return np.divide(found, total, out=np.full_like(total, np.nan), where=total > 0)
+def _ends(what: np.ndarray, near: np.ndarray) -> tuple[float, float]:
+    """Shares of the first and of the last third of a robot's time at the spot, shapes (T,)."""
+    there = np.flatnonzero(near)
+    third = -(-len(there) // 3)
+    first, last = there[:third], there[len(there) - third :]
+    return _share(what[first], near[first]), _share(what[last], near[last])
+
+
+def _share(what: np.ndarray, near: np.ndarray) -> float:
+    return float((what & near).sum() / near.sum()) if near.any() else float("nan")
