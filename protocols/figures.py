@@ -333,7 +333,7 @@ def spinning(behaviour: Behaviour) -> Figure:
 
 def stays(found: dict[str, Stay]) -> Figure:
     """What learning robots do at the spot, minute by minute: along its contour, or spinning."""
-    figure, axes = canvas(2.4, 1, max(len(found), 1), sharey=True)
+    figure, axes = canvas(2.6, 1, max(len(found), 1), sharey=True)
     for axis, (proposer, stay) in zip(axes[0], found.items(), strict=False):
         minutes, following, inside = stay.minutes.T
         for values, style, name in (
@@ -346,5 +346,11 @@ def stays(found: dict[str, Stay]) -> Figure:
         axis.set_ylim(0, 1)
         axis.yaxis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
     axes[0, 0].set_ylabel("of the time at the spot")
-    axes[0, 0].legend(frameon=False, fontsize=8, labelcolor=INK, loc="upper left")
+    lines = axes[0, 0].lines
+    key = figure.legend(
+        lines, [str(line.get_label()) for line in lines], frameon=False, fontsize=8,
+        loc="outside lower center", ncols=2,
+    )  # fmt: skip
+    for handle in key.legend_handles:
+        handle.set_color(INK)  # type: ignore[union-attr]
     return figure

@@ -64,7 +64,7 @@ def sitters(results: Results, task: str) -> list[Sitter]:
     best, worst = (pick(gains, key=gains.__getitem__, default=None) for pick in (max, min))
     found = [(schedule.unmeasured, unmeasured[0] if unmeasured else None)]
     found.append(("learner", best if best is not None and gains[best] > 0 else None))
-    found.append(("spoiled robot", worst if worst is not None and gains[worst] < 0 else None))
+    found.append(("spoiled", worst if worst is not None and gains[worst] < 0 else None))
     return [Sitter(kind, i, rows[i].robot) for kind, i in found if i is not None]
 
 

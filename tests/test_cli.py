@@ -156,7 +156,7 @@ def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("verb", ["run", "tables", "film", "explore", "doctor"])
+@pytest.mark.parametrize("verb", ["run", "tables", "film", "report", "explore", "doctor"])
 def test_every_verb_explains_itself(verb, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([verb, "--help"])

@@ -140,9 +140,9 @@ def test_spinning_and_stays_are_drawn(tmp_path):
 
 def test_sitters_are_an_example_of_every_kind(lived):
     kinds = {s.kind: s.robot for s in portraits.sitters(lived, WA)}
-    assert kinds == {"genius": 0, "learner": 1, "spoiled robot": 2}
+    assert kinds == {"genius": 0, "learner": 1, "spoiled": 2}
     kinds = {s.kind: s.robot for s in portraits.sitters(lived, SF)}
-    assert kinds == {"ignorant": 0, "learner": 1, "spoiled robot": 2}
+    assert kinds == {"ignorant": 0, "learner": 1, "spoiled": 2}
 
 
 @pytest.mark.parametrize("task", [WA, SF])
