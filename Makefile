@@ -5,6 +5,7 @@ VENV   := .venv
 READY  := $(VENV)/.ready
 RAY    := $(VENV)/.ray
 GYM    := $(VENV)/.gym
+CHROMIUM := $(VENV)/.chromium
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post --seconds 30
@@ -28,7 +29,7 @@ run: $(READY)  ## eight creative robots live through both tasks, then a film of 
 	$(FILM) --task wall_avoidance --speed 4 --output $(DEMO)/films/wall_avoidance.mp4
 	$(FILM) --task spot_finding --speed 60 --output $(DEMO)/films/spot_finding.mp4
 
-test: $(READY) $(RAY) $(GYM)  ## run the tests
+test: $(READY) $(RAY) $(GYM) $(CHROMIUM)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 tests
 
 lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
@@ -57,6 +58,13 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install -c constraints.txt torch
 	$(VENV)/bin/pip install --no-deps -r constraints.txt -e .
+	@touch $@
+
+# Only the test of the report opens a browser, and skips itself without one: 113 MB to fetch.
+$(CHROMIUM): $(READY)
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || \
+	{ $(call apt_install,chromium,the test of the report); } || \
+	  echo "Going on without chromium: the report will not be opened in a browser." >&2
 	@touch $@
 
 # A quarter of a gigabyte that only the tests of the cluster need: they skip themselves without it.

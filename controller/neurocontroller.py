@@ -66,6 +66,10 @@ class Neurocontroller:
             "chained": torch.zeros(robots),
         }
 
+    def propose(self, state: Tensor) -> Tensor:
+        """The actions to choose from, shape (B, A, 2), in a state (B, S); other ones every time."""
+        return self._proposer.propose(state)
+
     def act(self, state: Tensor, explore: bool) -> Tensor:
         """Chooses each robot's best proposed action, or with epsilon any of them.
 
@@ -77,7 +81,7 @@ class Neurocontroller:
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
         """
-        actions = self._proposer.propose(state)
+        actions = self.propose(state)
         values = self.evaluation.values(state, actions)
         chosen = values.argmax(dim=1)
         epsilon = self._parameters.epsilon if explore else self._parameters.test_epsilon

@@ -171,6 +171,24 @@ class Film:
 
 
 @dataclasses.dataclass
+class Report:
+    """Write one page about OUT: tables, claims, figures and films, all inside it: a few minutes."""
+
+    out: Annotated[Path, tyro.conf.Positional]
+    """folder of a run; figures go into its figures/, films into its films/"""
+    output: Path | None = None
+    """the page, an .html (default: report.html in OUT)"""
+
+    def __call__(self) -> None:
+        """Puts a sample of the brains back into their robots, to see what they do."""
+        from . import engine, report
+
+        experiment, results = _read(self.out)
+        engine.prepare_process()
+        print(report.report(experiment, results, self.out, self.output))
+
+
+@dataclasses.dataclass
 class Explore:
     """Open a window on a task: drive with random motors, or with a robot of a run."""
 
@@ -262,6 +280,7 @@ def main(arguments: list[str] | None = None) -> int:
             "run": Run,
             "tables": Tables,
             "film": Film,
+            "report": Report,
             "explore": Explore,
             "bench": Bench,
             "doctor": Doctor,

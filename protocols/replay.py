@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -59,16 +59,42 @@ class Candidate:
         if not 0 <= self.seed < 2**63:
             raise InputError(f"the seed must lie in [0, 2^63), got {self.seed}")
         row = _row(self.results, self.task, self.proposer, self.robot)
-        prefix = f"{self.task}/{self.proposer}/{_BRAINS[self.phase]}/"
-        networks = {
-            name.removeprefix(prefix): torch.from_numpy(array[row : row + 1])
-            for name, array in self.results.brains.items()
-            if name.startswith(prefix)
-        }
-        sensors = networks["evaluation.hidden_weights"].shape[-1] - 2  # the rest are the motors
-        brain = Neurocontroller(self.experiment.brain, self.proposer, 1, sensors, self.seed)
-        brain.load_networks(networks)
-        return Brain(brain)
+        which = [(row, _BRAINS[self.phase])]
+        return stored_brains(
+            self.experiment, self.results, self.task, self.proposer, which, self.seed
+        )
+
+
+def stored_brains(
+    experiment: Experiment,
+    results: Results,
+    task: str,
+    proposer: str,
+    which: Sequence[tuple[int, str]],
+    seed: int,
+) -> Brain:
+    """Returns stored brains of a condition as one batch.
+
+    Args:
+      experiment: of the run.
+      results: of the run.
+      task: what the robots had to learn.
+      proposer: how their actions were proposed.
+      which: each brain's row within the condition, and "before" or "after" training.
+      seed: of the batch's one random stream.
+    """
+    prefix = f"{task}/{proposer}/after/"
+    names = [name.removeprefix(prefix) for name in results.brains if name.startswith(prefix)]
+    networks = {
+        name: torch.from_numpy(
+            np.stack([results.brains[f"{task}/{proposer}/{when}/{name}"][i] for i, when in which])
+        )
+        for name in names
+    }
+    sensors = networks["evaluation.hidden_weights"].shape[-1] - 2  # the rest are the motors
+    brain = Neurocontroller(experiment.brain, proposer, len(which), sensors, seed)
+    brain.load_networks(networks)
+    return Brain(brain)
 
 
 def _row(results: Results, task: str, proposer: str, robot: int) -> int:

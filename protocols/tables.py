@@ -1,85 +1,235 @@
-"""The paper's tables 1 and 2, ours beside the paper's."""
+"""The paper's tables 1 and 2, ours beside the paper's, and what becomes of its claims."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
-from ..controller import PROPOSERS
+import numpy as np
+
+from . import intervals
+from .claims import Evidence, Finding, judge_all
 from .experiment import Experiment
-from .learn_ability import CATEGORIES, PAPER, Summary, total_variation
-from .results import Results
+from .intervals import Interval
+from .learn_ability import CATEGORIES, INVALID, PAPER, Summary, total_variation
+from .results import Results, test_seconds
 from .schedules import SCHEDULES
 
-_TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
+TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
+NOTE = (
+    "In brackets 95 % intervals: Wilson's for shares, BCa bootstrap for means and deviations over "
+    "robots; for the paper's means Student's, from its table. *By chance*: the total variation "
+    "that two groups of these sizes exceed once in twenty if their robots are of one kind."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A condition's column of table 1 or 2, and how sure its cells are.
+
+    Attributes:
+      summary: the cells.
+      shares: the interval of each category's share.
+      mean: of the mean L.
+      deviation: of L's standard deviation.
+      post_share: of the mean share of the test after training.
+    """
+
+    summary: Summary
+    shares: tuple[Interval, ...]
+    mean: Interval
+    deviation: Interval
+    post_share: Interval
+
+
+def ours(experiment: Experiment, results: Results, task: str, proposer: str) -> Column:
+    """The column that a condition's robots fill."""
+    rows = [row for row in results.of(task, proposer) if row.category != INVALID]
+    abilities = np.array([row.learn_ability for row in rows])
+    measured = abilities[~np.isnan(abilities)]
+    times = np.array([row.t_post_s for row in rows]) / test_seconds(experiment, task)
+    summary = results.summary(experiment, task, proposer)
+    return Column(
+        summary,
+        _shares(summary),
+        intervals.mean(measured),
+        intervals.deviation(measured),
+        intervals.mean(times),
+    )
+
+
+def papers(task: str, proposer: str) -> Column | None:
+    """The paper's column; None for an agent that it does not have."""
+    summary = PAPER.get((task, proposer))
+    if summary is None:
+        return None
+    unknown = intervals.UNKNOWN  # the paper does not say how its robots scatter
+    return Column(summary, _shares(summary), intervals.mean_from(summary), unknown, unknown)
+
+
+def _shares(summary: Summary) -> tuple[Interval, ...]:
+    return tuple(intervals.share(count, summary.robots) for count in summary.counts)
+
+
+def proposers_of(results: Results, task: str) -> list[str]:
+    """Whose robots have lived a task, in the tables' order."""
+    return [proposer for t, proposer in results.conditions() if t == task]
+
+
+def title(experiment: Experiment, task: str) -> str:
+    """A table's title, which says so where durations were shortened."""
+    if experiment.time_scale == 1:
+        return TITLES[task]
+    return f"{TITLES[task]}, a rehearsal: every duration times {experiment.time_scale:g}"
+
+
+def row_names(task: str) -> list[str]:
+    """The first cells of a table's rows."""
+    schedule = SCHEDULES[task]
+    names = [f"({schedule.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
+    event = "in the spot" if schedule.wanted else "in contact"
+    return ["robots", *names, "mean L", "sd of L", f"share of time {event}, post"]
+
+
+def cells(column: Column) -> list[tuple[str, str]]:
+    """A column's cells, each a value and its interval in brackets, in the order of `row_names`."""
+    summary = column.summary
+    robots = f"{summary.robots}" + (f" (and {summary.invalid} invalid)" if summary.invalid else "")
+    counts = [
+        (f"{count} ({share:.0%})", _bracket(interval, percent=True))
+        for count, share, interval in zip(
+            summary.counts, summary.shares, column.shares, strict=True
+        )
+    ]
+    numbers = (
+        (summary.mean, column.mean),
+        (summary.deviation, column.deviation),
+        (summary.post_share, column.post_share),
+    )
+    return [
+        (robots, ""),
+        *counts,
+        *((_number(value), _bracket(interval)) for value, interval in numbers),
+    ]
+
+
+def variation_cells(first: Column, second: Column | None) -> tuple[str, str]:
+    """The total variation of two columns' categories, and that which chance would explain."""
+    if second is None or not first.summary.robots:
+        return "-", ""
+    distance = total_variation(first.summary, second.summary)
+    chance = intervals.chance_variation(first.summary, second.summary)
+    return f"{distance:.2f}", f"(by chance {chance:.2f})"
 
 
 def markdown(experiment: Experiment, results: Results) -> str:
-    """Both tables as Markdown; a condition without lives is left out."""
-    parts = []
-    for task, title in _TITLES.items():
-        columns = [p for p in PROPOSERS if results.of(task, p)]
-        if columns:
-            summaries = {p: results.summary(experiment, task, p) for p in columns}
-            parts.append(_table(experiment, task, title, summaries))
-    return "\n".join(parts)
+    """Both tables and the claims as Markdown; a condition without lives is left out."""
+    tasks = [task for task in TITLES if proposers_of(results, task)]
+    parts = [_table(experiment, results, task) for task in tasks]
+    findings = judge_all(Evidence(experiment, results))
+    return "\n".join([*parts, NOTE + "\n", _claims(experiment, findings)])
 
 
-def _table(experiment: Experiment, task: str, title: str, summaries: dict[str, Summary]) -> str:
-    schedule = SCHEDULES[task]
-    if experiment.time_scale != 1:
-        title += f", a rehearsal: every duration times {experiment.time_scale:g}"
-    event = "in the spot" if schedule.wanted else "in contact"
-    names = [f"({schedule.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
-    rows: list[list[str]] = [["robots"], *([name] for name in names)]
-    rows += [["mean L"], ["sd of L"], [f"share of time {event}, post"], ["total variation"]]
-    for proposer, ours in summaries.items():
-        for summary in (ours, PAPER[task, proposer]):
-            shares = zip(summary.counts, summary.shares, strict=True)
-            cells = [f"{summary.robots}", *(f"{n} ({share:.0%})" for n, share in shares)]
-            cells += [_number(x) for x in (summary.mean, summary.deviation, summary.post_share)]
-            distance = total_variation(ours, PAPER[task, proposer])
-            cells.append(f"{distance:.2f}" if summary is ours else "")
-            if summary.invalid:
-                cells[0] += f" (and {summary.invalid} invalid)"
-            for row, cell in zip(rows, cells, strict=True):
-                row.append(cell)
-    head = ["", *(f"{p}, {whose}" for p in summaries for whose in ("ours", "paper"))]
+def _table(experiment: Experiment, results: Results, task: str) -> str:
+    rows = [[name] for name in (*row_names(task), "total variation")]
+    head = [""]
+    for proposer in proposers_of(results, task):
+        column, paper = ours(experiment, results, task, proposer), papers(task, proposer)
+        found = [*cells(column), variation_cells(column, paper)]
+        columns = [(f"{proposer}, ours", found)]
+        if paper:
+            columns.append((f"{proposer}, paper", [*cells(paper), ("", "")]))
+        for name, column_cells in columns:
+            head.append(name)
+            for row, cell in zip(rows, column_cells, strict=True):
+                row.append(" ".join(filter(None, cell)))
     lines = [_line(head), _line(["---", *("---:" for _ in head[1:])]), *map(_line, rows)]
-    return f"### {title}\n\n" + "\n".join(lines) + "\n"
+    return f"### {title(experiment, task)}\n\n" + "\n".join(lines) + "\n"
+
+
+def _claims(experiment: Experiment, findings: list[Finding]) -> str:
+    lines = ["### The claims of section 4", "", claims_note(experiment), ""]
+    for task in TITLES:
+        lines += [f"**{TITLES[task]}**", ""]
+        lines += [
+            f"- *{finding.claim.says}* **{finding.verdict}**: {finding.why}"
+            for finding in findings
+            if finding.claim.task == task
+        ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def claims_note(experiment: Experiment) -> str:
+    """How the claims are judged, in words."""
+    note = (
+        "A claim holds where every comparison it needs is significant, does not hold where the "
+        "opposite of one is (Bonferroni over its comparisons), and is undecided else; each is "
+        "judged at 5 %, two-sided."
+    )
+    if experiment.time_scale != 1:
+        note += " These lives were a rehearsal, and say nothing of the paper's."
+    return note
 
 
 def as_json(experiment: Experiment, results: Results) -> dict[str, Any]:
-    """Both tables, ours and the paper's, as plain data; NaN as None."""
+    """Both tables, ours and the paper's, and the claims, as plain data; NaN as None."""
     tables: dict[str, Any] = {}
     for task, proposer in results.conditions():
-        ours = results.summary(experiment, task, proposer)
-        paper = PAPER[task, proposer]
-        tables.setdefault(task, {})[proposer] = {
-            "ours": _plain(ours),
-            "paper": _plain(paper),
-            "total_variation": total_variation(ours, paper),
-        }
-    return {"time_scale": experiment.time_scale, "seed": experiment.seed, "tables": tables}
-
-
-def _plain(summary: Summary) -> dict[str, Any]:
-    numbers = {
-        "mean": summary.mean,
-        "deviation": summary.deviation,
-        "post_share": summary.post_share,
+        column, paper = ours(experiment, results, task, proposer), papers(task, proposer)
+        entry: dict[str, Any] = {"ours": _plain(column), "paper": None}
+        if paper:
+            summaries = column.summary, paper.summary
+            entry["paper"] = _plain(paper)
+            entry["total_variation"] = _finite(total_variation(*summaries))
+            entry["total_variation_by_chance"] = _finite(intervals.chance_variation(*summaries))
+        tables.setdefault(task, {})[proposer] = entry
+    return {
+        "time_scale": experiment.time_scale,
+        "seed": experiment.seed,
+        "interval_level": intervals.LEVEL,
+        "tables": tables,
+        "claims": [finding.plain() for finding in judge_all(Evidence(experiment, results))],
     }
+
+
+def _plain(column: Column) -> dict[str, Any]:
+    summary = column.summary
     return {
         "robots": summary.robots,
         "invalid": summary.invalid,
         "counts": dict(zip(CATEGORIES, summary.counts, strict=True)),
-        **{name: None if math.isnan(x) else x for name, x in numbers.items()},
+        "mean": _finite(summary.mean),
+        "deviation": _finite(summary.deviation),
+        "post_share": _finite(summary.post_share),
+        "intervals": {
+            "shares": dict(zip(CATEGORIES, map(_ends, column.shares), strict=True)),
+            "mean": _ends(column.mean),
+            "deviation": _ends(column.deviation),
+            "post_share": _ends(column.post_share),
+        },
     }
+
+
+def _ends(interval: Interval) -> list[float] | None:
+    return None if math.isnan(interval[0]) or math.isnan(interval[1]) else list(interval)
+
+
+def _finite(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _bracket(interval: Interval, percent: bool = False) -> str:
+    if not _ends(interval):
+        return ""
+    low, high = interval
+    return f"[{low:.0%}, {high:.0%}]" if percent else f"[{low:.3f}, {high:.3f}]"
 
 
 def _number(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.4f}"
 
 
-def _line(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+def _line(row: list[str]) -> str:
+    return "| " + " | ".join(row) + " |"

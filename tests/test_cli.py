@@ -44,6 +44,16 @@ def test_a_finished_run_prints_its_tables_again_and_keeps_them(run, capsys):
     assert capsys.readouterr().out == text
 
 
+def kept_tables():
+    return sorted((Path(__file__).parents[1] / "docs" / "results").glob("*/tables.md"))
+
+
+@pytest.mark.parametrize("kept", kept_tables(), ids=lambda path: path.parent.name)
+def test_the_tables_in_docs_are_what_their_robots_give_again(kept, capsys):
+    assert cli.main(["tables", str(kept.parent)]) == 0
+    assert capsys.readouterr().out == kept.read_text()
+
+
 def test_tables_need_no_right_to_write(run, capsys, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     assert cli.main(["tables", str(run)]) == 0
@@ -54,7 +64,12 @@ def test_tables_as_json_hold_both(run, capsys):
     assert cli.main(["tables", str(run), "--json"]) == 0
     tables = json.loads(capsys.readouterr().out)["tables"]
     assert tables["spot_finding"]["creative"]["paper"]["counts"]["L = 1"] == 109
-    assert tables["spot_finding"]["creative"]["ours"]["robots"] == 2
+    ours = tables["spot_finding"]["creative"]["ours"]
+    assert ours["robots"] == 2
+    for name, count in ours["counts"].items():
+        low, high = ours["intervals"]["shares"][name]
+        assert 0 <= low <= count / 2 <= high <= 1
+    assert ours["intervals"]["mean"] is None  # two robots tell nothing of others
 
 
 @pytest.mark.parametrize(
@@ -141,7 +156,7 @@ def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("verb", ["run", "tables", "film", "explore", "doctor"])
+@pytest.mark.parametrize("verb", ["run", "tables", "film", "report", "explore", "doctor"])
 def test_every_verb_explains_itself(verb, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([verb, "--help"])

@@ -1,0 +1,444 @@
+"""What section 4 of the paper claims, and whether lives bear it out: holds, does not, undecided.
+
+A claim is one or several comparisons. Each is a test in both directions: could the data be such
+if the claim were false, and could they if it were true? Words without a number in the paper
+("mostly", "far", "about", "many") have one here, said in the claim itself; they were chosen before
+any verdict was seen.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+
+from .comparisons import Comparison, larger_in_pairs, larger_mean, larger_share, majority
+from .experiment import Experiment
+from .learn_ability import CATEGORIES, INVALID
+from .probes import Behaviour
+from .results import Results, Robot, test_seconds
+from .schedules import SCHEDULES, control_steps
+
+ALPHA = 0.05  # of a claim, two-sided: half of it to either verdict
+
+Verdict = Literal["holds", "does not hold", "undecided"]
+
+PAPERS = ("fixed", "random", "creative")  # the claims are about these
+
+
+class Undecidable(Exception):
+    """The evidence that a claim needs is not there; the text says what is missing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """What claims are judged by.
+
+    Attributes:
+      experiment: of the run.
+      results: of the run.
+      behaviour: of its brains, put back into their robots; None if nobody did.
+    """
+
+    experiment: Experiment
+    results: Results
+    behaviour: Behaviour | None = None
+
+    def robots(self, task: str, proposer: str) -> list[Robot]:
+        """A condition's valid lives.
+
+        Raises:
+          Undecidable: it has none.
+        """
+        rows = [row for row in self.results.of(task, proposer) if row.category != INVALID]
+        if not rows:
+            raise Undecidable(f"no robots of {task}, {proposer}")
+        return rows
+
+    def count(self, task: str, proposer: str, category: str) -> tuple[int, int]:
+        """How many of a condition's robots are of a category, and of how many."""
+        rows = self.robots(task, proposer)
+        name = SCHEDULES[task].unmeasured if category == "unmeasured" else category
+        return sum(row.category == name for row in rows), len(rows)
+
+    def abilities(self, task: str, proposer: str) -> np.ndarray:
+        """L of a condition's measured robots, shape (n,)."""
+        values = np.array([row.learn_ability for row in self.robots(task, proposer)])
+        return values[~np.isnan(values)]
+
+    def post_shares(self, task: str, proposer: str) -> np.ndarray:
+        """Each robot's share of the test after training, shape (n,)."""
+        times = np.array([row.t_post_s for row in self.robots(task, proposer)])
+        return times / test_seconds(self.experiment, task)
+
+    def seen(self) -> Behaviour:
+        """What the brains do in their robots.
+
+        Raises:
+          Undecidable: nobody looked.
+        """
+        if self.behaviour is None:
+            raise Undecidable(
+                "only the brains can tell, back in their robots: see `musebot report`"
+            )
+        return self.behaviour
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """A sentence of section 4.
+
+    Attributes:
+      task: whose table it is about.
+      says: the sentence.
+      compare: makes the comparisons, all of which the claim needs; may raise Undecidable.
+    """
+
+    task: str
+    says: str
+    compare: Callable[[Evidence], list[Comparison]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """What became of a claim."""
+
+    claim: Claim
+    verdict: Verdict
+    why: str
+    comparisons: tuple[Comparison, ...] = ()
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "task": self.claim.task,
+            "claim": self.claim.says,
+            "verdict": self.verdict,
+            "why": self.why,
+            "comparisons": [
+                {
+                    name: None if isinstance(x, float) and math.isnan(x) else x
+                    for name, x in dataclasses.asdict(one).items()
+                }
+                for one in self.comparisons
+            ],
+        }
+
+
+def judge(claim: Claim, evidence: Evidence) -> Finding:
+    """Holds if every comparison does, fails if one does, and is undecided else.
+
+    All must be significant for a claim to hold, so that none needs a correction; one is enough
+    for it to fail, so that those p values are multiplied by how many there are.
+    """
+    try:
+        comparisons = tuple(claim.compare(evidence))
+    except Undecidable as missing:
+        return Finding(claim, "undecided", f"{missing}.")
+    verdict: Verdict = "undecided"
+    if all(one.p_false < ALPHA / 2 for one in comparisons):
+        verdict = "holds"
+    elif any(one.p_true * len(comparisons) < ALPHA / 2 for one in comparisons):
+        verdict = "does not hold"
+    return Finding(claim, verdict, _because(comparisons), comparisons)
+
+
+def judge_all(evidence: Evidence) -> list[Finding]:
+    """Judges every claim, in the paper's order."""
+    return [judge(claim, evidence) for claim in CLAIMS]
+
+
+def _because(comparisons: tuple[Comparison, ...]) -> str:
+    """Numbers first, then the tests, each named once."""
+    parts = []
+    for one in comparisons:
+        if math.isnan(one.p_false):
+            parts.append(one.words)
+            continue
+        true = one.p_false <= one.p_true
+        p = min(one.p_false, one.p_true)
+        size = "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
+        parts.append(f"{one.words} ({size}{'' if true else ' against it'})")
+    tests = ", ".join(dict.fromkeys(one.test for one in comparisons))
+    return f"{'; '.join(parts)}. {tests}."
+
+
+# ---- What claims are made of ----
+
+Compare = Callable[[Evidence], list[Comparison]]
+
+
+def ranks(task: str, proposer: str, category: str, *, most: bool, times: float = 1) -> Compare:
+    """A condition has the most (or the fewest) robots of a category, so many times the next."""
+
+    def compare(evidence: Evidence) -> list[Comparison]:
+        own = evidence.count(task, proposer, category)
+        found = []
+        for other in PAPERS:
+            if other != proposer:
+                theirs = evidence.count(task, other, category)
+                words = f"{proposer} {_of(own)}, {other} {_of(theirs)}"
+                pair = (own, theirs) if most else (theirs, own)
+                found.append(larger_share(*pair, words, times))
+        return found
+
+    return compare
+
+
+def fewer(task: str, proposer: str, other: str, category: str) -> Compare:
+    """A condition has fewer robots of a category than one other."""
+
+    def compare(evidence: Evidence) -> list[Comparison]:
+        own, theirs = (evidence.count(task, who, category) for who in (proposer, other))
+        return [larger_share(theirs, own, f"{proposer} {_of(own)}, {other} {_of(theirs)}")]
+
+    return compare
+
+
+def mostly(task: str, proposer: str, category: str) -> Compare:
+    """More than half of a condition's robots are of a category."""
+
+    def compare(evidence: Evidence) -> list[Comparison]:
+        count, robots = evidence.count(task, proposer, category)
+        return [majority(count, robots, f"{_of((count, robots))}, against a half")]
+
+    return compare
+
+
+def leads(
+    values: Callable[[Evidence, str], np.ndarray], proposer: str, what: str, *, highest: bool
+) -> Compare:
+    """A condition's mean is the highest (or the lowest)."""
+
+    def compare(evidence: Evidence) -> list[Comparison]:
+        own = values(evidence, proposer)
+        found = []
+        for other in PAPERS:
+            if other != proposer:
+                theirs = values(evidence, other)
+                words = f"{what} {proposer} {_mean(own)}, {other} {_mean(theirs)}"
+                pair = (own, theirs) if highest else (theirs, own)
+                found.append(larger_mean(*pair, words))
+        return found
+
+    return compare
+
+
+def _abilities(task: str) -> Callable[[Evidence, str], np.ndarray]:
+    return lambda evidence, proposer: evidence.abilities(task, proposer)
+
+
+def _post_shares(task: str) -> Callable[[Evidence, str], np.ndarray]:
+    return lambda evidence, proposer: evidence.post_shares(task, proposer)
+
+
+def _means_far_below(gap: float) -> Compare:
+    def compare(evidence: Evidence) -> list[Comparison]:
+        found = []
+        for proposer in PAPERS:
+            walls = evidence.abilities("wall_avoidance", proposer)
+            spots = evidence.abilities("spot_finding", proposer)
+            words = f"{proposer} {_mean(spots)} after {_mean(walls)}"
+            found.append(larger_mean(walls, spots, words, gap))
+        return found
+
+    return compare
+
+
+def _means_alike(task: str, first: str, second: str, margin: float) -> Compare:
+    # Two one-sided tests: neither is higher than the other by as much as the margin.
+    def compare(evidence: Evidence) -> list[Comparison]:
+        own, theirs = evidence.abilities(task, first), evidence.abilities(task, second)
+        words = f"{first} {_mean(own)}, {second} {_mean(theirs)}"
+        return [
+            larger_mean(own, theirs, f"{words}, not {margin:g} lower", -margin),
+            larger_mean(theirs, own, f"not {margin:g} higher", -margin),
+        ]
+
+    return compare
+
+
+def _spoiled_were_clean(evidence: Evidence) -> list[Comparison]:
+    rows = evidence.robots("wall_avoidance", "creative")
+    spoiled = [row for row in rows if row.category == "L < 0"]
+    if not spoiled:
+        raise Undecidable("no creative robot has L < 0")
+    clean = sum(row.t_pre_s == 0 for row in spoiled)
+    return [majority(clean, len(spoiled), f"{_of((clean, len(spoiled)))}, against a half")]
+
+
+def arrival_minutes(evidence: Evidence, proposer: str) -> np.ndarray:
+    """When robots are in the spot for the first time in the test after training.
+
+    Returns:
+      The minute's number, from 0, shape (n,); NaN for those that never are.
+
+    Raises:
+      Undecidable: there are no robots.
+    """
+    task = "spot_finding"
+    evidence.robots(task, proposer)
+    rows = evidence.results.of(task, proposer)
+    valid = np.array([row.category != INVALID for row in rows])
+    curves = evidence.results.curves[f"{task}/{proposer}"][valid]
+    schedule = evidence.experiment.schedule(task)
+    before = sum(
+        steps
+        for phase, steps in zip(schedule.phases, schedule.steps(), strict=True)
+        if phase.part != "post"
+    )
+    test = curves[:, round(before / control_steps(1)) :] > 0
+    if not test.shape[1]:
+        raise Undecidable("the test is shorter than a minute")
+    return np.where(test.any(axis=1), test.argmax(axis=1).astype(float), np.nan)
+
+
+def _arrive_late(least: float) -> Compare:
+    def compare(evidence: Evidence) -> list[Comparison]:
+        if evidence.experiment.time_scale != 1:
+            raise Undecidable("a rehearsal's test does not last that long")
+        minutes = arrival_minutes(evidence, "creative")
+        arrived = minutes[~np.isnan(minutes)]
+        if not len(arrived):
+            raise Undecidable("no creative robot arrives")
+        late, between = (arrived >= 20).sum(), ((arrived >= 20) & (arrived < 30)).sum()
+        words = (
+            f"of the creative that arrive {_of((int(late), len(arrived)))} need 20 minutes or "
+            f"more, {between} of these less than 30; the median is {np.median(arrived):g}"
+        )
+        return [majority(int(late), len(arrived), words, least)]
+
+    return compare
+
+
+def _spin(task: str) -> Compare:
+    def compare(evidence: Evidence) -> list[Comparison]:
+        found = []
+        for proposer in PAPERS:
+            after = evidence.seen().spinning.get((task, proposer), np.empty((0, 2)))[:, 1]
+            if not len(after):
+                raise Undecidable(f"no robots of {task}, {proposer}")
+            spinners = int((after > 0.5).sum())
+            words = f"{proposer} {_of((spinners, len(after)))}"
+            found.append(majority(spinners, len(after), words))
+        return found
+
+    return compare
+
+
+def _contour_then_spin(evidence: Evidence) -> list[Comparison]:
+    stays = [stay for stay in evidence.seen().stays.values() if stay.staying.any()]
+    if not stays:
+        raise Undecidable("no robot stays with the spot")
+    following, spinning = (
+        np.concatenate([getattr(stay, name)[stay.staying] for stay in stays])
+        for name in ("following", "spinning")
+    )
+    # Mean, over robots, of the share of the first and of the last part of the stay.
+    (f_first, f_last), (s_first, s_last) = following.mean(axis=0), spinning.mean(axis=0)
+    return [
+        larger_in_pairs(
+            following[:, 0],
+            following[:, 1],
+            f"along the contour {f_first:.0%} of the time at first, {f_last:.0%} at last",
+        ),
+        larger_in_pairs(
+            spinning[:, 1],
+            spinning[:, 0],
+            f"spinning inside {s_first:.0%} at first, {s_last:.0%} at last",
+        ),
+    ]
+
+
+def _of(count: tuple[int, int]) -> str:
+    return f"{count[0]} of {count[1]}"
+
+
+def _mean(values: np.ndarray) -> str:
+    return f"{values.mean():.3f}" if len(values) else "none"
+
+
+_WA, _SF = "wall_avoidance", "spot_finding"
+_ONES, _POSITIVE, _, _NEGATIVE, _UNMEASURED = CATEGORIES
+
+CLAIMS = (
+    Claim(_WA, "Fixed has the most geniuses.", ranks(_WA, "fixed", _UNMEASURED, most=True)),
+    Claim(_WA, "Random has the fewest geniuses.", ranks(_WA, "random", _UNMEASURED, most=False)),
+    Claim(_WA, "Creative has most robots with L = 1.", ranks(_WA, "creative", _ONES, most=True)),
+    Claim(
+        _WA,
+        "Creative has most robots with L < 0.",
+        ranks(_WA, "creative", _NEGATIVE, most=True),
+    ),
+    Claim(
+        _WA,
+        "Random's contact after training is the lowest.",
+        leads(_post_shares(_WA), "random", "share of the time", highest=False),
+    ),
+    Claim(
+        _WA,
+        "Fixed has the best mean L.",
+        leads(_abilities(_WA), "fixed", "mean L", highest=True),
+    ),
+    Claim(
+        _WA,
+        "Random has the most robots with 0 < L < 1.",
+        ranks(_WA, "random", _POSITIVE, most=True),
+    ),
+    Claim(
+        _WA,
+        "Most creative robots with L < 0 had no contact before training.",
+        _spoiled_were_clean,
+    ),
+    Claim(
+        _WA,
+        "After training most robots of each kind spin, more than half of the time.",
+        _spin(_WA),
+    ),
+    Claim(
+        _SF,
+        "All mean L are far below wall avoidance's, by more than 0.5.",
+        _means_far_below(0.5),
+    ),
+    Claim(
+        _SF,
+        "Creative's mean L is about Fixed's, within 0.2.",
+        _means_alike(_SF, "creative", "fixed", 0.2),
+    ),
+    Claim(
+        _SF,
+        "Fewer creative than random robots have L < 0.",
+        fewer(_SF, "creative", "random", _NEGATIVE),
+    ),
+    Claim(_SF, "Fixed robots are mostly ignorant.", mostly(_SF, "fixed", _UNMEASURED)),
+    Claim(_SF, "Random robots mostly have L < 0.", mostly(_SF, "random", _NEGATIVE)),
+    Claim(
+        _SF,
+        "Creative has by far the most robots with L = 1, more than twice any other.",
+        ranks(_SF, "creative", _ONES, most=True, times=2),
+    ),
+    Claim(
+        _SF,
+        "Creative has the highest time in the spot after training.",
+        leads(_post_shares(_SF), "creative", "share of the time", highest=True),
+    ),
+    Claim(
+        _SF,
+        "After training most robots of each kind spin, more than half of the time.",
+        _spin(_SF),
+    ),
+    Claim(
+        _SF,
+        "Robots first follow the spot's contour and later spin inside it.",
+        _contour_then_spin,
+    ),
+    Claim(
+        _SF,
+        "In the test many creative robots take 20 to 30 minutes to arrive: at least 20 for more "
+        "than a quarter of those that do.",
+        _arrive_late(0.25),
+    ),
+)

@@ -1,0 +1,113 @@
+"""One number against another: the statistical tests, SciPy's, that claims rest on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from .intervals import FEWEST
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """One inequality that a claim needs.
+
+    Attributes:
+      words: what is compared, with its numbers.
+      test: by which test.
+      p_false: one-sided p value of the data if the inequality were false: small, it is true. NaN
+        where the data do not allow the test.
+      p_true: likewise if it were true: small, it is false.
+    """
+
+    words: str
+    test: str
+    p_false: float
+    p_true: float
+
+
+def larger_share(
+    first: tuple[int, int], second: tuple[int, int], words: str, times: float = 1
+) -> Comparison:
+    """Whether one share is larger than so many times another.
+
+    Args:
+      first: robots that have the property, and all of them.
+      second: likewise.
+      words: what is compared.
+      times: how much larger. 1 is Fisher's exact test. For more, given how many have the property
+        in both groups together, those of the first are binomial if shares are small, and less
+        scattered else: the test errs on the side of undecided.
+    """
+    (a, n), (b, m) = first, second
+    if times == 1:
+        table = [[a, n - a], [b, m - b]]
+        return _both_ways(
+            words, "Fisher's exact test", lambda side: stats.fisher_exact(table, alternative=side)
+        )
+    if a + b == 0:
+        return _untested(words, "Conditional binomial test")
+    border = times * n / (times * n + m)
+    return _both_ways(
+        words,
+        "Conditional binomial test",
+        lambda side: stats.binomtest(a, a + b, border, alternative=side),
+    )
+
+
+def majority(count: int, robots: int, words: str, border: float = 0.5) -> Comparison:
+    """Whether a share is larger than a border."""
+    return _both_ways(
+        words,
+        "Binomial test",
+        lambda side: stats.binomtest(count, robots, border, alternative=side),
+    )
+
+
+def larger_mean(
+    first: np.ndarray, second: np.ndarray, words: str, margin: float = 0.0
+) -> Comparison:
+    """Whether one mean is larger than another by more than a margin: Welch's t test.
+
+    Args:
+      first: values, shape (n,).
+      second: values, shape (m,).
+      words: what is compared.
+      margin: may be negative: larger, or smaller by less than that.
+    """
+    if (fewest := min(len(first), len(second))) < FEWEST:
+        return _untested(f"{words}: {fewest} measured robots are too few", "Welch's t test")
+    if np.ptp(first) == 0 and np.ptp(second) == 0:
+        return _untested(f"{words}: no scatter to judge by", "Welch's t test")
+    shifted = first - margin
+    return _both_ways(
+        words,
+        "Welch's t test",
+        lambda side: stats.ttest_ind(shifted, second, equal_var=False, alternative=side),
+    )
+
+
+def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> Comparison:
+    """Whether one of each robot's two values tends to be larger: Wilcoxon's signed-rank test."""
+    differences = first - second
+    differences = differences[differences != 0]
+    if len(differences) < FEWEST:
+        return _untested(f"{words}: too few robots to tell", "Wilcoxon's signed-rank test")
+    return _both_ways(
+        words,
+        "Wilcoxon's signed-rank test",
+        lambda side: stats.wilcoxon(differences, alternative=side),
+    )
+
+
+def _both_ways(words: str, name: str, test: Callable[[str], Any]) -> Comparison:
+    greater, less = (float(test(side).pvalue) for side in ("greater", "less"))
+    return Comparison(words, name, greater, less)
+
+
+def _untested(words: str, name: str) -> Comparison:
+    return Comparison(words, name, float("nan"), float("nan"))
