@@ -28,7 +28,7 @@ from musebot.protocols.experiment import (
     save_plan,
 )
 from musebot.protocols.schedules import SCHEDULES
-from musebot.tasks import arena
+from musebot.tasks import suite
 
 quick = settings(deadline=None, max_examples=50)
 CONDITIONS = tuple((task, proposer) for task in TASKS for proposer in PROPOSERS)
@@ -192,7 +192,7 @@ def test_the_physics_probe_tells_a_changed_body_and_not_a_changed_colour(monkeyp
                 setattr(getattr(edited, part)(name), attribute, value)
             return edited
 
-        monkeypatch.setattr(arena, "arena_spec", spec)
+        monkeypatch.setattr(suite, "arena_spec", spec)
 
     with_a("body", "robot", mass=0.08)
     assert np.abs(np.subtract(probe(), ours)).max() > 1e-5
