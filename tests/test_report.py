@@ -16,6 +16,8 @@ from musebot.protocols import cli, engine, report
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment import Experiment, Plan
 
+pytestmark = pytest.mark.slow
+
 CONDITIONS = (
     ("wall_avoidance", "creative"),
     ("wall_avoidance", "fixed"),
