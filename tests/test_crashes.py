@@ -3,11 +3,13 @@
 import contextlib
 import json
 import os
+import queue
 import random
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -149,18 +151,24 @@ class Commands:
             [sys.executable, "-c", FORKS],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("w"), text=True,
         )  # fmt: skip
+        self._numbers = queue.Queue()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            self._numbers.put(int(line))
 
     def run(self, arguments, kill_after=None):
         """Returns the exit status of a command, -9 if seconds after its start a kill hit it."""
-        process = self._process
-        process.stdin.write(json.dumps(arguments) + "\n")
-        process.stdin.flush()
-        session = int(process.stdout.readline())
-        if kill_after is not None:
-            time.sleep(kill_after)
+        self._process.stdin.write(json.dumps(arguments) + "\n")
+        self._process.stdin.flush()
+        session = self._numbers.get()
+        try:
+            status = self._numbers.get(timeout=kill_after)
+        except queue.Empty:
             with contextlib.suppress(ProcessLookupError):  # it has ended, or not yet begun
                 os.killpg(session, signal.SIGKILL)
-        status = int(process.stdout.readline())
+            status = self._numbers.get()
         for _ in range(200):  # the last of its processes may still be dying
             try:
                 os.killpg(session, 0)
@@ -207,11 +215,12 @@ def test_a_run_killed_at_twenty_random_moments_leaves_the_undisturbed_runs_bytes
     met = []  # by kills that hit a run in progress
     while len(met) < 20:
         directory = tmp_path / str(len(met))
-        # Anywhere from a new run's start to its end, and then in what that kill has left of it.
-        latest = seconds
+        began, before, latest = time.monotonic(), len(met), seconds
         while (status := run(directory, moments.uniform(0, latest))) == -signal.SIGKILL:
             met.append(held(directory))
-            latest = seconds / 2
+            latest *= 1.25  # it comes to its end, however busy the machine has become meanwhile
+        if len(met) == before:
+            seconds = time.monotonic() - began
         assert status == 0
         assert contents(directory) == undisturbed, f"after {met}"
         shutil.rmtree(directory)
