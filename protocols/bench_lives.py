@@ -71,12 +71,13 @@ class Life:
     Attributes:
       setting: what is lived.
       brain_seconds: spent in the brains' acting and learning, in the last block.
+      physics_seconds: spent in MuJoCo, likewise.
     """
 
     def __init__(self, setting: Setting) -> None:
         """Gives birth to the robots."""
         self.setting = setting
-        self.brain_seconds = 0.0
+        self.brain_seconds = self.physics_seconds = 0.0
         self._cohort = _newborn(setting)
         _begin_training(self._cohort, setting)
         self._watch()
@@ -90,7 +91,7 @@ class Life:
         """Lives a block; returns its seconds."""
         self._motors.clear()
         self._start[:] = self._state()
-        self.brain_seconds = 0.0
+        self.brain_seconds = self.physics_seconds = 0.0
         began = time.perf_counter()
         self._cohort.advance(self.setting.steps)
         return time.perf_counter() - began
@@ -113,10 +114,12 @@ class Life:
         return self._cohort.batch.arrays()["state"]
 
     def _watch(self) -> None:
-        # A microsecond a control step, of all robots together, and counted against the life.
+        # A few microseconds a control step, of all robots together, counted against the life.
         agent, batch = self._cohort.agent, self._cohort.batch
-        agent.act = self._timed(agent.act)
-        agent.learn = self._timed(agent.learn)
+        assert isinstance(batch, Batch)  # of MuJoCo's own body
+        agent.act = self._timed("brain_seconds", agent.act)
+        agent.learn = self._timed("brain_seconds", agent.learn)
+        batch.simulate = self._timed("physics_seconds", batch.simulate)
         step = batch.step
 
         def record(motors: np.ndarray) -> None:
@@ -125,11 +128,11 @@ class Life:
 
         batch.step = record
 
-    def _timed(self, call: Callable[P, T]) -> Callable[P, T]:
+    def _timed(self, clock: str, call: Callable[P, T]) -> Callable[P, T]:
         def timed(*args: P.args, **kwargs: P.kwargs) -> T:
             began = time.perf_counter()
             result = call(*args, **kwargs)
-            self.brain_seconds += time.perf_counter() - began
+            setattr(self, clock, getattr(self, clock) + time.perf_counter() - began)
             return result
 
         return timed
@@ -190,12 +193,15 @@ class Comparison:
       setting: what was lived.
       life: seconds of each block lived.
       brain: seconds of each block spent in the brains.
+      physics: seconds of each block spent in MuJoCo, which evaluates the sensors in the last
+        substep of a control step alone; the bare replay does so in all of them.
       bare: seconds of each block replayed.
     """
 
     setting: Setting
     life: tuple[float, ...]
     brain: tuple[float, ...]
+    physics: tuple[float, ...]
     bare: tuple[float, ...]
 
     @property
@@ -210,14 +216,15 @@ class Comparison:
 
     @property
     def microseconds(self) -> dict[str, float]:
-        """Of a robot-step, medians of the blocks: total, physics, brain, rest."""
+        """Of a robot-step, medians of the blocks: total, physics, brain, rest; and bare."""
         per_step = 1e6 / self.setting.robot_steps
-        rest = [a - b - c for a, b, c in zip(self.life, self.brain, self.bare, strict=True)]
+        rest = [a - b - c for a, b, c in zip(self.life, self.brain, self.physics, strict=True)]
         return {
             "total": median(self.life) * per_step,
-            "physics": median(self.bare) * per_step,
+            "physics": median(self.physics) * per_step,
             "brain": median(self.brain) * per_step,
             "rest": median(rest) * per_step,
+            "bare": median(self.bare) * per_step,
         }
 
 
@@ -226,9 +233,12 @@ def compare(setting: Setting, blocks: int) -> Comparison:
     life = Life(setting)
     life.live()
     life.replay()
-    rows = [(life.live(), life.brain_seconds, life.replay()) for _ in range(blocks)]
-    lived, brain, bare = zip(*rows, strict=True)
-    return Comparison(setting, lived, brain, bare)
+    rows = [
+        (life.live(), life.brain_seconds, life.physics_seconds, life.replay())
+        for _ in range(blocks)
+    ]
+    lived, brain, physics, bare = zip(*rows, strict=True)
+    return Comparison(setting, lived, brain, physics, bare)
 
 
 class Worker:

@@ -257,10 +257,14 @@ class Batch(Robots):
         """See `Robots.step`."""
         np.clip(self._sound(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
         time = self._state[:, 0].copy()
-        for call in self._calls:
-            call.step(self._engine, self._threads)
+        self.simulate()
         self.sensordata[:] = self._calls[-1].sensordata
         self._check(time)
+
+    def simulate(self) -> None:
+        """The physics of a control step, and nothing else: `step` calls it."""
+        for call in self._calls:
+            call.step(self._engine, self._threads)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`."""

@@ -108,14 +108,23 @@ def test_what_is_measured_learns():
     after = life._cohort.agent.weights()
     assert all(not np.array_equal(before[name], after[name]) for name in before)
     assert life.brain_seconds > 0
+    assert life.physics_seconds > 0
 
 
 def test_ratios_are_medians_of_blocks():
     setting = Setting("wall_avoidance", "fixed", robots=10, steps=100)
-    life = Comparison(setting, life=(2.0, 4.0, 9.0), brain=(0.2,) * 3, bare=(1.0, 3.0, 3.0))
+    life = Comparison(
+        setting,
+        life=(2.0, 4.0, 9.0),
+        brain=(0.2,) * 3,
+        physics=(1.5, 2.5, 3.5),
+        bare=(1.0, 3.0, 3.0),
+    )
     assert life.ratio == 0.5
     us = life.microseconds
-    assert us == pytest.approx({"total": 4e3, "physics": 3e3, "brain": 200, "rest": 800})
+    assert us == pytest.approx(
+        {"total": 4e3, "physics": 2.5e3, "brain": 200, "rest": 1300, "bare": 3e3}
+    )
     ours = StepCost("ours", 0.01, 8, 10, 6, 4, 10, seconds=(1.0, 2.0, 9.0))
     car = StepCost("car", 0.01, 8, 5, 2, 4, 14, seconds=(2.0, 2.0, 3.0))
     assert ours.ratio(car) == 1.0
