@@ -1,7 +1,7 @@
 """A stand-in for the body: an ideal differential drive, with no mass, no slip and no lag.
 
 It moves on the same floor between the same walls and feels them in the same way, so that
-what physics does to a life can be told from what the brain does (docs/results.md). The
+what physics does to a life can be told from what the brain does. The
 paper's own simulator was of this kind.
 """
 

@@ -165,6 +165,11 @@ def make_agent(
         factory = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise InputError(f"there is no agent {proposer} ({error})") from error
+    except Exception as error:  # whatever goes wrong in a user's module
+        what = f"{type(error).__name__}: {error}"
+        raise InputError(f"{module} cannot be imported ({what})") from error
+    if not callable(factory):
+        raise InputError(f"{proposer} is no factory of agents, but a {type(factory).__name__}")
     agent = factory(robots, sensors, seed)
     if not isinstance(agent, Agent):
         raise InputError(f"{proposer} must return an Agent, got {type(agent).__name__}")

@@ -71,8 +71,7 @@ class Run:
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
         plan = self._plan(engine.open_directory(self.out))
-        if self.agent:
-            check_births(plan)
+        check_births(plan)
         results = engine.run(self.out, plan, self._workforce(), save_every=self.save_every)
         text = tables.markdown(plan.experiment, results)
         write_atomically(self.out / "tables.md", text.encode())
@@ -164,7 +163,12 @@ class Film:
         from .replay import Candidate
 
         candidate = Candidate(
-            *_read(self.out), self.task, self.proposer, self.robot, self.phase, self.seed
+            *_read(self.out, enact=True),
+            self.task,
+            self.proposer,
+            self.robot,
+            self.phase,
+            self.seed,
         )
         film.film(candidate, self.output, seconds=self.seconds, speed=self.speed)
         print(self.output)
@@ -183,7 +187,7 @@ class Report:
         """Puts a sample of the brains back into their robots, to see what they do."""
         from . import engine, report
 
-        experiment, results = _read(self.out)
+        experiment, results = _read(self.out, enact=True)
         engine.prepare_process()
         print(report.report(experiment, results, self.out, self.output))
 
@@ -209,7 +213,7 @@ class Explore:
         from .replay import Candidate
 
         candidate = self.out and Candidate(
-            *_read(self.out), self.task, self.proposer, self.robot, self.phase
+            *_read(self.out, enact=True), self.task, self.proposer, self.robot, self.phase
         )
         explore.explore(self.task, candidate)
 
@@ -248,9 +252,9 @@ class Doctor:
         raise SystemExit(doctor.report())
 
 
-def _read(out: Path) -> tuple[Experiment, Results]:
+def _read(out: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
     from . import engine, results
-    from .experiment import load_plan
+    from .experiment import load_plan, same_physics
 
     if not (out / engine.PLAN).is_file():
         raise InputError(f"{out} holds no experiment of musebot's")
@@ -258,6 +262,12 @@ def _read(out: Path) -> tuple[Experiment, Results]:
     if not lives.robots:
         raise InputError(
             f"{out} holds no finished lives yet; `musebot run {out}` goes on with them"
+        )
+    if enact and not same_physics(out / engine.PLAN):
+        print(
+            f"musebot: {out} was lived in another physics than this version's, in which its "
+            "brains are now put back",
+            file=sys.stderr,
         )
     return experiment, lives
 

@@ -25,7 +25,7 @@ from .experiment import CohortKey
 
 try:
     import ray
-    from ray.exceptions import RayError
+    from ray.exceptions import RayError, RayTaskError
     from ray.util.queue import Queue
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 except ImportError as error:
@@ -83,6 +83,8 @@ class Ray:
             with contextlib.suppress(OSError):
                 stop_file.touch()
             cause = getattr(error, "cause", error)
+            if isinstance(error, RayTaskError) and not isinstance(cause, OSError):
+                raise  # a fault in the code of an agent, or ours: the traceback says where
             raise stopped_by(cause if isinstance(cause, OSError) else error) from error
         finally:
             reports.shutdown(force=True)

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ..controller import PROPOSERS
 from ..tasks.arena import random_poses, random_spots
 from ..tasks.batch import Robots
 from .agents import make_agent
+from .errors import InputError
 from .experiment import CohortKey, Experiment, Plan
 from .schedules import Phase, Schedule, control_steps
 
@@ -60,14 +62,22 @@ def place(batch: Robots, phase: Phase, random: np.random.Generator) -> None:
 
 
 def check_births(plan: Plan) -> None:
-    """Gives birth to a robot of every condition, to see whether that can be done.
+    """Gives birth to two robots of every agent of a user's, and lets them live a step.
 
     Raises:
-      InputError: there is no such agent, or it is none.
+      InputError: there is no such agent, it is none, or it answers with no motors.
     """
-    one = dataclasses.replace(plan.experiment, cohort_size=1)
+    two = dataclasses.replace(plan.experiment, cohort_size=2)
     for task, proposer in plan.conditions:
-        Cohort(one, CohortKey(task, proposer, 0))
+        if proposer in PROPOSERS:
+            continue
+        cohort = Cohort(two, CohortKey(task, proposer, 0))
+        cohort.agent.reset()
+        state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)
+        shape = np.shape(cohort.agent.act(state, False))
+        if shape != (2, 2):
+            raise InputError(f"{proposer} must act with motors of shape (2, 2), got {shape}")
+        cohort.checkpoint()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -28,6 +28,7 @@ from rich.text import Text
 _PACKAGES = {
     "dm-control": ("dm_control.suite.base", "dm-control>=1.0.50"),
     "numpy": ("numpy", "numpy>=2"),
+    "scipy": ("scipy.stats", "scipy>=1.15"),
     "safetensors": ("safetensors.numpy", "safetensors"),
     "matplotlib": ("matplotlib.figure", "matplotlib"),
     "pillow": ("PIL.Image", "pillow"),

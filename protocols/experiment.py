@@ -232,7 +232,7 @@ def save_plan(path: Path, plan: Plan) -> None:
     if path.exists():
         older = json.loads(path.read_bytes())
         made_with = [one for one in older["made_with"] if one != machine()]
-        if not np.allclose(older["physics"], physics_probe(), rtol=0, atol=1e-6):
+        if not same_physics(path):
             raise InputError(
                 f"{path.parent} was lived in another physics than this version's: "
                 "its lives and new ones must not be mixed"
@@ -244,20 +244,29 @@ def save_plan(path: Path, plan: Plan) -> None:
     content = {
         "experiment": dataclasses.asdict(plan.experiment),
         "plan": rows,
-        "physics": physics_probe(),
+        "physics": physics_probe(plan.experiment.body),
         "made_with": [*made_with, machine()],
     }
     write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
 
 
+def same_physics(path: Path) -> bool:
+    """Whether an `experiment.json` that `load_plan` reads was lived in this version's physics."""
+    content = json.loads(path.read_bytes())
+    ours = physics_probe(content["experiment"].get("body", "mujoco"))
+    return np.shape(ours) == np.shape(content["physics"]) and bool(
+        np.allclose(content["physics"], ours, rtol=0, atol=1e-6)
+    )
+
+
 @functools.cache
-def physics_probe() -> tuple[float, ...]:
-    """Where a robot ends, and what it then senses, after a short drive into a wall.
+def physics_probe(body: Body = "mujoco") -> tuple[float, ...]:
+    """Where a robot of a body ends, and what it then senses, after a short drive into a wall.
 
     Numbers that tell one physics from another, whatever it was that was changed: a mass, a
     friction, the timestep, MuJoCo itself. Decoration does not move them.
     """
-    batch = make_batch("spot_finding", 1)
+    batch = Experiment(body=body).batch("spot_finding", 1)
     batch.place(np.array([0]), np.array([[0.42, 0.05, 0.3]]))
     for motors in ((0.5, 0.4), (0.5, 0.5), (-0.2, 0.5), (0.1, -0.5)):
         for _ in range(4):

@@ -36,6 +36,8 @@ def explore(task: str, candidate: Candidate | None = None) -> None:
         who = f"{candidate.proposer}, robot {candidate.robot}, {candidate.phase}-training"
         title = f"Musebot: {task}, {who}"
         policy = StoredBrain(candidate.brain)
+        if candidate.experiment.body != "mujoco" or candidate.experiment.motor_speed:
+            raise InputError("the window has MuJoCo's robot at its own speed, and this run another")
     check_display()
     # As in the run: what a nose smells there, it smells here.
     kwargs = {}

@@ -15,11 +15,12 @@ import numpy as np
 from ..controller import PROPOSERS
 from ..tasks import CONTROL_TIMESTEP, Robots
 from .agents import Agent
+from .cohort import place
 from .experiment import Experiment
 from .learn_ability import INVALID
 from .replay import stored_brains
 from .results import Results
-from .schedules import UPPER_LEFT, UPPER_RIGHT, control_steps
+from .schedules import control_steps
 
 SAMPLE = 24  # robots of a condition that are watched
 SPIN_MINUTES = 2.0  # of the test, for the spinning statistic
@@ -171,14 +172,9 @@ def sit(
     """
     brains = stored_brains(experiment, results, task, proposer, which, SEED)
     batch = experiment.batch(task, len(which))
-    _begin(batch, np.tile(UPPER_LEFT, (len(which), 1)), UPPER_RIGHT[:2])
+    start = next(p for p in experiment.schedule(task).phases if p.part == "post")
+    place(batch, start, np.random.default_rng(SEED))
     return watch(batch, brains, control_steps(minutes), learning=False, tick=tick)
-
-
-def _begin(batch: Robots, poses: np.ndarray, spot: tuple[float, ...]) -> None:
-    everyone = np.arange(batch.robots)
-    batch.place_spot(everyone, np.tile(spot, (batch.robots, 1)))
-    batch.place(everyone, poses)
 
 
 def watch(batch: Robots, brains: Agent, steps: int, *, learning: bool, tick: Tick) -> Track:
@@ -236,7 +232,9 @@ def _stay(
     away = size.radius + size.spot_radius
     angles = np.random.default_rng(SEED).uniform(-np.pi, np.pi, len(rows))
     poses = np.stack([-away * np.cos(angles), -away * np.sin(angles), angles], axis=1)
-    _begin(batch, poses, (0.0, 0.0))
+    everyone = np.arange(batch.robots)
+    batch.place_spot(everyone, np.zeros((batch.robots, 2)))
+    batch.place(everyone, poses)
     steps = control_steps(STAY_MINUTES * experiment.time_scale)
     track = watch(batch, brains, steps, learning=True, tick=tick)
     return stay_of(track, size.spot_radius)

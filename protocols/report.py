@@ -189,7 +189,7 @@ def _films(
     experiment: Experiment, results: Results, folder: Path
 ) -> tuple[list[tuple[str, Path]], str]:
     """The run's films with their captions, made if there are none; or why there are none."""
-    if kept := sorted(folder.glob("*.mp4")):
+    if kept := sorted(p for p in folder.glob("*.mp4") if not p.name.startswith(".")):
         return [(path.stem.replace("_", " "), path) for path in kept], ""
     made = []
     for task in figures.tasks_of(results):

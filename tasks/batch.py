@@ -246,7 +246,7 @@ class Batch(Robots):
             mujoco.mj_setState(self.model, self._scratch, self._state[robot], _STATE)
             mujoco.mj_setState(self.model, self._scratch, self._control[robot], _CONTROL)
             mujoco.mj_forward(self.model, self._scratch)
-            self.sensordata[robot] = self._scratch.sensordata
+            self.sensordata[robot] = self._scratch.sensordata if self.valid[robot] else 0
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""

@@ -288,6 +288,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         randoms = self._streams([None] * self.num_envs)
         starts = [self._start.draw(randoms[robot], self._batch.dimensions) for robot in robots]
         poses, spots = map(np.stack, zip(*starts, strict=True))
+        self._batch.valid[robots] = True  # whatever became of them before
         self._batch.place_spot(robots, spots)
         self._batch.place(robots, poses)
         self._steps[robots] = 0

@@ -56,7 +56,10 @@ class KinematicBatch(Robots):
         """See `Robots.place`."""
         self._poses[robots] = poses
         self._touch[robots] = self._near()[robots]
+        others = np.delete(np.arange(self.robots), robots)
+        before = self.sensordata[others].copy()
         self._sense()
+        self.sensordata[others] = before
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from musebot.protocols import cli
 from musebot.protocols.agents import Agent, check_agent, make_agent
 from musebot.protocols.baselines import QLearner
 from musebot.protocols.cohort import Cohort
@@ -113,11 +114,49 @@ def test_a_name_that_is_no_factorys_is_refused(name):
         ("no_such_module:x", "there is no agent no_such_module:x"),
         ("musebot.protocols.baselines:no_such", "there is no agent musebot.protocols.baselines:no"),
         ("builtins:max", "must return an Agent, got int"),
+        ("math:pi", "math:pi is no factory of agents, but a float"),
     ],
 )
 def test_a_factory_that_is_not_there_or_makes_no_agent_is_refused(name, words):
     with pytest.raises(InputError, match=words):
         make_agent(Experiment(), name, 1, 5, 0)
+
+
+def test_a_module_that_cannot_be_imported_is_told_with_what_is_wrong(tmp_path, monkeypatch):
+    (tmp_path / "half_written.py").write_text("def make(:")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match="half_written cannot be imported .SyntaxError"):
+        make_agent(Experiment(), "half_written:make", 1, 5, 0)
+
+
+def test_an_agent_with_the_wrong_motors_is_refused_before_anything_is_made(tmp_path, monkeypatch):
+    (tmp_path / "one_for_all.py").write_text(
+        "import numpy as np\n"
+        "from musebot.protocols.baselines import QLearner\n"
+        "class Lazy(QLearner):\n"
+        "    def act(self, state, learning):\n"
+        "        return np.zeros((1, 2))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    out = tmp_path / "out"
+    assert cli.main(["run", str(out), "--proposer", "one_for_all:Lazy", "--robots", "1"]) == 2
+    assert not out.exists()
+
+
+def test_the_guides_example_goes_on_from_a_checkpoint_to_the_bit(tmp_path, monkeypatch):
+    [code] = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    (tmp_path / "guide_agent.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    experiment = Experiment(cohort_size=3, time_scale=0.005, body="kinematic")
+    key = CohortKey("wall_avoidance", "guide_agent:table", 0)
+    whole = Cohort(experiment, key)
+    whole.advance(10**9)
+    for stop in range(61, 90, 7):  # in training, where chance plays a part
+        first, second = Cohort(experiment, key), Cohort(experiment, key)
+        first.advance(stop)
+        second.restore(*first.checkpoint())
+        second.advance(10**9)
+        assert np.array_equal(whole.lives().after["values"], second.lives().after["values"])
 
 
 def test_an_agent_without_weights_leaves_none(monkeypatch):
