@@ -18,15 +18,6 @@ from mujoco import rollout
 from .arena import Dimensions, arena_spec, robot_pose, robot_qpos
 
 SUBSTEPS = (100, 50, 25, 20, 15, 14, 10, 5)  # in a control step of 0.1 s; first the reference
-    100,
-    50,
-    25,
-    20,
-    15,
-    14,
-    10,
-    5,
-)  # in a control step of 0.1 s; the first is the reference
 _CONTROL_TIMESTEP = 0.1
 _CENTRE = (0.0, 0.0, 0.0)
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
