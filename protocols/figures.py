@@ -17,7 +17,7 @@ from .experiment import Experiment
 from .learn_ability import CATEGORIES, INVALID, PAPER, Summary
 from .probes import Behaviour, Stay
 from .results import Results
-from .schedules import SCHEDULES, control_steps
+from .schedules import NAMES, SCHEDULES, control_steps
 
 FORMATS = ("svg", "png")
 WIDTH = 5.6  # inches: on a telephone's screen 9 point are still read
@@ -28,7 +28,6 @@ _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
 _OTHERS = ("#b264a0", "#8a8420", "#6a6fc9", "#c2565b")
 _CATEGORIES = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
 EVENTS = {"wall_avoidance": "in contact", "spot_finding": "in the spot"}
-NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -89,10 +88,6 @@ def tasks_of(results: Results) -> list[str]:
     return [task for task in SCHEDULES if any(t == task for t, _ in results.conditions())]
 
 
-def _proposers_of(results: Results, task: str) -> list[str]:
-    return [proposer for t, proposer in results.conditions() if t == task]
-
-
 # ---- Learning curves ----
 
 
@@ -102,7 +97,7 @@ def learning_curves(experiment: Experiment, results: Results) -> Figure:
     figure, axes = canvas(2.5 * len(tasks), len(tasks), 1)
     for task, axis in zip(tasks, axes[:, 0], strict=True):
         ends = []
-        for proposer in _proposers_of(results, task):
+        for proposer in results.proposers_of(task):
             valid = [row.category != INVALID for row in results.of(task, proposer)]
             curves = results.curves[f"{task}/{proposer}"][valid]
             if len(curves):
@@ -182,7 +177,7 @@ def categories(experiment: Experiment, results: Results) -> Figure:
     bars: list[tuple[str, list[tuple[str, str, Summary]]]] = []
     for task in tasks_of(results):
         rows = []
-        for proposer in _proposers_of(results, task):
+        for proposer in results.proposers_of(task):
             rows.append((proposer, "here", results.summary(experiment, task, proposer)))
             if paper := PAPER.get((task, proposer)):
                 rows.append((proposer, "paper", paper))

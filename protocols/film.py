@@ -20,12 +20,11 @@ from ..tasks.arena import Rules
 from .errors import InputError
 from .picture import Panel, Shot, Stage
 from .replay import Candidate, Moment, Reenactment
-from .schedules import SCHEDULES
+from .schedules import NAMES, SCHEDULES
 
 FPS = 25
 _TRAIL = 8.0  # seconds of the film after which the robot's trail has faded
 _TRAIL_LIMIT = 90.0  # simulated seconds after which it has, however fast the film
-_TITLES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
 
 def film(candidate: Candidate, output: Path, *, seconds: float, speed: float) -> None:
@@ -59,7 +58,7 @@ def film(candidate: Candidate, output: Path, *, seconds: float, speed: float) ->
                 f"the test is over after {test.seconds:g} s, and so is the film: {frames / FPS:g} s"
             )
         panel = Panel(
-            _TITLES.get(candidate.task, candidate.task),
+            NAMES[candidate.task],
             f"{candidate.proposer} proposer, robot {candidate.robot}",
             after=candidate.phase == "post",
             wanted=SCHEDULES[candidate.task].wanted,

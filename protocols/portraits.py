@@ -13,12 +13,12 @@ from matplotlib.patches import Circle, Rectangle
 from ..models import Dimensions
 from ..tasks import Robots
 from .experiment import Experiment
-from .figures import EVENTS, INK, NAMES, canvas, colour
+from .figures import EVENTS, INK, canvas, colour
 from .learn_ability import INVALID
 from .probes import SEED, Tick, Track, lived, minutes_of, sit
 from .replay import stored_brains
 from .results import Results
-from .schedules import SCHEDULES, UPPER_LEFT, UPPER_RIGHT
+from .schedules import NAMES, SCHEDULES, UPPER_LEFT, UPPER_RIGHT
 
 MINUTES = {"wall_avoidance": 4.0, "spot_finding": 15.0}  # of the test that a portrait shows
 _WHEN = ("before", "after")

@@ -21,6 +21,7 @@ from .experiment import Experiment
 from .film import film
 from .replay import Candidate
 from .results import Results
+from .schedules import NAMES
 from .storage import write_atomically
 
 PAGE = "report.html"
@@ -135,7 +136,7 @@ def _pictures(
         ),
     ]
     for task in tasks:
-        name = figures.NAMES[task].lower()
+        name = NAMES[task].lower()
         minutes = portraits.MINUTES[task] * experiment.time_scale
         found += [
             Picture(
@@ -209,7 +210,7 @@ def _films(
             if not existed:
                 folder.rmdir()
             return [], f"No films: {error}."
-        name = figures.NAMES[task]
+        name = NAMES[task]
         made.append(
             (f"{name}, {sitter.kind} {proposer} {sitter.robot}, after training, x {speed:g}", path)
         )
@@ -250,7 +251,7 @@ def _page(
 
 def _table(experiment: Experiment, results: Results, task: str) -> str:
     """A table, as several if it has many conditions: ours, its interval, the paper's."""
-    proposers = tables.proposers_of(results, task)
+    proposers = results.proposers_of(task)
     parts = [f"<h2>{escape(tables.title(experiment, task))}</h2>"]
     for first in range(0, len(proposers), _COLUMNS):
         group = proposers[first : first + _COLUMNS]

@@ -71,6 +71,10 @@ class Results:
         """Pairs of task and proposer that have lives here, in the tables' order."""
         return sorted({(r.task, r.proposer) for r in self.robots}, key=condition_order)
 
+    def proposers_of(self, task: str) -> list[str]:
+        """Whose robots have lived a task, in the tables' order."""
+        return [proposer for t, proposer in self.conditions() if t == task]
+
     def of(self, task: str, proposer: str) -> list[Robot]:
         """The rows of a condition."""
         return [r for r in self.robots if (r.task, r.proposer) == (task, proposer)]

@@ -8,6 +8,8 @@ from typing import Literal
 from ..tasks import CONTROL_TIMESTEP
 from ..tasks.arena import CORNERS
 
+NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
+
 Part = Literal["pre", "training", "post"]
 
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]

@@ -72,11 +72,6 @@ def _shares(summary: Summary) -> tuple[Interval, ...]:
     return tuple(intervals.share(count, summary.robots) for count in summary.counts)
 
 
-def proposers_of(results: Results, task: str) -> list[str]:
-    """Whose robots have lived a task, in the tables' order."""
-    return [proposer for t, proposer in results.conditions() if t == task]
-
-
 def title(experiment: Experiment, task: str) -> str:
     """A table's title, which says so where durations were shortened."""
     if experiment.time_scale == 1:
@@ -125,7 +120,7 @@ def variation_cells(first: Column, second: Column | None) -> tuple[str, str]:
 
 def markdown(experiment: Experiment, results: Results) -> str:
     """Both tables and the claims as Markdown; a condition without lives is left out."""
-    tasks = [task for task in TITLES if proposers_of(results, task)]
+    tasks = [task for task in TITLES if results.proposers_of(task)]
     parts = [_table(experiment, results, task) for task in tasks]
     findings = judge_all(Evidence(experiment, results))
     return "\n".join([*parts, NOTE + "\n", _claims(experiment, findings)])
@@ -134,7 +129,7 @@ def markdown(experiment: Experiment, results: Results) -> str:
 def _table(experiment: Experiment, results: Results, task: str) -> str:
     rows = [[name] for name in (*row_names(task), "total variation")]
     head = [""]
-    for proposer in proposers_of(results, task):
+    for proposer in results.proposers_of(task):
         column, paper = ours(experiment, results, task, proposer), papers(task, proposer)
         found = [*cells(column), variation_cells(column, paper)]
         columns = [(f"{proposer}, ours", found)]

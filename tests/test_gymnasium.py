@@ -10,10 +10,12 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
+from dm_control.rl.control import PhysicsError  # noqa: E402
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import SyncVectorEnv  # noqa: E402
 
 import musebot  # noqa: E402
+from musebot.tasks.gymnasium_env import ArenaVectorEnv  # noqa: E402
 from musebot.tasks.suite import TASKS  # noqa: E402
 
 IDS = [f"musebot/{name}" for name in musebot.GYMNASIUM_TASKS]
@@ -261,3 +263,13 @@ def test_pictures_are_drawn(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "egl")
     done = subprocess.run([sys.executable, "-c", DRAW], capture_output=True, text=True)
     assert done.stdout == "drawn\n", done.stderr
+
+
+def test_a_batch_with_a_lost_robot_starts_anew():
+    robots = ArenaVectorEnv("wall_avoidance", 2)
+    robots.reset(seed=1)
+    robots._batch.stop(np.array([0]))
+    with pytest.raises(PhysicsError):
+        robots.step(np.zeros((2, 2), np.float32))
+    robots.reset(seed=1)
+    robots.step(np.zeros((2, 2), np.float32))
