@@ -133,7 +133,7 @@ def started(directory):
     return process
 
 
-def wait_for_checkpoints(directory, process, seconds=60):
+def wait_for_checkpoints(directory, process, seconds=300):
     for _ in range(seconds * 20):
         if any((Path(directory) / "checkpoints").glob("*.safetensors")):
             return
@@ -147,7 +147,7 @@ def test_a_stopped_run_says_so_and_resumes_to_the_same_bytes(how, tmp_path, undi
     process = started(tmp_path / "run")
     wait_for_checkpoints(tmp_path / "run", process)
     os.killpg(process.pid, how)
-    output = process.communicate(timeout=60)[0]
+    output = process.communicate(timeout=300)[0]
     assert process.returncode == 130, output
     assert "the same command goes on from here" in output
     assert not (tmp_path / "run" / ROBOTS).exists()
@@ -212,7 +212,7 @@ def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_lived_again(
     process = started(directory)
     wait_for_checkpoints(directory, process)
     os.killpg(process.pid, signal.SIGTERM)
-    process.communicate(timeout=60)
+    process.communicate(timeout=300)
     victim = sorted((directory / "checkpoints").glob("*.safetensors"))[0]
     whole = victim.read_bytes()
     half = len(whole) // 2
