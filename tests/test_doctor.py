@@ -61,6 +61,7 @@ def test_missing_package_is_named_with_the_command_that_gets_it(
         "matplotlib": "matplotlib.figure",
         "pillow": "PIL.Image",
         "safetensors": "safetensors.numpy",
+        "scipy": "scipy.stats",
     }.get(package, package.replace("-", "_"))
     monkeypatch.setitem(sys.modules, module, None)
     found = finding(package)

@@ -13,6 +13,7 @@ def test_the_defaults_are_the_papers_numbers():
         "learn_rate": 0.01,  # eta
         "discount": 0.9,  # gamma
         "epsilon": 0.01,
+        "test_epsilon": 0.0,
         "fixed_motors": (-0.5, -0.25, 0.0, 0.25, 0.5),
         "ideas": 25,  # "the same number of 25 potential actions"
         "memory_hidden": 5,  # "five in the memory net"
