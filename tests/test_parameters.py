@@ -32,6 +32,7 @@ BAD = {
     "memory_hidden": (0, -5),
     "discount": (-0.1, 1.1, NAN, INFINITY),
     "epsilon": (-0.1, 1.1, NAN),
+    "test_epsilon": (-0.1, 1.1, NAN),
     "noisy_share": (-0.1, 1.1, NAN),
     "learn_rate": (-0.01, NAN),
     "noise": (-0.76, NAN),
