@@ -73,8 +73,16 @@ def test_a_robot_that_backs_off_a_wall_is_free():
         assert moved == pytest.approx([ROOM[0] - 0.02, 0, 0])
 
 
+# An eye exactly on a wall looks through it in MuJoCo, at the backstop a millimetre behind.
+clear = st.tuples(
+    st.floats(1e-5 - ROOM[0], ROOM[0] - 1e-5),
+    st.floats(1e-5 - ROOM[1], ROOM[1] - 1e-5),
+    st.floats(-np.pi, np.pi),
+)
+
+
 @settings(max_examples=50, deadline=None)
-@given(poses, st.tuples(st.floats(-0.46, 0.46), st.floats(-0.29, 0.29)))
+@given(clear, st.tuples(st.floats(-0.46, 0.46), st.floats(-0.29, 0.29)))
 def test_it_senses_what_the_body_in_mujoco_does(pose, spot):
     for batch in BODIES:
         batch.place_spot(np.array([0]), np.array([spot]))
