@@ -28,7 +28,7 @@ from .bench_lives import Act, Comparison, Scaling, Setting
 from .bench_models import EnvironmentCost, StepCost
 from .errors import InputError
 from .experiment import TASKS, Experiment, machine
-from .storage import write_atomically
+from .storage import check_place, write_atomically
 
 MAIN, SMALL = 250, 50  # robots in a process: a run's cohorts, and a small cohort
 SIZES = (1, 2, 5, 10, 20, SMALL, 100, MAIN, 500, 1000, 2000)
@@ -205,12 +205,7 @@ def run(
 def _check_output(path: Path, suffixes: tuple[str, ...]) -> None:
     if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"the figure must be one of {', '.join(suffixes)}, got {path}")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder")
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent}")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise InputError(f"{path.parent} cannot be written")
+    check_place(path)
 
 
 def _car(path: Path | None) -> mujoco.MjModel | None:

@@ -14,15 +14,12 @@ from collections.abc import Callable
 from statistics import median
 
 import gymnasium
-import mujoco
 import numpy as np
 import tyro
-from mujoco import rollout
 
 from ..tasks.gymnasium_env import ArenaVectorEnv
+from .bench_lives import Bare
 from .errors import RunError
-
-_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,36 +78,6 @@ class Doors:
         return "\n".join(lines)
 
 
-class _Bare:
-    """The batch's physics alone."""
-
-    def __init__(self, model: mujoco.MjModel, robots: int, threads: int, substeps: int) -> None:
-        self._models, self._substeps = [model] * robots, substeps
-        self._scratch = [mujoco.MjData(model) for _ in range(max(threads, 1))]
-        self._engine = rollout.Rollout(nthread=threads)
-        self.state = np.zeros((robots, mujoco.mj_stateSize(model, _STATE)))
-        self._states = np.zeros((robots, substeps, self.state.shape[1]))
-        self._sensors = np.zeros((robots, substeps, model.nsensordata))
-
-    def drive(self, motors: np.ndarray) -> float:
-        """Seconds of a control step, mean of motors (T, B, 2)."""
-        controls = np.repeat(motors[:, :, None], self._substeps, axis=2)
-        began = time.perf_counter()
-        for control in controls:
-            self._engine.rollout(
-                self._models,
-                self._scratch,
-                self.state,
-                control,
-                nstep=self._substeps,
-                state=self._states,
-                sensordata=self._sensors,
-                skip_checks=True,
-            )
-            self.state[:] = self._states[:, -1]
-        return (time.perf_counter() - began) / len(motors)
-
-
 def measure(robots: int, threads: int, rounds: int, steps: int) -> Doors:
     """Measures wall avoidance with unit actions.
 
@@ -128,7 +95,7 @@ def measure(robots: int, threads: int, rounds: int, steps: int) -> Doors:
     single = gymnasium.make_vec(name, robots, vectorization_mode="sync", max_episode_steps=-1)
     assert isinstance(batch, ArenaVectorEnv)
     inside = batch._batch
-    bare = _Bare(inside.model, robots, threads, inside.substeps)
+    bare = Bare(inside.model, robots, inside.substeps, threads)
     pool = _pool(robots, threads)
     for vector in (batch, single):
         vector.reset(seed=0)
@@ -136,9 +103,9 @@ def measure(robots: int, threads: int, rounds: int, steps: int) -> Doors:
     seconds: dict[str, list[float]] = {"batch": [], "bare": [], "single": [], "pool": []}
     for turn in range(rounds + 1):
         actions = random.uniform(-1, 1, (steps, robots, 2)).astype(np.float32)
-        bare.state[:] = inside.arrays()["state"]
+        start = inside.arrays()["state"]
         taken = {
-            "bare": bare.drive(actions.astype(float) / 2),
+            "bare": bare.drive(start, actions.astype(float) / 2) / steps,
             "batch": _drive(batch.step, actions),
             "single": _drive(single.step, actions),
         }

@@ -85,7 +85,7 @@ class Life:
         self._start = self._state().copy()
         batch = self._cohort.batch
         assert isinstance(batch, Batch)  # of MuJoCo's own body
-        self._bare = _Bare(batch.model, setting.robots, batch.substeps)
+        self._bare = Bare(batch.model, setting.robots, batch.substeps)
 
     def live(self) -> float:
         """Lives a block; returns its seconds."""
@@ -149,18 +149,19 @@ def _begin_training(cohort: Cohort, setting: Setting) -> None:
     cohort.advance(1)  # which places the robots
 
 
-class _Bare:
-    """`mujoco.rollout` and nothing else: one call a control step, in the calling thread.
+class Bare:
+    """`mujoco.rollout` and nothing else: one call a control step, all its sensors.
 
     The least that any program must do that decides every motor anew: no argument is checked,
     no output allocated, no array prepared while the clock runs.
     """
 
-    def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:
+    def __init__(self, model: mujoco.MjModel, robots: int, substeps: int, threads: int = 0) -> None:
+        """Makes robots, stepped by so many threads; 0 for the calling one."""
         self._substeps = substeps
         self._models = [model] * robots
-        self._scratch = [mujoco.MjData(model)]
-        self._engine = rollout.Rollout(nthread=0)
+        self._scratch = [mujoco.MjData(model) for _ in range(max(threads, 1))]
+        self._engine = rollout.Rollout(nthread=threads)
         self.state = np.zeros((robots, mujoco.mj_stateSize(model, _STATE)))
         self._states = np.zeros((robots, substeps, self.state.shape[1]))
         self._sensors = np.zeros((robots, substeps, model.nsensordata))

@@ -12,15 +12,15 @@ from pathlib import Path
 import imageio.v2 as imageio
 import imageio_ffmpeg
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..tasks import CONTROL_TIMESTEP
 from ..tasks.arena import Rules
 from .errors import InputError
 from .picture import Panel, Shot, Stage
+from .progress import bar
 from .replay import Candidate, Moment, Reenactment
 from .schedules import NAMES, SCHEDULES
+from .storage import check_place
 
 FPS = 25
 _TRAIL = 8.0  # seconds of the film after which the robot's trail has faded
@@ -84,12 +84,7 @@ def frame_count(seconds: float, speed: float, test_seconds: float) -> int:
 def _check_output(output: Path) -> None:
     if output.suffix.lower() != ".mp4":
         raise InputError(f"the film must be an .mp4 file, got {output}")
-    if output.is_dir():
-        raise InputError(f"{output} is a folder")
-    if not output.parent.is_dir():
-        raise InputError(f"there is no folder {output.parent}")
-    if not os.access(output.parent, os.W_OK | os.X_OK):
-        raise InputError(f"{output.parent} cannot be written")
+    check_place(output)
 
 
 def _shots(moments: Iterator[Moment], rules: Rules, frames: int, speed: float) -> Iterator[Shot]:
@@ -140,14 +135,7 @@ def _between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
 
 def _write(output: Path, pictures: Iterator[np.ndarray], frames: int) -> None:
     draft = output.with_name(f".{output.stem}.{os.getpid()}.mp4")
-    progress = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:5.1f} %"),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-        console=Console(stderr=True),
-    )
+    progress = bar()
     try:
         with (
             progress,

@@ -11,18 +11,17 @@ from html import escape
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from . import figures, portraits, probes, tables
 from .claims import Evidence, Finding, judge_all
 from .errors import InputError
 from .experiment import Experiment
 from .film import film
+from .progress import bar
 from .replay import Candidate
 from .results import Results
 from .schedules import NAMES
-from .storage import write_atomically
+from .storage import check_place, write_atomically
 
 PAGE = "report.html"
 _FILM_SECONDS = 10.0
@@ -83,13 +82,9 @@ def report(experiment: Experiment, results: Results, out: Path, output: Path | N
 def _check(out: Path, output: Path) -> None:
     if output.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"the report must be an .html file, got {output}")
-    if output.is_dir():
-        raise InputError(f"{output} is a folder")
-    if not output.parent.is_dir():
-        raise InputError(f"there is no folder {output.parent}")
-    for folder in (out, output.parent):
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise InputError(f"{folder} cannot be written")
+    check_place(output)
+    if not os.access(out, os.W_OK | os.X_OK):
+        raise InputError(f"{out} cannot be written")
     for folder in (out / "figures", out / "films"):
         if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
             raise InputError(f"{folder} cannot be written")
@@ -97,17 +92,9 @@ def _check(out: Path, output: Path) -> None:
 
 @contextlib.contextmanager
 def _progress(total: int) -> Iterator[Callable[[], None]]:
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:5.1f} %"),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-        console=Console(stderr=True),
-    )
-    with bar:
-        task = bar.add_task("watching robots", total=total)
-        yield lambda: bar.advance(task)
+    with bar() as progress:
+        task = progress.add_task("watching robots", total=total)
+        yield lambda: progress.advance(task)
 
 
 def _pictures(

@@ -14,9 +14,19 @@ import numpy as np
 import safetensors
 from safetensors.numpy import save
 
-from .errors import DamagedFileError
+from .errors import DamagedFileError, InputError
 
 _DRAFT = re.compile(r"\..*\.\d+\.draft")
+
+
+def check_place(path: Path) -> None:
+    """Raises InputError where no file could be written, before the work that it is to hold."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder")
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise InputError(f"{path.parent} cannot be written")
 
 
 def write_atomically(path: Path, content: bytes) -> None:
