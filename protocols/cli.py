@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -304,8 +305,18 @@ def main(arguments: list[str] | None = None) -> int:
         warnings.filterwarnings("ignore", module="glfw")  # it says itself what is wrong
     else:
         os.environ["MUJOCO_GL"] = "off"
+    return finish(verb, checked=not isinstance(verb, Doctor))
+
+
+def finish(verb: Callable[[], None], *, checked: bool = True) -> int:
+    """Does what was asked for; returns the exit status, as `main` does.
+
+    Args:
+      verb: what to do.
+      checked: whether to refuse versions that do not go together (`doctor` says it itself).
+    """
     try:
-        if not isinstance(verb, Doctor):  # who is there to say what is wrong
+        if checked:
             from ..models import check_versions
 
             check_versions()
