@@ -1,4 +1,4 @@
-"""A stand-in for the body: an ideal differential drive, with no mass, no slip and no lag.
+"""A stand-in for the body: an ideal differential drive, with no mass and no slip.
 
 It moves on the same floor between the same walls and feels them in the same way, so that
 what physics does to a life can be told from what the brain does. The
@@ -29,6 +29,8 @@ class Kinematics:
         "slides": along the wall, too; "sticks": it can do neither, only back off.
       any_contact: whether contact is felt wherever there was one during a control step;
         else where there is one at its end.
+      lag: seconds after which a wheel has made 63 % of a change of its speed; 0 for at once. The
+        real body's, from its mass and its servos, is about 0.08 driving straight ahead.
       pieces: equal parts of a control step, each along one arc.
     """
 
@@ -36,6 +38,7 @@ class Kinematics:
     wheel_base: float | None = None
     wall: Wall = "holds"
     any_contact: bool = False
+    lag: float = 0.0
     pieces: int = 4
 
     def __post_init__(self) -> None:
@@ -46,6 +49,8 @@ class Kinematics:
                 raise ValueError(f"{name} must be positive, got {value}")
         if self.wall not in WALLS:
             raise ValueError(f"wall must be one of {', '.join(WALLS)}, got {self.wall!r}")
+        if not 0 <= self.lag < np.inf:
+            raise ValueError(f"lag must not be negative, got {self.lag}")
         if self.pieces < 1:
             raise ValueError(f"pieces must be at least 1, got {self.pieces}")
 
@@ -56,6 +61,27 @@ class Kinematics:
             radius=self.radius or dimensions.radius,
             wheel_base=self.wheel_base or dimensions.wheel_base,
         )
+
+
+def catch_up(
+    wheels: np.ndarray, motors: np.ndarray, seconds: float, lag: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How fast wheels turn that follow their motors with a lag.
+
+    Args:
+      wheels: how fast they turned, in motor values, shape (B, 2).
+      motors: what they are told since, shape (B, 2).
+      seconds: how long they have been told.
+      lag: see `Kinematics`.
+
+    Returns:
+      In motor values, shape (B, 2): on average, and now.
+    """
+    if not lag:
+        return motors, motors
+    left = np.exp(-seconds / lag)
+    missing = wheels - motors
+    return motors + missing * ((1 - left) * lag / seconds), motors + missing * left
 
 
 def drive(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..models import Dimensions, Kinematics
-from ..models.kinematic import distances, drive, gaps, seen_from_nose
+from ..models.kinematic import catch_up, distances, drive, gaps, seen_from_nose
 from .arena import CONTROL_TIMESTEP, Rules
 from .batch import Robots
 from .senses import NoseForm
@@ -39,6 +39,7 @@ class KinematicBatch(Robots):
         self._kinematics = kinematics
         self._poses = np.zeros((robots, 3))
         self._spots = np.zeros((robots, 2))
+        self._wheels = np.zeros((robots, 2))  # how fast they turn, in motor values
         self._touch = np.zeros(robots)
         self._sense()
 
@@ -55,6 +56,7 @@ class KinematicBatch(Robots):
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
         self._poses[robots] = poses
+        self._wheels[robots] = 0
         self._touch[robots] = self._near()[robots]
         others = np.delete(np.arange(self.robots), robots)
         before = self.sensordata[others].copy()
@@ -69,10 +71,10 @@ class KinematicBatch(Robots):
         """See `Robots.step`."""
         motors = np.clip(self._sound(motors), -0.5, 0.5)
         how, contact = self._kinematics, np.zeros(self.robots, dtype=bool)
+        piece = CONTROL_TIMESTEP / how.pieces
         for _ in range(how.pieces):
-            self._poses = drive(
-                self._poses, motors, CONTROL_TIMESTEP / how.pieces, how.wall, self.dimensions
-            )
+            speeds, self._wheels[:] = catch_up(self._wheels, motors, piece, how.lag)
+            self._poses = drive(self._poses, speeds, piece, how.wall, self.dimensions)
             near = self._near()
             contact = (contact | near) if how.any_contact else near
         self._touch[:] = contact
@@ -83,6 +85,7 @@ class KinematicBatch(Robots):
         return {
             "poses": self._poses,
             "spots": self._spots,
+            "wheels": self._wheels,
             "touch": self._touch,
             "sensordata": self.sensordata,
             "valid": self.valid,

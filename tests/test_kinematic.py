@@ -117,6 +117,31 @@ def test_a_short_contact_counts_only_where_any_contact_does():
     assert touched == [False, True]
 
 
+@given(st.floats(0.01, 0.5), st.floats(-0.5, 0.5), st.integers(1, 8))
+def test_a_wheel_with_a_lag_loses_its_speed_times_the_lag(lag, motor, pieces):
+    batch = make_kinematic_batch("wall_avoidance", 1, Kinematics(lag=lag, pieces=pieces))
+    batch.place(np.array([0]), np.zeros((1, 3)))
+    batch.step(np.full((1, 2), motor))
+    rest = np.exp(-0.1 / lag)  # what is left of the difference after a control step
+    speed = 2 * SIZE.motor_speed * motor
+    assert batch.pose[0, 0] == pytest.approx(speed * (0.1 - lag * (1 - rest)), abs=1e-9)
+    np.testing.assert_allclose(batch.arrays()["wheels"], motor * (1 - rest), atol=1e-12)
+
+
+def test_the_lag_that_is_told_of_the_body_is_the_bodys():
+    seconds = 2
+    lost = []
+    for batch in (
+        make_batch("wall_avoidance", 1),
+        make_kinematic_batch("wall_avoidance", 1, Kinematics(lag=0.08)),
+    ):
+        batch.place(np.array([0]), np.array([[-0.4, 0, 0]]))
+        for _ in range(10 * seconds):
+            batch.step(np.full((1, 2), 0.5))
+        lost.append(seconds - (batch.pose[0, 0] + 0.4) / SIZE.motor_speed)
+    assert lost[0] == pytest.approx(lost[1], abs=0.01)  # seconds of driving at full speed
+
+
 def test_its_own_size_replaces_the_bodys():
     changed = Kinematics(radius=0.02, wheel_base=0.04).applied_to(SIZE)
     assert changed == dataclasses.replace(SIZE, radius=0.02, wheel_base=0.04)
@@ -124,7 +149,7 @@ def test_its_own_size_replaces_the_bodys():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"radius": 0}, {"wheel_base": -1}, {"wall": "eats"}, {"pieces": 0}]
+    "wrong", [{"radius": 0}, {"wheel_base": -1}, {"wall": "eats"}, {"lag": -1}, {"pieces": 0}]
 )
 def test_a_number_that_makes_no_sense_is_refused_by_name(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
