@@ -117,22 +117,30 @@ class Run:
 
 @dataclasses.dataclass
 class Tables:
-    """Print the paper's tables beside ours, from OUT's robots."""
+    """Print the paper's tables, or another run's, beside ours, from OUT's robots."""
 
     out: Annotated[Path, tyro.conf.Positional]
     """folder of a run"""
+    beside: Path | None = None
+    """folder of another run to compare OUT's with, cell by cell, instead of the paper"""
     json: bool = False
     """as JSON instead of Markdown"""
 
     def __call__(self) -> None:
         """Reads and prints; changes nothing."""
-        from . import tables
+        from . import beside, tables
 
-        experiment, results = _read(self.out)
-        if self.json:
-            print(json.dumps(tables.as_json(experiment, results), indent=2))
+        if self.beside:
+            sides = [
+                beside.Side(out.resolve().name, *_read(out)) for out in (self.out, self.beside)
+            ]
+            shown, lives = beside, (*sides, beside.all_cells(*sides))
         else:
-            _print(tables.markdown(experiment, results))
+            shown, lives = tables, _read(self.out)
+        if self.json:
+            print(json.dumps(shown.as_json(*lives), indent=2))
+        else:
+            _print(shown.markdown(*lives))
 
 
 @dataclasses.dataclass
@@ -305,22 +313,22 @@ def main(arguments: list[str] | None = None) -> int:
         warnings.filterwarnings("ignore", module="glfw")  # it says itself what is wrong
     else:
         os.environ["MUJOCO_GL"] = "off"
-    return finish(verb, checked=not isinstance(verb, Doctor))
+    return exit_status(verb, check=not isinstance(verb, Doctor))  # who says himself what is wrong
 
 
-def finish(verb: Callable[[], None], *, checked: bool = True) -> int:
-    """Does what was asked for; returns the exit status, as `main` does.
+def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
+    """Does what was asked for; says in one sentence why it cannot, and returns the exit status.
 
     Args:
-      verb: what to do.
-      checked: whether to refuse versions that do not go together (`doctor` says it itself).
+      work: to do.
+      check: whether the versions of what it stands on are checked first.
     """
     try:
-        if checked:
+        if check:
             from ..models import check_versions
 
             check_versions()
-        verb()
+        work()
     except (InputError, ImportError) as error:
         return _complain(str(error), 2)
     except (RunError, OSError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from scipy import stats
 
 from .intervals import FEWEST
+
+_SEED = 1  # the same lives give the same p values, to the last digit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,6 +105,85 @@ def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> Compar
         "Wilcoxon's signed-rank test",
         lambda side: stats.wilcoxon(differences, alternative=side),
     )
+
+
+def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
+    """The two-sided p value of two shares, if robots of both groups are of one kind.
+
+    McNemar's exact test of pairs, else Fisher's: what a permutation test of a share comes to.
+
+    Args:
+      first: which robots have the property, shape (n,).
+      second: likewise in the other group, shape (m,).
+      paired: whether robots of the same index are pairs; then n = m.
+    """
+    if paired:
+        only_first, only_second = int((first & ~second).sum()), int((second & ~first).sum())
+        changed = only_first + only_second
+        return float(stats.binomtest(only_first, changed).pvalue) if changed else 1.0
+    table = [[int(x.sum()), int((~x).sum())] for x in (first, second)]
+    found: Any = stats.fisher_exact(table)
+    return float(found.pvalue)
+
+
+def same_statistic(
+    first: np.ndarray,
+    second: np.ndarray,
+    statistic: Callable[..., np.ndarray],
+    paired: bool,
+    resamples: int,
+) -> float:
+    """The two-sided p value of two groups' statistics, if robots of both are of one kind.
+
+    A permutation test: pairs are swapped at random, or robots dealt anew to the two groups.
+
+    Args:
+      first: values, NaN for a robot that has none, shape (n,).
+      second: likewise, shape (m,).
+      statistic: of values along an axis, without the NaN, as `numpy.nanmean`.
+      paired: whether robots of the same index are pairs; then n = m.
+      resamples: how many permutations; there is no p value below 1 / (resamples + 1).
+
+    Returns:
+      NaN where a group has very few values.
+    """
+    if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
+        return float("nan")
+
+    def apart(first: np.ndarray, second: np.ndarray, axis: int) -> np.ndarray:
+        distance = np.abs(statistic(first, axis=axis) - statistic(second, axis=axis))
+        # Rounded: what arithmetic alone makes smaller than the data's own would count against
+        # them. Infinite where a group is left without values: errs on the side of no difference.
+        return np.where(np.isnan(distance), np.inf, np.round(distance, 9))
+
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        found = stats.permutation_test(
+            (first, second),
+            apart,
+            permutation_type="samples" if paired else "independent",
+            n_resamples=resamples,
+            batch=1000,
+            alternative="greater",
+            rng=np.random.default_rng(_SEED),
+        )
+    return float(found.pvalue)
+
+
+def holm(p_values: np.ndarray) -> np.ndarray:
+    """Holm's step-down correction of a family's p values, shape (m,).
+
+    The k-th smallest is multiplied by m - k + 1, and none is made smaller than one before it
+    (Scandinavian Journal of Statistics 6, 1979). Compared with alpha, one or more of the true
+    hypotheses is rejected with a probability of at most alpha. What could not be tested, NaN,
+    counts as a member of the family, and stays NaN.
+    """
+    p_values = np.asarray(p_values, dtype=float)
+    order = np.argsort(p_values)  # NaN last
+    steps = p_values[order] * np.arange(len(p_values), 0, -1)
+    corrected = np.empty_like(p_values)
+    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1)
+    return corrected
 
 
 def _both_ways(words: str, name: str, test: Callable[[str], Any]) -> Comparison:

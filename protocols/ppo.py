@@ -25,7 +25,7 @@ import tyro
 
 from ..tasks.suite import TASKS
 from .agents import Agent
-from .cli import finish
+from .cli import exit_status
 from .errors import DamagedFileError, InputError
 from .progress import bar
 from .storage import check_place, load_arrays, save_arrays
@@ -292,4 +292,4 @@ def _read(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    sys.exit(finish(tyro.cli(Train, description=Train.__doc__)))
+    sys.exit(exit_status(tyro.cli(Train, description=Train.__doc__)))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from musebot.protocols import cli, engine
+from musebot.protocols import cli, engine, sensitivity
 from musebot.protocols.experiment import Experiment, Plan
 
 
@@ -44,14 +44,50 @@ def test_a_finished_run_prints_its_tables_again_and_keeps_them(run, capsys):
     assert capsys.readouterr().out == text
 
 
-def kept_tables():
-    return sorted((Path(__file__).parents[1] / "docs" / "results").glob("*/tables.md"))
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 
-@pytest.mark.parametrize("kept", kept_tables(), ids=lambda path: path.parent.name)
-def test_the_tables_in_docs_are_what_their_robots_give_again(kept, capsys):
-    assert cli.main(["tables", str(kept.parent)]) == 0
-    assert capsys.readouterr().out == kept.read_text()
+def made_again(page, capsys):
+    """What the lives beside a page give, by the command that docs/results.md names."""
+    if page.name == "sensitivity.md":
+        return sensitivity.report(page.parent)
+    arguments = [str(page.parent)]
+    if page.name.startswith("beside-"):
+        arguments += ["--beside", str(page.parent.with_name(page.stem.removeprefix("beside-")))]
+    else:
+        assert page.name == "tables.md"
+    assert cli.main(["tables", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "page", sorted(RESULTS.rglob("*.md")), ids=lambda page: str(page.relative_to(RESULTS))
+)
+def test_every_page_of_results_in_docs_is_what_its_lives_give_again(page, capsys):
+    assert made_again(page, capsys) == page.read_text()
+
+
+def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
+    folders = [path.parent for path in RESULTS.rglob("robots.csv")]
+    assert folders
+    for folder in folders:
+        assert (folder / "tables.md").exists() or (folder.parent / "sensitivity.md").exists()
+
+
+def test_two_runs_stand_side_by_side(run, capsys):
+    assert cli.main(["tables", str(run), "--beside", f"{run}/../run/"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("**run** beside **run**. Their experiments are the same")
+    assert "After Holm's correction 0 of 18 cells differ." in text
+    assert cli.main(["tables", str(run), "--beside", str(run), "--json"]) == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert plain["differ_in"] == {}
+    assert len(plain["cells"]) == 18
+
+
+def test_what_tables_cannot_stand_beside_is_refused(run, tmp_path, capsys):
+    assert cli.main(["tables", str(run), "--beside", str(tmp_path)]) == 2
+    assert f"{tmp_path} holds no experiment of musebot's" in capsys.readouterr().err
 
 
 def test_tables_need_no_right_to_write(run, capsys, monkeypatch):

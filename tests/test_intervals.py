@@ -13,6 +13,7 @@ from musebot.protocols import intervals
 from musebot.protocols.learn_ability import PAPER, Summary
 
 quick = settings(deadline=None, max_examples=30)
+NAN = math.nan
 Z = 1.959963984540054  # the 97.5th percentile of the normal distribution
 
 
@@ -110,3 +111,70 @@ def test_chance_explains_what_two_samples_of_one_kind_are_apart():
     pair = Summary((250, 0, 0, 250, 0), 0, 0, 0), Summary((250, 0, 0, 250, 0), 0, 0, 0)
     expected = Z * math.sqrt(2 * 0.25 / 500)
     assert intervals.chance_variation(*pair) == pytest.approx(expected, abs=0.004)
+
+
+def marks(count, robots):
+    return np.arange(robots) < count
+
+
+def test_newcombes_interval_of_independent_shares_as_in_his_paper():
+    # Statistics in Medicine 17, 873 (1998), table II: 56/70 - 48/80, method 10.
+    found = intervals.difference_of_shares(marks(56, 70), marks(48, 80), paired=False)
+    assert found == pytest.approx((0.0524, 0.3339), abs=5e-5)
+
+
+pairs = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=80).map(np.array)
+
+
+@quick
+@given(pairs)
+def test_a_difference_of_shares_lies_in_its_interval_and_the_other_way_round_is_its_mirror(table):
+    first, second = table.T
+    for paired in (False, True):
+        low, high = intervals.difference_of_shares(first, second, paired)
+        assert -1 <= low <= first.mean() - second.mean() + 1e-12
+        assert first.mean() - second.mean() - 1e-12 <= high <= 1
+        mirror = intervals.difference_of_shares(second, first, paired)
+        assert mirror == pytest.approx((-high, -low))
+
+
+def test_pairs_that_are_alike_make_a_difference_of_shares_surer():
+    first, second = marks(30, 60), marks(33, 60)
+    (a, b), (c, d) = (intervals.difference_of_shares(first, second, p) for p in (True, False))
+    assert d - c > 2 * (b - a) > 0
+
+
+@pytest.mark.parametrize("paired", [False, True])
+def test_intervals_of_differences_cover_the_truth_about_nineteen_times_in_twenty(paired):
+    random = np.random.default_rng(5)
+    hits = np.zeros(2)
+    for _ in range(200):
+        common = random.normal(0, 0.6, 60) if paired else 0.0
+        first, second = (common + random.normal(mean, 0.6, 60) for mean in (0.5, 0.2))
+        low, high = intervals.difference(first, second, np.nanmean, paired)
+        hits[0] += low < 0.3 < high
+        # Above a border: shares that normal distributions give.
+        spread = math.hypot(0.6, 0.6) if paired else 0.6
+        p, q = (1 - NormalDist(mean, spread).cdf(0.9) for mean in (0.5, 0.2))
+        low, high = intervals.difference_of_shares(first > 0.9, second > 0.9, paired)
+        hits[1] += low < p - q < high
+    assert ((hits >= 178) & (hits <= 199)).all(), hits  # 190, give or take three deviations
+
+
+def test_pairs_that_are_alike_make_a_difference_of_means_surer():
+    random = np.random.default_rng(6)
+    first = random.normal(0, 1, 80)
+    second = first + random.normal(0.2, 0.1, 80)
+    (a, b), (c, d) = (intervals.difference(first, second, np.nanmean, p) for p in (True, False))
+    assert d - c > 5 * (b - a) > 0
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[], [1.0, NAN, NAN, NAN, NAN, NAN, 0.5], [*[1.0, 0.0, 0.5, 0.2, -1.0], *[NAN] * 200]],
+)
+def test_differences_of_few_measured_robots_have_no_interval(values, recwarn):
+    many = np.random.default_rng(0).random(len(values))
+    found = intervals.difference(np.array(values), many, np.nanmean, paired=True)
+    assert all(map(math.isnan, found))
+    assert not recwarn.list

@@ -1,0 +1,331 @@
+"""Two runs side by side: every cell of the tables, by how much they differ, and how surely."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from . import intervals, tables
+from .comparisons import holm, same_share, same_statistic
+from .errors import InputError
+from .experiment import Experiment
+from .intervals import Interval
+from .learn_ability import CATEGORIES, INVALID, category
+from .progress import bar
+from .results import Results, Robot, test_seconds
+
+ALPHA = 0.05  # of a whole family of cells
+CELLS = len(CATEGORIES) + 4  # of a condition
+
+mean = np.nanmean
+deviation = functools.partial(np.nanstd, ddof=1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """One of two runs.
+
+    Attributes:
+      name: of its folder.
+      experiment: what decided its lives.
+      results: its lives.
+    """
+
+    name: str
+    experiment: Experiment
+    results: Results
+
+    def newborn(self, task: str, proposer: str) -> dict[str, np.ndarray]:
+        """A condition's brains at birth, by tensor, each of shape (robots, ...)."""
+        prefix = f"{task}/{proposer}/before/"
+        return {k: v for k, v in self.results.brains.items() if k.startswith(prefix)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """A cell of table 1 or 2 in two runs.
+
+    Attributes:
+      task: whose table.
+      proposer: whose column.
+      name: of the row.
+      share: whether it is a share of the robots.
+      ours: its value.
+      other: its value in the other run.
+      interval: of ours minus other.
+      p: two-sided, of the data if the two runs' robots are of one kind; NaN if not tested.
+      corrected: p after Holm's correction over the cells that it was tested with.
+    """
+
+    task: str
+    proposer: str
+    name: str
+    share: bool
+    ours: float
+    other: float
+    interval: Interval
+    p: float
+    corrected: float = float("nan")
+
+    @property
+    def difference(self) -> float:
+        """Ours minus other."""
+        return self.ours - self.other
+
+    @property
+    def differs(self) -> bool:
+        """Whether the two runs do, after the correction."""
+        return self.corrected < ALPHA
+
+
+def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
+    """The fields in which two experiments differ, by dotted name, with both values."""
+    first, second = (_flat(dataclasses.asdict(one)) for one in (ours, other))
+    return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
+
+
+def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in fields.items():
+        inner = isinstance(value, dict)
+        flat |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+    return flat
+
+
+def shared_conditions(ours: Side, other: Side) -> list[tuple[str, str]]:
+    """The conditions that both runs have lives of, in the tables' order.
+
+    Raises:
+      InputError: there are none, or the lives are of different lengths.
+    """
+    scales = ours.experiment.time_scale, other.experiment.time_scale
+    if scales[0] != scales[1]:
+        raise InputError(
+            f"{ours.name} and {other.name} cannot stand side by side: their durations are the "
+            f"paper's times {scales[0]:g} and {scales[1]:g}"
+        )
+    theirs = other.results.conditions()
+    both = [condition for condition in ours.results.conditions() if condition in theirs]
+    if not both:
+        raise InputError(f"{ours.name} and {other.name} have no task and proposer in common")
+    return both
+
+
+def are_pairs(ours: Side, other: Side, condition: tuple[str, str]) -> bool:
+    """Whether robots of the same number were born with the same brain, to the bit."""
+    first, second = ours.newborn(*condition), other.newborn(*condition)
+    return (
+        bool(first)
+        and first.keys() == second.keys()
+        and all(np.array_equal(first[name], second[name]) for name in first)
+    )
+
+
+def compare(ours: Side, other: Side, condition: tuple[str, str], resamples: int) -> list[Cell]:
+    """The cells of a condition's column, ours against other, not corrected yet.
+
+    Invalid lives are left out; of pairs, both.
+
+    Args:
+      ours: a run.
+      other: another.
+      condition: task and proposer; both have lives of it.
+      resamples: of the permutation tests.
+    """
+    paired = are_pairs(ours, other, condition)
+    rows = [side.results.of(*condition) for side in (ours, other)]
+    sound = [np.array([row.category != INVALID for row in side]) for side in rows]
+    if paired:
+        sound = [sound[0] & sound[1]] * 2
+    first, second = (
+        _measures(side, condition[0], [row for row, ok in zip(own, keep, strict=True) if ok])
+        for side, own, keep in zip((ours, other), rows, sound, strict=True)
+    )
+    found = []
+    for name, values in first.items():
+        pair = values, second[name]
+        if values.dtype == bool:
+            test = intervals.difference_of_shares(*pair, paired), same_share(*pair, paired)
+            summary = _value(values, np.mean), _value(second[name], np.mean)
+        else:
+            statistic = deviation if name == "sd of L" else mean
+            test = (
+                intervals.difference(*pair, statistic, paired),
+                same_statistic(*pair, statistic, paired, resamples),
+            )
+            summary = _value(values, statistic), _value(second[name], statistic)
+        found.append(Cell(*condition, name, values.dtype == bool, *summary, *test))
+    return found
+
+
+def _measures(side: Side, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarray]:
+    """What each cell of a column is made of, by row, shape (robots,); bool for categories."""
+    abilities = np.array([row.learn_ability for row in rows], dtype=float)
+    kinds = np.array([category(ability) for ability in abilities], dtype=object)
+    *names, _, _, post = tables.row_names(task)[1:]
+    seconds = test_seconds(side.experiment, task)
+    shares = {
+        name: np.array([getattr(row, field) for row in rows], dtype=float) / seconds
+        for name, field in ((post.replace("post", "pre"), "t_pre_s"), (post, "t_post_s"))
+    }
+    members = {n: kinds == kind for n, kind in zip(names, CATEGORIES, strict=True)}
+    return {**members, "mean L": abilities, "sd of L": abilities, **shares}
+
+
+def _value(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
+    measured = values[~np.isnan(values)]
+    few = 2 if statistic is deviation else 1
+    return float(statistic(measured)) if len(measured) >= few else float("nan")
+
+
+def resamples_for(family: int) -> int:
+    """Permutations, so that ten are expected beyond the sharpest border of Holm's."""
+    return round(10 * family / ALPHA)
+
+
+def corrected(cells: Sequence[Cell]) -> list[Cell]:
+    """The cells with their p values corrected over all of them, by Holm's method."""
+    values = holm(np.array([cell.p for cell in cells]))
+    return [
+        dataclasses.replace(cell, corrected=float(value))
+        for cell, value in zip(cells, values, strict=True)
+    ]
+
+
+def all_cells(ours: Side, other: Side) -> list[Cell]:
+    """All cells of both tables that both runs fill, corrected together.
+
+    Raises:
+      InputError: there are none, or the lives are of different lengths.
+    """
+    conditions = shared_conditions(ours, other)
+    found: list[Cell] = []
+    with bar() as progress:
+        for condition in progress.track(conditions, description="comparing"):
+            found += compare(ours, other, condition, resamples_for(CELLS * len(conditions)))
+    return corrected(found)
+
+
+def markdown(ours: Side, other: Side, cells: Sequence[Cell]) -> str:
+    """Both tables as Markdown, what the runs differ in, and which cells do."""
+    found = [cell for cell in cells if cell.differs]
+    verdict = f"After Holm's correction {len(found)} of {len(cells)} cells differ"
+    lines = [f"**{ours.name}** beside **{other.name}**. {_differ_in(ours, other)}", ""]
+    lines += [f"{verdict}{':' if found else '.'}", ""]
+    lines += [f"- {cell.task}, {cell.proposer}: {words(cell)}" for cell in found]
+    lines += [""] * bool(found)
+    for task in tables.TITLES:
+        if any(cell.task == task for cell in cells):
+            lines += [f"### {tables.title(ours.experiment, task)}", ""]
+            lines += [*table(ours.name, other.name, [c for c in cells if c.task == task]), ""]
+    conditions = dict.fromkeys((cell.task, cell.proposer) for cell in cells)
+    return "\n".join([*lines, note(len(cells), [are_pairs(ours, other, c) for c in conditions])])
+
+
+def _differ_in(ours: Side, other: Side) -> str:
+    fields = differing(ours.experiment, other.experiment)
+    if not fields:
+        return (
+            "Their experiments are the same: only the versions and machines that lived them "
+            "can differ."
+        )
+    named = "; ".join(f"{name} ({a}, {b})" for name, (a, b) in fields.items())
+    if len(fields) == 1:
+        return f"Their experiments differ in {named}."
+    return (
+        f"Their experiments differ in {len(fields)} fields, so that no difference below can be "
+        f"laid to one of them: {named}."
+    )
+
+
+def note(family: int, paired: Sequence[bool]) -> str:
+    """How cells were compared, in words.
+
+    Args:
+      family: cells that were corrected together.
+      paired: of each condition.
+    """
+    pairs = "Robots of the same number were born with the same brain and are compared in pairs"
+    if not all(paired):
+        pairs = (
+            f"{pairs} where that is so, in {sum(paired)} of {len(paired)} conditions"
+            if any(paired)
+            else "The robots are no pairs: they were born with different brains"
+        )
+    tests = ["McNemar's" if any(paired) else "", "Fisher's" if not all(paired) else ""]
+    return (
+        f"{pairs}. In brackets the 95 % interval of the difference: Newcombe's for shares of "
+        "robots, BCa bootstrap for the rest. *p*: two-sided, "
+        f"{' or '.join(filter(None, tests))} exact test for shares, a permutation test for the "
+        f"rest; *Holm*: corrected over {family} cells, bold below {ALPHA:g}. A dash: too few "
+        "measured robots.\n"
+    )
+
+
+def table(first: str, second: str, cells: Sequence[Cell]) -> list[str]:
+    """Cells of one task as the lines of a table; the two runs by these names."""
+    head = ["", "", first, second, "difference", "p", "Holm"]
+    rows = [head, ["---", "---", *["---:"] * 5]]
+    for cell in cells:
+        holms = _p(cell.corrected)
+        values = [number(cell, cell.ours), number(cell, cell.other), difference(cell), _p(cell.p)]
+        rows.append([cell.proposer, cell.name, *values, f"**{holms}**" if cell.differs else holms])
+    return ["| " + " | ".join(row) + " |" for row in rows]
+
+
+def words(cell: Cell) -> str:
+    """A cell's two values and their difference, in a few words."""
+    values = f"{number(cell, cell.ours)} against {number(cell, cell.other)}"
+    return f"{cell.name} {values}, {difference(cell)}"
+
+
+def number(cell: Cell, value: float) -> str:
+    """One of a cell's values: shares of robots in per cent."""
+    if math.isnan(value):
+        return "-"
+    return f"{value:.1%}" if cell.share else f"{value:.4f}"
+
+
+def difference(cell: Cell) -> str:
+    """A cell's difference, with its interval in brackets."""
+    form = "+.1%" if cell.share else "+.3f"
+    if math.isnan(cell.difference):
+        return "-"
+    text = f"{cell.difference:{form}}"
+    low, high = cell.interval
+    return text if math.isnan(low) or math.isnan(high) else f"{text} [{low:{form}}, {high:{form}}]"
+
+
+def _p(value: float) -> str:
+    if math.isnan(value):
+        return "-"
+    return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
+
+
+def as_json(ours: Side, other: Side, cells: Sequence[Cell]) -> dict[str, Any]:
+    """The comparison as plain data; NaN as None."""
+    pairs = {
+        condition: are_pairs(ours, other, condition)
+        for condition in dict.fromkeys((cell.task, cell.proposer) for cell in cells)
+    }
+
+    def plain(cell: Cell) -> dict[str, Any]:
+        fields = dataclasses.asdict(cell) | {"difference": cell.difference}
+        interval = None if math.isnan(sum(cell.interval)) else list(cell.interval)
+        numbers = {k: None if x != x else x for k, x in fields.items() if k != "interval"}
+        paired = pairs[cell.task, cell.proposer]
+        return numbers | {"interval": interval, "pairs": paired, "differs": cell.differs}
+
+    return {
+        "ours": ours.name,
+        "other": other.name,
+        "differ_in": differing(ours.experiment, other.experiment),
+        "interval_level": intervals.LEVEL,
+        "alpha": ALPHA,
+        "cells": [plain(cell) for cell in cells],
+    }

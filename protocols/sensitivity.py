@@ -1,0 +1,249 @@
+"""What the paper leaves open, chosen otherwise, one choice at a time, in the kinematic stand-in.
+
+    python -m musebot.protocols.sensitivity OUT --robots 100 --processes 2
+
+lives a baseline, the same with another seed, and every choice, each as a run in a folder of OUT,
+and writes `OUT/sensitivity.md`. The same command goes on where it was stopped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from ..controller import PROPOSERS, Parameters
+from ..models import Kinematics
+from . import beside, engine, tables
+from .beside import Cell, Side
+from .cli import exit_status
+from .errors import InputError
+from .experiment import TASKS, Experiment, Plan, default_cohort_size, load_plan
+from .progress import bar
+from .results import load
+from .schedules import NAMES
+from .storage import is_draft, write_atomically
+
+TABLE = "sensitivity.md"
+BASELINE, NOISE = "baseline", "another-seed"
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """A run that differs from the baseline in one choice.
+
+    Attributes:
+      name: of its folder.
+      says: what is chosen, in words.
+      fields: of the experiment, other than the baseline's.
+      tasks: in which it can matter; in the others lives would be the baseline's, to the bit.
+      proposers: likewise.
+    """
+
+    name: str
+    says: str
+    fields: Mapping[str, Any]
+    tasks: tuple[str, ...] = TASKS
+    proposers: tuple[str, ...] = PROPOSERS
+
+    @property
+    def conditions(self) -> list[tuple[str, str]]:
+        """Where it can matter, in the tables' order."""
+        return [(task, proposer) for task in self.tasks for proposer in self.proposers]
+
+    def experiment(self, baseline: Experiment) -> Experiment:
+        """The baseline, with this one choice made otherwise."""
+        return dataclasses.replace(baseline, **self.fields)
+
+
+_WALLS, _SPOTS = ("wall_avoidance",), ("spot_finding",)
+
+CHOICES = (
+    Choice(NOISE, "another seed, nothing else", {"seed": 2}),
+    Choice("radius-20mm", "robot of radius 20 mm", {"kinematics": Kinematics(radius=0.02)}),
+    Choice("radius-35mm", "robot of radius 35 mm", {"kinematics": Kinematics(radius=0.035)}),
+    Choice("speed-125mm", "motor 0.5 is 0.125 m/s", {"motor_speed": 0.125}),
+    Choice("speed-250mm", "motor 0.5 is 0.25 m/s", {"motor_speed": 0.25}),
+    Choice(
+        "wheel-base-55mm", "wheels a diameter apart", {"kinematics": Kinematics(wheel_base=0.055)}
+    ),
+    Choice("turned-45", "start turned by 45 degrees", {"turned_start": 45.0}),
+    Choice("turned-180", "start turned by 180 degrees", {"turned_start": 180.0}),
+    Choice("test-epsilon", "epsilon in the tests", {"brain": Parameters(test_epsilon=0.01)}),
+    Choice("nose-printed", "Eq. 3 as printed", {"nose": "printed"}, tasks=_SPOTS),
+    Choice(
+        "across-placement",
+        "learning across a placement",
+        {"learn_across_placement": True},
+        tasks=_WALLS,  # while learning in spot finding, no robot is placed
+    ),
+    Choice(
+        "noise-on-biases",
+        "noise on biases",
+        {"brain": Parameters(noise_on_biases=True)},
+        proposers=("creative",),
+    ),
+    Choice(
+        "any-contact",
+        "contact felt at any instant of a control step",
+        {"kinematics": Kinematics(any_contact=True)},
+        tasks=_WALLS,  # nothing feels walls in spot finding
+    ),
+    Choice("slides", "a robot slides along a wall", {"kinematics": Kinematics(wall="slides")}),
+    Choice("sticks", "a robot sticks to a wall", {"kinematics": Kinematics(wall="sticks")}),
+    Choice("lag-80ms", "wheels lag as the body's do", {"kinematics": Kinematics(lag=0.08)}),
+)
+
+
+def plans(robots: int, time_scale: float) -> dict[str, Plan]:
+    """Which lives are wanted, by the name of their folder, the baseline's first.
+
+    Raises:
+      InputError: a number makes no sense.
+    """
+    if robots < 1:
+        raise InputError(f"the number of robots must be at least 1, got {robots}")
+    baseline = Experiment(
+        body="kinematic", cohort_size=default_cohort_size(robots), time_scale=time_scale
+    )
+    everywhere = [(task, proposer) for task in TASKS for proposer in PROPOSERS]
+    wanted = {BASELINE: Plan.of(baseline, everywhere, robots)}
+    for choice in CHOICES:
+        experiment = choice.experiment(baseline)
+        wanted[choice.name] = Plan.of(experiment, choice.conditions, robots)
+    return wanted
+
+
+def check_place(out: Path, wanted: Mapping[str, Plan]) -> None:
+    """Raises InputError where OUT cannot hold these runs, or holds something else."""
+    if out.is_dir():
+        known = {*wanted, TABLE}
+        if not all(path.name in known or is_draft(path) for path in out.iterdir()):
+            raise InputError(f"{out} is not empty and holds no study of musebot's")
+    for name, plan in wanted.items():
+        held = engine.open_directory(out / name)
+        fields = beside.differing(held.experiment, plan.experiment) if held else {}
+        for field, (own, asked) in fields.items():
+            raise InputError(f"{out / name} holds an experiment with {field} {own}, not {asked}")
+
+
+def live(out: Path, wanted: Mapping[str, Plan], processes: int) -> None:
+    """Lives what OUT does not hold yet, one run after the other.
+
+    Raises:
+      InputError, Interrupted, RunError: see `engine.run`.
+    """
+    for number, (name, plan) in enumerate(wanted.items(), 1):
+        print(f"{number} of {len(wanted)}: {name}", file=sys.stderr)
+        engine.run(out / name, plan, engine.Processes(processes))
+
+
+def read(out: Path) -> dict[str, Side]:
+    """The finished runs of a study, by name.
+
+    Raises:
+      InputError: one is missing or damaged.
+    """
+    sides = {}
+    for name in (BASELINE, *(choice.name for choice in CHOICES)):
+        if not (out / name / engine.PLAN).is_file():
+            raise InputError(f"{out} lacks the run {name}")
+        sides[name] = Side(name, load_plan(out / name / engine.PLAN).experiment, load(out / name))
+    return sides
+
+
+def judge(sides: Mapping[str, Side]) -> list[tuple[Choice, list[Cell]]]:
+    """Every choice's cells against the baseline's, corrected over all of them."""
+    family = beside.CELLS * sum(len(choice.conditions) for choice in CHOICES)
+    cells: list[Cell] = []
+    with bar() as progress:
+        pairs = [(choice, condition) for choice in CHOICES for condition in choice.conditions]
+        for choice, condition in progress.track(pairs, description="comparing"):
+            sides_of = sides[choice.name], sides[BASELINE]
+            cells += beside.compare(*sides_of, condition, beside.resamples_for(family))
+    found = iter(beside.corrected(cells))
+    return [
+        (choice, [next(found) for _ in range(beside.CELLS * len(choice.conditions))])
+        for choice in CHOICES
+    ]
+
+
+def markdown(sides: Mapping[str, Side], judged: Sequence[tuple[Choice, list[Cell]]]) -> str:
+    """What each choice moves, and the noise, as Markdown."""
+    baseline = sides[BASELINE]
+    found = {choice.name: cells for choice, cells in judged}
+    noise = {_place(cell): cell for cell in found[NOISE]}
+    lines = [
+        "### What each choice moves",
+        "",
+        "| choice | task | proposer | cells that differ from the baseline's |",
+        "| --- | --- | --- | --- |",
+    ]
+    for choice, cells in judged:
+        for condition in choice.conditions:
+            moved = "; ".join(
+                f"{beside.words(cell)} (two seeds {beside.difference(noise[_place(cell)])})"
+                for cell in cells
+                if cell.differs and (cell.task, cell.proposer) == condition
+            )
+            task, proposer = condition
+            lines.append(f"| {choice.says} | {NAMES[task]} | {proposer} | {moved or 'none'} |")
+    lines += ["", "### The noise: two baselines of different seeds", ""]
+    for task in TASKS:
+        own = [cell for cell in noise.values() if cell.task == task]
+        lines += [f"**{tables.title(baseline.experiment, task)}**", ""]
+        lines += [*beside.table("another seed", "baseline", own), ""]
+    paired = [
+        beside.are_pairs(sides[choice.name], baseline, condition)
+        for choice, _ in judged
+        for condition in choice.conditions
+    ]
+    family = sum(map(len, found.values()))
+    return "\n".join([*lines, beside.note(family, paired)])
+
+
+def _place(cell: Cell) -> tuple[str, str, str]:
+    return cell.task, cell.proposer, cell.name
+
+
+def report(out: Path) -> str:
+    """The page that a finished study comes to, as Markdown; changes nothing.
+
+    Raises:
+      InputError: a run is missing or damaged.
+    """
+    sides = read(out)
+    return markdown(sides, judge(sides))
+
+
+def main(
+    out: Annotated[Path, tyro.conf.Positional],
+    robots: int = 100,
+    time_scale: float = 1.0,
+    processes: int = len(os.sched_getaffinity(0)),
+) -> None:
+    """Lives what the paper leaves open, chosen otherwise, in the kinematic stand-in.
+
+    Args:
+      out: folder of the runs, a folder each, and of sensitivity.md; an unfinished one goes on.
+      robots: in each condition.
+      time_scale: below 1 shortens every duration, for rehearsals.
+      processes: cohorts that live at a time, one core each.
+    """
+    if processes < 1:
+        raise InputError(f"the number of processes must be at least 1, got {processes}")
+    wanted = plans(robots, time_scale)
+    check_place(out, wanted)
+    live(out, wanted, processes)
+    text = report(out)
+    write_atomically(out / TABLE, text.encode())
+    print(text)
+
+
+if __name__ == "__main__":
+    sys.exit(exit_status(lambda: tyro.cli(main)))
