@@ -130,11 +130,18 @@ class Stage:
         if shot.event:
             self._ring(shot.spot, 0.062, 0.002, 5, _GREEN)
         for name in _NOSES.keys() & shot.signals.keys():
-            for site, signal in zip(_NOSES[name], shot.signals[name], strict=True):
-                self._odour(site, float(signal), frustum)
+            for side, signal in enumerate(shot.signals[name]):
+                height = 0.002 + 0.0001 * side  # so that two of them do not share a plane
+                self._odour(_NOSES[name][side], float(signal), frustum, height)
 
     def _odour(
-        self, site: str, signal: float, frustum: float, reach: float = 0.24, slices: int = 12
+        self,
+        site: str,
+        signal: float,
+        frustum: float,
+        height: float,
+        reach: float = 0.24,
+        slices: int = 12,
     ) -> None:
         nose = self._data.site(site)
         ahead = np.arctan2(nose.xmat[3], nose.xmat[0])
@@ -144,7 +151,7 @@ class Stage:
         # Sectors on top of one another: denser towards the nose.
         for layer, share in enumerate((1.0, 0.75, 0.5, 0.25)):
             corners = np.minimum(clear, share * reach)[:, None] * rays
-            base = np.array([*nose.xpos[:2], 0.002 + 0.0002 * layer])
+            base = np.array([*nose.xpos[:2], height + 0.0002 * layer])
             for first, second in zip(corners[:-1], corners[1:], strict=True):
                 # The triangle (0, 0), (1, 0), (0, 1), in a frame of the sector's two edges.
                 frame = np.eye(3)

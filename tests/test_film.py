@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,6 +21,7 @@ from PIL import Image
 
 from musebot import tasks
 from musebot.controller import Parameters
+from musebot.models.variants import OBSTACLES
 from musebot.protocols import cli, engine, explore, film, picture, ppo, replay
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.episode import Episode, Moment
@@ -29,6 +30,7 @@ from musebot.protocols.experiment import Experiment, Plan, save_plan
 from musebot.protocols.results import Results, collect, load, save
 from musebot.protocols.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.storage import save_arrays
+from musebot.tasks.arena import SpotFindingRules
 from musebot.tasks.suite import TASKS
 
 CONDITIONS = (
@@ -82,10 +84,8 @@ def reenact(results: Results, **changes) -> list[Moment]:
 
 def newborn(task: str, robots: int = 2, seed: int = 0) -> ppo.Policies:
     """Policies with weights drawn at random."""
-    random, sensors = (
-        np.random.default_rng(seed),
-        sum(n for n, *_ in TASKS[task].rules.shapes.values()),
-    )
+    random = np.random.default_rng(seed)
+    sensors = sum(n for n, *_ in shapes_of(task).values())
     arrays = {}
     for when in ("before", "after"):
         for layer, (outputs, inputs) in enumerate([(8, sensors), (8, 8), (2, 8)]):
@@ -409,14 +409,11 @@ def test_policies_that_are_not_there_or_none_are_one_sentence(
         assert sentence in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("task", [task for task in TASKS if TASKS[task].tag == "benchmarking"])
-def test_every_variant_is_filmed_with_what_its_robot_senses(
-    egl: None, tmp_path: Path, task: str
-) -> None:
-    policies = keep(newborn(task), tmp_path / "p.safetensors")
-    command = ["film", str(policies), "--task", task, "--seconds", "1", "--output"]
+def test_policys_film_may_be_a_gif_of_half_the_size(egl: None, tmp_path: Path) -> None:
+    policies = keep(newborn("spot_finding_jumping"), tmp_path / "p.safetensors")
+    command = ["film", str(policies), "--task", "spot_finding_jumping", "--seconds", "1"]
     done = subprocess.run(
-        [sys.executable, "-m", "musebot", *command, str(tmp_path / "film.gif")],
+        [sys.executable, "-m", "musebot", *command, "--output", str(tmp_path / "film.gif")],
         capture_output=True,
         text=True,
     )
@@ -425,6 +422,70 @@ def test_every_variant_is_filmed_with_what_its_robot_senses(
         assert gif.size == (picture.WIDTH // 2, picture.HEIGHT // 2)
         assert gif.n_frames == 8
         assert gif.info["loop"] == 0
+
+
+DRAW = """
+import sys
+import numpy as np
+from musebot.protocols.picture import Shot, Stage
+from musebot.tasks.suite import TASKS
+
+pose, trail, nobody = np.array([0.0, -0.2, 0.0]), np.zeros((1, 2)), np.zeros(1)
+pictures = {}
+for task, row in TASKS.items():
+    stage = Stage(task)
+    for name, spot, signal, contact in (
+        ("plain", (-0.4, 0.2), 0.0, False),
+        ("spot", (0.4, 0.2), 0.0, False),
+        ("signal", (-0.4, 0.2), 0.9, False),
+        ("contact", (-0.4, 0.2), 0.0, True),
+    ):
+        signals = {name: np.full(n, signal) for name, (n, *_) in row.rules.shapes.items()}
+        shot = (signals, np.zeros(2), contact, False, 0.0, trail, nobody, nobody)
+        pictures[f"{task}/{name}"] = stage.draw(Shot(0.0, pose, np.array(spot), *shot)).copy()
+    stage.close()
+np.savez(sys.argv[1], **pictures)
+"""
+
+
+@pytest.fixture(scope="module")
+def drawn(egl: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """Of every task: a robot below the middle, looking to the right, and what may change."""
+    path = tmp_path_factory.mktemp("stage") / "drawn.npz"
+    subprocess.run([sys.executable, "-c", DRAW, str(path)], check=True)
+    with np.load(path) as pictures:
+        return {name: pictures[name].astype(int) for name in pictures}
+
+
+def differ(first: np.ndarray, second: np.ndarray, x: float, y: float) -> bool:
+    """Whether two pictures of the stage differ where x, y in metres is."""
+    column, row = round(360 + 630 * x), round(248 - 630 * y)
+    near = slice(row - 3, row + 4), slice(column - 3, column + 4)
+    return bool((np.abs(first[near] - second[near]) > 20).any())
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_stage_shows_what_stands_in_the_arena_and_what_the_robot_senses(
+    drawn: dict[str, np.ndarray], task: str
+) -> None:
+    plain, spot, signal, contact = (
+        drawn[f"{task}/{name}"] for name in ("plain", "spot", "signal", "contact")
+    )
+    smells, sees = (issubclass(TASKS[task].rules, SpotFindingRules), "distances" in shapes_of(task))
+    for x in (-0.4, 0.4):
+        assert differ(plain, spot, x, 0.2) == smells
+    for x, y, _ in OBSTACLES[::2]:  # out of the reach of a nose
+        empty = drawn["wall_avoidance/plain"]
+        assert differ(plain, empty, x, y) == (task == "wall_avoidance_obstacles")
+    assert differ(plain, signal, 0.1, -0.2 + 0.02) == smells  # in the frustum of a nose ahead
+    aside = [differ(plain, signal, 0.08, -0.2 + side) for side in (-0.12, 0.12)]
+    assert aside == [task == "spot_finding_two_noses"] * 2
+    assert differ(plain, signal, -0.3, -0.2) == sees  # the ray of the eye astern
+    assert differ(plain, contact, 0.0, -0.2 + 0.034) == sees
+
+
+def shapes_of(task: str) -> Mapping[str, tuple[int, float, float]]:
+    return TASKS[task].rules.shapes
 
 
 def panel_of(task: str) -> tuple[picture.Panel, picture.Shot, np.ndarray]:
