@@ -17,7 +17,10 @@ from .errors import InputError, Interrupted, RunError
 
 if TYPE_CHECKING:
     from .engine import Workforce
+    from .episode import Episode
     from .experiment import Experiment, Plan
+    from .explore import Driver
+    from .ppo import Policies
     from .results import Results
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help is at once, and MUJOCO_GL
@@ -145,42 +148,46 @@ class Tables:
 
 @dataclasses.dataclass
 class Film:
-    """Film a robot of OUT: its stored brain re-enacts a test, noise drawn anew."""
+    """Film a robot: its stored brain sits a test again, or its policy lives an episode."""
 
     out: Annotated[Path, tyro.conf.Positional]
-    """folder of a run"""
+    """folder of a run, or a .safetensors of policies (`python -m musebot.protocols.ppo`)"""
     task: str
-    """wall_avoidance or spot_finding"""
-    proposer: str
-    """fixed, random or creative"""
+    """of the run, wall_avoidance or spot_finding; or that of the policies, any (docs/tasks.md)"""
     output: Path
-    """the film, an .mp4"""
+    """the film, an .mp4 or a small .gif"""
+    proposer: str | None = None
+    """fixed, random or creative; only of a run (default: creative)"""
     robot: int = 0
-    """number of the robot within its condition"""
+    """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
-    """the test before or after training"""
+    """before or after training"""
     seconds: float = 30.0
     """length of the film, in seconds of the viewer's time"""
     speed: float = 4.0
     """simulated seconds in a second of the film"""
     seed: int = 0
-    """of the noise in the re-enacted brain"""
+    """of the noise in the brain, or of where a policy's episode starts"""
 
     def __call__(self) -> None:
         """Renders headless, through EGL."""
         from . import film
+
+        film.film(self._episode(), self.output, seconds=self.seconds, speed=self.speed)
+        print(self.output)
+
+    def _episode(self) -> Episode:
+        from .episode import Episode
         from .replay import Candidate
 
-        candidate = Candidate(
-            *_read(self.out, enact=True),
-            self.task,
-            self.proposer,
-            self.robot,
-            self.phase,
-            self.seed,
-        )
-        film.film(candidate, self.output, seconds=self.seconds, speed=self.speed)
-        print(self.output)
+        if not (self.out.is_file() or self.out.suffix == ".safetensors"):
+            run = _read(self.out, enact=True)
+            who = self.proposer or "creative", self.robot, self.phase, self.seed
+            return Candidate(*run, self.task, *who).episode()
+        if self.proposer:
+            raise InputError(f"{self.out} holds policies, and only brains have a proposer")
+        policies = _read_policies(self.out, self.task)
+        return Episode.of_policy(policies, self.robot, self.phase, self.seed)
 
 
 @dataclasses.dataclass
@@ -203,28 +210,48 @@ class Report:
 
 @dataclasses.dataclass
 class Explore:
-    """Open a window on a task: drive with random motors, or with a robot of a run."""
+    """Open a window on a task: random motors drive, or a brain, a policy, or the arrow keys."""
 
     task: Annotated[str, tyro.conf.Positional] = "wall_avoidance"
-    """wall_avoidance or spot_finding"""
+    """any of docs/tasks.md; a run's robots know wall_avoidance or spot_finding"""
     out: Path | None = None
-    """folder of a run to take a brain from (default: random motors)"""
-    proposer: str = "creative"
-    """fixed, random or creative"""
+    """folder of a run to take a brain from"""
+    policies: Path | None = None
+    """policies of PPO's for this task, a .safetensors, to take one from"""
+    keys: bool = False
+    """drive with the arrow keys"""
+    proposer: str | None = None
+    """fixed, random or creative; only of a run (default: creative)"""
     robot: int = 0
-    """number of the robot within its condition"""
+    """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
-    """the brain before or after training"""
+    """the brain or the policy before or after training"""
 
     def __call__(self) -> None:
         """Needs a display."""
         from . import explore
+
+        if sum((self.out is not None, self.policies is not None, self.keys)) > 1:
+            raise InputError("only one can drive: a brain of OUT, one of the policies, or the keys")
+        if self.proposer and not self.out:
+            raise InputError("only brains have a proposer: name the run to take one from by --out")
+        explore.explore(self.task, self._driver())
+
+    def _driver(self) -> Driver | None:
+        """Who drives; None for random motors."""
+        from .explore import ArrowKeys, Driver
         from .replay import Candidate
 
-        candidate = self.out and Candidate(
-            *_read(self.out, enact=True), self.task, self.proposer, self.robot, self.phase
-        )
-        explore.explore(self.task, candidate)
+        if self.keys:
+            return Driver("arrow keys", ArrowKeys())
+        if self.policies:
+            policies = _read_policies(self.policies, self.task)
+            return Driver.of_policy(policies, self.robot, self.phase)
+        if self.out:
+            run = _read(self.out, enact=True)
+            who = self.proposer or "creative", self.robot, self.phase
+            return Driver.of_candidate(Candidate(*run, self.task, *who))
+        return None
 
 
 @dataclasses.dataclass
@@ -279,6 +306,15 @@ def _read(out: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
             file=sys.stderr,
         )
     return experiment, lives
+
+
+def _read_policies(path: Path, task: str) -> Policies:
+    from .ppo import Policies
+
+    policies = Policies.load(path)
+    if policies.task != task:
+        raise InputError(f"{path} holds policies for {policies.task}, not for {task}")
+    return policies
 
 
 def _print(text: str) -> None:

@@ -1,43 +1,77 @@
-"""Films: a robot's stored brain sits a test again, seen from above, without a display."""
+"""Films of episodes, seen from above, without a display."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
-import imageio.v2 as imageio
 import imageio_ffmpeg
 import numpy as np
 
 from ..tasks import CONTROL_TIMESTEP
 from ..tasks.arena import Rules
+from .episode import Episode, Moment
 from .errors import InputError
-from .picture import Panel, Shot, Stage
+from .picture import HEIGHT, WIDTH, Panel, Shot, Stage
 from .progress import bar
-from .replay import Candidate, Moment, Reenactment
-from .schedules import NAMES, SCHEDULES
 from .storage import check_place
 
-FPS = 25
 _TRAIL = 8.0  # seconds of the film after which the robot's trail has faded
 _TRAIL_LIMIT = 90.0  # simulated seconds after which it has, however fast the film
 
+# Half the size, one palette for the whole film: a page of text stays light.
+_GIF = (
+    "scale=iw/2:-2:flags=area,split[one][other];[one]palettegen=max_colors=48[palette];"
+    "[other][palette]paletteuse=dither=none:diff_mode=rectangle"
+)
 
-def film(candidate: Candidate, output: Path, *, seconds: float, speed: float) -> None:
-    """Films a robot's stored brain as it sits a test again, from the test's start.
 
-    The brain neither learns nor explores, as in the test. Its noise is drawn anew: the film
-    shows what this brain does, not to the bit what it did. It ends with the first stretch of
-    the test at the latest.
+@dataclasses.dataclass(frozen=True)
+class Format:
+    """How pictures become a file.
+
+    Attributes:
+      fps: pictures a second.
+      encoder: keywords of `imageio_ffmpeg.write_frames`.
+    """
+
+    fps: float
+    encoder: dict[str, Any]
+
+
+FORMATS = {
+    ".mp4": Format(
+        25,
+        {
+            "codec": "libx264",
+            "pix_fmt_out": "yuv420p",
+            "output_params": ["-crf", "18", "-movflags", "+faststart"],
+        },
+    ),
+    ".gif": Format(
+        8,
+        {
+            "codec": "gif",
+            "pix_fmt_out": "pal8",
+            "output_params": ["-filter_complex", _GIF],
+        },
+    ),
+}
+
+
+def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> None:
+    """Films an episode from its start; the film ends with the episode at the latest.
 
     Args:
-      candidate: who sits which test.
-      output: the file, an .mp4 (H.264, yuv420p); an older one is replaced when the film is
-        whole.
+      episode: what to film; it is lived through once.
+      output: the file, an .mp4 (H.264, yuv420p) or a .gif of half the size; an older one is
+        replaced when the film is whole.
       seconds: length of the film, in seconds of the viewer's time.
       speed: simulated seconds in a second of the film.
 
@@ -48,55 +82,54 @@ def film(candidate: Candidate, output: Path, *, seconds: float, speed: float) ->
     for name, value in (("length in seconds", seconds), ("speed", speed)):
         if not (value > 0 and math.isfinite(value)):
             raise InputError(f"the film's {name} must be positive, got {value:g}")
-    test = Reenactment(candidate)
-    _check_output(output)
-    frames = frame_count(seconds, speed, test.seconds)
-    with contextlib.closing(Stage(test.batch.rules, test.batch.spot[0])) as stage:
+    fps = _check_output(output).fps
+    frames = frame_count(seconds, speed, episode.seconds, fps)
+    with contextlib.closing(Stage(episode.task)) as stage:
         _tell(f"drawing with {stage.renderer}")
-        if frames < round(seconds * FPS):
+        if frames < round(seconds * fps):
             _tell(
-                f"the test is over after {test.seconds:g} s, and so is the film: {frames / FPS:g} s"
+                f"the episode is over after {episode.seconds:g} s, and so is the film: "
+                f"{frames / fps:g} s"
             )
         panel = Panel(
-            NAMES[candidate.task],
-            f"{candidate.proposer} proposer, robot {candidate.robot}",
-            after=candidate.phase == "post",
-            wanted=SCHEDULES[candidate.task].wanted,
-            speed=speed,
-            seconds=frames * speed / FPS,
+            episode.task, episode.driver, episode.trained, speed, seconds=frames * speed / fps
         )
-        shots = _shots(test.moments(), test.batch.rules, frames, speed)
+        times = (frame * speed / fps for frame in range(frames))
+        shots = _shots(episode.moments(), episode.batch.rules, times, speed)
         pictures = (panel.frame(stage.draw(shot), shot) for shot in shots)
         _write(output, pictures, frames)
 
 
-def frame_count(seconds: float, speed: float, test_seconds: float) -> int:
-    """How many frames a film has, which ends with the test at the latest.
+def frame_count(seconds: float, speed: float, episode_seconds: float, fps: float) -> int:
+    """How many frames a film has, which ends with the episode at the latest.
 
     Args:
       seconds: of the film, wanted.
       speed: simulated seconds in a second of the film.
-      test_seconds: simulated seconds that the test lasts.
+      episode_seconds: simulated seconds that the episode lasts.
+      fps: frames in a second of the film.
     """
-    return max(1, round(min(seconds, test_seconds / speed) * FPS))
+    return max(1, round(min(seconds, episode_seconds / speed) * fps))
 
 
-def _check_output(output: Path) -> None:
-    if output.suffix.lower() != ".mp4":
-        raise InputError(f"the film must be an .mp4 file, got {output}")
+def _check_output(output: Path) -> Format:
+    if output.suffix.lower() not in FORMATS:
+        raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
     check_place(output)
+    return FORMATS[output.suffix.lower()]
 
 
-def _shots(moments: Iterator[Moment], rules: Rules, frames: int, speed: float) -> Iterator[Shot]:
-    """One shot a frame; between two control steps the robot goes straight on."""
+def _shots(
+    moments: Iterator[Moment], rules: Rules, times: Iterable[float], speed: float
+) -> Iterator[Shot]:
+    """One shot a time; between two control steps the robot goes straight on."""
     past = [next(moments)]
     shown = 0  # moments up to which the frame before has shown what happened
-    for frame in range(frames):
-        time = frame * speed / FPS
+    for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
         now = max(0, len(past) - 2)
-        if past[-1].time <= time:  # the test is over
+        if past[-1].time <= time:  # the episode is over
             now = len(past) - 1
         yield _shot(past, now, shown, time, rules, speed)
         shown = now
@@ -110,15 +143,16 @@ def _shot(
     pose = _between(moment.pose, after.pose, (time - moment.time) / span if span else 0.0)
     reach = min(_TRAIL * speed, _TRAIL_LIMIT)
     points = past[max(0, math.ceil((time - reach) / CONTROL_TIMESTEP)) : now + 1]
-    signals = rules.observations(moment.sensordata)
     # What happened between two frames must not be missed.
-    event = any(m.event for m in past[min(shown + 1, now) : now + 1])
+    unseen = past[min(shown + 1, now) : now + 1]
     return Shot(
         time,
         pose,
-        signals,
+        moment.spot,
+        rules.observations(moment.sensordata),
         moment.motors,
-        event,
+        any(m.sensordata[rules.layout.touch] > 0 for m in unseen),
+        any(m.event for m in unseen),
         moment.event_seconds,
         np.array([*(m.pose[:2] for m in points), pose[:2]]),
         np.array([*(m.event for m in points), after.event]),
@@ -134,24 +168,22 @@ def _between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
 
 
 def _write(output: Path, pictures: Iterator[np.ndarray], frames: int) -> None:
-    draft = output.with_name(f".{output.stem}.{os.getpid()}.mp4")
+    suffix = output.suffix.lower()
+    draft = output.with_name(f".{output.stem}.{os.getpid()}{suffix}")
     progress = bar()
+    writer = imageio_ffmpeg.write_frames(
+        draft,
+        (WIDTH, HEIGHT),
+        fps=FORMATS[suffix].fps,
+        macro_block_size=2,
+        ffmpeg_log_level="fatal",  # a failure shows in what is left, below
+        **FORMATS[suffix].encoder,
+    )
     try:
-        with (
-            progress,
-            imageio.get_writer(
-                draft,
-                format="FFMPEG",  # type: ignore[arg-type]
-                fps=FPS,
-                codec="libx264",
-                pixelformat="yuv420p",
-                macro_block_size=2,
-                ffmpeg_log_level="fatal",  # a failure shows in what is left, below
-                output_params=["-crf", "18", "-movflags", "+faststart"],
-            ) as writer,
-        ):
+        with progress, contextlib.closing(writer):
+            writer.send(None)  # type: ignore[arg-type] -- so it starts
             for picture in progress.track(pictures, frames, description=output.name):
-                writer.append_data(picture)  # type: ignore[attr-defined]
+                writer.send(np.ascontiguousarray(picture))
         _check_whole(draft, output, frames)
         draft.replace(output)
     finally:
@@ -159,7 +191,7 @@ def _write(output: Path, pictures: Iterator[np.ndarray], frames: int) -> None:
 
 
 def _check_whole(draft: Path, output: Path, frames: int) -> None:
-    # imageio closes ffmpeg without asking whether it could write everything.
+    # imageio_ffmpeg closes ffmpeg without asking whether it could write everything.
     try:
         written, _ = imageio_ffmpeg.count_frames_and_secs(draft)
     except RuntimeError:

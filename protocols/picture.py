@@ -11,14 +11,24 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ..models import arena_spec, robot_qpos
+from ..models import robot_qpos
 from ..tasks import CONTROL_TIMESTEP
-from ..tasks.arena import RANGEFINDERS, Rules, SpotFindingRules
+from ..tasks.arena import RANGEFINDERS, SpotFindingRules
+from ..tasks.suite import TASKS
 from .headless import Canvas
 
 WIDTH, HEIGHT = 960, 540  # pixels; H.264 wants even numbers
 _HEADER, _PANEL = 44, 240
 _STAGE = (WIDTH - _PANEL, HEIGHT - _HEADER)
+
+# Of each signal that is shown by gauges: what it is called, and the gauges' names.
+_GAUGES = {
+    "nose": ("nose", ("odour",)),
+    "noses": ("nose", ("left", "right")),
+    "distances": ("distance", RANGEFINDERS),
+    "speed": ("speed", ("ahead",)),
+}
+_NOSES = {"nose": ("nose",), "noses": ("left_nose", "right_nose")}  # the sites that smell
 
 Colour = tuple[float, float, float]
 _BLUE, _GREY, _AMBER = (0.13, 0.42, 0.66), (0.46, 0.53, 0.62), (0.98, 0.65, 0.15)
@@ -31,12 +41,14 @@ class Shot:
     """What a picture shows.
 
     Attributes:
-      time: simulated seconds since the test began.
+      time: simulated seconds since the episode began.
       pose: x, y in metres and heading in radians, shape (3,).
+      spot: x, y of its centre, in metres, shape (2,).
       signals: the robot's sensor signals by name, each of shape (n,).
       motors: left and right, in [-0.5, 0.5], shape (2,).
-      event: whether the robot is in contact, or in the spot.
-      event_seconds: how long it has been so, since the test began.
+      contact: whether the robot is in contact.
+      event: whether it is in contact, or in the spot: what the task measures the time of.
+      event_seconds: how long it has been so, since the episode began.
       trail: where it was, the latest last: x, y in metres, shape (n, 2).
       trail_events: whether it was in contact, or in the spot, there, shape (n,).
       trail_ages: 0 for now, 1 for where the trail ends, shape (n,).
@@ -44,8 +56,10 @@ class Shot:
 
     time: float
     pose: np.ndarray
+    spot: np.ndarray
     signals: dict[str, np.ndarray]
     motors: np.ndarray
+    contact: bool
     event: bool
     event_seconds: float
     trail: np.ndarray
@@ -60,36 +74,28 @@ class Stage:
       renderer: the name of what draws.
     """
 
-    def __init__(self, rules: Rules, spot: np.ndarray) -> None:
-        """Sets the stage.
-
-        Args:
-          rules: of the task.
-          spot: x, y of the spot, in metres, shape (2,); shown where it is smelled.
+    def __init__(self, task: str) -> None:
+        """Sets the stage of a task of the table.
 
         Raises:
           InputError: there is no EGL.
         """
-        spec = arena_spec()
-        if not isinstance(rules, SpotFindingRules):
-            spec.material("spot").rgba[3] = 0  # the spot plays no part
-        self._model = spec.compile()
+        self._model = TASKS[task].spec().compile()
         self._data = mujoco.MjData(self._model)
-        self._data.mocap_pos[0, :2] = spot
-        self._rules = rules
-        self._spot = spot
+        self._rules = TASKS[task].rules.of(self._model)
         self._canvas = Canvas(self._model, "overhead", *_STAGE)
         self.renderer = self._canvas.renderer
 
     def draw(self, shot: Shot) -> np.ndarray:
         """Returns the picture, shape (height, width, 3)."""
         self._data.qpos[:] = robot_qpos(shot.pose)
+        self._data.mocap_pos[0, :2] = shot.spot
         mujoco.mj_forward(self._model, self._data)
         self._canvas.look(self._data)
         self._trail(shot)
         if isinstance(self._rules, SpotFindingRules):
-            self._odour(shot, self._rules.nose.frustum)
-        else:
+            self._odours(shot, self._rules.nose.frustum)
+        if "distances" in shot.signals:
             self._distances(shot)
         return self._canvas.pixels()
 
@@ -105,7 +111,7 @@ class Stage:
             self._line(points[k], points[k + 1], 4, colour, 0.85 * (1 - shot.trail_ages[k]))
 
     def _distances(self, shot: Shot) -> None:
-        if shot.event:
+        if shot.contact:
             self._ring(shot.pose, 0.034, 0.031, 5, _RED)
         # Measured in the pose that is drawn, between two control steps perhaps.
         distances = self._data.sensordata[self._rules.layout.distances]
@@ -120,18 +126,32 @@ class Stage:
             self._line(site.xpos, end, 3, colour, 0.55 + 0.45 * signal)
             self._add(mujoco.mjtGeom.mjGEOM_SPHERE, [0.004] * 3, end, np.eye(3), colour, 1)
 
-    def _odour(self, shot: Shot, frustum: float, reach: float = 0.24, slices: int = 12) -> None:
+    def _odours(self, shot: Shot, frustum: float) -> None:
         if shot.event:
-            self._ring(self._spot, 0.062, 0.002, 5, _GREEN)
-        signal = float(shot.signals["nose"][0])
-        nose = self._data.site("nose").xpos
-        angles = shot.pose[2] + np.linspace(-frustum / 2, frustum / 2, slices + 1)
+            self._ring(shot.spot, 0.062, 0.002, 5, _GREEN)
+        for name in _NOSES.keys() & shot.signals.keys():
+            for side, signal in enumerate(shot.signals[name]):
+                height = 0.002 + 0.0001 * side  # so that two of them do not share a plane
+                self._odour(_NOSES[name][side], float(signal), frustum, height)
+
+    def _odour(
+        self,
+        site: str,
+        signal: float,
+        frustum: float,
+        height: float,
+        reach: float = 0.24,
+        slices: int = 12,
+    ) -> None:
+        nose = self._data.site(site)
+        ahead = np.arctan2(nose.xmat[3], nose.xmat[0])
+        angles = ahead + np.linspace(-frustum / 2, frustum / 2, slices + 1)
         rays = np.column_stack([np.cos(angles), np.sin(angles)])
-        clear = np.minimum(reach, _to_wall(nose[:2], rays, self._model))
+        clear = np.minimum(reach, _to_wall(nose.xpos[:2], rays, self._model))
         # Sectors on top of one another: denser towards the nose.
         for layer, share in enumerate((1.0, 0.75, 0.5, 0.25)):
             corners = np.minimum(clear, share * reach)[:, None] * rays
-            base = np.array([*nose[:2], 0.002 + 0.0002 * layer])
+            base = np.array([*nose.xpos[:2], height + 0.0002 * layer])
             for first, second in zip(corners[:-1], corners[1:], strict=True):
                 # The triangle (0, 0), (1, 0), (0, 1), in a frame of the sector's two edges.
                 frame = np.eye(3)
@@ -204,37 +224,37 @@ class Instrument(Protocol):
 class Panel:
     """Title, clock, signals, motors and time in contact or in the spot, around a stage."""
 
-    def __init__(
-        self, title: str, subtitle: str, after: bool, wanted: bool, speed: float, seconds: float
-    ) -> None:
+    def __init__(self, task: str, driver: str, trained: bool, speed: float, seconds: float) -> None:
         """Prepares what stays the same.
 
         Args:
-          title: what is tested.
-          subtitle: who is tested.
-          after: whether the robot is trained.
-          wanted: whether the event is good (in the spot) or bad (in contact).
+          task: of the table, what is shown.
+          driver: who drives, in words.
+          trained: whether the driver has learnt before.
           speed: simulated seconds in a second of the film.
           seconds: simulated seconds that the film shows.
         """
-        self._wanted = wanted
+        self._shapes = TASKS[task].rules.shapes
+        # Whether the event is good (in the spot) or bad (in contact).
+        self._wanted = issubclass(TASKS[task].rules, SpotFindingRules)
         self._seconds = seconds
         self._events: list[tuple[float, float]] = []  # from, to: shares of the film
         self._seen = 0.0
-        self._hot = _GREEN if wanted else _RED
+        self._hot = _GREEN if self._wanted else _RED
         self._small, self._text, self._bold = _font(11), _font(13), _font(17, "-Bold")
         self._large, self._digits = _font(22, "-Bold"), _font(30, "-Bold", "Mono")
         self._figures = _font(12, "", "Mono")
         self._blank = Image.new("RGB", (WIDTH, HEIGHT), _BACK)
         draw = ImageDraw.Draw(self._blank)
         draw.rectangle((0, 0, WIDTH, _HEADER - 1), fill=_HEAD)
+        title = task.replace("_", " ").capitalize()
         draw.text((20, _HEADER / 2), title, _INK, self._bold, "lm")
         x = 20 + self._bold.getlength(title) + 14
-        draw.text((x, _HEADER / 2 + 1), subtitle, _DIM, _font(14), "lm")
-        when = "after training" if after else "before training"
+        draw.text((x, _HEADER / 2 + 1), driver, _DIM, _font(14), "lm")
+        when = "after training" if trained else "before training"
         chip = _font(13, "-Bold")
         left = WIDTH - 20 - chip.getlength(when) - 24
-        fill = _hex(_GREEN if after else _AMBER)
+        fill = _hex(_GREEN if trained else _AMBER)
         pill = Image.new("L", (4 * round(WIDTH - 20 - left), 4 * 24))
         ImageDraw.Draw(pill).rounded_rectangle((0, 0, pill.width - 1, pill.height - 1), 48, 255)
         self._blank.paste(fill, (round(left), 10), pill.reduce(4))
@@ -248,8 +268,7 @@ class Panel:
         draw = ImageDraw.Draw(picture)
         self._remember(shot)
         y = self._clock(draw, _HEADER + 24, shot)
-        instruments = [self._nose] if "nose" in shot.signals else [self._distances]
-        for instrument in (*instruments, self._motors, self._total, self._timeline):
+        for instrument in (self._signals, self._lamps, self._motors, self._total, self._timeline):
             y = instrument(draw, y, shot)
         return np.asarray(picture)
 
@@ -266,28 +285,34 @@ class Panel:
         draw.text((x - 1, y + 30), f"{minutes:02d}:{seconds / 10:04.1f}", _INK, self._digits, "lm")
         return y + 84
 
-    def _distances(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot) -> int:
-        y = self._heading(draw, y, "Distance signals")
-        for name, signal in zip(RANGEFINDERS, shot.signals["distances"], strict=True):
-            y = self._gauge(draw, y, name, float(signal))
-        return self._lamp(draw, y, shot, "in contact", "no contact")
+    def _signals(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot) -> int:
+        names = [name for name in self._shapes if name in _GAUGES]
+        words = " and ".join(_GAUGES[name][0] for name in names)
+        y = self._heading(draw, y, f"{words.capitalize()} signals")
+        for name in names:
+            _, low, high = self._shapes[name]
+            for gauge, signal in zip(_GAUGES[name][1], shot.signals[name], strict=True):
+                if low < 0:
+                    y = self._balance(draw, y, gauge, float(signal), high)
+                else:
+                    y = self._gauge(draw, y, gauge, float(signal))
+        return y
 
-    def _nose(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot) -> int:
-        y = self._heading(draw, y, "Nose signal")
-        y = self._gauge(draw, y, "odour", float(shot.signals["nose"][0]))
-        return self._lamp(draw, y, shot, "in the spot", "not in the spot")
+    def _lamps(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot) -> int:
+        x = WIDTH - _PANEL + 20
+        if "contact" in self._shapes:
+            text = "in contact" if shot.contact else "no contact"
+            self._lamp(draw, x, y, shot.contact, _RED, text)
+            x += 100
+        if self._wanted:
+            text = "in the spot" if shot.event else "off the spot"
+            self._lamp(draw, x, y, shot.event, _GREEN, text)
+        return y + 48
 
     def _motors(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot) -> int:
         y = self._heading(draw, y, "Motors")
         for name, motor in zip(("left", "right"), shot.motors, strict=True):
-            left, right, middle = self._row(draw, y, name, f"{motor:+.2f}")
-            centre = (left + right) / 2
-            tip = centre + motor * (right - left)
-            draw.rectangle(
-                (min(centre, tip), middle - 4, max(centre, tip), middle + 4), _hex(_BLUE)
-            )
-            draw.line((centre, middle - 7, centre, middle + 7), _DIM)
-            y += 26
+            y = self._balance(draw, y, name, float(motor), 0.5)
         return y + 26
 
     def _total(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot) -> int:
@@ -330,13 +355,23 @@ class Panel:
         draw.rectangle((left, middle - 4, tip, middle + 4), _hex(heat(signal, self._hot)))
         return y + 26
 
-    def _lamp(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot, yes: str, no: str) -> int:
-        x = WIDTH - _PANEL + 20
-        fill = _hex(self._hot) if shot.event else _GROOVE
+    def _balance(
+        self, draw: ImageDraw.ImageDraw, y: int, name: str, value: float, limit: float
+    ) -> int:
+        """A gauge of a value in [-limit, limit], from its middle."""
+        left, right, middle = self._row(draw, y, name, f"{value:+.2f}")
+        centre = (left + right) / 2
+        tip = centre + value / (2 * limit) * (right - left)
+        draw.rectangle((min(centre, tip), middle - 4, max(centre, tip), middle + 4), _hex(_BLUE))
+        draw.line((centre, middle - 7, centre, middle + 7), _DIM)
+        return y + 26
+
+    def _lamp(
+        self, draw: ImageDraw.ImageDraw, x: int, y: int, lit: bool, colour: Colour, text: str
+    ) -> None:
+        fill = _hex(colour) if lit else _GROOVE
         draw.text((x, y), "\N{BLACK CIRCLE}", fill, self._bold, "lm")
-        ink = _INK if shot.event else _DIM
-        draw.text((x + 22, y), yes if shot.event else no, ink, self._text, "lm")
-        return y + 48
+        draw.text((x + 22, y), text, _INK if lit else _DIM, self._text, "lm")
 
 
 def _hex(colour: Colour) -> str:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+import functools
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
 from ..controller import PROPOSERS, Neurocontroller
-from ..tasks import CONTROL_TIMESTEP
 from .agents import Brain
 from .cohort import place
+from .episode import Act, Episode, check_phase, check_seed
 from .errors import InputError
 from .experiment import Experiment, check_condition
 from .learn_ability import INVALID
@@ -54,14 +55,43 @@ class Candidate:
         check_condition(self.task, self.proposer)
         if self.proposer not in PROPOSERS:
             raise InputError(f"only the paper's brains can be put back, not {self.proposer}")
-        if self.phase not in _BRAINS:
-            raise InputError(f"the phase must be one of {', '.join(_BRAINS)}, got {self.phase!r}")
-        if not 0 <= self.seed < 2**63:
-            raise InputError(f"the seed must lie in [0, 2^63), got {self.seed}")
+        check_phase(self.phase)
+        check_seed(self.seed)
         row = _row(self.results, self.task, self.proposer, self.robot)
         which = [(row, _BRAINS[self.phase])]
         return stored_brains(
             self.experiment, self.results, self.task, self.proposer, which, self.seed
+        )
+
+    def act(self) -> Act:
+        """Returns what drives the robot: the brain, neither learning nor exploring.
+
+        Its noise is drawn anew: the random stream of the life is not stored, so what the noise
+        makes the robot do differs from what it once did.
+
+        Raises:
+          InputError: see `brain`.
+        """
+        return functools.partial(self.brain().act, learning=False)
+
+    def episode(self) -> Episode:
+        """Returns the first stretch of the test, robot and spot where it begins.
+
+        Raises:
+          InputError: see `brain`.
+        """
+        act = self.act()
+        start = next(p for p in self.experiment.schedule(self.task).phases if p.part == self.phase)
+        batch, random = self.experiment.batch(self.task, 1), np.random.default_rng(self.seed)
+        place(batch, start, random)
+        return Episode(
+            self.task,
+            f"{self.proposer} proposer, robot {self.robot}",
+            self.phase == "post",
+            batch,
+            act,
+            control_steps(start.minutes),
+            random,
         )
 
 
@@ -114,73 +144,3 @@ def _row(results: Results, task: str, proposer: str, robot: int) -> int:
             f"robot {robot} of {task}, {proposer} is invalid: its simulation became unstable"
         )
     return row
-
-
-@dataclasses.dataclass(frozen=True)
-class Moment:
-    """A robot at the start of a control step.
-
-    Attributes:
-      time: simulated seconds since the test began.
-      pose: x, y in metres and heading in radians, shape (3,).
-      sensordata: what MuJoCo last measured, shape (nsensordata,).
-      motors: what the brain answers, left and right, shape (2,).
-      event: whether the robot is in contact, or in the spot; never so at the start.
-      event_seconds: how long it has been so, since the test began.
-    """
-
-    time: float
-    pose: np.ndarray
-    sensordata: np.ndarray
-    motors: np.ndarray
-    event: bool
-    event_seconds: float
-
-
-class Reenactment:
-    """A test sat again by a stored brain: no learning, no exploration, and noise of its own.
-
-    The random stream of the life is not stored, so what the brain's noise makes it do differs
-    from what it once did.
-
-    Attributes:
-      batch: the robot, a batch of one.
-      seconds: how long the test lasts, simulated.
-    """
-
-    def __init__(self, candidate: Candidate) -> None:
-        """Puts robot and spot where the first stretch of the test begins.
-
-        Raises:
-          InputError: see `Candidate.brain`.
-        """
-        self._brain = candidate.brain()
-        experiment, task = candidate.experiment, candidate.task
-        start = next(p for p in experiment.schedule(task).phases if p.part == candidate.phase)
-        self._steps = control_steps(start.minutes)
-        self.seconds = self._steps * CONTROL_TIMESTEP
-        self.batch = experiment.batch(task, 1)
-        place(self.batch, start, np.random.default_rng(candidate.seed))
-
-    def _act(self) -> np.ndarray:
-        state = self.batch.rules.state(self.batch.sensordata).astype(np.float32)
-        return self._brain.act(state, learning=False)
-
-    def moments(self) -> Iterator[Moment]:
-        """Lives through the test, once; ends early where the simulation becomes unstable."""
-        batch, events, event = self.batch, 0, False
-        for step in range(self._steps + 1):
-            motors = self._act()
-            yield Moment(
-                step * CONTROL_TIMESTEP,
-                batch.pose[0],
-                batch.sensordata[0].copy(),
-                motors[0],
-                event,
-                events * CONTROL_TIMESTEP,
-            )
-            batch.step(motors)
-            if not batch.valid.all():
-                return
-            event = bool(batch.rules.event(batch.sensordata)[0])
-            events += event

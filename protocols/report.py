@@ -192,7 +192,7 @@ def _films(
             candidate = Candidate(
                 experiment, results, task, proposer, sitter.robot, "post", probes.SEED
             )
-            film(candidate, path, seconds=_FILM_SECONDS, speed=speed)
+            film(candidate.episode(), path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed:
                 folder.rmdir()

@@ -6,8 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import tyro
+from PIL import Image
 
 import musebot
+from musebot.protocols.cli import Film
 from musebot.tasks.arena import CONTROL_TIMESTEP
 from musebot.tasks.suite import TASKS
 
@@ -38,12 +41,37 @@ def test_the_examples_run(example, tmp_path):
 @pytest.mark.slow
 def test_the_example_of_stable_baselines_runs(tmp_path):
     pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
-    (example,) = EXAMPLES[4:]
+    example = EXAMPLES[4]
     assert "learn(327_680)" in example
     for long, short in (("327_680", "1"), ("n_steps=256", "n_steps=8"), ("=2048", "=512")):
         example = example.replace(long, short)
     run(example, tmp_path)
     assert (tmp_path / "driver.zip").exists()
+
+
+@pytest.mark.slow
+def test_the_example_of_a_policy_runs(tmp_path):
+    pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
+    (training,) = re.findall(r"^python (-m musebot.protocols.ppo .*)", TEXT, re.MULTILINE)
+    assert "--steps 327680" in training
+    command = training.replace("327680", "1").split()
+    subprocess.run([sys.executable, *command], cwd=tmp_path, check=True)
+    (example,) = EXAMPLES[5:]
+    assert "range(1000)" in example
+    printed = run(example.replace("range(1000)", "range(20)"), tmp_path)
+    assert re.fullmatch(r"0\.\d{3} \+- 0\.\d{3} a step\n", printed)
+
+
+@pytest.mark.parametrize("name", [name for _, name in musebot.BENCHMARKING])
+def test_every_variant_has_a_small_film_and_the_command_that_makes_it(name):
+    film = Path(re.findall(r"\((images/\w+\.gif)\)", SECTIONS[name])[0])
+    with Image.open(PAGE.parent / film) as gif:
+        assert gif.n_frames == 64
+    assert (PAGE.parent / film).stat().st_size < 300_000
+    (words,) = re.findall(r"^musebot film (.*)$", SECTIONS[name], re.MULTILINE)
+    made = tyro.cli(Film, args=words.split())
+    assert made.task == made.out.stem == made.output.stem == name
+    assert made.output.name == film.name
 
 
 @pytest.mark.parametrize("name, row", TASKS.items(), ids=TASKS)

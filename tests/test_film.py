@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
+import itertools
 import os
 import subprocess
 import sys
+import types
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import imageio.v2 as imageio
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from PIL import Image
 
 from musebot import tasks
 from musebot.controller import Parameters
-from musebot.protocols import engine, explore, film, picture, replay
+from musebot.models.variants import OBSTACLES
+from musebot.protocols import cli, engine, explore, film, picture, ppo, replay
 from musebot.protocols.cohort import Cohort
+from musebot.protocols.episode import Episode, Moment
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment import Experiment, Plan, save_plan
 from musebot.protocols.results import Results, collect, load, save
 from musebot.protocols.schedules import UPPER_LEFT, UPPER_RIGHT
+from musebot.protocols.storage import save_arrays
+from musebot.tasks.arena import SpotFindingRules
+from musebot.tasks.suite import TASKS
 
 CONDITIONS = (
     ("wall_avoidance", "fixed"),
@@ -65,11 +75,29 @@ def candidate(results: Results, **changes) -> replay.Candidate:
 
 def make_film(results: Results, output: Path, **changes) -> None:
     length = {name: changes.pop(name, 1.0) for name in ("seconds", "speed")}
-    film.film(candidate(results, **changes), output, **length)
+    film.film(candidate(results, **changes).episode(), output, **length)
 
 
-def reenact(results: Results, **changes) -> list[replay.Moment]:
-    return list(replay.Reenactment(candidate(results, robot=1, **changes)).moments())
+def reenact(results: Results, **changes) -> list[Moment]:
+    return list(candidate(results, robot=1, **changes).episode().moments())
+
+
+def newborn(task: str, robots: int = 2, seed: int = 0) -> ppo.Policies:
+    """Policies with weights drawn at random."""
+    random = np.random.default_rng(seed)
+    sensors = sum(n for n, *_ in shapes_of(task).values())
+    arrays = {}
+    for when in ("before", "after"):
+        for layer, (outputs, inputs) in enumerate([(8, sensors), (8, 8), (2, 8)]):
+            weights = random.normal(size=(robots, outputs, inputs))
+            arrays[f"{when}.{layer}.weights"] = weights.astype(np.float32)
+            arrays[f"{when}.{layer}.biases"] = random.normal(size=(robots, outputs)).astype("f4")
+    return ppo.Policies(task, arrays)
+
+
+def keep(policies: ppo.Policies, path: Path) -> Path:
+    save_arrays(path, policies.arrays, task=policies.task)
+    return path
 
 
 # ---- The file ----
@@ -102,8 +130,8 @@ def test_film_is_h264_in_yuv420p_of_the_length_asked_for_and_something_moves(
         pictures = np.stack([np.asarray(picture) for picture in reader])
     assert meta["codec"] == "h264"
     assert meta["pix_fmt"].startswith("yuv420p")
-    assert meta["fps"] == film.FPS
-    assert meta["duration"] == pytest.approx(seconds, abs=0.5 / film.FPS)
+    assert meta["fps"] == 25
+    assert meta["duration"] == pytest.approx(seconds, abs=0.5 / 25)
     assert pictures.shape == (frames, picture.HEIGHT, picture.WIDTH, 3)
     assert pictures[0].std() > 20  # not a blank picture
     # More moves than compression or the clock alone would.
@@ -137,7 +165,11 @@ def test_what_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
 
 @pytest.mark.parametrize(
     ("name", "sentence"),
-    [("film.avi", "must be an .mp4"), ("nowhere/film.mp4", "no folder"), ("d.mp4", "is a folder")],
+    [
+        ("film.avi", "must be an .mp4 or a .gif"),
+        ("nowhere/film.mp4", "no folder"),
+        ("d.mp4", "is a folder"),
+    ],
 )
 def test_where_no_film_can_be_written_is_one_sentence(
     results: Results, tmp_path: Path, name: str, sentence: str
@@ -220,10 +252,11 @@ def test_film_that_the_encoder_cut_short_is_an_error_and_leaves_nothing(
     assert not os.listdir(tmp_path)
 
 
-def test_film_ends_with_the_test_at_the_latest() -> None:
-    assert film.frame_count(30, 4, 600) == 30 * film.FPS
-    assert film.frame_count(30, 4, 60) == 15 * film.FPS
-    assert film.frame_count(30, 1e9, 60) == 1
+def test_film_ends_with_the_episode_at_the_latest() -> None:
+    assert film.frame_count(30, 4, 600, fps=25) == 30 * 25
+    assert film.frame_count(30, 4, 60, fps=25) == 15 * 25
+    assert film.frame_count(30, 1e9, 60, fps=25) == 1
+    assert film.frame_count(30, 4, float("inf"), fps=8) == 30 * 8
 
 
 def test_robot_turns_the_shorter_way_between_two_control_steps() -> None:
@@ -265,19 +298,22 @@ def test_reenactment_lasts_a_test_from_its_start(results: Results) -> None:
 
 
 def test_spot_lies_where_the_test_has_it(results: Results) -> None:
-    test = replay.Reenactment(candidate(results, task="spot_finding", phase="pre"))
-    np.testing.assert_array_equal(test.batch.spot, [UPPER_RIGHT[:2]])
+    for moment in reenact(results, task="spot_finding", phase="pre"):
+        np.testing.assert_array_equal(moment.spot, UPPER_RIGHT[:2])
 
 
-def test_reenactment_does_not_change_the_brain(results: Results) -> None:
-    test = replay.Reenactment(candidate(results))
-    before = {name: tensor.clone() for name, tensor in test._brain.controller.networks().items()}
-    list(test.moments())
-    for name, tensor in test._brain.controller.networks().items():
+def test_reenactment_does_not_change_the_brain(
+    results: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    brain = candidate(results, robot=1).brain()
+    monkeypatch.setattr(replay.Candidate, "brain", lambda _: brain)
+    before = {name: tensor.clone() for name, tensor in brain.controller.networks().items()}
+    assert len(reenact(results)) > 1
+    for name, tensor in brain.controller.networks().items():
         np.testing.assert_array_equal(tensor, before[name])
 
 
-def path(moments: list[replay.Moment]) -> np.ndarray:
+def path(moments: list[Moment]) -> np.ndarray:
     return np.array([[*moment.pose, *moment.motors] for moment in moments])
 
 
@@ -295,6 +331,198 @@ def test_brain_of_another_shape_is_refused(results: Results) -> None:
     other = dataclasses.replace(EXPERIMENT, brain=Parameters(memory_hidden=6))
     with pytest.raises(ValueError, match="must have shape"):
         candidate(results, experiment=other).brain()
+
+
+# ---- An episode of a policy's ----
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(task: str) -> None:
+    gymnasium_env = pytest.importorskip("musebot.tasks.gymnasium_env")
+    policies = newborn(task)
+    steps = 2 * (TASKS[task].spot_steps or 15) + 5
+    episode = Episode.of_policy(policies, 1, "post", seed=3)
+    moments = list(itertools.islice(episode.moments(), steps))
+    robots = gymnasium_env.ArenaVectorEnv(task, 1)
+    state, _ = robots.reset(seed=3)
+    for moment in moments:
+        sensed = episode.batch.rules.state(moment.sensordata).astype(np.float32)
+        np.testing.assert_array_equal(sensed, state[0])
+        np.testing.assert_array_equal(moment.pose, robots._batch.pose[0])
+        np.testing.assert_array_equal(moment.spot, robots._batch.spot[0])
+        motors = policies.one(1).act(state)
+        np.testing.assert_array_equal(moment.motors, motors[0])
+        state, *_ = robots.step(motors * 2 * TASKS[task].limit)
+    spots = len(np.unique([moment.spot for moment in moments], axis=0))
+    assert spots == (3 if TASKS[task].spot_steps else 1)
+
+
+def test_policys_episode_lasts_as_long_as_the_tasks() -> None:
+    times = [
+        m.time for m in Episode.of_policy(newborn("spot_finding_unit"), 0, "post", 0).moments()
+    ]
+    np.testing.assert_allclose(times, 0.1 * np.arange(1001))
+    assert Episode.of_policy(newborn("spot_finding"), 0, "post", 0).seconds == float("inf")
+
+
+def test_policy_drives_as_it_was_born_or_as_it_was_when_trained() -> None:
+    policies = newborn("spot_finding_walls")
+    for phase, trained in (("pre", False), ("post", True)):
+        episode = Episode.of_policy(policies, 0, phase, 0)
+        moment = next(episode.moments())
+        state = episode.batch.rules.state(moment.sensordata[None]).astype(np.float32)
+        np.testing.assert_array_equal(moment.motors, policies.one(0).act(state, trained)[0])
+        assert episode.trained == trained
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("--task dancing", "holds policies for spot_finding_walls, not for dancing"),
+        ("--task spot_finding", "holds policies for spot_finding_walls, not for spot_finding"),
+        ("--task spot_finding_walls --proposer creative", "only brains have a proposer"),
+        ("--task spot_finding_walls --robot 2", "the policies are 0 to 1, got 2"),
+        ("--task spot_finding_walls --seed -1", "the seed must lie in"),
+        ("--task spot_finding_walls --speed 0", "speed must be positive"),
+    ],
+)
+def test_policy_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str, sentence: str
+) -> None:
+    policies = keep(newborn("spot_finding_walls"), tmp_path / "p.safetensors")
+    output = ["--output", str(tmp_path / "film.mp4")]
+    assert cli.main(["film", str(policies), *words.split(), *output]) == 2
+    assert sentence in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["p.safetensors"]
+
+
+def test_policies_that_are_not_there_or_none_are_one_sentence(
+    directory: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--task", "spot_finding", "--output", str(tmp_path / "film.mp4")]
+    for path, sentence in (
+        (tmp_path / "p.safetensors", "there is no file"),
+        (directory / "brains.safetensors", "holds no policies"),
+        (tmp_path, "holds no experiment"),
+    ):
+        assert cli.main(["film", str(path), *words]) == 2
+        assert sentence in capsys.readouterr().err
+
+
+def test_policys_film_may_be_a_gif_of_half_the_size(egl: None, tmp_path: Path) -> None:
+    policies = keep(newborn("spot_finding_jumping"), tmp_path / "p.safetensors")
+    command = ["film", str(policies), "--task", "spot_finding_jumping", "--seconds", "1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "musebot", *command, "--output", str(tmp_path / "film.gif")],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    with Image.open(tmp_path / "film.gif") as gif:
+        assert gif.size == (picture.WIDTH // 2, picture.HEIGHT // 2)
+        assert gif.n_frames == 8
+        assert gif.info["loop"] == 0
+
+
+DRAW = """
+import sys
+import numpy as np
+from musebot.protocols.picture import Shot, Stage
+from musebot.tasks.suite import TASKS
+
+pose, trail, nobody = np.array([0.0, -0.2, 0.0]), np.zeros((1, 2)), np.zeros(1)
+pictures = {}
+for task, row in TASKS.items():
+    stage = Stage(task)
+    for name, spot, signal, contact in (
+        ("plain", (-0.4, 0.2), 0.0, False),
+        ("spot", (0.4, 0.2), 0.0, False),
+        ("signal", (-0.4, 0.2), 0.9, False),
+        ("contact", (-0.4, 0.2), 0.0, True),
+    ):
+        signals = {name: np.full(n, signal) for name, (n, *_) in row.rules.shapes.items()}
+        shot = (signals, np.zeros(2), contact, False, 0.0, trail, nobody, nobody)
+        pictures[f"{task}/{name}"] = stage.draw(Shot(0.0, pose, np.array(spot), *shot)).copy()
+    stage.close()
+np.savez(sys.argv[1], **pictures)
+"""
+
+
+@pytest.fixture(scope="module")
+def drawn(egl: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """Of every task: a robot below the middle, looking to the right, and what may change."""
+    path = tmp_path_factory.mktemp("stage") / "drawn.npz"
+    subprocess.run([sys.executable, "-c", DRAW, str(path)], check=True)
+    with np.load(path) as pictures:
+        return {name: pictures[name].astype(int) for name in pictures}
+
+
+def differ(first: np.ndarray, second: np.ndarray, x: float, y: float) -> bool:
+    """Whether two pictures of the stage differ where x, y in metres is."""
+    column, row = round(360 + 630 * x), round(248 - 630 * y)
+    near = slice(row - 3, row + 4), slice(column - 3, column + 4)
+    return bool((np.abs(first[near] - second[near]) > 20).any())
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_stage_shows_what_stands_in_the_arena_and_what_the_robot_senses(
+    drawn: dict[str, np.ndarray], task: str
+) -> None:
+    plain, spot, signal, contact = (
+        drawn[f"{task}/{name}"] for name in ("plain", "spot", "signal", "contact")
+    )
+    smells, sees = (issubclass(TASKS[task].rules, SpotFindingRules), "distances" in shapes_of(task))
+    for x in (-0.4, 0.4):
+        assert differ(plain, spot, x, 0.2) == smells
+    for x, y, _ in OBSTACLES[::2]:  # out of the reach of a nose
+        empty = drawn["wall_avoidance/plain"]
+        assert differ(plain, empty, x, y) == (task == "wall_avoidance_obstacles")
+    assert differ(plain, signal, 0.1, -0.2 + 0.02) == smells  # in the frustum of a nose ahead
+    aside = [differ(plain, signal, 0.08, -0.2 + side) for side in (-0.12, 0.12)]
+    assert aside == [task == "spot_finding_two_noses"] * 2
+    assert differ(plain, signal, -0.3, -0.2) == sees  # the ray of the eye astern
+    assert differ(plain, contact, 0.0, -0.2 + 0.034) == sees
+
+
+def shapes_of(task: str) -> Mapping[str, tuple[int, float, float]]:
+    return TASKS[task].rules.shapes
+
+
+def panel_of(task: str) -> tuple[picture.Panel, picture.Shot, np.ndarray]:
+    """A panel, a shot of a robot at rest, and the panel's picture of it."""
+    episode = Episode.of_policy(newborn(task), 0, "post", 0)
+    (shot,) = film._shots(episode.moments(), episode.batch.rules, [0.0], speed=1)
+    panel = picture.Panel(task, "nobody", True, speed=1, seconds=1)
+    return panel, shot, panel.frame(STAGE, shot)
+
+
+STAGE = np.zeros((picture.HEIGHT - 44, picture.WIDTH - 240, 3), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_panel_shows_every_signal(task: str) -> None:
+    panel, shot, before = panel_of(task)
+    for name, values in shot.signals.items():
+        if name == "contact":
+            changed = [dataclasses.replace(shot, contact=not shot.contact)]
+        else:
+            changed = [
+                dataclasses.replace(
+                    shot, signals={**shot.signals, name: np.where(one, 0.77, values)}
+                )
+                for one in np.eye(len(values), dtype=bool)
+            ]
+        for other in changed:
+            assert (panel.frame(STAGE, other) != before).any(), name
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_everything_on_the_panel_is_inside_the_picture(task: str) -> None:
+    panel, shot, before = panel_of(task)
+    panel.frame(STAGE, dataclasses.replace(shot, event=True, time=1.0))
+    last = panel.frame(STAGE, dataclasses.replace(shot, time=1.0))
+    timeline = (last != before).any(axis=2).any(axis=1).nonzero()[0].max()
+    assert timeline < picture.HEIGHT - 5
 
 
 # ---- The window ----
@@ -319,14 +547,16 @@ def test_exploring_an_unknown_task_or_robot_is_one_sentence(results: Results) ->
     with pytest.raises(InputError, match="the task must be one of"):
         explore.explore("dancing")
     with pytest.raises(InputError, match="are 0 to 1, got 7"):
-        explore.explore("wall_avoidance", candidate(results, robot=7))
+        explore.Driver.of_candidate(candidate(results, robot=7))
+    with pytest.raises(InputError, match="are 0 to 1, got 7"):
+        explore.Driver.of_policy(newborn("spot_finding"), 7, "post")
 
 
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
 def test_explored_brain_drives_the_task_and_is_the_same_in_every_episode(
     results: Results, task: str
 ) -> None:
-    policy = explore.StoredBrain(candidate(results, task=task).brain)
+    policy = explore.Driver.of_candidate(candidate(results, task=task)).policy
     environment = tasks.load("arena", task, {"robot": (0, 0, 0), "spot": (0.3, 0.1)})
     episodes = []
     for _ in range(2):
@@ -350,3 +580,112 @@ def test_random_motors_hold_each_value_for_some_steps() -> None:
         timestep = environment.step(actions[-1])
     assert len(np.unique(actions, axis=0)) == 2
     assert np.abs(actions).max() <= 0.5
+
+
+class Listeners(list):
+    """As dm_control's: `+=` takes a single one."""
+
+    def __iadd__(self, listener: Callable) -> Listeners:  # type: ignore[override]
+        self.append(listener)
+        return self
+
+
+class Window:
+    """dm_control's window, where there is no display: lives some steps and remembers them."""
+
+    opened: ClassVar[list[Window]] = []
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self.actions: list[np.ndarray] = []
+        self._window = types.SimpleNamespace(keyboard=types.SimpleNamespace(on_key=Listeners()))
+        self.opened.append(self)
+
+    def launch(self, loader: Callable[[], Any], policy: Callable[[Any], np.ndarray]) -> None:
+        environment = loader()
+        timestep = environment.reset()
+        for press in (None, explore.UP):
+            if press:
+                self._announce(press, 1)
+            self.actions.append(policy(timestep))
+            environment.action_spec().validate(self.actions[-1].astype(float))
+            timestep = environment.step(self.actions[-1])
+
+    def _announce(self, key: int, activity: int) -> None:
+        for listener in self._window.keyboard.on_key:
+            listener(key, activity, 0)
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch) -> type[Window]:
+    module = types.ModuleType("dm_control.viewer.application")
+    module.Application = Window  # type: ignore[attr-defined]
+    viewer = types.ModuleType("dm_control.viewer")
+    viewer.application = module  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "dm_control.viewer", viewer)
+    monkeypatch.setattr(explore, "check_display", lambda: None)
+    monkeypatch.setattr(Window, "opened", [])
+    return Window
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_is_explored_in_its_own_units(window: type[Window], task: str) -> None:
+    explore.explore(task)
+    explore.explore(task, explore.Driver.of_policy(newborn(task), 1, "post"))
+    explore.explore(task, explore.Driver("arrow keys", explore.ArrowKeys()))
+    by_chance, by_policy, by_keys = window.opened
+    assert by_policy.title == f"Musebot: {task}, PPO, policy 1, post-training"
+    assert np.abs(by_chance.actions).max() > 0
+    limit = TASKS[task].limit
+    np.testing.assert_array_equal(by_keys.actions, [[0, 0], [limit, limit]])
+
+
+def test_held_arrow_keys_drive_and_released_ones_stop() -> None:
+    keys, timestep = explore.ArrowKeys(), tasks.load("arena", "wall_avoidance").reset()
+    press, repeat, release = 1, 2, 0
+    for key, activity, motors in (
+        (explore.UP, press, [0.5, 0.5]),
+        (explore.UP, repeat, [0.5, 0.5]),
+        (explore.LEFT, press, [0.25, 0.5]),
+        (explore.UP, release, [-0.25, 0.25]),
+        (32, press, [-0.25, 0.25]),  # the space bar is the viewer's
+        (explore.LEFT, release, [0, 0]),
+        (explore.DOWN, press, [-0.5, -0.5]),
+        (explore.RIGHT, press, [-0.25, -0.5]),
+        (explore.DOWN, release, [0.25, -0.25]),
+        (explore.RIGHT, release, [0, 0]),
+    ):
+        keys.on_key(key, activity, 0)
+        np.testing.assert_array_equal(keys(timestep), motors)
+
+
+def test_keys_are_those_of_the_viewers_library() -> None:
+    # Read, not imported: that would look for a display.
+    source = Path(importlib.util.find_spec("dm_control").submodule_search_locations[0])
+    text = (source / "viewer" / "user_input.py").read_text()
+    for name in ("UP", "DOWN", "LEFT", "RIGHT"):
+        assert f"\nKEY_{name} = {getattr(explore, name)}\n" in text
+    assert f"\nRELEASE = {explore.RELEASE}\n" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("wall_avoidance --keys --policies p.safetensors", "only one can drive"),
+        ("wall_avoidance --proposer fixed", "only brains have a proposer"),
+        ("dancing", "the task must be one of"),
+        ("spot_finding_unit --policies p.safetensors", "holds policies for spot_finding_walls"),
+        ("spot_finding_unit --policies q.safetensors", "there is no file q.safetensors"),
+    ],
+)
+def test_what_cannot_be_explored_is_one_sentence(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: str,
+    sentence: str,
+) -> None:
+    keep(newborn("spot_finding_walls"), tmp_path / "p.safetensors")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["explore", *words.split()]) == 2
+    assert sentence in capsys.readouterr().err

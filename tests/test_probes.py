@@ -11,7 +11,7 @@ from musebot.protocols import probes
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.experiment import CohortKey, Experiment
 from musebot.protocols.probes import Track, spins, stay_of
-from musebot.protocols.replay import Candidate, Reenactment
+from musebot.protocols.replay import Candidate
 from musebot.protocols.results import Results, collect
 
 EXPERIMENT = Experiment(time_scale=0.002, cohort_size=3)
@@ -130,7 +130,7 @@ def test_a_batch_of_brains_does_what_each_does_alone(results):
     track = probes.sit(EXPERIMENT, results, "wall_avoidance", "fixed", rows, 0.02)
     for index, (row, when) in enumerate(rows):
         phase = {"before": "pre", "after": "post"}[when]
-        alone = Reenactment(Candidate(EXPERIMENT, results, "wall_avoidance", "fixed", row, phase))
+        alone = Candidate(EXPERIMENT, results, "wall_avoidance", "fixed", row, phase).episode()
         for pose, moment in zip(track.poses[:, index], alone.moments(), strict=False):
             np.testing.assert_allclose(pose, moment.pose, atol=1e-6)
 
