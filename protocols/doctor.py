@@ -32,7 +32,6 @@ _PACKAGES = {
     "safetensors": ("safetensors.numpy", "safetensors"),
     "matplotlib": ("matplotlib.figure", "matplotlib"),
     "pillow": ("PIL.Image", "pillow"),
-    "imageio": ("imageio.v2", "imageio"),
     "tyro": ("tyro", "tyro"),
     "rich": ("rich", "rich"),
 }

@@ -41,7 +41,7 @@ class Format:
       encoder: keywords of `imageio_ffmpeg.write_frames`.
     """
 
-    fps: float
+    fps: int
     encoder: dict[str, Any]
 
 
@@ -100,7 +100,7 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
         _write(output, pictures, frames)
 
 
-def frame_count(seconds: float, speed: float, episode_seconds: float, fps: float) -> int:
+def frame_count(seconds: float, speed: float, episode_seconds: float, fps: int) -> int:
     """How many frames a film has, which ends with the episode at the latest.
 
     Args:

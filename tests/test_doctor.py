@@ -57,7 +57,6 @@ def test_missing_package_is_named_with_the_command_that_gets_it(
 ) -> None:
     module = {
         "dm-control": "dm_control.suite.base",
-        "imageio": "imageio.v2",
         "matplotlib": "matplotlib.figure",
         "pillow": "PIL.Image",
         "safetensors": "safetensors.numpy",
