@@ -144,7 +144,7 @@ class Trained(Agent):
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_state`."""
-        if np.shape(arrays.get("trained")) != (1,):
+        if "trained" not in arrays or arrays["trained"].shape != (1,):
             raise ValueError("trained must have shape (1,)")
         self._trained[:] = arrays["trained"]
 
