@@ -55,6 +55,7 @@ class Cell:
       proposer: whose column.
       name: of the row.
       share: whether it is a share of the robots.
+      paired: whether the two runs' robots were born with the same brains and are pairs.
       ours: its value.
       other: its value in the other run.
       interval: of ours minus other.
@@ -66,6 +67,7 @@ class Cell:
     proposer: str
     name: str
     share: bool
+    paired: bool
     ours: float
     other: float
     interval: Interval
@@ -117,19 +119,19 @@ def shared_conditions(ours: Side, other: Side) -> list[tuple[str, str]]:
 
 
 def are_pairs(ours: Side, other: Side, condition: tuple[str, str]) -> bool:
-    """Whether robots of the same number were born with the same brain, to the bit."""
+    """Whether robots of the same number, if both runs have it, were born with the same brain."""
     first, second = ours.newborn(*condition), other.newborn(*condition)
-    return (
-        bool(first)
-        and first.keys() == second.keys()
-        and all(np.array_equal(first[name], second[name]) for name in first)
-    )
+    if not first or first.keys() != second.keys():
+        return False
+    both = min(len(next(iter(brains.values()))) for brains in (first, second))
+    return all(np.array_equal(first[name][:both], second[name][:both]) for name in first)
 
 
 def compare(ours: Side, other: Side, condition: tuple[str, str], resamples: int) -> list[Cell]:
     """The cells of a condition's column, ours against other, not corrected yet.
 
-    Invalid lives are left out; of pairs, both.
+    Invalid lives are left out; of pairs, both. So are robots that have no partner, where one of
+    two runs of pairs has more.
 
     Args:
       ours: a run.
@@ -139,6 +141,8 @@ def compare(ours: Side, other: Side, condition: tuple[str, str], resamples: int)
     """
     paired = are_pairs(ours, other, condition)
     rows = [side.results.of(*condition) for side in (ours, other)]
+    if paired:
+        rows = [side[: min(map(len, rows))] for side in rows]
     sound = [np.array([row.category != INVALID for row in side]) for side in rows]
     if paired:
         sound = [sound[0] & sound[1]] * 2
@@ -159,7 +163,7 @@ def compare(ours: Side, other: Side, condition: tuple[str, str], resamples: int)
                 same_statistic(*pair, statistic, paired, resamples),
             )
             summary = _value(values, statistic), _value(second[name], statistic)
-        found.append(Cell(*condition, name, values.dtype == bool, *summary, *test))
+        found.append(Cell(*condition, name, values.dtype == bool, paired, *summary, *test))
     return found
 
 
@@ -223,8 +227,7 @@ def markdown(ours: Side, other: Side, cells: Sequence[Cell]) -> str:
         if any(cell.task == task for cell in cells):
             lines += [f"### {tables.title(ours.experiment, task)}", ""]
             lines += [*table(ours.name, other.name, [c for c in cells if c.task == task]), ""]
-    conditions = dict.fromkeys((cell.task, cell.proposer) for cell in cells)
-    return "\n".join([*lines, note(len(cells), [are_pairs(ours, other, c) for c in conditions])])
+    return "\n".join([*lines, note(cells)])
 
 
 def _differ_in(ours: Side, other: Side) -> str:
@@ -243,26 +246,20 @@ def _differ_in(ours: Side, other: Side) -> str:
     )
 
 
-def note(family: int, paired: Sequence[bool]) -> str:
-    """How cells were compared, in words.
-
-    Args:
-      family: cells that were corrected together.
-      paired: of each condition.
-    """
+def note(cells: Sequence[Cell]) -> str:
+    """How cells that were corrected together were compared, in words."""
+    paired = [cell.paired for cell in cells]
     pairs = "Robots of the same number were born with the same brain and are compared in pairs"
-    if not all(paired):
-        pairs = (
-            f"{pairs} where that is so, in {sum(paired)} of {len(paired)} conditions"
-            if any(paired)
-            else "The robots are no pairs: they were born with different brains"
-        )
+    if not any(paired):
+        pairs = "The robots are no pairs: they were born with different brains"
+    elif not all(paired):
+        pairs += f" where that is so, in {sum(paired)} of {len(cells)} cells"
     tests = ["McNemar's" if any(paired) else "", "Fisher's" if not all(paired) else ""]
     return (
         f"{pairs}. In brackets the 95 % interval of the difference: Newcombe's for shares of "
         "robots, BCa bootstrap for the rest. *p*: two-sided, "
         f"{' or '.join(filter(None, tests))} exact test for shares, a permutation test for the "
-        f"rest; *Holm*: corrected over {family} cells, bold below {ALPHA:g}. A dash: too few "
+        f"rest; *Holm*: corrected over {len(cells)} cells, bold below {ALPHA:g}. A dash: too few "
         "measured robots.\n"
     )
 
@@ -309,17 +306,12 @@ def _p(value: float) -> str:
 
 def as_json(ours: Side, other: Side, cells: Sequence[Cell]) -> dict[str, Any]:
     """The comparison as plain data; NaN as None."""
-    pairs = {
-        condition: are_pairs(ours, other, condition)
-        for condition in dict.fromkeys((cell.task, cell.proposer) for cell in cells)
-    }
 
     def plain(cell: Cell) -> dict[str, Any]:
         fields = dataclasses.asdict(cell) | {"difference": cell.difference}
         interval = None if math.isnan(sum(cell.interval)) else list(cell.interval)
         numbers = {k: None if x != x else x for k, x in fields.items() if k != "interval"}
-        paired = pairs[cell.task, cell.proposer]
-        return numbers | {"interval": interval, "pairs": paired, "differs": cell.differs}
+        return numbers | {"interval": interval, "differs": cell.differs}
 
     return {
         "ours": ours.name,

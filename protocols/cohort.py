@@ -62,21 +62,21 @@ def place(batch: Robots, phase: Phase, random: np.random.Generator) -> None:
 
 
 def check_births(plan: Plan) -> None:
-    """Gives birth to two robots of every agent of a user's, and lets them live a step.
+    """Gives birth to a cohort of every agent of a user's, and lets it act once.
 
     Raises:
       InputError: there is no such agent, it is none, or it answers with no motors.
     """
-    two = dataclasses.replace(plan.experiment, cohort_size=2)
+    robots = plan.experiment.cohort_size
     for task, proposer in plan.conditions:
         if proposer in PROPOSERS:
             continue
-        cohort = Cohort(two, CohortKey(task, proposer, 0))
+        cohort = Cohort(plan.experiment, CohortKey(task, proposer, 0))
         cohort.agent.reset()
         state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)
         shape = np.shape(cohort.agent.act(state, False))
-        if shape != (2, 2):
-            raise InputError(f"{proposer} must act with motors of shape (2, 2), got {shape}")
+        if shape != (robots, 2):
+            raise InputError(f"{proposer} must act with motors of shape ({robots}, 2), got {shape}")
         cohort.checkpoint()
 
 

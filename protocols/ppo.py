@@ -8,14 +8,19 @@ safetensors, and so small a network is quickly evaluated.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
+import hashlib
+import importlib.util
 import itertools
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -26,7 +31,7 @@ import tyro
 from ..tasks.suite import TASKS
 from .agents import Agent
 from .cli import exit_status
-from .errors import DamagedFileError, InputError
+from .errors import DamagedFileError, InputError, Interrupted, RunError
 from .progress import bar
 from .storage import check_place, load_arrays, save_arrays
 
@@ -73,9 +78,12 @@ class Policies:
         return len(self.arrays["after.0.weights"])
 
     @property
-    def sensors(self) -> int:
-        """S, numbers in a state."""
-        return self.arrays["after.0.weights"].shape[2]
+    def digest(self) -> np.ndarray:
+        """Tells these policies from others, 16 bytes."""
+        digest = hashlib.blake2b(digest_size=16)
+        for name in sorted(self.arrays):
+            digest.update(self.arrays[name].tobytes())
+        return np.frombuffer(digest.digest(), dtype=np.uint8)
 
     def some(self, robots: slice) -> Policies:
         """Some of the policies."""
@@ -140,10 +148,12 @@ class Trained(Agent):
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Agent.state`."""
-        return {"trained": self._trained}
+        return {"trained": self._trained, "policies": self._policies.digest}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_state`."""
+        if not np.array_equal(arrays.get("policies", ()), self._policies.digest):
+            raise ValueError("the policies are not those that the life began with")
         if "trained" not in arrays or arrays["trained"].shape != (1,):
             raise ValueError("trained must have shape (1,)")
         self._trained[:] = arrays["trained"]
@@ -158,6 +168,8 @@ class Trained(Agent):
 def ppo(robots: int, sensors: int, seed: int) -> Agent:
     """Robots driven by PPO, a policy each, from `policies/TASK.safetensors` in this folder.
 
+    Every cohort has the first B policies, so that only one cohort makes independent lives.
+
     Raises:
       InputError: there is no such file, or it has too few policies.
     """
@@ -168,8 +180,8 @@ def ppo(robots: int, sensors: int, seed: int) -> Agent:
     path = FOLDER / f"{task}.safetensors"
     if not path.exists():
         raise InputError(
-            f"there is no file {path}: `python -m {__name__} {path} --task {task} "
-            f"--policies {robots}` trains them"
+            f"there is no file {path}: `python -m {__name__} {path} --task {task} --policies "
+            f"{robots} --steps N` trains them"
         )
     policies = Policies.load(path)
     if policies.task != task:
@@ -190,7 +202,8 @@ class Train:
     policies: int = 60
     """how many, with seeds of their own"""
     steps: int = 144_000
-    """of a robot, for each policy (default: as many as spot finding's training has)"""
+    """for each policy, of its 16 robots together, rounded up to 4,096 (default: as many as spot
+    finding's training has)"""
     seed: int = 0
     """of the first policy; the next has one more"""
     processes: int = len(os.sched_getaffinity(0))
@@ -202,18 +215,20 @@ class Train:
         Raises:
           InputError: something makes no sense, or the file holds something else.
           ImportError: Stable-Baselines3 is not installed.
+          Interrupted, RunError: some policies are not trained yet.
         """
         for name in ("policies", "steps", "processes"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if not 0 <= self.seed < 2**32 - self.policies:
-            raise InputError(f"the seed must lie in [0, 2^32), got {self.seed}")
+        most = 2**32 - self.policies
+        if not 0 <= self.seed <= most:
+            raise InputError(f"the seed must lie in [0, {most}], got {self.seed}")
         if self.task not in TASKS:
             raise InputError(f"the task must be one of {', '.join(TASKS)}, got {self.task!r}")
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        check_place(self.path)
-        from stable_baselines3 import PPO  # noqa: F401 -- missing is said before any work
-
+        if self.path.parent.exists():
+            check_place(self.path)
+        if importlib.util.find_spec("stable_baselines3") is None:
+            raise ImportError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
         notes = {"steps": self.steps, "seed": self.seed, "settings": SETTINGS, "robots": ROBOTS}
         arrays: dict[str, np.ndarray] = {}
         if self.path.exists():
@@ -222,9 +237,9 @@ class Train:
                 raise InputError(f"{self.path} holds policies that were trained otherwise")
         known = len(arrays["after.0.weights"]) if arrays else 0
         seeds = range(self.seed + known, self.seed + self.policies)
-        with bar() as progress:
+        with bar() as progress, contextlib.closing(self._trained(seeds)) as trained:
             done = progress.add_task(self.path.name, total=self.policies, completed=known)
-            for policy in self._trained(seeds):
+            for policy in trained:
                 arrays = {
                     name: np.concatenate([arrays.get(name, array[:0]), array])
                     for name, array in policy.items()
@@ -234,10 +249,28 @@ class Train:
         print(self.path)
 
     def _trained(self, seeds: range) -> Iterator[dict[str, np.ndarray]]:
-        """Trains the policies of some seeds, in their order, several at a time."""
-        spawn = multiprocessing.get_context("spawn")  # torch and MuJoCo do not like to be forked
-        with ProcessPoolExecutor(self.processes, mp_context=spawn) as pool:
+        """Trains the policies of some seeds, in their order, several at a time.
+
+        Raises:
+          Interrupted: by Ctrl-C; whatever was in training is given up.
+          RunError: a process was killed.
+        """
+        pool = ProcessPoolExecutor(
+            self.processes,
+            mp_context=multiprocessing.get_context("spawn"),  # torch does not like to be forked
+            initializer=signal.signal,
+            initargs=(signal.SIGINT, signal.SIG_IGN),  # it is the parent's to answer
+        )
+        try:
             yield from pool.map(functools.partial(train, self.task, self.steps), seeds)
+        except KeyboardInterrupt:
+            raise Interrupted from None
+        except BrokenProcessPool as error:
+            raise RunError("a process was killed; the same command goes on from here") from error
+        finally:
+            for process in multiprocessing.active_children():
+                process.terminate()
+            pool.shutdown(cancel_futures=True)
 
 
 def train(task: str, steps: int, seed: int) -> dict[str, np.ndarray]:

@@ -119,7 +119,7 @@ def plans(robots: int, time_scale: float) -> dict[str, Plan]:
     return wanted
 
 
-def check_place(out: Path, wanted: Mapping[str, Plan]) -> None:
+def check_folder(out: Path, wanted: Mapping[str, Plan]) -> None:
     """Raises InputError where OUT cannot hold these runs, or holds something else."""
     if out.is_dir():
         known = {*wanted, TABLE}
@@ -198,13 +198,7 @@ def markdown(sides: Mapping[str, Side], judged: Sequence[tuple[Choice, list[Cell
         own = [cell for cell in noise.values() if cell.task == task]
         lines += [f"**{tables.title(baseline.experiment, task)}**", ""]
         lines += [*beside.table("another seed", "baseline", own), ""]
-    paired = [
-        beside.are_pairs(sides[choice.name], baseline, condition)
-        for choice, _ in judged
-        for condition in choice.conditions
-    ]
-    family = sum(map(len, found.values()))
-    return "\n".join([*lines, beside.note(family, paired)])
+    return "\n".join([*lines, beside.note([cell for cells in found.values() for cell in cells])])
 
 
 def _place(cell: Cell) -> tuple[str, str, str]:
@@ -238,7 +232,7 @@ def main(
     if processes < 1:
         raise InputError(f"the number of processes must be at least 1, got {processes}")
     wanted = plans(robots, time_scale)
-    check_place(out, wanted)
+    check_folder(out, wanted)
     live(out, wanted, processes)
     text = report(out)
     write_atomically(out / TABLE, text.encode())

@@ -119,11 +119,15 @@ def variation_cells(first: Column, second: Column | None) -> tuple[str, str]:
 
 
 def markdown(experiment: Experiment, results: Results) -> str:
-    """Both tables and the claims as Markdown; a condition without lives is left out."""
+    """Both tables and the claims as Markdown; a condition without lives is left out.
+
+    So are the claims where none of the paper's robots has lived.
+    """
     tasks = [task for task in TITLES if results.proposers_of(task)]
-    parts = [_table(experiment, results, task) for task in tasks]
-    findings = judge_all(Evidence(experiment, results))
-    return "\n".join([*parts, NOTE + "\n", _claims(experiment, findings)])
+    parts = [*(_table(experiment, results, task) for task in tasks), NOTE + "\n"]
+    if any(condition in PAPER for condition in results.conditions()):
+        parts.append(_claims(experiment, judge_all(Evidence(experiment, results))))
+    return "\n".join(parts)
 
 
 def _table(experiment: Experiment, results: Results, task: str) -> str:

@@ -30,6 +30,7 @@ def test_the_guides_example_lives_and_stands_in_the_tables(tmp_path):
         done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         assert "my_agent:table" in done.stdout
+        assert "The claims of section 4" in done.stdout  # for creative robots live beside it
     rows = (tmp_path / "runs/mine/robots.csv").read_text().splitlines()
     assert sum(",my_agent:table," in row for row in rows) == 8  # four robots, two tasks
 
@@ -139,7 +140,7 @@ def test_an_agent_with_the_wrong_motors_is_refused_before_anything_is_made(tmp_p
     )
     monkeypatch.syspath_prepend(tmp_path)
     out = tmp_path / "out"
-    assert cli.main(["run", str(out), "--proposer", "one_for_all:Lazy", "--robots", "1"]) == 2
+    assert cli.main(["run", str(out), "--proposer", "one_for_all:Lazy", "--robots", "2"]) == 2
     assert not out.exists()
 
 

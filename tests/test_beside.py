@@ -132,6 +132,27 @@ def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
         assert beside.are_pairs(real, newborn(**fields), (SF, "creative")) == expected, fields
 
 
+def test_robots_that_one_of_two_runs_of_pairs_has_beyond_the_other_are_left_out():
+    ours, longer = (
+        side("ours", {(WA, "fixed"): times()}),
+        Side("longer", *_twice(times(), times(9))),
+    )
+    cells = beside.all_cells(ours, longer)
+    assert all(cell.paired for cell in cells)
+    assert {cell.difference for cell in cells} == {0.0}
+
+
+def _twice(first, second):
+    """A run of twice as many robots: the first ones' brains, and others'."""
+    one, two = (side("", {(WA, "fixed"): t}, brains=k) for k, t in enumerate((first, second)))
+    more = [dataclasses.replace(row, robot=row.robot + ROBOTS) for row in two.results.robots]
+    brains = {
+        name: np.concatenate([array, two.results.brains[name]])
+        for name, array in one.results.brains.items()
+    }
+    return one.experiment, Results([*one.results.robots, *more], {}, brains)
+
+
 def test_of_pairs_with_an_invalid_life_both_are_left_out():
     first, second = times(1), times(2)
     ours, other = two(first, second, invalid={0, 7})
@@ -186,5 +207,5 @@ def test_degenerate_lives_have_dashes_and_plain_json(robots, invalid, recwarn):
         *CATEGORIES[:-1],
         "(genius)",
     ]
-    assert {cell["pairs"] for cell in plain["cells"]} == {True}
+    assert {cell["paired"] for cell in plain["cells"]} == {True}
     assert not recwarn.list

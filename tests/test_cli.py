@@ -61,7 +61,13 @@ def made_again(page, capsys):
 
 
 @pytest.mark.parametrize(
-    "page", sorted(RESULTS.rglob("*.md")), ids=lambda page: str(page.relative_to(RESULTS))
+    "page",
+    [
+        # A study compares a thousand cells, which takes minutes.
+        pytest.param(page, marks=pytest.mark.night if page.name == "sensitivity.md" else ())
+        for page in sorted(RESULTS.rglob("*.md"))
+    ],
+    ids=lambda page: str(page.relative_to(RESULTS)),
 )
 def test_every_page_of_results_in_docs_is_what_its_lives_give_again(page, capsys):
     assert made_again(page, capsys) == page.read_text()

@@ -666,6 +666,10 @@ def test_keys_are_those_of_the_viewers_library() -> None:
     for name in ("UP", "DOWN", "LEFT", "RIGHT"):
         assert f"\nKEY_{name} = {getattr(explore, name)}\n" in text
     assert f"\nRELEASE = {explore.RELEASE}\n" in text
+    # And the viewer's window, which is private, has the keyboard that announces them.
+    assert "self._window = " in (source / "viewer" / "application.py").read_text()
+    assert "self._window.keyboard" in (source / "viewer" / "application.py").read_text()
+    assert "self.on_key = " in (source / "viewer" / "gui" / "glfw_gui.py").read_text()
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,14 @@ def test_newcombes_interval_of_independent_shares_as_in_his_paper():
     assert found == pytest.approx((0.0524, 0.3339), abs=5e-5)
 
 
+def test_newcombes_interval_of_paired_shares_as_in_the_textbook():
+    # Altman, Machin, Bryant and Gardner, Statistics with Confidence (2000), table 6.2: 14 pairs
+    # with both, 5 with the first alone, 22 with neither; 0.01 to 0.23.
+    first, second = marks(19, 41), marks(14, 41)
+    found = intervals.difference_of_shares(first, second, paired=True)
+    assert found == pytest.approx((0.0115, 0.2265), abs=5e-5)
+
+
 pairs = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=80).map(np.array)
 
 

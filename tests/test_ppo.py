@@ -1,14 +1,18 @@
 """Policies of Stable-Baselines3's PPO are trained, kept, and drive robots without it."""
 
 import importlib.util
+import os
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from musebot.protocols import ppo
+from musebot.protocols import cli, ppo
 from musebot.protocols.agents import make_agent
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import InputError
@@ -78,7 +82,7 @@ def test_training_goes_on_where_it_stopped_and_equals_one_that_did_not(tmp_path)
         assert done.returncode == 0, done.stderr
     command(tmp_path, "b.safetensors", "--policies", 2, *common)
     first, second = (ppo.Policies.load(tmp_path / f"{name}.safetensors") for name in "ab")
-    assert first.robots == 2 and first.sensors == 1
+    assert first.robots == 2 and first.arrays["after.0.weights"].shape == (2, 64, 1)
     for name, array in first.arrays.items():
         np.testing.assert_array_equal(array, second.arrays[name])
     assert (first.arrays["after.0.weights"][0] != first.arrays["after.0.weights"][1]).any()
@@ -93,7 +97,11 @@ def test_training_goes_on_where_it_stopped_and_equals_one_that_did_not(tmp_path)
     [
         (["x.safetensors", "--task", "flying"], "the task must be one of"),
         (["x.safetensors", "--task", "spot_finding", "--policies", "0"], "at least 1"),
-        (["x.safetensors", "--task", "spot_finding", "--seed", "-1"], "the seed must lie in"),
+        (["x.safetensors", "--task", "spot_finding", "--seed", "-1"], "the seed must lie in [0"),
+        (
+            ["x.safetensors", "--task", "spot_finding", "--seed", 2**32],
+            "must lie in [0, 4294967236]",
+        ),
         ([".", "--task", "spot_finding"], "is a folder"),
     ],
 )
@@ -130,8 +138,9 @@ def test_its_robots_are_newborn_in_the_first_test_and_trained_from_training_on(f
         assert len(weights) == 6
         for name, array in weights.items():
             np.testing.assert_array_equal(array, policies.arrays[f"{when}.{name}"])
-    agent = make_agent(experiment, AGENT, 3, policies.sensors, 0)
-    state = np.random.default_rng(2).uniform(0, 1, (3, policies.sensors)).astype(np.float32)
+    sensors = policies.arrays["after.0.weights"].shape[2]
+    agent = make_agent(experiment, AGENT, 3, sensors, 0)
+    state = np.random.default_rng(2).uniform(0, 1, (3, sensors)).astype(np.float32)
     for learning, trained in ((False, False), (True, True), (False, True)):
         np.testing.assert_array_equal(agent.act(state, learning), policies.act(state, trained))
 
@@ -154,3 +163,56 @@ def test_what_is_missing_is_said_before_a_life_begins(folder):
     path.unlink()
     with pytest.raises(InputError, match="python -m musebot.protocols.ppo .* trains them"):
         make(3)
+
+
+def test_a_life_goes_on_with_the_policies_it_began_with_or_not_at_all(folder):
+    experiment = Experiment(cohort_size=2, time_scale=0.005, body="kinematic")
+    key = CohortKey("wall_avoidance", AGENT, 0)
+    cohort = Cohort(experiment, key)
+    cohort.advance(100)
+    arrays, notes = cohort.checkpoint()
+    task = "wall_avoidance_unit"
+    path = ppo.FOLDER / f"{task}.safetensors"
+    save_arrays(path, newborn(task, 3, seed=1).arrays, task=task, steps=1)
+    with pytest.raises(ValueError, match="not those that the life began with"):
+        Cohort(experiment, key).restore(arrays, notes)
+
+
+def test_a_run_of_more_robots_than_policies_leaves_nothing_behind(folder, capsys):
+    status = cli.main(["run", "out", "--agent", AGENT, "--robots", "4", "--time-scale", "0.001"])
+    assert status == 2
+    assert "has 3 policies, too few for 4 robots" in capsys.readouterr().err
+    assert not (folder / "out").exists()
+
+
+@needs_it
+@pytest.mark.parametrize(
+    ("what", "status", "sentence"),
+    [("parent", 130, "goes on from here"), ("worker", 1, "a process was killed")],
+)
+def test_training_that_is_stopped_ends_at_once_and_says_so(tmp_path, what, status, sentence):
+    line = [sys.executable, "-m", "musebot.protocols.ppo", "a.safetensors"]
+    line += ["--task", "spot_finding_unit", "--processes", "1"]  # an hour's work
+    training = subprocess.Popen(line, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    try:
+        worker = first_worker(training.pid)
+        if what == "parent":
+            training.send_signal(signal.SIGINT)
+        else:
+            os.kill(worker, signal.SIGKILL)
+        _, said = training.communicate(timeout=60)
+    finally:
+        training.kill()
+    assert training.returncode == status
+    assert sentence in said and "Traceback" not in said
+    assert not Path(f"/proc/{worker}").exists()
+
+
+def first_worker(parent):
+    """The process id of the child that trains, once there is one."""
+    for _ in range(600):
+        for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split():
+            if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text():
+                return int(child)
+        time.sleep(0.1)
+    raise AssertionError("nobody trains")
