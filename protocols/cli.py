@@ -330,6 +330,11 @@ def _print(text: str) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs a verb; returns the exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C."""
+    words = sys.argv[1:] if arguments is None else arguments
+    options = [word.partition("=")[0] for word in words if word.startswith("--")]
+    for option in options:
+        if options.count(option) > 1:  # tyro would forget all but the last
+            return _complain(f"{option} is given twice: once, with all its values after it", 2)
     verb = tyro.extras.subcommand_cli_from_dict(
         {
             "run": Run,

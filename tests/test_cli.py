@@ -119,6 +119,7 @@ def test_tables_as_json_hold_both(run, capsys):
     [
         (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding, got 'dancing'"),
         (["--proposer", "magic"], "proposer must be one of fixed, random, creative, or an agent's"),
+        (["--proposer", "fixed", "--proposer=random"], "--proposer is given twice"),
         (["--robots", "0"], "number of robots must be at least 1, got 0"),
         (["--robots", "-3"], "number of robots must be at least 1, got -3"),
         (["--robots", "5", "--cohort-size", "2"], "multiple of the cohort size, 2, got 5"),
