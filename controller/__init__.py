@@ -4,9 +4,11 @@ from .evaluation import EvaluationNetwork
 from .memory import CreativeMemory, NoisePatterns
 from .networks import Networks
 from .neurocontroller import Neurocontroller
-from .parameters import PROPOSERS, Parameters, Proposer
+from .parameters import BRAINS, PROPOSERS, Parameters, Proposer
+from .reading import Senses, Signal
 
 __all__ = [
+    "BRAINS",
     "PROPOSERS",
     "CreativeMemory",
     "EvaluationNetwork",
@@ -15,4 +17,6 @@ __all__ = [
     "NoisePatterns",
     "Parameters",
     "Proposer",
+    "Senses",
+    "Signal",
 ]
