@@ -129,7 +129,8 @@ class Neurocontroller:
             now["best_action"].copy_(actions[rows, best])
             now["best_value"].copy_(values[rows, best])
         if self._parameters.remembers_reward:
-            now["rewarded"].fill_(0)
+            now["reward"].zero_()
+            now["rewarded"].zero_()
         return now["action"].clone()
 
     def learn(self, reward: Tensor) -> Tensor:

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from musebot.controller import BRAINS, Neurocontroller, NoisePatterns, Parameters, Senses, Signal
-from musebot.protocols.agents import senses_of
 
 STEADY = BRAINS["steady"]
 SENSES = Senses((Signal(0.0, 1.0, 10.0), Signal(-1.0, 0.0)), Signal(0.0, 1.0, 10.0))
