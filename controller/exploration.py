@@ -13,7 +13,7 @@ from .parameters import Parameters
 class Exploration(Protocol):
     """Anything that leads robots astray."""
 
-    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor, Tensor]:
+    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """Decides who strays, and where to.
 
         Args:
@@ -21,8 +21,8 @@ class Exploration(Protocol):
           epsilon: probability that a robot begins to stray.
 
         Returns:
-          The actions, perhaps with one more at the end, shape (B, A or A + 1, 2); who strays,
-          booleans, shape (B,); and which of the actions they take, indices, shape (B,).
+          The actions, perhaps with one more at the end, shape (B, A or A + 1, 2); and which of
+          them each robot takes that strays, an index, -1 for who does not, shape (B,).
         """
         ...
 
@@ -38,11 +38,12 @@ class OneStep:
         """Takes the random stream to draw from."""
         self._generator = generator
 
-    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor, Tensor]:
+    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """See `Exploration.stray`."""
         size = actions.shape[:1]
         anything = torch.randint(actions.shape[1], size, generator=self._generator)
-        return actions, torch.rand(size, generator=self._generator) < epsilon, anything
+        astray = torch.rand(size, generator=self._generator) < epsilon
+        return actions, torch.where(astray, anything, -1)
 
     def tensors(self) -> dict[str, Tensor]:
         """Nothing."""
@@ -59,7 +60,7 @@ class HeldPair:
         self._pair = torch.zeros(robots, 2)
         self._left = torch.zeros(robots, dtype=torch.int64)
 
-    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor, Tensor]:
+    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """See `Exploration.stray`; who strays goes on until its steps are over."""
         robots, count = actions.shape[:2]
         pairs = torch.rand(robots, 2, generator=self._generator) - 0.5
@@ -70,8 +71,7 @@ class HeldPair:
         self._left.copy_(torch.where(begin, lengths, self._left))
         astray = self._left > 0
         self._left -= astray.long()
-        with_pair = torch.cat([actions, self._pair[:, None]], dim=1)
-        return with_pair, astray, torch.full((robots,), count)
+        return torch.cat([actions, self._pair[:, None]], dim=1), torch.where(astray, count, -1)
 
     def tensors(self) -> dict[str, Tensor]:
         """The pairs, and for how many steps more they are held."""

@@ -112,13 +112,13 @@ class Neurocontroller:
         epsilon = self._parameters.test_epsilon
         if explore:
             epsilon = self._parameters.epsilon_at(int(self._age))
-        astray = somewhere = None
+        astray = None
         if epsilon or explore:
-            actions, astray, somewhere = self._exploration.stray(actions, epsilon)
+            actions, astray = self._exploration.stray(actions, epsilon)
         values = self._judged(inputs, actions)
         best = chosen = values[:, :ideas].argmax(dim=1)
-        if astray is not None and somewhere is not None:
-            chosen = torch.where(astray, somewhere, best)
+        if astray is not None:
+            chosen = torch.where(astray < 0, best, astray)
         self._before, self._now = self._now, self._before
         now, rows = self._now, self._rows
         now["state"].copy_(inputs)

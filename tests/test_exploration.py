@@ -15,8 +15,8 @@ def walks(exploration, epsilon=0.05):
     proposed = torch.zeros(ROBOTS, 25, 2)
     astray, motors = [], []
     for _ in range(STEPS):
-        actions, stray, index = exploration.stray(proposed, epsilon)
-        astray.append(stray)
+        actions, index = exploration.stray(proposed, epsilon)
+        astray.append(index >= 0)
         motors.append(actions[torch.arange(ROBOTS), index])
     return torch.stack(astray), torch.stack(motors)
 
@@ -71,17 +71,17 @@ class TooLong(HeldPair):
 
     def stray(self, actions, epsilon):
         before = self._left.clone()
-        result = super().stray(actions, epsilon)
-        self._left += ((before == 0) & result[1]).long()
-        return result
+        actions, index = super().stray(actions, epsilon)
+        self._left += ((before == 0) & (index >= 0)).long()
+        return actions, index
 
 
 class OneForAll(HeldPair):
     """Both wheels alike."""
 
     def stray(self, actions, epsilon):
-        actions, astray, index = super().stray(actions, epsilon)
-        return actions[..., :1].expand(-1, -1, 2), astray, index
+        actions, index = super().stray(actions, epsilon)
+        return actions[..., :1].expand(-1, -1, 2), index
 
 
 @pytest.mark.parametrize(("wrong", "complaint"), [(TooLong, "how long"), (OneForAll, "where to")])
@@ -96,10 +96,10 @@ def test_that_check_complains_of_another_epsilon():
 
 def test_the_proposed_actions_stay_what_they_are_and_the_pair_comes_last():
     proposed = torch.rand(ROBOTS, 25, 2) - 0.5
-    actions, _, index = held().stray(proposed, 0.5)
+    actions, index = held().stray(proposed, 0.5)
     assert actions.shape == (ROBOTS, 26, 2)
     assert torch.equal(actions[:, :25], proposed)
-    assert (index == 25).all()
+    assert set(index.tolist()) == {-1, 25}
 
 
 def test_a_walk_goes_on_where_no_other_may_begin():
@@ -107,7 +107,7 @@ def test_a_walk_goes_on_where_no_other_may_begin():
     proposed = torch.zeros(ROBOTS, 25, 2)
     exploration.stray(proposed, 1.0)
     left = exploration.tensors()["left"].clone()
-    going = [int(exploration.stray(proposed, 0.0)[1].sum()) for _ in range(LONGEST)]
+    going = [int((exploration.stray(proposed, 0.0)[1] >= 0).sum()) for _ in range(LONGEST)]
     assert going == [int((left > step).sum()) for step in range(LONGEST)]
     assert going[-1] == 0
 
