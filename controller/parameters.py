@@ -99,7 +99,7 @@ class Parameters:
     held_steps: int = 0
     young_epsilon: float | None = None
     young_learn_rate: float | None = None
-    youth: float = 24000.0
+    youth: float = 62400.0
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming the field, where a number makes no sense."""
@@ -184,6 +184,7 @@ STEADY = Parameters(
     action_gap=0.8,
     # Gradients at weak smell are a hundredth of those at the spot: Adam levels them.
     optimizer="adam",
+    # After a life of four hours a tenth of the young one, so that a long stay rewrites little.
     learn_rate=0.0002,
     young_learn_rate=0.002,
     # Targets that do not move with every step.

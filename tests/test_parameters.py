@@ -37,7 +37,7 @@ def test_the_defaults_are_the_papers_numbers():
         "held_steps": 0,
         "young_epsilon": None,
         "young_learn_rate": None,
-        "youth": 24000.0,
+        "youth": 62400.0,
     }
 
 
