@@ -4,11 +4,12 @@ from .evaluation import EvaluationNetwork
 from .memory import CreativeMemory, NoisePatterns
 from .networks import Networks
 from .neurocontroller import Neurocontroller
-from .parameters import BRAINS, PROPOSERS, Parameters, Proposer
+from .parameters import BRAINS, INGREDIENTS, PROPOSERS, Parameters, Proposer
 from .reading import Senses, Signal
 
 __all__ = [
     "BRAINS",
+    "INGREDIENTS",
     "PROPOSERS",
     "CreativeMemory",
     "EvaluationNetwork",

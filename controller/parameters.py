@@ -199,4 +199,36 @@ STEADY = Parameters(
     young_epsilon=0.15,
 )
 
-BRAINS: Mapping[str, Parameters] = MappingProxyType({"paper": Parameters(), "steady": STEADY})
+# Its ingredients, to be taken away one at a time: the fields that then are the paper's again.
+INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "neurons": ("evaluation_hidden", "memory_hidden", "activation"),
+        "centred": ("centred",),
+        "raw_signals": ("raw_signals",),
+        "raw_reward": ("raw_reward",),
+        "change": ("reward",),
+        "best": ("next_value",),
+        "cap": ("capped",),
+        "gap": ("action_gap",),
+        "adam": ("optimizer", "learn_rate", "young_learn_rate"),
+        "judge": ("judge_rate",),
+        "goal": ("memory_goal",),
+        "random": ("random_ideas",),
+        "held": ("held_steps",),
+        "epsilon": ("epsilon", "young_epsilon"),
+    }
+)
+
+
+def _without(ingredient: str) -> Parameters:
+    paper = {name: getattr(Parameters(), name) for name in INGREDIENTS[ingredient]}
+    return dataclasses.replace(STEADY, **paper)
+
+
+BRAINS: Mapping[str, Parameters] = MappingProxyType(
+    {
+        "paper": Parameters(),
+        "steady": STEADY,
+        **{f"steady-{ingredient}": _without(ingredient) for ingredient in INGREDIENTS},
+    }
+)

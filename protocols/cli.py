@@ -50,7 +50,8 @@ class Run:
     """mujoco, or kinematic: an ideal differential drive instead of physics (default: mujoco, or
     OUT's own)"""
     brain: str | None = None
-    """paper, or steady: ours, which learns both tasks (default: paper, or OUT's own)"""
+    """paper; or steady: ours, for both tasks; or steady-cap and so on: ours, without an ingredient
+    (default: paper, or OUT's own)"""
     motor_speed: float | None = None
     """of a wheel at full motor, in metres a second (default: the robot's 0.2, or OUT's own)"""
     processes: int = len(os.sched_getaffinity(0))

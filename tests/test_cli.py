@@ -86,7 +86,7 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--time-scale", "0"], "time scale must lie in (0, 1], got 0"),
         (["--time-scale", "nan"], "time scale must lie in (0, 1], got nan"),
         (["--seed", "-1"], "seed must not be negative, got -1"),
-        (["--brain", "divine"], "brain must be one of paper, steady, got 'divine'"),
+        (["--brain", "divine"], "brain must be one of paper, steady, steady-neurons, "),
         (["--nose", "red"], "nose must be 'inverse' or 'printed', got 'red'"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--engine", "steam"], "engine must be local or ray, got 'steam'"),

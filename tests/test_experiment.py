@@ -313,7 +313,7 @@ def test_an_experiment_keeps_its_brain(name, tmp_path):
 
 
 def test_a_brain_with_a_number_changed_has_no_name():
-    brain = dataclasses.replace(BRAINS["steady"], capped=False)
+    brain = dataclasses.replace(BRAINS["steady"], discount=0.8)
     assert Experiment(brain=brain).brain_name == "unnamed"
 
 
