@@ -28,8 +28,8 @@ class Parameters:
     """The brain's parameters; the defaults are the paper's.
 
     The second part are choices beyond the paper, each of which can be made alone. "Young" is
-    what a robot is when it begins to learn: what has a young value goes from it to the
-    grown-up one as exp(-t / youth).
+    what a robot is when it begins to learn: from a young value to the grown-up one it goes as
+    exp(-t / youth), t and youth in control steps of learning.
 
     Attributes:
       evaluation_hidden: hidden neurons of the evaluation network (section 3).
@@ -66,8 +66,9 @@ class Parameters:
       held_steps: a random action is one of those proposed, for one step (0; section 3), or
         any motor pair, held for 1 to so many steps.
       young_epsilon: the young epsilon; None for no other.
+      epsilon_youth: how long it takes.
       young_learn_rate: the young learn rate; None for no other.
-      youth: control steps of learning in which youth falls to 1 / e.
+      learn_rate_youth: how long it takes.
     """
 
     evaluation_hidden: int = 7
@@ -98,8 +99,9 @@ class Parameters:
     random_ideas: int = 0
     held_steps: int = 0
     young_epsilon: float | None = None
+    epsilon_youth: float = 24000.0
     young_learn_rate: float | None = None
-    youth: float = 62400.0
+    learn_rate_youth: float = 62400.0
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming the field, where a number makes no sense."""
@@ -116,8 +118,9 @@ class Parameters:
             raise ValueError(f"young_epsilon must lie in [0, 1], got {self.young_epsilon}")
         if self.young_learn_rate is not None and not 0 <= self.young_learn_rate < math.inf:
             raise ValueError(f"young_learn_rate must not be negative, got {self.young_learn_rate}")
-        if not 0 < self.youth < math.inf:
-            raise ValueError(f"youth must be positive, got {self.youth}")
+        for name in ("epsilon_youth", "learn_rate_youth"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.random_ideas < self.ideas:
             raise ValueError(
                 f"random_ideas must be fewer than the {self.ideas} ideas, got {self.random_ideas}"
@@ -151,16 +154,15 @@ class Parameters:
 
     def epsilon_at(self, age: int) -> float:
         """Epsilon after so many steps of learning."""
-        return self._aged(self.young_epsilon, self.epsilon, age)
+        return _aged(self.young_epsilon, self.epsilon, age / self.epsilon_youth)
 
     def learn_rate_at(self, age: int) -> float:
         """The learn rate after so many steps of learning."""
-        return self._aged(self.young_learn_rate, self.learn_rate, age)
+        return _aged(self.young_learn_rate, self.learn_rate, age / self.learn_rate_youth)
 
-    def _aged(self, young: float | None, grown: float, age: int) -> float:
-        if young is None:
-            return grown
-        return grown + (young - grown) * math.exp(-age / self.youth)
+
+def _aged(young: float | None, grown: float, youths: float) -> float:
+    return grown if young is None else grown + (young - grown) * math.exp(-youths)
 
 
 # Ours: what it takes for both tasks to be learnt and not forgotten, each with its reason.
@@ -184,9 +186,10 @@ STEADY = Parameters(
     action_gap=0.8,
     # Gradients at weak smell are a hundredth of those at the spot: Adam levels them.
     optimizer="adam",
-    # After a life of four hours a tenth of the young one, so that a long stay rewrites little.
+    # After four hours it is a fifth of the young one: a long stay rewrites little.
     learn_rate=0.0002,
     young_learn_rate=0.002,
+    learn_rate_youth=62400,
     # Targets that do not move with every step.
     judge_rate=0.005,
     # The memory keeps what is best, not what happened; it need not unlearn.
@@ -197,6 +200,7 @@ STEADY = Parameters(
     held_steps=30,
     epsilon=0.02,
     young_epsilon=0.15,
+    epsilon_youth=24000,
 )
 
 # Its ingredients, to be taken away one at a time: the fields that then are the paper's again.

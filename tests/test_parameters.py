@@ -36,8 +36,9 @@ def test_the_defaults_are_the_papers_numbers():
         "random_ideas": 0,
         "held_steps": 0,
         "young_epsilon": None,
+        "epsilon_youth": 24000.0,
         "young_learn_rate": None,
-        "youth": 62400.0,
+        "learn_rate_youth": 62400.0,
     }
 
 
@@ -58,7 +59,8 @@ BAD = {
     "judge_rate": (-0.1, 1.1, NAN),
     "young_epsilon": (-0.1, 1.1, NAN),
     "young_learn_rate": (-0.1, NAN, INFINITY),
-    "youth": (0.0, -1.0, NAN, INFINITY),
+    "epsilon_youth": (0.0, -1.0, NAN, INFINITY),
+    "learn_rate_youth": (0.0, -1.0, NAN, INFINITY),
     "random_ideas": (-1, 25, 26),
     "activation": ("relu", ""),
     "optimizer": ("sgd",),

@@ -315,8 +315,9 @@ def test_eight_of_the_25_ideas_are_random_and_seventeen_the_memorys():
 def test_epsilon_and_learn_rate_fall_with_the_time_of_learning():
     minutes = 600
     assert STEADY.epsilon_at(0) == pytest.approx(0.15)
-    assert STEADY.epsilon_at(104 * minutes) == pytest.approx(0.02 + 0.13 / 2.718281828)
+    assert STEADY.epsilon_at(40 * minutes) == pytest.approx(0.02 + 0.13 / 2.718281828)
     assert STEADY.learn_rate_at(0) == pytest.approx(0.002)
+    assert STEADY.learn_rate_at(104 * minutes) == pytest.approx(0.0002 + 0.0018 / 2.718281828)
     assert STEADY.learn_rate_at(10**7) == pytest.approx(0.0002)
     assert Parameters().epsilon_at(10**7) == Parameters().epsilon
     brain = born()
