@@ -4,9 +4,12 @@ from .evaluation import EvaluationNetwork
 from .memory import CreativeMemory, NoisePatterns
 from .networks import Networks
 from .neurocontroller import Neurocontroller
-from .parameters import PROPOSERS, Parameters, Proposer
+from .parameters import BRAINS, INGREDIENTS, PROPOSERS, Parameters, Proposer
+from .reading import Senses, Signal
 
 __all__ = [
+    "BRAINS",
+    "INGREDIENTS",
     "PROPOSERS",
     "CreativeMemory",
     "EvaluationNetwork",
@@ -15,4 +18,6 @@ __all__ = [
     "NoisePatterns",
     "Parameters",
     "Proposer",
+    "Senses",
+    "Signal",
 ]

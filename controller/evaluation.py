@@ -6,11 +6,19 @@ import torch
 from torch import Tensor
 
 from .networks import Networks
+from .optimizers import make_optimizer
 from .parameters import Parameters
 
 
 class EvaluationNetwork:
-    """State and two motor values in, logistic hidden neurons, one value out (section 3)."""
+    """State and two motor values in, one layer of hidden neurons, one value out (section 3).
+
+    Attributes:
+      networks: learn.
+      judge: gives the values of actions: the networks themselves, as in the paper, or a copy
+        that follows them slowly.
+      optimizer: moves the networks.
+    """
 
     def __init__(
         self, parameters: Parameters, robots: int, sensors: int, generator: torch.Generator
@@ -25,7 +33,11 @@ class EvaluationNetwork:
             1,
             parameters.initial_range,
             generator,
+            parameters.activation,
         )
+        slow = parameters.judge_rate < 1
+        self.judge = self.networks.copy() if slow else self.networks
+        self.optimizer = make_optimizer(parameters.optimizer, self.networks)
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
         """The values of several actions in one state.
@@ -37,11 +49,11 @@ class EvaluationNetwork:
         Returns:
           The values, shape (B, A).
         """
-        net = self.networks
+        net = self.judge
         by_state = net.hidden_weights[..., : self._sensors]
         by_motor = net.hidden_weights[..., self._sensors :]
         sums = torch.baddbmm(net.hidden_biases[..., None], by_state, state[..., None])
-        hidden = torch.baddbmm(sums.mT, actions, by_motor.mT).sigmoid_()
+        hidden = net.activation.apply(torch.baddbmm(sums.mT, actions, by_motor.mT))
         return torch.baddbmm(net.output_biases[..., None], hidden, net.output_weights.mT)[..., 0]
 
     def learn(
@@ -51,6 +63,7 @@ class EvaluationNetwork:
         reward: Tensor,
         next_value: Tensor,
         learning: Tensor | float = 1.0,
+        age: int = 0,
     ) -> Tensor:
         """One step of TD(0), Eq. 1: w += eta [r + gamma V' - V] grad V.
 
@@ -62,6 +75,7 @@ class EvaluationNetwork:
           reward: at time t + 1, shape (B,).
           next_value: V of the state and the action selected at time t + 1, shape (B,).
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
+          age: steps of learning so far.
 
         Returns:
           The TD error, shape (B,); 0 for a robot that does not learn.
@@ -69,5 +83,8 @@ class EvaluationNetwork:
         inputs = torch.cat([state, action], dim=-1)
         hidden, value = self.networks.forward(inputs)
         error = learning * (reward + self._parameters.discount * next_value - value[:, 0])
-        self.networks.ascend(inputs, hidden, self._parameters.learn_rate * error[:, None])
+        rate = self._parameters.learn_rate_at(age)
+        self.optimizer.ascend(inputs, hidden, error[:, None], rate, learning)
+        if self.judge is not self.networks:
+            self.judge.approach(self.networks, self._parameters.judge_rate)
         return error

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from .networks import Networks
+from .optimizers import make_optimizer
 from .parameters import Parameters
 
 
@@ -53,7 +54,7 @@ class NoisePatterns:
 
 
 class CreativeMemory:
-    """Sensors in, logistic hidden neurons, two logistic outputs: the motors (section 3)."""
+    """Sensors in, one layer of hidden neurons, two logistic outputs: the motors (section 3)."""
 
     def __init__(
         self, parameters: Parameters, robots: int, sensors: int, generator: torch.Generator
@@ -61,7 +62,16 @@ class CreativeMemory:
         """Draws B networks for states of S sensors."""
         self._parameters = parameters
         hidden = parameters.memory_hidden
-        self.networks = Networks(robots, sensors, hidden, 2, parameters.initial_range, generator)
+        self.networks = Networks(
+            robots,
+            sensors,
+            hidden,
+            2,
+            parameters.initial_range,
+            generator,
+            parameters.activation,
+        )
+        self.optimizer = make_optimizer(parameters.optimizer, self.networks)
         # Connections of an idea side by side: sensor weights, motor weights (and biases).
         self._sizes = [hidden * sensors, 2 * hidden]
         if parameters.noise_on_biases:
@@ -80,7 +90,7 @@ class CreativeMemory:
           Motor values in [-0.5, 0.5], shape (B, A, 2).
         """
         robots, sensors = state.shape
-        count, hidden_size = self._parameters.ideas, self._parameters.memory_hidden
+        count, hidden_size = self._parameters.own_ideas, self._parameters.memory_hidden
         patterns = self.patterns.draw(robots * count).view(robots, count, -1)
         if self._parameters.keep_main_idea:
             patterns[:, 0] = 0
@@ -94,7 +104,7 @@ class CreativeMemory:
         sums += main.mT
         if self._parameters.noise_on_biases:
             sums += noise[2]
-        hidden = sums.sigmoid_()
+        hidden = net.activation.apply(sums)
 
         outputs = torch.baddbmm(net.output_biases[:, None], hidden, net.output_weights.mT)
         noise_out = noise[1].view(robots, count, 2, hidden_size)
@@ -107,15 +117,17 @@ class CreativeMemory:
         """The main idea, without noise: motor values, shape (B, 2), for a state (B, S)."""
         return self.networks.forward(state)[1].sigmoid() - 0.5
 
-    def learn(self, state: Tensor, action: Tensor, rates: Tensor) -> None:
+    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: float = 1.0) -> None:
         """One step of back-propagation towards an action, down half the squared error.
 
         Args:
           state: sensor signals, shape (B, S).
           action: the motor values to remember, shape (B, 2).
-          rates: each robot's learn rate, the TD error (negative: to unlearn), shape (B,).
+          rates: each robot's learn rate, the TD error (negative: to unlearn), shape (B,); 0 for
+            a robot that does not learn.
+          rate: everybody's, by which the others are multiplied.
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()
         steps = rates[:, None] * (action + 0.5 - outputs) * outputs * (1 - outputs)
-        self.networks.ascend(state, hidden, steps)
+        self.optimizer.ascend(state, hidden, steps, rate, (rates != 0).to(rates))

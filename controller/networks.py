@@ -2,12 +2,39 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+from collections.abc import Callable
+from typing import Literal
+
 import torch
 from torch import Tensor
 
+ActivationName = Literal["logistic", "tanh"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Activation:
+    """What hidden neurons do with their sums.
+
+    Attributes:
+      apply: turns sums into activations, in place.
+      back: an error at the activations (first) times their slope there, from the activations
+        themselves (second).
+    """
+
+    apply: Callable[[Tensor], Tensor]
+    back: Callable[[Tensor, Tensor], Tensor]
+
+
+ACTIVATIONS: dict[ActivationName, Activation] = {
+    "logistic": Activation(Tensor.sigmoid_, lambda error, hidden: error * hidden * (1 - hidden)),
+    "tanh": Activation(Tensor.tanh_, lambda error, hidden: error * (1 - hidden * hidden)),
+}
+
 
 class Networks:
-    """B feed-forward networks of equal shape: logistic hidden neurons, linear output sums.
+    """B feed-forward networks of equal shape: one layer of hidden neurons, linear output sums.
 
     What follows the output sums (identity in the evaluation network, a logistic function in
     the creative memory) is its owner's.
@@ -17,6 +44,7 @@ class Networks:
       hidden_biases: shape (B, H).
       output_weights: shape (B, O, H).
       output_biases: shape (B, O).
+      activation: of the hidden neurons.
     """
 
     NAMES = ("hidden_weights", "hidden_biases", "output_weights", "output_biases")
@@ -29,12 +57,14 @@ class Networks:
         outputs: int,
         initial_range: float,
         generator: torch.Generator,
+        activation: ActivationName = "logistic",
     ) -> None:
         """Draws all weights and biases uniformly from [-initial_range, initial_range]."""
 
         def draw(*shape: int) -> Tensor:
             return (torch.rand(robots, *shape, generator=generator) * 2 - 1) * initial_range
 
+        self.activation = ACTIVATIONS[activation]
         self.hidden_weights = draw(hidden, inputs)
         self.hidden_biases = draw(hidden)
         self.output_weights = draw(outputs, hidden)
@@ -50,7 +80,7 @@ class Networks:
           The hidden activations, shape (B, H), and the output sums, shape (B, O).
         """
         sums = torch.baddbmm(self.hidden_biases[..., None], self.hidden_weights, inputs[..., None])
-        hidden = sums.sigmoid_()
+        hidden = self.activation.apply(sums)
         output = torch.baddbmm(self.output_biases[..., None], self.output_weights, hidden)
         return hidden[..., 0], output[..., 0]
 
@@ -62,11 +92,51 @@ class Networks:
           hidden: their hidden activations there, shape (B, H).
           steps: how far to go for each output sum, shape (B, O).
         """
-        back = torch.bmm(steps[:, None], self.output_weights)[:, 0] * hidden * (1 - hidden)
+        back = self._back(hidden, steps)
         self.output_weights.baddbmm_(steps[..., None], hidden[:, None])
         self.output_biases += steps
         self.hidden_weights.baddbmm_(back[..., None], inputs[:, None])
         self.hidden_biases += back
+
+    def gradient(self, inputs: Tensor, hidden: Tensor, steps: Tensor) -> Tensor:
+        """What `ascend` adds, all weights of a robot side by side in the order of `NAMES`.
+
+        Args:
+          inputs: see `ascend`.
+          hidden: see `ascend`.
+          steps: see `ascend`.
+
+        Returns:
+          Shape (B, P), of P weights and biases a robot.
+        """
+        back = self._back(hidden, steps)
+        to_hidden = (back[..., None] * inputs[:, None]).flatten(1)
+        to_output = (steps[..., None] * hidden[:, None]).flatten(1)
+        return torch.cat([to_hidden, back, to_output, steps], dim=1)
+
+    def add(self, steps: Tensor) -> None:
+        """Adds to every weight its step, shape (B, P), side by side as in `gradient`."""
+        tensors = list(self.tensors().values())
+        parts = steps.split([tensor[0].numel() for tensor in tensors], dim=1)
+        for tensor, part in zip(tensors, parts, strict=True):
+            tensor += part.view(tensor.shape)
+
+    def _back(self, hidden: Tensor, steps: Tensor) -> Tensor:
+        """The steps of the output sums, carried back to the hidden sums, shape (B, H)."""
+        error = torch.bmm(steps[:, None], self.output_weights)[:, 0]
+        return self.activation.back(error, hidden)
+
+    def copy(self) -> Networks:
+        """Networks with the same weights and biases, of their own."""
+        other = copy.copy(self)
+        for name, tensor in self.tensors().items():
+            setattr(other, name, tensor.clone())
+        return other
+
+    def approach(self, others: Networks, share: float) -> None:
+        """Moves every weight by a share of the way to that of other networks."""
+        for own, other in zip(self.tensors().values(), others.tensors().values(), strict=True):
+            own.lerp_(other, share)
 
     def tensors(self) -> dict[str, Tensor]:
         """The weights and biases themselves, by name."""

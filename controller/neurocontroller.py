@@ -6,10 +6,12 @@ import torch
 from torch import Tensor
 
 from .evaluation import EvaluationNetwork
+from .exploration import make_exploration
 from .memory import CreativeMemory
 from .networks import load_into
 from .parameters import Parameters
 from .proposers import make_proposer
+from .reading import Reading, Senses
 
 
 class Neurocontroller:
@@ -28,7 +30,13 @@ class Neurocontroller:
     """
 
     def __init__(
-        self, parameters: Parameters, proposer: str, robots: int, sensors: int, seed: int
+        self,
+        parameters: Parameters,
+        proposer: str,
+        robots: int,
+        sensors: int,
+        seed: int,
+        senses: Senses | None = None,
     ) -> None:
         """Draws B newborn brains.
 
@@ -38,37 +46,54 @@ class Neurocontroller:
           robots: B.
           sensors: S, numbers in a state.
           seed: of the brains' one random stream.
+          senses: what the numbers in a state, and the reward, are; brains that read them as
+            they are, as the paper's do, need not be told.
 
         Raises:
-          ValueError: there is no such proposer.
+          ValueError: there is no such proposer, or the brains must be told of their senses.
         """
         self._parameters = parameters
         self._generator = torch.Generator().manual_seed(seed)
-        self.evaluation = EvaluationNetwork(parameters, robots, sensors, self._generator)
+        self._reading = Reading(parameters, sensors, senses)
+        inputs = self._reading.inputs
+        self.evaluation = EvaluationNetwork(parameters, robots, inputs, self._generator)
         self.memory = (
-            CreativeMemory(parameters, robots, sensors, self._generator)
+            CreativeMemory(parameters, robots, inputs, self._generator)
             if proposer == "creative"
             else None
         )
         self._proposer = make_proposer(proposer, parameters, self.memory, self._generator)
+        self._exploration = make_exploration(parameters, robots, self._generator)
         self._rows = torch.arange(robots)
+        self._age = torch.tensor(0)  # steps of learning
         # What was sensed, done and expected, now and a step ago. A robot whose `chained` is 0
         # has no step ago: it was born or placed anew, and has nothing to learn from yet.
-        self._now = self._blank(robots, sensors)
-        self._before = self._blank(robots, sensors)
+        self._now = self._blank(robots, inputs)
+        self._before = self._blank(robots, inputs)
 
-    @staticmethod
-    def _blank(robots: int, sensors: int) -> dict[str, Tensor]:
-        return {
-            "state": torch.zeros(robots, sensors),
+    def _blank(self, robots: int, inputs: int) -> dict[str, Tensor]:
+        blank = {
+            "state": torch.zeros(robots, inputs),
             "action": torch.zeros(robots, 2),
             "value": torch.zeros(robots),
             "chained": torch.zeros(robots),
         }
+        if self._parameters.remembers_best:
+            blank |= {"best_action": torch.zeros(robots, 2), "best_value": torch.zeros(robots)}
+        if self._parameters.remembers_reward:  # 0 where it is not known: it was not learnt from
+            blank |= {"reward": torch.zeros(robots), "rewarded": torch.zeros(robots)}
+        return blank
 
     def propose(self, state: Tensor) -> Tensor:
         """The actions to choose from, shape (B, A, 2), in a state (B, S); other ones every time."""
-        return self._proposer.propose(state)
+        return self._proposer.propose(self._reading.state(state))
+
+    def values(self, state: Tensor, actions: Tensor) -> Tensor:
+        """What it thinks of actions, shape (B, A), for (B, A, 2), in a state (B, S)."""
+        return self._judged(self._reading.state(state), actions)
+
+    def _judged(self, inputs: Tensor, actions: Tensor) -> Tensor:
+        return self.evaluation.values(inputs, self._reading.motors(actions))
 
     def act(self, state: Tensor, explore: bool) -> Tensor:
         """Chooses each robot's best proposed action, or with epsilon any of them.
@@ -81,21 +106,32 @@ class Neurocontroller:
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
         """
-        actions = self.propose(state)
-        values = self.evaluation.values(state, actions)
-        chosen = values.argmax(dim=1)
-        epsilon = self._parameters.epsilon if explore else self._parameters.test_epsilon
+        inputs = self._reading.state(state)
+        actions = self._proposer.propose(inputs)
+        ideas = actions.shape[1]
+        epsilon = self._parameters.test_epsilon
+        if explore:
+            epsilon = self._parameters.epsilon_at(int(self._age))
+        astray = None
         if epsilon or explore:
-            size = chosen.shape
-            anything = torch.randint(actions.shape[1], size, generator=self._generator)
-            strays = torch.rand(size, generator=self._generator) < epsilon
-            chosen = torch.where(strays, anything, chosen)
+            actions, astray = self._exploration.stray(actions, epsilon)
+        values = self._judged(inputs, actions)
+        best = chosen = values[:, :ideas].argmax(dim=1)
+        if astray is not None:
+            chosen = torch.where(astray < 0, best, astray)
         self._before, self._now = self._now, self._before
-        self._now["state"].copy_(state)
-        self._now["action"].copy_(actions[self._rows, chosen])
-        self._now["value"].copy_(values[self._rows, chosen])
-        self._now["chained"].fill_(1)
-        return self._now["action"].clone()
+        now, rows = self._now, self._rows
+        now["state"].copy_(inputs)
+        now["action"].copy_(actions[rows, chosen])
+        now["value"].copy_(values[rows, chosen])
+        now["chained"].fill_(1)
+        if self._parameters.remembers_best:
+            now["best_action"].copy_(actions[rows, best])
+            now["best_value"].copy_(values[rows, best])
+        if self._parameters.remembers_reward:
+            now["reward"].zero_()
+            now["rewarded"].zero_()
+        return now["action"].clone()
 
     def learn(self, reward: Tensor) -> Tensor:
         """Learns from the step that led to what `act` was last told.
@@ -106,21 +142,47 @@ class Neurocontroller:
         Returns:
           The TD error, shape (B,); 0 for a robot without a step to learn from.
         """
-        before = self._before
-        error = self.evaluation.learn(
-            before["state"], before["action"], reward, self._now["value"], before["chained"]
-        )
-        if self.memory is not None:
+        before, age = self._before, int(self._age)
+        gain, ahead, learning = self._outcome(self._reading.reward(reward))
+        action = self._reading.motors(before["action"])
+        error = self.evaluation.learn(before["state"], action, gain, ahead, learning, age)
+        if self.memory is not None and self._parameters.memory_goal == "selected":
             self.memory.learn(before["state"], before["action"], error)
+        elif self.memory is not None:
+            rate = self._parameters.learn_rate_at(age)
+            self.memory.learn(before["state"], before["best_action"], learning, rate)
+        self._age += 1
         return error
+
+    def _outcome(self, reward: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What is learnt from a step: r and V' of Eq. 1, and who learns, each of shape (B,)."""
+        parameters, now, before = self._parameters, self._now, self._before
+        ahead = now["best_value" if parameters.next_value == "best" else "value"]
+        learning = before["chained"]
+        if parameters.remembers_reward:
+            now["reward"].copy_(reward)
+            now["rewarded"].fill_(1)
+            learning = learning * before["rewarded"]
+            change = reward - before["reward"]
+            if parameters.capped:
+                lost = (change < 0) & (reward <= 0)
+                ahead = torch.where(lost, torch.minimum(ahead, -change), ahead)
+            if parameters.reward == "change":
+                reward = change
+        if parameters.action_gap:
+            worse = (before["best_value"] - before["value"]).clamp(min=0)
+            reward = reward - parameters.action_gap * worse
+        return reward, ahead, learning
 
     def forget_step(self, robots: Tensor | None = None) -> None:
         """Breaks the chain of steps, as when robots (indices; None: all) are placed anew."""
         self._now["chained"][slice(None) if robots is None else robots] = 0
 
     def networks(self) -> dict[str, Tensor]:
-        """All weights and biases, "evaluation.*" and "memory.*", each of shape (B, ...)."""
+        """All weights and biases, "evaluation.*" and so on, each of shape (B, ...)."""
         owners = {"evaluation": self.evaluation.networks}
+        if self.evaluation.judge is not self.evaluation.networks:
+            owners["judge"] = self.evaluation.judge
         if self.memory is not None:
             owners["memory"] = self.memory.networks
         return {
@@ -143,10 +205,21 @@ class Neurocontroller:
         These are the tensors themselves: clone what is to outlive the next step.
         """
         state = self.networks() | {"generator": self._generator.get_state()}
-        state |= {f"now.{name}": tensor for name, tensor in self._now.items()}
+        parts = {
+            "now": self._now,
+            "evaluation.optimizer": self.evaluation.optimizer.tensors(),
+            "exploration": self._exploration.tensors(),
+        }
+        if self._parameters.ages:
+            parts["learning"] = {"age": self._age}
         if self.memory is not None:
-            state |= {f"noise.{k}": tensor for k, tensor in self.memory.patterns.tensors().items()}
-        return state
+            parts["noise"] = self.memory.patterns.tensors()
+            parts["memory.optimizer"] = self.memory.optimizer.tensors()
+        return state | {
+            f"{part}.{name}": tensor
+            for part, tensors in parts.items()
+            for name, tensor in tensors.items()
+        }
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
         """Goes on from a `state`, to the bit.

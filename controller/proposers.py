@@ -46,15 +46,19 @@ class RandomActions:
 
 
 class CreativeActions:
-    """The ideas of a creative memory."""
+    """The ideas of a creative memory, and perhaps some from outside."""
 
-    def __init__(self, memory: CreativeMemory) -> None:
-        """Proposes what this memory's noise makes of its main idea."""
+    def __init__(self, memory: CreativeMemory, others: RandomActions | None = None) -> None:
+        """Proposes what this memory's noise makes of its main idea, and then the others."""
         self._memory = memory
+        self._others = others
 
     def propose(self, state: Tensor) -> Tensor:
         """Motor values, shape (B, A, 2), for states of shape (B, S)."""
-        return self._memory.ideas(state)
+        ideas = self._memory.ideas(state)
+        if self._others is None:
+            return ideas
+        return torch.cat([ideas, self._others.propose(state)], dim=1)
 
 
 def make_proposer(
@@ -70,5 +74,6 @@ def make_proposer(
     if name == "random":
         return RandomActions(parameters.ideas, generator)
     if name == "creative" and memory is not None:
-        return CreativeActions(memory)
+        others = parameters.random_ideas
+        return CreativeActions(memory, RandomActions(others, generator) if others else None)
     raise ValueError(f"proposer must be one of {', '.join(PROPOSERS)}, got {name!r}")

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ..controller import PROPOSERS, Neurocontroller
+from ..controller import PROPOSERS, Neurocontroller, Senses, Signal
+from ..tasks.suite import row_of
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -138,23 +139,38 @@ def check_agent(name: str) -> None:
         )
 
 
-def make_agent(
-    experiment: Experiment, proposer: str, robots: int, sensors: int, seed: int
-) -> Agent:
+def senses_of(task: str) -> Senses:
+    """What a brain is told of the signals of a task's robots.
+
+    Raises:
+      ValueError: there is no such task.
+    """
+    rules = row_of(task).rules
+    signals = [
+        Signal(low, high, rules.full.get(name))
+        for name, (length, low, high) in rules.shapes.items()
+        for _ in range(length)
+    ]
+    return Senses(tuple(signals), Signal(*rules.rewards, rules.full.get("reward")))
+
+
+def make_agent(experiment: Experiment, task: str, proposer: str, robots: int, seed: int) -> Agent:
     """Gives birth to what drives B robots.
 
     Args:
       experiment: whose brain's numbers to take.
+      task: what the robots are to learn.
       proposer: the neurocontroller's, or an agent's factory.
       robots: B.
-      sensors: S, numbers in a state.
       seed: of its random stream.
 
     Raises:
       InputError: the factory cannot be found, or what it makes is no agent.
     """
+    senses = senses_of(task)
+    sensors = len(senses.state)
     if proposer in PROPOSERS:
-        controller = Neurocontroller(experiment.brain, proposer, robots, sensors, seed)
+        controller = Neurocontroller(experiment.brain, proposer, robots, sensors, seed, senses)
         return Brain(controller, experiment.learn_across_placement)
     check_agent(proposer)
     module, _, name = proposer.partition(":")

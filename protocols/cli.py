@@ -53,6 +53,9 @@ class Run:
     body: str | None = None
     """mujoco, or kinematic: an ideal differential drive instead of physics (default: mujoco, or
     OUT's own)"""
+    brain: str | None = None
+    """paper; or steady: ours, for both tasks; or steady-cap and so on: ours, without an ingredient
+    (default: paper, or OUT's own)"""
     motor_speed: float | None = None
     """of a wheel at full motor, in metres a second (default: the robot's 0.2, or OUT's own)"""
     processes: int = len(os.sched_getaffinity(0))
@@ -83,16 +86,20 @@ class Run:
 
     def _plan(self, held: Plan | None) -> Plan:
         """What was asked for; for what was not, what OUT holds, or the defaults."""
-        from .experiment import PROPOSERS, TASKS, Experiment, Plan, default_cohort_size
+        from .experiment import PROPOSERS, TASKS, Experiment, Plan, default_cohort_size, named_brain
 
-        settings = ("seed", "cohort_size", "time_scale", "nose", "body", "motor_speed")
+        settings = ("seed", "cohort_size", "time_scale", "nose", "body", "motor_speed", "brain")
         asked = {name: x for name in settings if (x := getattr(self, name)) is not None}
+        if "brain" in asked:
+            asked["brain"] = named_brain(asked["brain"])
         if self.robots is not None and self.robots < 1:
             raise InputError(f"the number of robots must be at least 1, got {self.robots}")
         if held:
             experiment = held.experiment
             for name, value in asked.items():
                 if value != (own := getattr(experiment, name)):
+                    if name == "brain":
+                        own, value = experiment.brain_name, self.brain
                     raise InputError(
                         f"{self.out} holds an experiment with {name} {own}, not {value}"
                     )

@@ -115,8 +115,7 @@ class Cohort:
         self._experiment = experiment
         self.batch = experiment.batch(key.task, robots)
         self.rules = self.batch.rules
-        sensors = self.rules.state(self.batch.sensordata).shape[1]
-        self.agent = make_agent(experiment, key.proposer, robots, sensors, seed)
+        self.agent = make_agent(experiment, key.task, key.proposer, robots, seed)
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = legs(experiment.schedule(key.task))
         self.step = 0

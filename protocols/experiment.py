@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .. import __version__
-from ..controller import PROPOSERS, Parameters
+from ..controller import BRAINS, PROPOSERS, Parameters
 from ..models import Kinematics
 from ..tasks import Robots, make_batch, make_kinematic_batch
 from ..tasks.senses import NoseForm
@@ -96,6 +96,11 @@ class Experiment:
             raise InputError(f"the motor speed must be positive, got {self.motor_speed}")
         if not np.isfinite(self.turned_start):
             raise InputError(f"the start must be turned by degrees, got {self.turned_start}")
+
+    @property
+    def brain_name(self) -> str:
+        """The name of the neurocontroller's numbers, "unnamed" for others than named ones."""
+        return next((name for name, brain in BRAINS.items() if brain == self.brain), "unnamed")
 
     def schedule(self, task: str) -> Schedule:
         """The schedule of a task's lives, scaled, the robots turned at the start."""
@@ -180,6 +185,17 @@ class Plan:
         conditions = sorted({*older.robots, *self.robots}, key=condition_order)
         robots = {c: max(self.robots.get(c, 0), older.robots.get(c, 0)) for c in conditions}
         return Plan(self.experiment, robots)
+
+
+def named_brain(name: str) -> Parameters:
+    """The neurocontroller's numbers by their name.
+
+    Raises:
+      InputError: there is no such name.
+    """
+    if name not in BRAINS:
+        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}")
+    return BRAINS[name]
 
 
 def check_condition(task: str, proposer: str) -> None:

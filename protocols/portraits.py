@@ -191,9 +191,9 @@ def values(experiment: Experiment, results: Results, task: str) -> Figure | None
         brain = stored.controller
         for column, (name, state) in enumerate(states.items()):
             axis, sensed = axes[row, column], torch.from_numpy(state.astype(np.float32))[None]
-            value = brain.evaluation.values(sensed, grid)[0].reshape(_GRID, _GRID).numpy()
+            value = brain.values(sensed, grid)[0].reshape(_GRID, _GRID).numpy()
             ideas = brain.propose(sensed)
-            best = ideas[0, int(brain.evaluation.values(sensed, ideas)[0].argmax())]
+            best = ideas[0, int(brain.values(sensed, ideas)[0].argmax())]
             # left along x: rows of the picture are the right motor's
             axis.imshow(
                 value.T, origin="lower", extent=(-0.5, 0.5, -0.5, 0.5), cmap="cividis",

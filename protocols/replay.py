@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from ..controller import PROPOSERS, Neurocontroller
-from .agents import Brain
+from ..controller import PROPOSERS
+from .agents import Brain, make_agent
 from .cohort import place
 from .episode import Act, Episode, check_phase, check_seed
 from .errors import InputError
@@ -121,10 +121,10 @@ def stored_brains(
         )
         for name in names
     }
-    sensors = networks["evaluation.hidden_weights"].shape[-1] - 2  # the rest are the motors
-    brain = Neurocontroller(experiment.brain, proposer, len(which), sensors, seed)
-    brain.load_networks(networks)
-    return Brain(brain)
+    brain = make_agent(experiment, task, proposer, len(which), seed)
+    assert isinstance(brain, Brain)  # of a proposer, not of a user's factory
+    brain.controller.load_networks(networks)
+    return brain
 
 
 def _row(results: Results, task: str, proposer: str, robot: int) -> int:

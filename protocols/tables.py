@@ -73,10 +73,13 @@ def _shares(summary: Summary) -> tuple[Interval, ...]:
 
 
 def title(experiment: Experiment, task: str) -> str:
-    """A table's title, which says so where durations were shortened."""
-    if experiment.time_scale == 1:
-        return TITLES[task]
-    return f"{TITLES[task]}, a rehearsal: every duration times {experiment.time_scale:g}"
+    """A table's title, which says so where the brain is another, or durations were shortened."""
+    title = TITLES[task]
+    if experiment.brain_name != "paper":
+        title += f", brain: {experiment.brain_name}"
+    if experiment.time_scale != 1:
+        title += f", a rehearsal: every duration times {experiment.time_scale:g}"
+    return title
 
 
 def row_names(task: str) -> list[str]:
@@ -169,6 +172,8 @@ def claims_note(experiment: Experiment) -> str:
     )
     if experiment.time_scale != 1:
         note += " These lives were a rehearsal, and say nothing of the paper's."
+    if experiment.brain_name != "paper":
+        note += " These brains are not the paper's, and say nothing of its claims."
     return note
 
 
@@ -185,6 +190,7 @@ def as_json(experiment: Experiment, results: Results) -> dict[str, Any]:
             entry["total_variation_by_chance"] = _finite(intervals.chance_variation(*summaries))
         tables.setdefault(task, {})[proposer] = entry
     return {
+        "brain": experiment.brain_name,
         "time_scale": experiment.time_scale,
         "seed": experiment.seed,
         "interval_level": intervals.LEVEL,

@@ -115,12 +115,15 @@ class Rules(abc.ABC):
       layout: where each sensor's numbers stand.
       shapes: of each observation, how many numbers, their minimum and their maximum.
       rewards: the smallest and the largest.
+      full: of the signals that saturate as s = s' / (1 + s') in Eq. 3, by name, "reward" too:
+        the raw s' at a full load.
     """
 
     layout: SensorLayout
 
     shapes: ClassVar[Mapping[str, tuple[int, float, float]]]
     rewards: ClassVar[tuple[float, float]]
+    full: ClassVar[Mapping[str, float]] = {}
 
     @classmethod
     def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:
@@ -183,6 +186,7 @@ class SpotFindingRules(Rules):
 
     shapes: ClassVar = {"nose": (1, 0.0, 1.0)}
     rewards: ClassVar = (0.0, 1.0)
+    full: ClassVar = {"nose": Nose.odour, "reward": Nose.odour}
 
     @classmethod
     def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..models import Dimensions
 from .arena import SensorLayout, SpotFindingRules, WallAvoidanceRules
-from .senses import NoseForm, contact_signal, distance_signal
+from .senses import Nose, NoseForm, contact_signal, distance_signal
 
 
 class UnitWallAvoidanceRules(WallAvoidanceRules):
@@ -77,6 +77,7 @@ class TwoNosesRules(SpotFindingRules):
     right: slice
 
     shapes: ClassVar = {"noses": (2, 0.0, 1.0)}
+    full: ClassVar = {"noses": Nose.odour, "reward": Nose.odour}
 
     @classmethod
     def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:

@@ -120,14 +120,14 @@ def test_a_name_that_is_no_factorys_is_refused(name):
 )
 def test_a_factory_that_is_not_there_or_makes_no_agent_is_refused(name, words):
     with pytest.raises(InputError, match=words):
-        make_agent(Experiment(), name, 1, 5, 0)
+        make_agent(Experiment(), "wall_avoidance", name, 1, 0)
 
 
 def test_a_module_that_cannot_be_imported_is_told_with_what_is_wrong(tmp_path, monkeypatch):
     (tmp_path / "half_written.py").write_text("def make(:")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InputError, match="half_written cannot be imported .SyntaxError"):
-        make_agent(Experiment(), "half_written:make", 1, 5, 0)
+        make_agent(Experiment(), "wall_avoidance", "half_written:make", 1, 0)
 
 
 def test_an_agent_with_the_wrong_motors_is_refused_before_anything_is_made(tmp_path, monkeypatch):

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from musebot.controller import BRAINS
 from musebot.protocols import cli, engine, sensitivity
-from musebot.protocols.experiment import Experiment, Plan
+from musebot.protocols.experiment import Experiment, Plan, load_plan
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +129,7 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--time-scale", "0"], "time scale must lie in (0, 1], got 0"),
         (["--time-scale", "nan"], "time scale must lie in (0, 1], got nan"),
         (["--seed", "-1"], "seed must not be negative, got -1"),
+        (["--brain", "divine"], "brain must be one of paper, steady, steady-neurons, "),
         (["--nose", "red"], "nose must be 'inverse' or 'printed', got 'red'"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--engine", "steam"], "engine must be local or ray, got 'steam'"),
@@ -172,11 +174,33 @@ def test_an_unwritable_out_is_refused(tmp_path, capsys, monkeypatch):
 
 def test_other_parameters_than_a_folders_own_are_refused_and_nothing_changes(run, capsys):
     before = listing(run)
-    others = (("seed", "7", "1"), ("cohort-size", "1", "2"), ("nose", "printed", "inverse"))
+    others = (
+        ("seed", "7", "1"),
+        ("cohort-size", "1", "2"),
+        ("nose", "printed", "inverse"),
+        ("brain", "steady", "paper, not steady"),
+    )
     for name, value, own in others:
         assert cli.main(["run", str(run), f"--{name}", value]) == 2
         assert f"with {name.replace('-', '_')} {own}" in capsys.readouterr().err
     assert listing(run) == before
+
+
+def test_a_run_of_another_brain_goes_on_with_it_and_says_so(tmp_path, capsys):
+    out = str(tmp_path / "run")
+    short = ["--robots", "2", "--time-scale", "0.001", "--body", "kinematic", "--processes", "1"]
+    which = ["--task", "spot_finding", "--proposer", "creative"]
+    assert cli.main(["run", out, *short, *which, "--brain", "steady"]) == 0
+    assert "Spot finding (table 2), brain: steady, a rehearsal" in capsys.readouterr().out
+    assert cli.main(["run", out, "--brain", "paper"]) == 2
+    assert "holds an experiment with brain steady, not paper" in capsys.readouterr().err
+    assert cli.main(["run", out, *which, "--robots", "4"]) == 0
+    plan = load_plan(tmp_path / "run" / "experiment.json")
+    assert plan.experiment.brain == BRAINS["steady"]
+    assert plan.robots == {("spot_finding", "creative"): 4}
+    capsys.readouterr()
+    assert cli.main(["tables", out, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["brain"] == "steady"
 
 
 def test_tables_of_nothing_are_refused(tmp_path, capsys):

@@ -15,7 +15,7 @@ import pytest
 from musebot.protocols import engine, storage
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import InputError, Interrupted
-from musebot.protocols.experiment import CohortKey, Experiment, Plan
+from musebot.protocols.experiment import CohortKey, Experiment, Plan, named_brain
 from musebot.protocols.results import BRAINS, CURVES, ROBOTS
 
 FILES = (ROBOTS, CURVES, BRAINS)
@@ -88,10 +88,12 @@ def test_a_finished_run_is_not_lived_again(whole):
     assert contents(whole) == before
 
 
+@pytest.mark.parametrize("brain", ["paper", "steady"])
 @pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
-def test_a_restored_cohort_goes_on_to_the_same_bits(task, proposer):
-    experiment, key = Experiment(cohort_size=3, time_scale=0.01), CohortKey(task, proposer, 0)
+def test_a_restored_cohort_goes_on_to_the_same_bits(task, proposer, brain):
+    experiment = Experiment(cohort_size=3, time_scale=0.01, brain=named_brain(brain))
+    key = CohortKey(task, proposer, 0)
     straight, cut = Cohort(experiment, key), Cohort(experiment, key)
     straight.advance(10**9)
     steps = random.Random(0)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot import __version__
-from musebot.controller import PROPOSERS, Parameters
+from musebot.controller import BRAINS, PROPOSERS, Parameters
 from musebot.models import arena_spec
 from musebot.protocols import experiment as experiment_module
 from musebot.protocols.errors import DamagedFileError
@@ -25,6 +25,7 @@ from musebot.protocols.experiment import (
     Plan,
     default_cohort_size,
     load_plan,
+    named_brain,
     save_plan,
 )
 from musebot.protocols.schedules import SCHEDULES
@@ -290,6 +291,30 @@ def assert_damaged(path):
     with pytest.raises(DamagedFileError) as caught:
         load_plan(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_run_from_before_there_were_other_brains_is_the_papers(sound):
+    content = json.loads(sound.read_text())
+    first = list(content["experiment"]["brain"]).index("activation")
+    for name in list(content["experiment"]["brain"])[first:]:
+        del content["experiment"]["brain"][name]
+    assert len(content["experiment"]["brain"]) == 13
+    sound.write_text(json.dumps(content))
+    assert load_plan(sound).experiment.brain == Parameters()
+
+
+@pytest.mark.parametrize("name", BRAINS)
+def test_an_experiment_keeps_its_brain(name, tmp_path):
+    path = tmp_path / "experiment.json"
+    save_plan(path, Plan.of(Experiment(brain=named_brain(name)), CONDITIONS, 50))
+    kept = load_plan(path).experiment
+    assert kept.brain == BRAINS[name]
+    assert kept.brain_name == name
+
+
+def test_a_brain_with_a_number_changed_has_no_name():
+    brain = dataclasses.replace(BRAINS["steady"], discount=0.8)
+    assert Experiment(brain=brain).brain_name == "unnamed"
 
 
 def test_a_truncated_experiment_json_is_damaged(sound):

@@ -16,14 +16,15 @@ shapes = st.fixed_dictionaries(
         "hidden": st.integers(1, 8),
         "outputs": st.integers(1, 3),
         "seed": st.integers(0, 2**31),
+        "activation": st.sampled_from(["logistic", "tanh"]),
     }
 )
 
 
-def drawn(robots, inputs, hidden, outputs, seed, initial_range=1.0):
+def drawn(robots, inputs, hidden, outputs, seed, initial_range=1.0, activation="logistic"):
     """Networks, an input and a step for each output, all of one seed."""
     generator = torch.Generator().manual_seed(seed)
-    networks = Networks(robots, inputs, hidden, outputs, initial_range, generator)
+    networks = Networks(robots, inputs, hidden, outputs, initial_range, generator, activation)
     x = torch.rand(robots, inputs, generator=generator) * 4 - 2
     steps = torch.rand(robots, outputs, generator=generator) * 2 - 1
     return networks, x, steps
@@ -37,8 +38,9 @@ def weights(networks, robot):
     }
 
 
-def output_sums(w, x):
-    hidden = torch.sigmoid(w["hidden_weights"] @ x.double() + w["hidden_biases"])
+def output_sums(w, x, activation):
+    function = {"logistic": torch.sigmoid, "tanh": torch.tanh}[activation]
+    hidden = function(w["hidden_weights"] @ x.double() + w["hidden_biases"])
     return w["output_weights"] @ hidden + w["output_biases"]
 
 
@@ -47,13 +49,14 @@ def only(networks, robot):
     robots, hidden, inputs = networks.hidden_weights.shape
     outputs = networks.output_biases.shape[1]
     alone = Networks(1, inputs, hidden, outputs, 1.0, torch.Generator())
+    alone.activation = networks.activation
     alone.load({name: t[robot : robot + 1] for name, t in networks.tensors().items()})
     return alone
 
 
 @quick
 @given(shapes)
-def test_forward_is_a_logistic_layer_and_a_linear_one(shape):
+def test_forward_is_a_layer_of_hidden_neurons_and_a_linear_one(shape):
     networks, x, _ = drawn(**shape)
     hidden, output = networks.forward(x)
     assert hidden.shape == (shape["robots"], shape["hidden"])
@@ -61,7 +64,10 @@ def test_forward_is_a_logistic_layer_and_a_linear_one(shape):
     for robot in range(shape["robots"]):
         w = weights(networks, robot)
         torch.testing.assert_close(
-            output[robot].double(), output_sums(w, x[robot]).detach(), atol=1e-5, rtol=1e-5
+            output[robot].double(),
+            output_sums(w, x[robot], shape["activation"]).detach(),
+            atol=1e-5,
+            rtol=1e-5,
         )
 
 
@@ -72,12 +78,36 @@ def test_ascend_goes_along_the_gradient_that_autograd_finds(shape):
     wanted = []
     for robot in range(shape["robots"]):
         w = weights(networks, robot)
-        (steps[robot].double() * output_sums(w, x[robot])).sum().backward()
+        sums = output_sums(w, x[robot], shape["activation"])
+        (steps[robot].double() * sums).sum().backward()
         wanted.append({name: (t + t.grad).detach() for name, t in w.items()})
     networks.ascend(x, networks.forward(x)[0], steps)
     for robot, after in enumerate(wanted):
         for name, tensor in networks.tensors().items():
             torch.testing.assert_close(tensor[robot].double(), after[name], atol=1e-5, rtol=0)
+
+
+@quick
+@given(shapes)
+def test_adding_the_gradient_is_ascending(shape):
+    (one, x, steps), (other, _, _) = drawn(**shape), drawn(**shape)
+    one.ascend(x, one.forward(x)[0], steps)
+    other.add(other.gradient(x, other.forward(x)[0], steps))
+    for name, tensor in one.tensors().items():
+        torch.testing.assert_close(tensor, other.tensors()[name], atol=1e-6, rtol=1e-6)
+
+
+def test_a_copy_is_the_same_and_goes_its_own_way():
+    networks, x, steps = drawn(2, 3, 4, 1, seed=6)
+    copy = networks.copy()
+    assert torch.equal(copy.forward(x)[1], networks.forward(x)[1])
+    before = {name: tensor.clone() for name, tensor in copy.tensors().items()}
+    networks.ascend(x, networks.forward(x)[0], steps)
+    assert all(torch.equal(before[name], t) for name, t in copy.tensors().items())
+    copy.approach(networks, 0.25)
+    for name, tensor in copy.tensors().items():
+        wanted = 0.75 * before[name] + 0.25 * networks.tensors()[name]
+        torch.testing.assert_close(tensor, wanted, atol=1e-6, rtol=1e-6)
 
 
 @quick

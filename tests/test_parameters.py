@@ -22,6 +22,23 @@ def test_the_defaults_are_the_papers_numbers():
         "noise_on_biases": False,
         "keep_main_idea": False,
         "initial_range": 1.0,  # "from the interval [-1.0, 1.0]"
+        "activation": "logistic",  # "neurons with logistic activation function"
+        "centred": False,
+        "raw_signals": False,
+        "raw_reward": False,
+        "reward": "signal",  # "reward is identical to specific sensor signals"
+        "next_value": "selected",  # SARSA
+        "capped": False,
+        "action_gap": 0.0,
+        "optimizer": "plain",
+        "judge_rate": 1.0,
+        "memory_goal": "selected",  # "trained with the state-action pair selected"
+        "random_ideas": 0,
+        "held_steps": 0,
+        "young_epsilon": None,
+        "epsilon_youth": 24000.0,
+        "young_learn_rate": None,
+        "learn_rate_youth": 62400.0,
     }
 
 
@@ -37,6 +54,19 @@ BAD = {
     "learn_rate": (-0.01, NAN),
     "noise": (-0.76, NAN),
     "initial_range": (-1.0, NAN),
+    "action_gap": (-0.1, NAN, INFINITY),
+    "held_steps": (-1,),
+    "judge_rate": (-0.1, 1.1, NAN),
+    "young_epsilon": (-0.1, 1.1, NAN),
+    "young_learn_rate": (-0.1, NAN, INFINITY),
+    "epsilon_youth": (0.0, -1.0, NAN, INFINITY),
+    "learn_rate_youth": (0.0, -1.0, NAN, INFINITY),
+    "random_ideas": (-1, 25, 26),
+    "activation": ("relu", ""),
+    "optimizer": ("sgd",),
+    "reward": ("none",),
+    "next_value": ("worst",),
+    "memory_goal": ("worst",),
     "fixed_motors": ((), (0.0, 0.6), (-0.51,), (0.0, NAN), (INFINITY,)),
 }
 

@@ -139,20 +139,20 @@ def test_its_robots_are_newborn_in_the_first_test_and_trained_from_training_on(f
         for name, array in weights.items():
             np.testing.assert_array_equal(array, policies.arrays[f"{when}.{name}"])
     sensors = policies.arrays["after.0.weights"].shape[2]
-    agent = make_agent(experiment, AGENT, 3, sensors, 0)
+    agent = make_agent(experiment, task, AGENT, 3, 0)
     state = np.random.default_rng(2).uniform(0, 1, (3, sensors)).astype(np.float32)
     for learning, trained in ((False, False), (True, True), (False, True)):
         np.testing.assert_array_equal(agent.act(state, learning), policies.act(state, trained))
 
 
 def test_what_is_missing_is_said_before_a_life_begins(folder):
-    def make(robots, sensors=5):
-        return make_agent(Experiment(), AGENT, robots, sensors, 0)
+    def make(robots):
+        return make_agent(Experiment(), "wall_avoidance", AGENT, robots, 0)
 
     with pytest.raises(InputError, match="has 3 policies, too few for 4 robots"):
         make(4)
     with pytest.raises(InputError, match=r"for \[1, 5\] signals, got 2"):
-        make(3, sensors=2)
+        ppo.ppo(robots=3, sensors=2, seed=0)
     path = ppo.FOLDER / "wall_avoidance_unit.safetensors"
     (ppo.FOLDER / "spot_finding_unit.safetensors").replace(path)
     with pytest.raises(InputError, match="holds policies for spot_finding_unit"):

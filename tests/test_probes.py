@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from musebot.controller import BRAINS
 from musebot.protocols import probes
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.experiment import CohortKey, Experiment
 from musebot.protocols.probes import Track, spins, stay_of
-from musebot.protocols.replay import Candidate
+from musebot.protocols.replay import Candidate, stored_brains
 from musebot.protocols.results import Results, collect
 
 EXPERIMENT = Experiment(time_scale=0.002, cohort_size=3)
@@ -133,6 +134,22 @@ def test_a_batch_of_brains_does_what_each_does_alone(results):
         alone = Candidate(EXPERIMENT, results, "wall_avoidance", "fixed", row, phase).episode()
         for pose, moment in zip(track.poses[:, index], alone.moments(), strict=False):
             np.testing.assert_allclose(pose, moment.pose, atol=1e-6)
+
+
+def test_a_stored_brain_beyond_the_papers_does_in_its_robot_what_it_did():
+    experiment = dataclasses.replace(EXPERIMENT, brain=BRAINS["steady"])
+    key = CohortKey("spot_finding", "fixed", 0)
+    cohort = Cohort(experiment, key)
+    cohort.advance(cohort.steps)
+    lived = cohort.agent
+    stored = collect(experiment, [(key, cohort.lives())])
+    again = stored_brains(
+        experiment, stored, key.task, key.proposer, [(i, "after") for i in range(3)], 0
+    )
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        nose = random.uniform(0, 10 / 11, (3, 1)).astype(np.float32)
+        np.testing.assert_array_equal(again.act(nose, False), lived.act(nose, False))
 
 
 def test_everything_lived_is_observed_and_every_tick_announced(results):

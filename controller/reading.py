@@ -1,0 +1,101 @@
+"""How a brain reads its senses: the signals as they are, as in the paper, or stretched."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from .parameters import Parameters
+
+
+@dataclasses.dataclass(frozen=True)
+class Signal:
+    """What a brain is told of a number that it senses, or is rewarded with.
+
+    Attributes:
+      low: the smallest it can be.
+      high: the largest.
+      full: where it saturates, as s = x / (1 + x) of a raw signal x >= 0: x at a full load;
+        None where it does not.
+    """
+
+    low: float
+    high: float
+    full: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where there is nothing between low and high, or no full load."""
+        if not self.low < self.high:
+            raise ValueError(f"low must be less than high, got {self.low} and {self.high}")
+        if self.full is not None and not self.full > 0:
+            raise ValueError(f"full must be positive, got {self.full}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Senses:
+    """A robot's senses, the same for every robot of a batch.
+
+    Attributes:
+      state: one entry for each number in a state.
+      reward: the reward's.
+    """
+
+    state: tuple[Signal, ...]
+    reward: Signal
+
+
+class Reading:
+    """From signals to what the networks are given.
+
+    Attributes:
+      inputs: I, how many numbers the networks are given of a state.
+    """
+
+    def __init__(self, parameters: Parameters, sensors: int, senses: Senses | None) -> None:
+        """Prepares to read states of S sensors.
+
+        Args:
+          parameters: how to read.
+          sensors: S.
+          senses: what the S numbers and the reward are; None is enough to read them as they are.
+
+        Raises:
+          ValueError: the senses are not told, or not of S numbers.
+        """
+        self._centred, self._raw = parameters.centred, parameters.raw_signals
+        self._reward_full = None
+        self.inputs = sensors
+        if not (self._centred or self._raw or parameters.raw_reward):
+            return
+        if senses is None or len(senses.state) != sensors:
+            raise ValueError(f"a brain that stretches signals must be told of all {sensors}")
+        self._reward_full = senses.reward.full if parameters.raw_reward else None
+        full = [signal.full for signal in senses.state if self._raw and signal.full]
+        self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
+        self._full = torch.tensor(full)
+        self.inputs += len(full)
+        bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * len(full)
+        low, high = torch.tensor(bounds).T
+        self._middle, self._half = (high + low) / 2, (high - low) / 2
+
+    def state(self, signals: Tensor) -> Tensor:
+        """The networks' inputs, shape (B, I), from signals, shape (B, S)."""
+        if self._raw and len(self._full):
+            raw = _raw(signals[:, self._columns]) / self._full
+            signals = torch.cat([signals, raw], dim=1)
+        return (signals - self._middle) / self._half if self._centred else signals
+
+    def motors(self, actions: Tensor) -> Tensor:
+        """Motor values as the evaluation network is given them, of the same shape."""
+        return actions * 2 if self._centred else actions
+
+    def reward(self, signal: Tensor) -> Tensor:
+        """The reward, from its signal, shapes (B,)."""
+        return signal if self._reward_full is None else _raw(signal) / self._reward_full
+
+
+def _raw(signal: Tensor) -> Tensor:
+    """The x of s = x / (1 + x)."""
+    return signal / (1 - signal)

@@ -1,0 +1,382 @@
+"""The brain beyond the paper: each step of it against autograd and torch's Adam, and alone."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from musebot.controller import (
+    BRAINS,
+    INGREDIENTS,
+    Neurocontroller,
+    NoisePatterns,
+    Parameters,
+    Senses,
+    Signal,
+)
+
+STEADY = BRAINS["steady"]
+SENSES = Senses((Signal(0.0, 1.0, 10.0), Signal(-1.0, 0.0)), Signal(0.0, 1.0, 10.0))
+ROBOTS = 3
+
+
+@pytest.fixture
+def double_precision():
+    torch.set_default_dtype(torch.float64)
+    yield
+    torch.set_default_dtype(torch.float32)
+
+
+def born(seed=1, proposer="creative", robots=ROBOTS, **fields):
+    parameters = dataclasses.replace(STEADY, **fields)
+    return Neurocontroller(parameters, proposer, robots, 2, seed, SENSES)
+
+
+def sensed(steps, robots=ROBOTS, seed=0):
+    """States of a nose and a contact sensor; the nose often smells nothing."""
+    generator = torch.Generator().manual_seed(seed)
+    nose = torch.rand(steps, robots, generator=generator) * 10 / 11
+    nose *= torch.rand(steps, robots, generator=generator) < 0.6
+    contact = -(torch.rand(steps, robots, generator=generator) < 0.3).to(nose.dtype)
+    return torch.stack([nose, contact], dim=-1)
+
+
+def snapshot(tensors):
+    return {name: tensor.clone() for name, tensor in tensors.items()}
+
+
+def same(first, second):
+    return first.keys() == second.keys() and all(torch.equal(first[k], second[k]) for k in first)
+
+
+def live(brain, states):
+    actions = []
+    for state in states:
+        actions.append(brain.act(state, explore=True))
+        brain.learn(state[:, 0])
+    return actions
+
+
+# The sequence of a step
+
+
+class SlowBrain:
+    """One robot's networks, one after the other as the rule is written down.
+
+    On arriving in x' with rho': delta = rho' - rho + gamma v' - Q(x, a) - kappa (best - Qs(x,
+    a)), where v' is the best that Qs promises in x' among the ideas there, at most rho - rho'
+    where rho has fallen to nothing, and best is that in x when a was chosen. Adam moves Q along
+    delta grad Q(x, a), and the memory towards the best idea of x; then Qs goes towards Q.
+    """
+
+    def __init__(self, brain, robot, parameters):
+        own = {name: tensor[robot].clone() for name, tensor in brain.networks().items()}
+        self.p = parameters
+        self.q, self.slow, self.memory = (
+            {k.split(".")[1]: t for k, t in own.items() if k.startswith(owner)}
+            for owner in ("evaluation", "judge", "memory")
+        )
+        self.adams = []
+        for weights in (self.q, self.memory):
+            for tensor in weights.values():
+                tensor.requires_grad_()
+            self.adams.append(torch.optim.Adam(weights.values(), lr=1.0))
+        self.before = None
+
+    def read(self, state):
+        nose, contact = state
+        return torch.stack([2 * nose - 1, 2 * contact + 1, nose / (5 * (1 - nose)) - 1])
+
+    def layers(self, w, x):
+        hidden = torch.tanh(w["hidden_weights"] @ x + w["hidden_biases"])
+        return w["output_weights"] @ hidden + w["output_biases"]
+
+    def value(self, w, x, action):
+        return self.layers(w, torch.cat([x, 2 * action]))[0]
+
+    def arrive(self, state, action, ideas, age):
+        x, rho = self.read(state), state[0] / (1 - state[0]) / 10
+        promises = [self.value(self.slow, x, idea).detach() for idea in ideas]
+        best = max(promises)
+        idea = ideas[promises.index(best)]
+        mine = self.value(self.slow, x, action).detach()
+        error = torch.tensor(0.0)
+        if self.before is not None:
+            error = self.learn(rho, best, age)
+        self.before = (x, action, rho, idea, (best - mine).clamp(min=0))
+        return error
+
+    def learn(self, rho_now, best_now, age):
+        x, action, rho, idea, gap = self.before
+        if rho_now < rho and rho_now <= 0:
+            best_now = torch.minimum(best_now, rho - rho_now)
+        target = rho_now - rho + 0.9 * best_now - self.p.action_gap * gap
+        q = self.value(self.q, x, action)
+        surprise = (target - q) ** 2 / 2
+        outputs = torch.sigmoid(self.layers(self.memory, x))
+        mistake = ((idea + 0.5 - outputs) ** 2 / 2).sum()
+        rate = 0.0002 + 0.0018 * torch.exp(torch.tensor(-age / 62400)).item()
+        for adam, loss in zip(self.adams, (surprise, mistake), strict=True):
+            adam.zero_grad()
+            loss.backward()
+            adam.param_groups[0]["lr"] = rate
+            adam.step()
+        for name, weights in self.slow.items():
+            weights += self.p.judge_rate * (self.q[name].detach() - weights)
+        return (target - q).detach()
+
+
+def watch(brain):
+    """Keeps what the brain's proposer offers."""
+    proposed, propose = [], brain._proposer.propose
+
+    def recorded(inputs):
+        proposed.append(propose(inputs).clone())
+        return proposed[-1]
+
+    brain._proposer.propose = recorded
+    return proposed
+
+
+@pytest.mark.usefixtures("double_precision")
+@pytest.mark.parametrize("fields", [{}, {"judge_rate": 0.3, "young_epsilon": 0.6}])
+def test_each_step_learns_as_the_rule_is_written_down(fields):
+    brain = born(**fields)
+    slow = [SlowBrain(brain, robot, brain._parameters) for robot in range(ROBOTS)]
+    proposed = watch(brain)
+    strayed = lost = 0
+    for age, state in enumerate(sensed(60)):
+        actions = brain.act(state, explore=True)
+        errors = brain.learn(state[:, 0])
+        for robot, own in enumerate(slow):
+            strayed += not (proposed[-1][robot] == actions[robot]).all(-1).any()
+            lost += own.before is not None and state[robot, 0] == 0 < own.before[2]
+            error = own.arrive(state[robot], actions[robot], proposed[-1][robot], age)
+            torch.testing.assert_close(errors[robot], error, atol=1e-9, rtol=0)
+    assert strayed > 10
+    assert lost > 10
+    for robot, own in enumerate(slow):
+        for owner, weights in (("evaluation", own.q), ("judge", own.slow), ("memory", own.memory)):
+            for name, tensor in weights.items():
+                mine = brain.networks()[f"{owner}.{name}"][robot]
+                torch.testing.assert_close(mine, tensor.detach(), atol=1e-9, rtol=0)
+
+
+def test_the_ingredients_are_all_that_tells_the_brain_from_the_papers():
+    paper, ours = (dataclasses.asdict(p) for p in (Parameters(), STEADY))
+    fields = [field for fields in INGREDIENTS.values() for field in fields]
+    assert len(fields) == len(set(fields))
+    assert {name for name in paper if paper[name] != ours[name]} == set(fields)
+
+
+@pytest.mark.parametrize("ingredient", INGREDIENTS)
+def test_every_ingredient_can_be_taken_away_alone_and_is_then_missed(ingredient):
+    brains = [
+        Neurocontroller(BRAINS[name], "creative", ROBOTS, 2, 1, SENSES)
+        for name in ("steady", f"steady-{ingredient}")
+    ]
+    for brain in brains:
+        live(brain, sensed(100))
+        assert all(tensor.isfinite().all() for tensor in brain.networks().values())
+    assert not same(*(brain.networks() for brain in brains))
+
+
+# What each ingredient is for
+
+
+def test_the_judge_chooses_and_the_learning_network_does_not():
+    brain = born(proposer="fixed")
+    state = sensed(1)[0]
+    before = brain.act(state, explore=False)
+    brain.evaluation.networks.output_weights.neg_()
+    assert torch.equal(brain.act(state, explore=False), before)
+    brain.evaluation.judge.output_weights.neg_()
+    assert not torch.equal(brain.act(state, explore=False), before)
+
+
+def test_the_judge_follows_by_its_share_of_the_way():
+    brain = born(judge_rate=0.25)
+    first, second, third = sensed(3)
+    for state in (first, second):
+        brain.act(state, explore=False)
+        brain.learn(state[:, 0])
+    before = snapshot(brain.evaluation.judge.tensors())
+    brain.act(third, explore=False)
+    brain.learn(third[:, 0])
+    for name, judge in brain.evaluation.judge.tensors().items():
+        learnt = brain.evaluation.networks.tensors()[name]
+        torch.testing.assert_close(judge, before[name] + 0.25 * (learnt - before[name]))
+        assert not torch.equal(judge, before[name])
+
+
+def outcome(nose_before, nose_now, ahead, **fields):
+    """The r and V' that one robot learns from, its best next value being `ahead`."""
+    alone = {"action_gap": 0.0, **fields}
+    brain = born(robots=1, **alone)
+    for nose in (nose_before, nose_now):
+        rho = brain._reading.reward(torch.tensor([nose]))
+        brain.act(torch.tensor([[nose, 0.0]]), explore=False)
+        brain._now["best_value"].fill_(ahead)
+        gain, promised, learning = brain._outcome(rho)
+    return gain.item(), promised.item(), learning.item()
+
+
+def test_the_reward_is_the_change_of_the_raw_signal():
+    gain, promised, learning = outcome(0.5, 10 / 11, 0.7)
+    assert (gain, promised, learning) == pytest.approx((1.0 - 0.1, 0.7, 1.0))
+
+
+def test_who_has_just_lost_all_expects_no_more_than_was_lost():
+    assert outcome(0.5, 0.0, 0.7)[:2] == pytest.approx((-0.1, 0.1))
+    assert outcome(0.5, 0.0, 0.05)[:2] == pytest.approx((-0.1, 0.05))
+    assert outcome(0.5, 0.0, -0.7)[:2] == pytest.approx((-0.1, -0.7))
+    assert outcome(0.5, 0.0, 0.7, capped=False)[:2] == pytest.approx((-0.1, 0.7))
+
+
+@pytest.mark.parametrize(("before", "now"), [(0.0, 0.0), (0.6, 0.5), (0.0, 0.5)])
+def test_others_expect_what_is_promised(before, now):
+    assert outcome(before, now, 0.7)[1] == pytest.approx(0.7)
+
+
+def test_an_action_is_rewarded_less_by_its_share_of_what_it_is_worse_than_the_best():
+    brain = born(robots=1)
+    first, second = sensed(2, robots=1)
+    for state in (first, second):
+        brain.act(state, explore=False)
+        brain._now["value"].fill_(0.2)
+        brain._now["best_value"].fill_(0.7)
+        gain, _, _ = brain._outcome(torch.tensor([0.5]))
+    assert gain.item() == pytest.approx(0.0 - 0.8 * 0.5)
+
+
+def test_a_stray_action_that_is_judged_better_than_every_idea_loses_nothing():
+    brain = born(robots=1)
+    for value in (0.7, 0.2):
+        brain.act(sensed(1, robots=1)[0], explore=False)
+        brain._now["value"].fill_(value)
+        brain._now["best_value"].fill_(0.2)
+        gain, _, _ = brain._outcome(torch.tensor([0.5]))
+    assert gain.item() == pytest.approx(0.0)
+
+
+def test_a_change_is_not_learnt_where_the_reward_before_is_not_known():
+    brain = born()
+    first, second, third = sensed(3)
+    brain.act(first, explore=False)  # as in the test before training: nobody learns
+    brain.act(second, explore=False)
+    before = snapshot(brain.networks())
+    assert torch.equal(brain.learn(second[:, 0]), torch.zeros(ROBOTS))
+    assert same(before, brain.networks())
+    brain.act(third, explore=False)
+    assert brain.learn(third[:, 0]).abs().min() > 0
+
+
+def test_a_robot_placed_anew_learns_nothing_from_the_step_across_and_others_do():
+    across, anew = born(), born()
+    states = sensed(6)
+    for brain in (across, anew):
+        live(brain, states[:5])
+    before = snapshot(anew.evaluation.networks.tensors())
+    anew.forget_step(torch.tensor([1]))
+    for brain in (across, anew):
+        brain.act(states[5], explore=False)
+    errors = [brain.learn(states[5][:, 0]) for brain in (across, anew)]
+    assert errors[1][1] == 0
+    assert torch.equal(errors[0][[0, 2]], errors[1][[0, 2]])
+    for name, tensor in anew.evaluation.networks.tensors().items():
+        assert torch.equal(tensor[1], before[name][1])
+        assert not torch.equal(tensor[0], before[name][0])
+
+
+def test_the_memory_learns_what_was_best_though_the_robot_strayed():
+    brain = born(epsilon=1.0, young_epsilon=None)
+    proposed = watch(brain)
+    wanted = []
+    brain.memory.learn = lambda state, action, rates, rate: wanted.append(action.clone())
+    states = sensed(3)
+    for state in states[:2]:
+        brain.act(state, explore=True)
+    brain.learn(states[1][:, 0])
+    values = brain.values(states[0], proposed[0])
+    assert torch.equal(wanted[0], proposed[0][torch.arange(ROBOTS), values.argmax(dim=1)])
+
+
+def test_eight_of_the_25_ideas_are_random_and_seventeen_the_memorys():
+    brain = born(noise=0.0)  # so that the memory's own are all its main idea
+    state = sensed(1)[0]
+    ideas = brain.propose(state)
+    main = brain.memory.recall(brain._reading.state(state))[:, None]
+    alike = (ideas - main).abs().amax(-1) < 1e-6
+    assert ideas.shape == (ROBOTS, 25, 2)
+    assert alike[:, :17].all()
+    assert not alike[:, 17:].any()
+
+
+def test_epsilon_and_learn_rate_fall_with_the_time_of_learning():
+    minutes = 600
+    assert STEADY.epsilon_at(0) == pytest.approx(0.15)
+    assert STEADY.epsilon_at(40 * minutes) == pytest.approx(0.02 + 0.13 / 2.718281828)
+    assert STEADY.learn_rate_at(0) == pytest.approx(0.002)
+    assert STEADY.learn_rate_at(104 * minutes) == pytest.approx(0.0002 + 0.0018 / 2.718281828)
+    assert STEADY.learn_rate_at(10**7) == pytest.approx(0.0002)
+    assert Parameters().epsilon_at(10**7) == Parameters().epsilon
+    brain = born()
+    live(brain, sensed(5))
+    brain.act(sensed(1)[0], explore=False)  # tests do not age
+    assert brain.state()["learning.age"] == 5
+
+
+# Independence, and going on
+
+
+@pytest.mark.usefixtures("double_precision")
+def test_robots_live_the_same_alone_and_among_others():
+    together = born(proposer="fixed", epsilon=0.0, young_epsilon=None)
+    alone = [born(0, "fixed", 1, epsilon=0.0, young_epsilon=None) for _ in range(ROBOTS)]
+    for robot, brain in enumerate(alone):
+        brain.load_networks({k: t[robot : robot + 1] for k, t in together.networks().items()})
+    for state in sensed(50):
+        actions, errors = together.act(state, explore=True), together.learn(state[:, 0])
+        for robot, brain in enumerate(alone):
+            row = slice(robot, robot + 1)
+            assert torch.equal(brain.act(state[row], explore=True), actions[row])
+            torch.testing.assert_close(brain.learn(state[row, 0]), errors[row], atol=1e-9, rtol=0)
+
+
+def test_what_one_robot_senses_reaches_no_other():
+    one, other = born(), born()
+    for state in sensed(50):
+        changed = state.clone()
+        changed[1] = torch.tensor([0.3, -1.0])
+        first, second = one.act(state, explore=True), other.act(changed, explore=True)
+        assert torch.equal(first[[0, 2]], second[[0, 2]])
+        one.learn(state[:, 0])
+        other.learn(changed[:, 0])
+    for name, tensor in one.networks().items():
+        assert torch.equal(tensor[[0, 2]], other.networks()[name][[0, 2]])
+        assert not torch.equal(tensor[1], other.networks()[name][1])
+
+
+@pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
+@pytest.mark.parametrize("steps", [0, 1, 17, 40])
+def test_a_brain_goes_on_from_its_state_to_the_bit(proposer, steps, monkeypatch):
+    monkeypatch.setattr(NoisePatterns, "LIFETIME", 6)
+    monkeypatch.setattr(NoisePatterns, "POOL", 256)
+    first, second = born(10, proposer), born(999, proposer)
+    states = sensed(60)
+    live(first, states[:steps])
+    live(second, states[:7])
+    kept = snapshot(first.state())
+    second.load_state(kept)
+    assert same(second.state(), kept)
+    for one, other in zip(live(first, states[steps:]), live(second, states[steps:]), strict=True):
+        assert torch.equal(one, other)
+    assert same(second.state(), first.state())
+
+
+def test_the_papers_state_has_nothing_of_all_this():
+    brain = Neurocontroller(Parameters(), "creative", ROBOTS, 2, 1)
+    parts = {name.rpartition(".")[0] for name in brain.state()}
+    assert parts == {"", "evaluation", "memory", "now", "noise"}
+    now = {name for name in brain.state() if name.startswith("now.")}
+    assert now == {"now.state", "now.action", "now.value", "now.chained"}
