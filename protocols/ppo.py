@@ -18,7 +18,7 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -248,7 +248,7 @@ class Train:
                 progress.advance(done)
         print(self.path)
 
-    def _trained(self, seeds: range) -> Iterator[dict[str, np.ndarray]]:
+    def _trained(self, seeds: range) -> Generator[dict[str, np.ndarray]]:
         """Trains the policies of some seeds, in their order, several at a time.
 
         Raises:
