@@ -71,7 +71,11 @@ class CreativeMemory:
             generator,
             parameters.activation,
         )
-        self.optimizer = make_optimizer(parameters.optimizer, self.networks)
+        # A TD error says how far to go: Adam, which levels the steps, would not hear it.
+        towards_best = parameters.memory_goal == "best"
+        self.optimizer = make_optimizer(
+            parameters.optimizer if towards_best else "plain", self.networks
+        )
         # Connections of an idea side by side: sensor weights, motor weights (and biases).
         self._sizes = [hidden * sensors, 2 * hidden]
         if parameters.noise_on_biases:
@@ -123,11 +127,11 @@ class CreativeMemory:
         Args:
           state: sensor signals, shape (B, S).
           action: the motor values to remember, shape (B, 2).
-          rates: each robot's learn rate, the TD error (negative: to unlearn), shape (B,); 0 for
-            a robot that does not learn.
+          rates: each robot's learn rate, shape (B,): towards a selected action the TD error
+            (negative: to unlearn), towards the best one 1; 0 for a robot that does not learn.
           rate: everybody's, by which the others are multiplied.
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()
         steps = rates[:, None] * (action + 0.5 - outputs) * outputs * (1 - outputs)
-        self.optimizer.ascend(state, hidden, steps, rate, (rates != 0).to(rates))
+        self.optimizer.ascend(state, hidden, steps, rate, rates)

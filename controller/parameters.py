@@ -184,9 +184,9 @@ STEADY = Parameters(
     capped=True,
     # In 0.1 s driving and standing differ by less than the network's error: widen the gap.
     action_gap=0.8,
-    # Gradients at weak smell are a hundredth of those at the spot: Adam levels them.
+    # Rewards differ by a hundred times between the tasks and over a life: Adam levels the steps.
     optimizer="adam",
-    # After four hours it is a fifth of the young one: a long stay rewrites little.
+    # A long stay rewrites little: after four hours a fifth of the young one is left.
     learn_rate=0.0002,
     young_learn_rate=0.002,
     learn_rate_youth=62400,

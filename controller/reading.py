@@ -83,7 +83,7 @@ class Reading:
     def state(self, signals: Tensor) -> Tensor:
         """The networks' inputs, shape (B, I), from signals, shape (B, S)."""
         if self._raw and len(self._full):
-            raw = _raw(signals[:, self._columns]) / self._full
+            raw = unsaturated(signals[:, self._columns], self._full)
             signals = torch.cat([signals, raw], dim=1)
         return (signals - self._middle) / self._half if self._centred else signals
 
@@ -93,9 +93,14 @@ class Reading:
 
     def reward(self, signal: Tensor) -> Tensor:
         """The reward, from its signal, shapes (B,)."""
-        return signal if self._reward_full is None else _raw(signal) / self._reward_full
+        full = self._reward_full
+        return signal if full is None else unsaturated(signal, torch.tensor(full))
 
 
-def _raw(signal: Tensor) -> Tensor:
-    """The x of s = x / (1 + x)."""
-    return signal / (1 - signal)
+def unsaturated(signal: Tensor, full: Tensor) -> Tensor:
+    """The x of s = x / (1 + x), as a share of a full load.
+
+    No noise on a signal makes more of it than a full load, nor less than none.
+    """
+    signal = torch.minimum(signal.clamp(min=0), full / (1 + full))
+    return signal / (1 - signal) / full

@@ -86,7 +86,7 @@ class Agent(abc.ABC):
 
 
 class Brain(Agent):
-    """The paper's neurocontroller as an agent.
+    """The neurocontroller as an agent.
 
     Attributes:
       controller: the brains.

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import hashlib
 import importlib.util
 import itertools
@@ -19,7 +18,7 @@ import os
 import signal
 import sys
 from collections.abc import Generator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -31,6 +30,7 @@ import tyro
 from ..tasks.suite import TASKS
 from .agents import Agent
 from .cli import exit_status
+from .engine import heeding_signals
 from .errors import DamagedFileError, InputError, Interrupted, RunError
 from .progress import bar
 from .storage import check_place, load_arrays, save_arrays
@@ -252,25 +252,31 @@ class Train:
         """Trains the policies of some seeds, in their order, several at a time.
 
         Raises:
-          Interrupted: by Ctrl-C; whatever was in training is given up.
-          RunError: a process was killed.
+          Interrupted: by Ctrl-C or SIGTERM; whatever was in training is given up.
+          RunError: a process died.
         """
-        pool = ProcessPoolExecutor(
-            self.processes,
-            mp_context=multiprocessing.get_context("spawn"),  # torch does not like to be forked
-            initializer=signal.signal,
-            initargs=(signal.SIGINT, signal.SIG_IGN),  # it is the parent's to answer
-        )
-        try:
-            yield from pool.map(functools.partial(train, self.task, self.steps), seeds)
-        except KeyboardInterrupt:
-            raise Interrupted from None
-        except BrokenProcessPool as error:
-            raise RunError("a process was killed; the same command goes on from here") from error
-        finally:
-            for process in multiprocessing.active_children():
-                process.terminate()
-            pool.shutdown(cancel_futures=True)
+        context = multiprocessing.get_context("spawn")  # torch does not like to be forked
+        ignore = (signal.SIGINT, signal.SIG_IGN)  # it is the parent's to answer
+        pool = ProcessPoolExecutor(self.processes, context, signal.signal, ignore)
+        with heeding_signals() as asked:
+            try:
+                policies = [pool.submit(train, self.task, self.steps, seed) for seed in seeds]
+                for policy in policies:
+                    while not policy.done():
+                        wait([policy], timeout=0.2)
+                        if asked.to_stop:
+                            raise Interrupted
+                    yield policy.result()
+            except BrokenProcessPool as error:
+                if asked.to_stop:
+                    raise Interrupted from error
+                raise RunError(
+                    "a process died, perhaps for want of memory; the same command goes on"
+                ) from error
+            finally:
+                for process in multiprocessing.active_children():
+                    process.terminate()
+                pool.shutdown(cancel_futures=True)
 
 
 def train(task: str, steps: int, seed: int) -> dict[str, np.ndarray]:

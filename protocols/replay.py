@@ -54,7 +54,9 @@ class Candidate:
         """
         check_condition(self.task, self.proposer)
         if self.proposer not in PROPOSERS:
-            raise InputError(f"only the paper's brains can be put back, not {self.proposer}")
+            raise InputError(
+                f"only brains of the three proposers can be put back, not {self.proposer}"
+            )
         check_phase(self.phase)
         check_seed(self.seed)
         row = _row(self.results, self.task, self.proposer, self.robot)

@@ -188,7 +188,7 @@ def test_a_run_of_more_robots_than_policies_leaves_nothing_behind(folder, capsys
 @needs_it
 @pytest.mark.parametrize(
     ("what", "status", "sentence"),
-    [("parent", 130, "goes on from here"), ("worker", 1, "a process was killed")],
+    [("parent", 130, "goes on from here"), ("worker", 1, "a process died")],
 )
 def test_training_that_is_stopped_ends_at_once_and_says_so(tmp_path, what, status, sentence):
     line = [sys.executable, "-m", "musebot.protocols.ppo", "a.safetensors"]

@@ -31,6 +31,13 @@ def test_a_nose_is_read_as_2s_minus_1_and_as_the_raw_odour_from_minus_1_to_1():
     torch.testing.assert_close(reading.reward(s[:, 0]), (s / (1 - s) / 10)[:, 0])
 
 
+def test_noise_on_a_signal_makes_no_more_of_it_than_a_full_load_nor_less_than_none():
+    reading = Reading(STEADY, 1, senses_of("spot_finding"))
+    s = torch.tensor([-0.2, 0.95, 1.0, 1.1])
+    torch.testing.assert_close(reading.reward(s), torch.tensor([0.0, 1.0, 1.0, 1.0]))
+    torch.testing.assert_close(reading.state(s[:, None])[:, 1], torch.tensor([-1.0, 1.0, 1.0, 1.0]))
+
+
 def test_the_raw_odour_is_that_of_equation_3():
     nose = Nose()
     ahead = np.array([0.03, 0.06, 0.12, 0.3, 0.6])

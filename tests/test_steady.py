@@ -176,9 +176,23 @@ def test_every_ingredient_can_be_taken_away_alone_and_is_then_missed(ingredient)
         for name in ("steady", f"steady-{ingredient}")
     ]
     for brain in brains:
-        live(brain, sensed(100))
-        assert all(tensor.isfinite().all() for tensor in brain.networks().values())
+        for state in sensed(100):
+            before = snapshot(brain.networks())
+            live(brain, [state])
+            for name, tensor in brain.networks().items():
+                assert (tensor - before[name]).abs().max() < 1, name
     assert not same(*(brain.networks() for brain in brains))
+
+
+def test_a_memory_that_learns_at_the_td_error_follows_the_plain_gradient_as_the_papers():
+    plain, adam = (
+        Neurocontroller(Parameters(optimizer=name), "creative", ROBOTS, 2, 1).memory
+        for name in ("plain", "adam")
+    )
+    state, action = sensed(1)[0], torch.full((ROBOTS, 2), 0.3)
+    for memory in (plain, adam):
+        memory.learn(state, action, torch.tensor([0.01, -0.02, 0.0]))
+    assert same(plain.networks.tensors(), adam.networks.tensors())
 
 
 # What each ingredient is for
