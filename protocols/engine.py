@@ -341,14 +341,19 @@ def _prepare_process(stop: Event, reports: Any) -> None:
     _STOP, _REPORTS = stop, reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent tells us, in its own time
     signal.signal(signal.SIGTERM, lambda *_: setattr(_ASKED, "to_stop", True))
-    threading.Thread(target=_die_with_parent, daemon=True).start()
+    follow_parent()
     prepare_process()
 
 
-def _die_with_parent() -> None:
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
-        os._exit(1)
+def follow_parent() -> None:
+    """Lets this process die as soon as the one that started it does."""
+
+    def follow() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def prepare_process() -> None:

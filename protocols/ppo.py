@@ -30,7 +30,7 @@ import tyro
 from ..tasks.suite import TASKS
 from .agents import Agent
 from .cli import exit_status
-from .engine import heeding_signals
+from .engine import follow_parent, heeding_signals
 from .errors import DamagedFileError, InputError, Interrupted, RunError
 from .progress import bar
 from .storage import check_place, load_arrays, save_arrays
@@ -256,8 +256,7 @@ class Train:
           RunError: a process died.
         """
         context = multiprocessing.get_context("spawn")  # torch does not like to be forked
-        ignore = (signal.SIGINT, signal.SIG_IGN)  # it is the parent's to answer
-        pool = ProcessPoolExecutor(self.processes, context, signal.signal, ignore)
+        pool = ProcessPoolExecutor(self.processes, context, _prepare_process)
         with heeding_signals() as asked:
             try:
                 policies = [pool.submit(train, self.task, self.steps, seed) for seed in seeds]
@@ -277,6 +276,11 @@ class Train:
                 for process in multiprocessing.active_children():
                     process.terminate()
                 pool.shutdown(cancel_futures=True)
+
+
+def _prepare_process() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is the parent's to answer
+    follow_parent()
 
 
 def train(task: str, steps: int, seed: int) -> dict[str, np.ndarray]:

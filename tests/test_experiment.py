@@ -69,7 +69,10 @@ def plans(draw):
         ({"time_scale": 1.5}, "the time scale must lie in (0, 1], got 1.5"),
         ({"time_scale": float("nan")}, "the time scale must lie in (0, 1], got nan"),
         ({"nose": "big"}, "the nose must be 'inverse' or 'printed', got 'big'"),
-        ({"nose": "printed", "brain": BRAINS["steady"]}, "knows no bound of the printed Eq. 3"),
+        (
+            {"nose": "printed", "brain": BRAINS["steady"]},
+            "a brain that reads raw signals knows no bound of the printed Eq. 3",
+        ),
     ],
 )
 def test_an_experiment_that_makes_no_sense_is_refused_in_a_sentence(fields, sentence):
