@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import abc
 import importlib
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -21,11 +19,7 @@ import torch
 from ..controller import PROPOSERS, Neurocontroller, Senses, Signal
 from ..tasks.suite import row_of
 from .errors import InputError
-
-if TYPE_CHECKING:
-    from .experiment import Experiment
-
-_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+from .experiment import Experiment, check_agent
 
 
 class Agent(abc.ABC):
@@ -128,15 +122,6 @@ class Brain(Agent):
     def weights(self) -> dict[str, np.ndarray]:
         """See `Agent.weights`."""
         return {name: tensor.numpy() for name, tensor in self.controller.networks().items()}
-
-
-def check_agent(name: str) -> None:
-    """Raises InputError where a name is neither a proposer's nor that of an agent's factory."""
-    if name not in PROPOSERS and not _NAME.fullmatch(name):
-        raise InputError(
-            f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
-            f"package.module:factory, got {name!r}"
-        )
 
 
 def senses_of(task: str) -> Senses:

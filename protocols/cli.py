@@ -7,13 +7,12 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .errors import InputError, Interrupted, RunError
+from .errors import InputError, complain, exit_status
 
 if TYPE_CHECKING:
     from .engine import Workforce
@@ -341,7 +340,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = [word.partition("=")[0] for word in words if word.startswith("--")]
     for option in options:
         if options.count(option) > 1:  # tyro would forget all but the last
-            return _complain(f"{option} is given twice: once, with all its values after it", 2)
+            return complain(f"{option} is given twice: once, with all its values after it", 2)
     verb = tyro.extras.subcommand_cli_from_dict(
         {
             "run": Run,
@@ -362,32 +361,3 @@ def main(arguments: list[str] | None = None) -> int:
     else:
         os.environ["MUJOCO_GL"] = "off"
     return exit_status(verb, check=not isinstance(verb, Doctor))  # who says himself what is wrong
-
-
-def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
-    """Does what was asked for; says in one sentence why it cannot, and returns the exit status.
-
-    Args:
-      work: to do.
-      check: whether the versions of what it stands on are checked first.
-    """
-    try:
-        if check:
-            from ..models import check_versions
-
-            check_versions()
-        work()
-    except (InputError, ImportError) as error:
-        return _complain(str(error), 2)
-    except (RunError, OSError) as error:
-        return _complain(str(error), 1)
-    except Interrupted:
-        return _complain("stopped; the same command goes on from here", 130)
-    except KeyboardInterrupt:
-        return _complain("stopped", 130)
-    return 0
-
-
-def _complain(sentence: str, status: int) -> int:
-    print(f"musebot: {sentence}", file=sys.stderr)
-    return status

@@ -1,4 +1,12 @@
-"""What can go wrong in an experiment, each said in one sentence. Light: it imports nothing."""
+"""What can go wrong, each said in one sentence, and the status with which a command ends.
+
+Light: it imports nothing of ours before there is work to do.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
 
 
 class InputError(Exception):
@@ -15,3 +23,33 @@ class RunError(Exception):
 
 class Interrupted(Exception):
     """A run was asked to stop; everything lived so far is in its checkpoints."""
+
+
+def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
+    """Does what was asked for; says in one sentence why it cannot, and returns the exit status.
+
+    Args:
+      work: to do.
+      check: whether the versions of what it stands on are checked first.
+    """
+    try:
+        if check:
+            from ..models import check_versions
+
+            check_versions()
+        work()
+    except (InputError, ImportError) as error:
+        return complain(str(error), 2)
+    except (RunError, OSError) as error:
+        return complain(str(error), 1)
+    except Interrupted:
+        return complain("stopped; the same command goes on from here", 130)
+    except KeyboardInterrupt:
+        return complain("stopped", 130)
+    return 0
+
+
+def complain(sentence: str, status: int) -> int:
+    """Says on stderr what went wrong; returns the exit status that it was given."""
+    print(f"musebot: {sentence}", file=sys.stderr)
+    return status

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import platform
+import re
 import zlib
 from collections.abc import Iterable
 from importlib import metadata
@@ -21,7 +22,6 @@ from ..controller import BRAINS, PROPOSERS, Parameters
 from ..models import Kinematics
 from ..tasks import Robots, make_batch, make_kinematic_batch
 from ..tasks.senses import NoseForm
-from .agents import check_agent
 from .errors import DamagedFileError, InputError
 from .schedules import SCHEDULES, Schedule
 from .storage import write_atomically
@@ -29,6 +29,7 @@ from .storage import write_atomically
 TASKS = tuple(SCHEDULES)
 Body = Literal["mujoco", "kinematic"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
+_FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")  # of agents
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,6 +206,15 @@ def check_condition(task: str, proposer: str) -> None:
     if task not in TASKS:
         raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
     check_agent(proposer)
+
+
+def check_agent(name: str) -> None:
+    """Raises InputError where a name is neither a proposer's nor that of an agent's factory."""
+    if name not in PROPOSERS and not _FACTORY.fullmatch(name):
+        raise InputError(
+            f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
+            f"package.module:factory, got {name!r}"
+        )
 
 
 def condition_order(condition: Iterable[str]) -> tuple[int, int, str]:

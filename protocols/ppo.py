@@ -29,9 +29,8 @@ import tyro
 
 from ..tasks.suite import TASKS
 from .agents import Agent
-from .cli import exit_status
 from .engine import follow_parent, heeding_signals
-from .errors import DamagedFileError, InputError, Interrupted, RunError
+from .errors import DamagedFileError, InputError, Interrupted, RunError, exit_status
 from .progress import bar
 from .storage import check_place, load_arrays, save_arrays
 

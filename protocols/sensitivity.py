@@ -21,8 +21,7 @@ from ..controller import PROPOSERS, Parameters
 from ..models import Kinematics
 from . import beside, engine, tables
 from .beside import Cell, Side
-from .cli import exit_status
-from .errors import InputError
+from .errors import InputError, exit_status
 from .experiment import TASKS, Experiment, Plan, default_cohort_size, load_plan
 from .progress import bar
 from .results import load

@@ -10,11 +10,11 @@ import pytest
 import torch
 
 from musebot.protocols import cli
-from musebot.protocols.agents import Agent, check_agent, make_agent
+from musebot.protocols.agents import Agent, make_agent
 from musebot.protocols.baselines import QLearner
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment import CohortKey, Experiment
+from musebot.protocols.experiment import CohortKey, Experiment, check_agent
 
 Q_LEARNER = "musebot.protocols.baselines:q_learner"
 GUIDE = Path(__file__).parent.parent / "docs" / "agents.md"

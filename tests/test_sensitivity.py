@@ -7,8 +7,9 @@ import pytest
 import torch
 import tyro
 
-from musebot.protocols import beside, cli, engine, sensitivity
+from musebot.protocols import beside, engine, sensitivity
 from musebot.protocols.cohort import Cohort
+from musebot.protocols.errors import exit_status
 from musebot.protocols.experiment import TASKS, CohortKey, Experiment, save_plan
 from musebot.protocols.sensitivity import BASELINE, CHOICES, NOISE, Choice
 
@@ -36,7 +37,7 @@ def here(monkeypatch):
 
 
 def run(out, **options):
-    return cli.exit_status(
+    return exit_status(
         lambda: sensitivity.main(
             out, **({"robots": 2, "time_scale": 0.001, "processes": 1} | options)
         )
