@@ -99,24 +99,24 @@ def drive(
     Returns:
       The poses reached, shape (B, 3).
     """
-    speeds = motors * (2 * size.motor_speed)
-    turn = (speeds[:, 1] - speeds[:, 0]) / size.wheel_base * seconds
+    left, right = (motors * (2 * size.motor_speed)).T
+    turn = (right - left) / size.wheel_base * seconds
     # The chord of the arc: at half the turn, shorter than the arc by sin(x) / x.
-    length = speeds.mean(axis=1) * seconds * np.sinc(turn / (2 * np.pi))
+    length = (left + right) / 2 * seconds * np.sinc(turn / (2 * np.pi))
     along = poses[:, 2] + turn / 2
-    step = length[:, None] * np.stack([np.cos(along), np.sin(along)], axis=1)
-    room = np.array([size.half_length, size.half_width]) - size.radius
-    target = poses[:, :2] + step
-    inside = np.clip(target, -room, room)
-    blocked = (inside != target).any(axis=1)
+    start, step = poses[:, :2].T, length * np.array([np.cos(along), np.sin(along)])
+    room = np.array([[size.half_length], [size.half_width]]) - size.radius
+    target = start + step
+    reached = np.minimum(np.maximum(target, -room), room)
+    if wall == "sticks":
+        turn = np.where((reached != target).any(axis=0), 0.0, turn)
     if wall != "slides":
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            share = (np.copysign(room, step) - poses[:, :2]) / step
-        share = np.where(step == 0, 1.0, share).min(axis=1).clip(0, 1)
-        inside = np.clip(poses[:, :2] + share[:, None] * step, -room, room)
-    if wall == "sticks":
-        turn = np.where(blocked, 0.0, turn)
-    return np.column_stack([inside, poses[:, 2] + turn])
+            shares = (np.copysign(room, step) - start) / step
+        shares[step == 0] = 1
+        share = np.minimum(np.maximum(shares.min(axis=0), 0), 1)
+        reached = np.minimum(np.maximum(start + share * step, -room), room)
+    return np.array([*reached, poses[:, 2] + turn]).T
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
