@@ -94,7 +94,8 @@ class CreativeMemory:
           Motor values in [-0.5, 0.5], shape (B, A, 2).
         """
         robots, sensors = state.shape
-        count, hidden_size = self._parameters.own_ideas, self._parameters.memory_hidden
+        hidden_size = self._parameters.memory_hidden
+        count = self._parameters.ideas - self._parameters.random_ideas
         patterns = self.patterns.draw(robots * count).view(robots, count, -1)
         if self._parameters.keep_main_idea:
             patterns[:, 0] = 0

@@ -62,7 +62,8 @@ class Parameters:
         learning one in a step; with 1 both are one.
       memory_goal: what the memory is trained towards: the "selected" action, at the TD error
         (section 3), or the "best" proposed, at the learn rate.
-      random_ideas: how many of the creative proposer's ideas are uniformly random.
+      random_share: share of the creative proposer's ideas that are uniformly random; their
+        number is rounded to the nearest, and one idea at least is the memory's own.
       held_steps: a random action is one of those proposed, for one step (0; section 3), or
         any motor pair, held for 1 to so many steps.
       young_epsilon: the young epsilon; None for no other.
@@ -96,7 +97,7 @@ class Parameters:
     optimizer: OptimizerName = "plain"
     judge_rate: float = 1.0
     memory_goal: Literal["selected", "best"] = "selected"
-    random_ideas: int = 0
+    random_share: float = 0.0
     held_steps: int = 0
     young_epsilon: float | None = None
     epsilon_youth: float = 24000.0
@@ -121,10 +122,8 @@ class Parameters:
         for name in ("epsilon_youth", "learn_rate_youth"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        if not 0 <= self.random_ideas < self.ideas:
-            raise ValueError(
-                f"random_ideas must be fewer than the {self.ideas} ideas, got {self.random_ideas}"
-            )
+        if not 0 <= self.random_share < 1:
+            raise ValueError(f"random_share must lie in [0, 1), got {self.random_share}")
         if not self.fixed_motors or not all(abs(m) <= 0.5 for m in self.fixed_motors):
             raise ValueError(f"fixed_motors must lie in [-0.5, 0.5], got {self.fixed_motors}")
         for name, choices in _CHOICES.items():
@@ -133,9 +132,9 @@ class Parameters:
                 raise ValueError(f"{name} must be {words}, got {getattr(self, name)!r}")
 
     @property
-    def own_ideas(self) -> int:
-        """Of the ideas, those that are the memory's own."""
-        return self.ideas - self.random_ideas
+    def random_ideas(self) -> int:
+        """Of the creative proposer's ideas, those that are uniformly random."""
+        return min(round(self.random_share * self.ideas), self.ideas - 1)
 
     @property
     def ages(self) -> bool:
@@ -195,7 +194,7 @@ STEADY = Parameters(
     # The memory keeps what is best, not what happened; it need not unlearn.
     memory_goal="best",
     # A memory that has settled proposes one action in many copies: some ideas are from outside.
-    random_ideas=8,
+    random_share=0.32,
     # Single random steps go nowhere: a stray walk crosses the arena, and meets the spot.
     held_steps=30,
     epsilon=0.02,
@@ -217,7 +216,7 @@ INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "adam": ("optimizer", "learn_rate", "young_learn_rate"),
         "judge": ("judge_rate",),
         "goal": ("memory_goal",),
-        "random": ("random_ideas",),
+        "random": ("random_share",),
         "held": ("held_steps",),
         "epsilon": ("epsilon", "young_epsilon"),
     }

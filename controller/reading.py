@@ -65,13 +65,14 @@ class Reading:
           ValueError: the senses are not told, or not of S numbers.
         """
         self._centred, self._raw = parameters.centred, parameters.raw_signals
-        self._reward_full = None
+        self._reward_full: Tensor | None = None
         self.inputs = sensors
         if not (self._centred or self._raw or parameters.raw_reward):
             return
         if senses is None or len(senses.state) != sensors:
             raise ValueError(f"a brain that stretches signals must be told of all {sensors}")
-        self._reward_full = senses.reward.full if parameters.raw_reward else None
+        if parameters.raw_reward and senses.reward.full:
+            self._reward_full = torch.tensor(senses.reward.full)
         full = [signal.full for signal in senses.state if self._raw and signal.full]
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
         self._full = torch.tensor(full)
@@ -94,7 +95,7 @@ class Reading:
     def reward(self, signal: Tensor) -> Tensor:
         """The reward, from its signal, shapes (B,)."""
         full = self._reward_full
-        return signal if full is None else unsaturated(signal, torch.tensor(full))
+        return signal if full is None else unsaturated(signal, full)
 
 
 def unsaturated(signal: Tensor, full: Tensor) -> Tensor:

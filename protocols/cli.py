@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from .episode import Episode
     from .experiment import Experiment, Plan
     from .explore import Driver
-    from .ppo import Policies
     from .results import Results
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help is at once, and MUJOCO_GL
@@ -140,9 +139,11 @@ class Tables:
         from . import beside, tables
 
         if self.beside:
-            sides = [
-                beside.Side(out.resolve().name, *_read(out)) for out in (self.out, self.beside)
-            ]
+            outs = self.out, self.beside
+            names = [out.resolve().name for out in outs]
+            if names[0] == names[1]:  # of two folders of one name, the ways there tell more
+                names = [str(out) for out in outs]
+            sides = [beside.Side(n, *_read(out)) for n, out in zip(names, outs, strict=True)]
             shown, lives = beside, (*sides, beside.all_cells(*sides))
         else:
             shown, lives = tables, _read(self.out)
@@ -184,6 +185,7 @@ class Film:
 
     def _episode(self) -> Episode:
         from .episode import Episode
+        from .ppo import Policies
         from .replay import Candidate
 
         if not (self.out.is_file() or self.out.suffix == ".safetensors"):
@@ -192,7 +194,7 @@ class Film:
             return Candidate(*run, self.task, *who).episode()
         if self.proposer:
             raise InputError(f"{self.out} holds policies, and only brains have a proposer")
-        policies = _read_policies(self.out, self.task)
+        policies = Policies.load(self.out, self.task)
         return Episode.of_policy(policies, self.robot, self.phase, self.seed)
 
 
@@ -246,13 +248,13 @@ class Explore:
     def _driver(self) -> Driver | None:
         """Who drives; None for random motors."""
         from .explore import ArrowKeys, Driver
+        from .ppo import Policies
         from .replay import Candidate
 
         if self.keys:
             return Driver("arrow keys", ArrowKeys())
         if self.policies:
-            policies = _read_policies(self.policies, self.task)
-            return Driver.of_policy(policies, self.robot, self.phase)
+            return Driver.of_policy(Policies.load(self.policies, self.task), self.robot, self.phase)
         if self.out:
             run = _read(self.out, enact=True)
             who = self.proposer or "creative", self.robot, self.phase
@@ -312,15 +314,6 @@ def _read(out: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
             file=sys.stderr,
         )
     return experiment, lives
-
-
-def _read_policies(path: Path, task: str) -> Policies:
-    from .ppo import Policies
-
-    policies = Policies.load(path)
-    if policies.task != task:
-        raise InputError(f"{path} holds policies for {policies.task}, not for {task}")
-    return policies
 
 
 def _print(text: str) -> None:

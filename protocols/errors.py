@@ -5,6 +5,8 @@ Light: it imports nothing of ours before there is work to do.
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from collections.abc import Callable
 
@@ -38,6 +40,10 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
 
             check_versions()
         work()
+        sys.stdout.flush()
+    except BrokenPipeError:  # who reads has read enough, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except (InputError, ImportError) as error:
         return complain(str(error), 2)
     except (RunError, OSError) as error:

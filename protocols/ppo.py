@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import hashlib
 import importlib.util
 import itertools
 import multiprocessing
@@ -32,7 +31,7 @@ from .agents import Agent
 from .engine import follow_parent, heeding_signals
 from .errors import DamagedFileError, InputError, Interrupted, RunError, exit_status
 from .progress import bar
-from .storage import check_place, load_arrays, save_arrays
+from .storage import check_place, digest, load_arrays, save_arrays
 
 # What differs from Stable-Baselines3's defaults: many short rollouts, for there are few steps.
 # A discount of 0.95 does not reach from the search to the spot: two seeds of spot_finding_unit
@@ -63,13 +62,16 @@ class Policies:
         self._tensors = {name: torch.from_numpy(array) for name, array in self.arrays.items()}
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: Path, task: str) -> Self:
         """Reads what this module's command wrote.
 
         Raises:
-          InputError: there is no such file, or it holds no policies.
+          InputError: there is no such file, or it holds no policies, or none for this task.
         """
-        return cls(*_read(path)[:2])
+        trained_on, arrays, _ = _read(path)
+        if trained_on != task:
+            raise InputError(f"{path} holds policies for {trained_on}, not for {task}")
+        return cls(task, arrays)
 
     @property
     def robots(self) -> int:
@@ -79,10 +81,7 @@ class Policies:
     @property
     def digest(self) -> np.ndarray:
         """Tells these policies from others, 16 bytes."""
-        digest = hashlib.blake2b(digest_size=16)
-        for name in sorted(self.arrays):
-            digest.update(self.arrays[name].tobytes())
-        return np.frombuffer(digest.digest(), dtype=np.uint8)
+        return np.frombuffer(bytes.fromhex(digest(self.arrays)), dtype=np.uint8)
 
     def some(self, robots: slice) -> Policies:
         """Some of the policies."""
@@ -182,9 +181,7 @@ def ppo(robots: int, sensors: int, seed: int) -> Agent:
             f"there is no file {path}: `python -m {__name__} {path} --task {task} --policies "
             f"{robots} --steps N` trains them"
         )
-    policies = Policies.load(path)
-    if policies.task != task:
-        raise InputError(f"{path} holds policies for {policies.task}")
+    policies = Policies.load(path, task)
     if policies.robots < robots:
         raise InputError(f"{path} has {policies.robots} policies, too few for {robots} robots")
     return Trained(policies.some(slice(robots)))

@@ -76,7 +76,7 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     text = json.dumps(notes, sort_keys=True)
     # One entry: safetensors writes several in no particular order, and equal runs leave equal
     # bytes.
-    metadata = {"musebot": json.dumps({"notes": text, "digest": _digest(contiguous, text)})}
+    metadata = {"musebot": json.dumps({"notes": text, "digest": digest(contiguous, text)})}
     write_atomically(path, save(contiguous, metadata=metadata))
 
 
@@ -93,7 +93,7 @@ def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = json.loads((file.metadata() or {})["musebot"])
             arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
-        sound = metadata["digest"] == _digest(arrays, metadata["notes"])
+        sound = metadata["digest"] == digest(arrays, metadata["notes"])
         notes = json.loads(metadata["notes"])
     except (
         safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, OSError
@@ -104,9 +104,10 @@ def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return arrays, notes
 
 
-def _digest(arrays: Mapping[str, np.ndarray], notes: str) -> str:
-    digest = hashlib.blake2b(notes.encode(), digest_size=16)
+def digest(arrays: Mapping[str, np.ndarray], notes: str = "") -> str:
+    """Tells arrays and notes from any others, 32 hexadecimal digits."""
+    content = hashlib.blake2b(notes.encode(), digest_size=16)
     for name, array in sorted(arrays.items()):
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+        content.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        content.update(np.ascontiguousarray(array).tobytes())
+    return content.hexdigest()

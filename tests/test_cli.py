@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -84,7 +85,7 @@ def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
 def test_two_runs_stand_side_by_side(run, capsys):
     assert cli.main(["tables", str(run), "--beside", f"{run}/../run/"]) == 0
     text = capsys.readouterr().out
-    assert text.startswith("**run** beside **run**. Their experiments are the same")
+    assert "Their experiments are the same" in text.splitlines()[0]
     assert "After Holm's correction 0 of 18 cells differ." in text
     assert cli.main(["tables", str(run), "--beside", str(run), "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)
@@ -201,6 +202,24 @@ def test_a_run_of_another_brain_goes_on_with_it_and_says_so(tmp_path, capsys):
     capsys.readouterr()
     assert cli.main(["tables", out, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["brain"] == "steady"
+
+
+def test_who_reads_no_further_is_not_complained_to(run):
+    read, write = os.pipe()
+    os.close(read)
+    with open(write, "wb") as closed:
+        done = subprocess.run(
+            [sys.executable, "-m", "musebot", "tables", str(run)],
+            stdout=closed, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_two_folders_of_one_name_are_told_apart(run, tmp_path, capsys):
+    copy = tmp_path / run.name
+    shutil.copytree(run, copy)
+    assert cli.main(["tables", str(run), "--beside", str(copy)]) == 0
+    assert f"**{run}** beside **{copy}**" in capsys.readouterr().out
 
 
 def test_tables_of_nothing_are_refused(tmp_path, capsys):

@@ -33,7 +33,7 @@ def test_the_defaults_are_the_papers_numbers():
         "optimizer": "plain",
         "judge_rate": 1.0,
         "memory_goal": "selected",  # "trained with the state-action pair selected"
-        "random_ideas": 0,
+        "random_share": 0.0,
         "held_steps": 0,
         "young_epsilon": None,
         "epsilon_youth": 24000.0,
@@ -61,7 +61,7 @@ BAD = {
     "young_learn_rate": (-0.1, NAN, INFINITY),
     "epsilon_youth": (0.0, -1.0, NAN, INFINITY),
     "learn_rate_youth": (0.0, -1.0, NAN, INFINITY),
-    "random_ideas": (-1, 25, 26),
+    "random_share": (-0.1, 1.0, NAN),
     "activation": ("relu", ""),
     "optimizer": ("sgd",),
     "reward": ("none",),

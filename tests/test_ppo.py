@@ -81,7 +81,9 @@ def test_training_goes_on_where_it_stopped_and_equals_one_that_did_not(tmp_path)
         done = command(tmp_path, *words, *common)
         assert done.returncode == 0, done.stderr
     command(tmp_path, "b.safetensors", "--policies", 2, *common)
-    first, second = (ppo.Policies.load(tmp_path / f"{name}.safetensors") for name in "ab")
+    first, second = (
+        ppo.Policies.load(tmp_path / f"{name}.safetensors", common[1]) for name in "ab"
+    )
     assert first.robots == 2 and first.arrays["after.0.weights"].shape == (2, 64, 1)
     for name, array in first.arrays.items():
         np.testing.assert_array_equal(array, second.arrays[name])

@@ -315,15 +315,16 @@ def test_the_memory_learns_what_was_best_though_the_robot_strayed():
     assert torch.equal(wanted[0], proposed[0][torch.arange(ROBOTS), values.argmax(dim=1)])
 
 
-def test_eight_of_the_25_ideas_are_random_and_seventeen_the_memorys():
-    brain = born(noise=0.0)  # so that the memory's own are all its main idea
+@pytest.mark.parametrize(("count", "own"), [(25, 17), (9, 6), (5, 3), (3, 2), (1, 1)])
+def test_a_third_of_the_ideas_are_random_and_the_others_the_memorys(count, own):
+    brain = born(ideas=count, noise=0.0)  # so that the memory's own are all its main idea
     state = sensed(1)[0]
     ideas = brain.propose(state)
     main = brain.memory.recall(brain._reading.state(state))[:, None]
     alike = (ideas - main).abs().amax(-1) < 1e-6
-    assert ideas.shape == (ROBOTS, 25, 2)
-    assert alike[:, :17].all()
-    assert not alike[:, 17:].any()
+    assert ideas.shape == (ROBOTS, count, 2)
+    assert alike[:, :own].all()
+    assert not alike[:, own:].any()
 
 
 def test_epsilon_and_learn_rate_fall_with_the_time_of_learning():
