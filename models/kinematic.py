@@ -16,6 +16,8 @@ from .arena import Dimensions
 
 Wall = Literal["holds", "slides", "sticks"]
 WALLS: tuple[Wall, ...] = ("holds", "slides", "sticks")
+Felt = Literal["near", "pushed"]
+FEELINGS: tuple[Felt, ...] = ("near", "pushed")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +29,9 @@ class Kinematics:
       wheel_base: distance between the wheels, in metres.
       wall: what a robot does that drives into a wall. "holds": it stops there, free to turn;
         "slides": along the wall, too; "sticks": it can do neither, only back off.
+      felt: when a robot feels a wall. "near": where its rim is within the contact margin of one;
+        "pushed": only while its wheels push it into one, as the real body's does, which a wall
+        that it does not push pushes off.
       any_contact: whether contact is felt wherever there was one during a control step;
         else where there is one at its end.
       lag: seconds after which a wheel has made 63 % of a change of its speed; 0 for at once. The
@@ -37,6 +42,7 @@ class Kinematics:
     radius: float | None = None
     wheel_base: float | None = None
     wall: Wall = "holds"
+    felt: Felt = "near"
     any_contact: bool = False
     lag: float = 0.0
     pieces: int = 4
@@ -49,10 +55,14 @@ class Kinematics:
                 raise ValueError(f"{name} must be positive, got {value}")
         if self.wall not in WALLS:
             raise ValueError(f"wall must be one of {', '.join(WALLS)}, got {self.wall!r}")
+        if self.felt not in FEELINGS:
+            raise ValueError(f"felt must be one of {', '.join(FEELINGS)}, got {self.felt!r}")
         if not 0 <= self.lag < np.inf:
             raise ValueError(f"lag must not be negative, got {self.lag}")
-        if self.pieces < 1:
-            raise ValueError(f"pieces must be at least 1, got {self.pieces}")
+        if not isinstance(self.any_contact, bool):
+            raise ValueError(f"any_contact must be true or false, got {self.any_contact!r}")
+        if not isinstance(self.pieces, int) or self.pieces < 1:
+            raise ValueError(f"pieces must be a whole number of at least 1, got {self.pieces}")
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:
         """The dimensions of an arena, with this robot in it."""
@@ -86,7 +96,7 @@ def catch_up(
 
 def drive(
     poses: np.ndarray, motors: np.ndarray, seconds: float, wall: Wall, size: Dimensions
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """Moves robots along the arcs that their wheels roll, as far as the walls let them.
 
     Args:
@@ -97,7 +107,7 @@ def drive(
       size: of robot and arena.
 
     Returns:
-      The poses reached, shape (B, 3).
+      The poses reached, shape (B, 3); and whose wheels push them into a wall, shape (B,).
     """
     left, right = (motors * (2 * size.motor_speed)).T
     turn = (right - left) / size.wheel_base * seconds
@@ -108,15 +118,16 @@ def drive(
     room = np.array([[size.half_length], [size.half_width]]) - size.radius
     target = start + step
     reached = np.minimum(np.maximum(target, -room), room)
+    pushing = (reached != target).any(axis=0)
     if wall == "sticks":
-        turn = np.where((reached != target).any(axis=0), 0.0, turn)
+        turn = np.where(pushing, 0.0, turn)
     if wall != "slides":
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             shares = (np.copysign(room, step) - start) / step
         shares[step == 0] = 1
         share = np.minimum(np.maximum(shares.min(axis=0), 0), 1)
         reached = np.minimum(np.maximum(start + share * step, -room), room)
-    return np.array([*reached, poses[:, 2] + turn]).T
+    return np.array([*reached, poses[:, 2] + turn]).T, pushing
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:

@@ -51,6 +51,9 @@ class Run:
     body: str | None = None
     """mujoco, or kinematic: an ideal differential drive instead of physics (default: mujoco, or
     OUT's own)"""
+    kinematics: tuple[str, ...] = ()
+    """of the stand-in, such as wall=slides felt=pushed lag=0.08 (docs/results.md has all; default:
+    an ideal differential drive, or OUT's own)"""
     brain: str | None = None
     """paper; or steady: ours, for both tasks; or steady-cap and so on: ours, without an ingredient
     (default: paper, or OUT's own)"""
@@ -84,12 +87,22 @@ class Run:
 
     def _plan(self, held: Plan | None) -> Plan:
         """What was asked for; for what was not, what OUT holds, or the defaults."""
-        from .experiment import PROPOSERS, TASKS, Experiment, Plan, default_cohort_size, named_brain
+        from .experiment import (
+            PROPOSERS,
+            TASKS,
+            Experiment,
+            Plan,
+            default_cohort_size,
+            kinematics_of,
+            named_brain,
+        )
 
         settings = ("seed", "cohort_size", "time_scale", "nose", "body", "motor_speed", "brain")
         asked = {name: x for name in settings if (x := getattr(self, name)) is not None}
         if "brain" in asked:
             asked["brain"] = named_brain(asked["brain"])
+        if self.kinematics:
+            asked["kinematics"] = kinematics_of(self.kinematics)
         if self.robots is not None and self.robots < 1:
             raise InputError(f"the number of robots must be at least 1, got {self.robots}")
         if held:

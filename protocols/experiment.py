@@ -95,6 +95,8 @@ class Experiment:
             raise InputError("a brain that reads raw signals knows no bound of the printed Eq. 3")
         if self.body not in BODIES:
             raise InputError(f"the body must be one of {', '.join(BODIES)}, got {self.body!r}")
+        if self.body == "mujoco" and self.kinematics != Kinematics():
+            raise InputError("only the kinematic body is told how it drives")
         if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
             raise InputError(f"the motor speed must be positive, got {self.motor_speed}")
         if not np.isfinite(self.turned_start):
@@ -199,6 +201,30 @@ def named_brain(name: str) -> Parameters:
     if name not in BRAINS:
         raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}")
     return BRAINS[name]
+
+
+def kinematics_of(words: Iterable[str]) -> Kinematics:
+    """The stand-in's numbers from words such as "wall=slides" and "lag=0.08".
+
+    Raises:
+      InputError: there is no such number, or it makes no sense.
+    """
+    fields: dict[str, Any] = {}
+    known = [field.name for field in dataclasses.fields(Kinematics)]
+    for word in words:
+        name, _, text = word.partition("=")
+        if name not in known:
+            raise InputError(
+                f"the stand-in is told {', '.join(known)}, as NAME=VALUE, got {word!r}"
+            )
+        try:
+            fields[name] = json.loads(text)
+        except ValueError:
+            fields[name] = text
+    try:
+        return Kinematics(**fields)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the stand-in cannot drive so: {error}") from error
 
 
 def check_condition(task: str, proposer: str) -> None:

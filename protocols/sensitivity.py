@@ -88,10 +88,16 @@ CHOICES = (
         proposers=("creative",),
     ),
     Choice(
+        "felt-pushed",
+        "a wall felt only while pushed",
+        {"kinematics": Kinematics(felt="pushed")},
+        tasks=_WALLS,  # nothing feels walls in spot finding
+    ),
+    Choice(
         "any-contact",
         "contact felt at any instant of a control step",
         {"kinematics": Kinematics(any_contact=True)},
-        tasks=_WALLS,  # nothing feels walls in spot finding
+        tasks=_WALLS,
     ),
     Choice("slides", "a robot slides along a wall", {"kinematics": Kinematics(wall="slides")}),
     Choice("sticks", "a robot sticks to a wall", {"kinematics": Kinematics(wall="sticks")}),

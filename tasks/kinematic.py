@@ -57,7 +57,7 @@ class KinematicBatch(Robots):
         """See `Robots.place`."""
         self._poses[robots] = poses
         self._wheels[robots] = 0
-        self._touch[robots] = self._near()[robots]
+        self._touch[robots] = self._near()[robots] if self._kinematics.felt == "near" else 0
         others = np.delete(np.arange(self.robots), robots)
         before = self.sensordata[others].copy()
         self._sense()
@@ -74,9 +74,9 @@ class KinematicBatch(Robots):
         piece = CONTROL_TIMESTEP / how.pieces
         for _ in range(how.pieces):
             speeds, self._wheels[:] = catch_up(self._wheels, motors, piece, how.lag)
-            self._poses = drive(self._poses, speeds, piece, how.wall, self.dimensions)
-            near = self._near()
-            contact = (contact | near) if how.any_contact else near
+            self._poses, pushing = drive(self._poses, speeds, piece, how.wall, self.dimensions)
+            felt = pushing if how.felt == "pushed" else self._near()
+            contact = (contact | felt) if how.any_contact else felt
         self._touch[:] = contact
         self._sense()
 

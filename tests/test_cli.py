@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from musebot.controller import BRAINS
+from musebot.models import Kinematics
 from musebot.protocols import cli, engine, sensitivity
 from musebot.protocols.experiment import Experiment, Plan, load_plan
 
@@ -132,6 +133,14 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--seed", "-1"], "seed must not be negative, got -1"),
         (["--brain", "divine"], "brain must be one of paper, steady, steady-neurons, "),
         (["--nose", "red"], "nose must be 'inverse' or 'printed', got 'red'"),
+        (["--kinematics", "wall=slides"], "only the kinematic body is told how it drives"),
+        (["--body=kinematic", "--kinematics", "tyre=flat"], "told radius, wheel_base, wall, felt,"),
+        (["--body=kinematic", "--kinematics", "wall=soft"], "wall must be one of holds, slides,"),
+        (["--body=kinematic", "--kinematics", "felt=warm"], "felt must be one of near, pushed"),
+        (["--body=kinematic", "--kinematics", "lag=long"], "the stand-in cannot drive so: "),
+        (["--body=kinematic", "--kinematics", "radius"], "the stand-in cannot drive so: "),
+        (["--body=kinematic", "--kinematics", "any_contact=1"], "must be true or false, got 1"),
+        (["--body=kinematic", "--kinematics", "pieces=1.5"], "must be a whole number"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--engine", "steam"], "engine must be local or ray, got 'steam'"),
     ],
@@ -142,6 +151,14 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, 
     assert words in message
     assert message.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_stand_in_drives_as_it_is_told(tmp_path):
+    words = "--body kinematic --kinematics wall=slides felt=pushed lag=0.08 any_contact=true"
+    scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
+    assert cli.main(["run", str(tmp_path), *words.split(), *scale]) == 0
+    told = load_plan(tmp_path / "experiment.json").experiment.kinematics
+    assert told == Kinematics(wall="slides", felt="pushed", lag=0.08, any_contact=True)
 
 
 def test_a_foreign_folder_is_refused_and_left_alone(tmp_path, capsys):

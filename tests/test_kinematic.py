@@ -24,7 +24,7 @@ poses = st.tuples(
 
 
 def driven(pose, left, right, seconds=0.1, wall="holds"):
-    return drive(np.array([pose]), np.array([[left, right]]), seconds, wall, SIZE)[0]
+    return drive(np.array([pose]), np.array([[left, right]]), seconds, wall, SIZE)[0][0]
 
 
 def test_equal_motors_drive_straight_at_the_commanded_speed():
@@ -100,6 +100,28 @@ def test_contact_is_a_gap_of_half_a_millimetre_at_most(gap):
     batch.place(np.array([0]), np.array([[0.1, ROOM[1] - gap, 0.3]]))
     batch.step(np.zeros((1, 2)))
     assert batch.rules.event(batch.sensordata)[0] == (gap <= 0.0005)
+
+
+AT_THE_WALL = (ROOM[0], -0.2, 0.0)  # looking into it
+
+
+@pytest.mark.parametrize(
+    ("motors", "near", "pushed"),
+    [((0.5, 0.5), True, True), ((0, 0), True, False), ((-0.5, 0.5), True, False)],
+    ids=["driving into it", "standing", "spinning"],
+)
+def test_the_real_body_feels_a_wall_only_while_it_pushes_it(motors, near, pushed):
+    felt = []
+    for batch in (
+        make_batch("wall_avoidance", 1),
+        make_kinematic_batch("wall_avoidance", 1, Kinematics(felt="pushed")),
+        make_kinematic_batch("wall_avoidance", 1, Kinematics()),
+    ):
+        batch.place(np.array([0]), np.array([AT_THE_WALL]))
+        for _ in range(10):
+            batch.step(np.array([motors]))
+        felt.append(bool(batch.rules.event(batch.sensordata)[0]))
+    assert felt == [pushed, pushed, near]
 
 
 def test_a_short_contact_counts_only_where_any_contact_does():

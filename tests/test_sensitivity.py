@@ -68,7 +68,10 @@ def test_every_choice_differs_from_the_baseline_in_one_field():
     assert all(len(fields) == 1 for fields in differ), differ
     assert {fields[0] for fields in differ} == {
         *("seed", "motor_speed", "turned_start", "nose", "learn_across_placement"),
-        *(f"kinematics.{name}" for name in ("radius", "wheel_base", "any_contact", "wall", "lag")),
+        *(
+            f"kinematics.{name}"
+            for name in ("radius", "wheel_base", "felt", "any_contact", "wall", "lag")
+        ),
         *("brain.test_epsilon", "brain.noise_on_biases"),
     }
 
