@@ -10,7 +10,7 @@ import os
 import platform
 import re
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +22,7 @@ from ..controller import BRAINS, PROPOSERS, Parameters
 from ..models import Kinematics
 from ..tasks import Robots, make_batch, make_kinematic_batch
 from ..tasks.senses import NoseForm
+from ..tasks.suite import Edit
 from .errors import DamagedFileError, InputError
 from .schedules import SCHEDULES, Schedule
 from .storage import write_atomically
@@ -110,9 +111,9 @@ class Experiment:
         schedule = SCHEDULES[task].scaled(self.time_scale)
         return schedule.turned(math.radians(self.turned_start)) if self.turned_start else schedule
 
-    def batch(self, task: str, robots: int) -> Robots:
-        """Robots in lockstep, in the body of the experiment."""
-        shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed}
+    def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
+        """Robots in lockstep, in the body of the experiment (see `tasks.make_batch`)."""
+        shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)
         return make_batch(task, robots, **shared)
