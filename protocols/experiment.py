@@ -314,16 +314,24 @@ def load_plan(path: Path) -> Plan:
     text = path.read_bytes()
     try:
         content: dict[str, Any] = json.loads(text)
-        fields = content["experiment"]
-        brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
-        kinematics = Kinematics(**fields.get("kinematics", {}))
-        made = {"brain": Parameters(**brain), "kinematics": kinematics}
-        experiment = Experiment(**(fields | made))
+        experiment = experiment_of(content["experiment"])
         robots = {(row["task"], row["proposer"]): row["robots"] for row in content["plan"]}
         _ = [one["cpu"] for one in content["made_with"]], np.array(content["physics"], dtype=float)
         return Plan(experiment, robots)
     except (ValueError, KeyError, TypeError) as error:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
+
+
+def experiment_of(fields: dict[str, Any]) -> Experiment:
+    """The experiment whose fields `dataclasses.asdict` gave, to JSON and back.
+
+    Raises:
+      KeyError, TypeError: these are not its fields.
+      InputError: its numbers make no sense.
+    """
+    brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
+    kinematics = Kinematics(**fields.get("kinematics", {}))
+    return Experiment(**(fields | {"brain": Parameters(**brain), "kinematics": kinematics}))
 
 
 def machine() -> dict[str, Any]:
