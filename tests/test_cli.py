@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from musebot.controller import BRAINS
-from musebot.protocols import cli, engine, sensitivity
+from musebot.protocols import cli, engine, robustness, sensitivity
 from musebot.protocols.experiment import Experiment, Plan, load_plan
 
 
@@ -53,6 +53,8 @@ def made_again(page, capsys):
     """What the lives beside a page give, by the command that docs/results.md names."""
     if page.name == "sensitivity.md":
         return sensitivity.report(page.parent)
+    if page.name == "robustness.md":
+        return robustness.report(page.parent)
     arguments = [str(page.parent)]
     if page.name.startswith("beside-"):
         arguments += ["--beside", str(page.parent.with_name(page.stem.removeprefix("beside-")))]
