@@ -11,7 +11,7 @@ from .arena import (
     robot_qpos,
 )
 from .kinematic import Kinematics
-from .variants import add_noses, add_obstacles, add_velocity, hide_spot
+from .variants import add_noses, add_obstacles, add_velocity, enlarge, hide_spot
 
 __all__ = [
     "ARENA_XML",
@@ -23,6 +23,7 @@ __all__ = [
     "add_velocity",
     "arena_spec",
     "check_versions",
+    "enlarge",
     "half_size",
     "hide_spot",
     "robot_pose",

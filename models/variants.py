@@ -8,6 +8,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from .arena import half_size
+
 OBSTACLES = ((-0.22, 0.11, 0.05), (0.05, -0.14, 0.06), (0.27, 0.10, 0.04))  # x, y, radius: metres
 NOSE_ANGLE = np.pi / 6  # radians off the front, where each of two noses sits and looks
 
@@ -15,6 +17,30 @@ NOSE_ANGLE = np.pi / 6  # radians off the front, where each of two noses sits an
 def hide_spot(spec: mujoco.MjSpec) -> None:
     """Makes the spot invisible, where it plays no part."""
     spec.material("spot").rgba[3] = 0
+
+
+def enlarge(spec: mujoco.MjSpec, factor: float) -> None:
+    """Moves the walls apart; spot and views follow, the spot as far from its corner as it was.
+
+    Args:
+      spec: of the arena.
+      factor: on both sides of the arena, at least 1.
+
+    Raises:
+      ValueError: the factor is smaller, or not finite.
+    """
+    if not 1 <= factor < np.inf:
+        raise ValueError(f"factor must be finite and at least 1, got {factor}")
+    moved = (factor - 1) * np.array([*half_size(spec), 0.0])
+    walls = {"west": (-1, 0, 0), "east": (1, 0, 0), "south": (0, -1, 0), "north": (0, 1, 0)}
+    for name, outwards in walls.items():
+        for part in (spec.geom(name), spec.geom(f"{name}_back"), spec.site(name)):
+            part.pos = part.pos + moved * outwards
+        spec.site(name).size = spec.site(name).size + moved * (1 - np.abs(outwards))
+    for part in (spec.camera("overhead"), spec.camera("corner")):
+        part.pos = part.pos * factor
+    spec.geom("floor").size = spec.geom("floor").size + moved
+    spec.body("spot").pos = spec.body("spot").pos + moved
 
 
 def add_obstacles(spec: mujoco.MjSpec) -> None:

@@ -310,23 +310,9 @@ class Doctor:
 
 
 def _read(out: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
-    from . import engine, results
-    from .experiment import load_plan, same_physics
+    from . import engine
 
-    if not (out / engine.PLAN).is_file():
-        raise InputError(f"{out} holds no experiment of musebot's")
-    experiment, lives = load_plan(out / engine.PLAN).experiment, results.load(out)
-    if not lives.robots:
-        raise InputError(
-            f"{out} holds no finished lives yet; `musebot run {out}` goes on with them"
-        )
-    if enact and not same_physics(out / engine.PLAN):
-        print(
-            f"musebot: {out} was lived in another physics than this version's, in which its "
-            "brains are now put back",
-            file=sys.stderr,
-        )
-    return experiment, lives
+    return engine.read_run(out, enact=enact)
 
 
 def _print(text: str) -> None:

@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -29,9 +30,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from ..tasks import CONTROL_TIMESTEP, silence_warnings, stop_timers
 from .cohort import Cohort, Lives
 from .errors import DamagedFileError, InputError, Interrupted, RunError
-from .experiment import CohortKey, Experiment, Plan, load_plan, save_plan
+from .experiment import CohortKey, Experiment, Plan, load_plan, same_physics, save_plan
 from .results import Results, collect, load, merge, save
-from .storage import is_draft, load_arrays, remove_drafts, save_arrays
+from .storage import check_folder, is_draft, load_arrays, remove_drafts, save_arrays
 
 PLAN = "experiment.json"
 CHECKPOINTS = "checkpoints"
@@ -93,7 +94,7 @@ def run(
       Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
       RunError: a process died, or a file could not be written.
     """
-    with _locked(directory):
+    with locked(directory):
         for folder in (directory, directory / CHECKPOINTS):
             remove_drafts(folder)
         if (directory / PLAN).exists():
@@ -142,13 +143,7 @@ def open_directory(directory: Path) -> Plan | None:
       InputError: it is a file, cannot be written, or holds something else.
     """
     try:
-        parent = directory
-        while not parent.exists():
-            parent = parent.parent
-        if not parent.is_dir():
-            raise InputError(f"{parent} is not a folder")
-        if not os.access(parent, os.W_OK | os.X_OK):
-            raise InputError(f"{parent} cannot be written")
+        check_folder(directory)
         if (directory / PLAN).exists():
             return load_plan(directory / PLAN)
         if directory.exists() and not all(map(is_draft, directory.iterdir())):
@@ -158,8 +153,39 @@ def open_directory(directory: Path) -> Plan | None:
     return None
 
 
+def read_run(directory: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
+    """Reads a run's experiment and its finished lives.
+
+    Args:
+      directory: of the run.
+      enact: whether its brains are to be put back; says on stderr where the physics is another.
+
+    Raises:
+      InputError: it holds none, or what it holds is damaged.
+    """
+    if not (directory / PLAN).is_file():
+        raise InputError(f"{directory} holds no experiment of musebot's")
+    experiment, lives = load_plan(directory / PLAN).experiment, load(directory)
+    if not lives.robots:
+        raise InputError(
+            f"{directory} holds no finished lives yet; `musebot run {directory}` goes on with them"
+        )
+    if enact and not same_physics(directory / PLAN):
+        print(
+            f"musebot: {directory} was lived in another physics than this version's, in which its "
+            "brains are now put back",
+            file=sys.stderr,
+        )
+    return experiment, lives
+
+
 @contextlib.contextmanager
-def _locked(directory: Path) -> Iterator[None]:
+def locked(directory: Path) -> Iterator[None]:
+    """Makes a folder, and keeps other processes of musebot's from working in it.
+
+    Raises:
+      InputError: another one does.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     handle = os.open(directory, os.O_RDONLY)
     try:
@@ -196,12 +222,9 @@ class Processes:
         """Lives a work's cohorts; see `Workforce`."""
         context = multiprocessing.get_context("spawn")
         stop, reports = context.Event(), context.Queue()
-        # One thread a process: on tensors this small several only get into each other's way.
-        # No OpenGL: nothing is drawn there. The children read both when they start.
-        settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
         count = min(self.count, len(work.keys))
         with (
-            _environment(settings),
+            lean_children(),
             heeding_signals() as asked,
             ProcessPoolExecutor(count, context, _prepare_process, (stop, reports)) as pool,
         ):
@@ -235,7 +258,12 @@ def stopped_by(error: Exception) -> RunError:
 
 
 @contextlib.contextmanager
-def _environment(settings: dict[str, str]) -> Iterator[None]:
+def lean_children() -> Iterator[None]:
+    """Lets processes that are started within have one thread and no OpenGL, as they read then.
+
+    On tensors this small several threads only get into each other's way, and nothing is drawn.
+    """
+    settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)
     try:

@@ -10,7 +10,7 @@ import os
 import platform
 import re
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +22,7 @@ from ..controller import BRAINS, PROPOSERS, Parameters
 from ..models import Kinematics
 from ..tasks import Robots, make_batch, make_kinematic_batch
 from ..tasks.senses import NoseForm
+from ..tasks.suite import Edit
 from .errors import DamagedFileError, InputError
 from .schedules import SCHEDULES, Schedule
 from .storage import write_atomically
@@ -112,9 +113,9 @@ class Experiment:
         schedule = SCHEDULES[task].scaled(self.time_scale)
         return schedule.turned(math.radians(self.turned_start)) if self.turned_start else schedule
 
-    def batch(self, task: str, robots: int) -> Robots:
-        """Robots in lockstep, in the body of the experiment."""
-        shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed}
+    def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
+        """Robots in lockstep, in the body of the experiment (see `tasks.make_batch`)."""
+        shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)
         return make_batch(task, robots, **shared)
@@ -339,16 +340,24 @@ def load_plan(path: Path) -> Plan:
     text = path.read_bytes()
     try:
         content: dict[str, Any] = json.loads(text)
-        fields = content["experiment"]
-        brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
-        kinematics = Kinematics(**fields.get("kinematics", {}))
-        made = {"brain": Parameters(**brain), "kinematics": kinematics}
-        experiment = Experiment(**(fields | made))
+        experiment = experiment_of(content["experiment"])
         robots = {(row["task"], row["proposer"]): row["robots"] for row in content["plan"]}
         _ = [one["cpu"] for one in content["made_with"]], np.array(content["physics"], dtype=float)
         return Plan(experiment, robots)
     except (ValueError, KeyError, TypeError) as error:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
+
+
+def experiment_of(fields: dict[str, Any]) -> Experiment:
+    """The experiment whose fields `dataclasses.asdict` gave, to JSON and back.
+
+    Raises:
+      KeyError, TypeError: these are not its fields.
+      InputError: its numbers make no sense.
+    """
+    brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
+    kinematics = Kinematics(**fields.get("kinematics", {}))
+    return Experiment(**(fields | {"brain": Parameters(**brain), "kinematics": kinematics}))
 
 
 def machine() -> dict[str, Any]:

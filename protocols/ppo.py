@@ -12,13 +12,9 @@ import contextlib
 import dataclasses
 import importlib.util
 import itertools
-import multiprocessing
 import os
-import signal
 import sys
-from collections.abc import Generator, Mapping
-from concurrent.futures import ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -27,9 +23,9 @@ import torch
 import tyro
 
 from ..tasks.suite import TASKS
+from . import pool
 from .agents import Agent
-from .engine import follow_parent, heeding_signals
-from .errors import DamagedFileError, InputError, Interrupted, RunError, exit_status
+from .errors import DamagedFileError, InputError, exit_status
 from .progress import bar
 from .storage import check_place, digest, load_arrays, save_arrays
 
@@ -233,7 +229,9 @@ class Train:
                 raise InputError(f"{self.path} holds policies that were trained otherwise")
         known = len(arrays["after.0.weights"]) if arrays else 0
         seeds = range(self.seed + known, self.seed + self.policies)
-        with bar() as progress, contextlib.closing(self._trained(seeds)) as trained:
+        jobs = [(self.task, self.steps, seed) for seed in seeds]
+        pooled = pool.results(train, jobs, self.processes)
+        with bar() as progress, contextlib.closing(pooled) as trained:
             done = progress.add_task(self.path.name, total=self.policies, completed=known)
             for policy in trained:
                 arrays = {
@@ -243,40 +241,6 @@ class Train:
                 save_arrays(self.path, arrays, task=self.task, **notes)
                 progress.advance(done)
         print(self.path)
-
-    def _trained(self, seeds: range) -> Generator[dict[str, np.ndarray]]:
-        """Trains the policies of some seeds, in their order, several at a time.
-
-        Raises:
-          Interrupted: by Ctrl-C or SIGTERM; whatever was in training is given up.
-          RunError: a process died.
-        """
-        context = multiprocessing.get_context("spawn")  # torch does not like to be forked
-        pool = ProcessPoolExecutor(self.processes, context, _prepare_process)
-        with heeding_signals() as asked:
-            try:
-                policies = [pool.submit(train, self.task, self.steps, seed) for seed in seeds]
-                for policy in policies:
-                    while not policy.done():
-                        wait([policy], timeout=0.2)
-                        if asked.to_stop:
-                            raise Interrupted
-                    yield policy.result()
-            except BrokenProcessPool as error:
-                if asked.to_stop:
-                    raise Interrupted from error
-                raise RunError(
-                    "a process died, perhaps for want of memory; the same command goes on"
-                ) from error
-            finally:
-                for process in multiprocessing.active_children():
-                    process.terminate()
-                pool.shutdown(cancel_futures=True)
-
-
-def _prepare_process() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is the parent's to answer
-    follow_parent()
 
 
 def train(task: str, steps: int, seed: int) -> dict[str, np.ndarray]:

@@ -29,6 +29,16 @@ def check_place(path: Path) -> None:
         raise InputError(f"{path.parent} cannot be written")
 
 
+def check_folder(path: Path) -> None:
+    """Raises InputError where a folder can neither be written nor made."""
+    while not path.exists():
+        path = path.parent
+    if not path.is_dir():
+        raise InputError(f"{path} is not a folder")
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise InputError(f"{path} cannot be written")
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes a file so that a reader, or a crash, meets the old one or the new, whole.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def cells(column: Column) -> list[tuple[str, str]]:
     summary = column.summary
     robots = f"{summary.robots}" + (f" (and {summary.invalid} invalid)" if summary.invalid else "")
     counts = [
-        (f"{count} ({share:.0%})", _bracket(interval, percent=True))
+        (f"{count} ({share:.0%})", bracket(interval, percent=True))
         for count, share, interval in zip(
             summary.counts, summary.shares, column.shares, strict=True
         )
@@ -108,7 +109,7 @@ def cells(column: Column) -> list[tuple[str, str]]:
     return [
         (robots, ""),
         *counts,
-        *((_number(value), _bracket(interval)) for value, interval in numbers),
+        *((number(value), bracket(interval)) for value, interval in numbers),
     ]
 
 
@@ -146,7 +147,7 @@ def _table(experiment: Experiment, results: Results, task: str) -> str:
             head.append(name)
             for row, cell in zip(rows, column_cells, strict=True):
                 row.append(" ".join(filter(None, cell)))
-    lines = [_line(head), _line(["---", *("---:" for _ in head[1:])]), *map(_line, rows)]
+    lines = [line(head), line(["---", *("---:" for _ in head[1:])]), *map(line, rows)]
     return f"### {title(experiment, task)}\n\n" + "\n".join(lines) + "\n"
 
 
@@ -225,16 +226,19 @@ def _finite(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _bracket(interval: Interval, percent: bool = False) -> str:
+def bracket(interval: Interval, percent: bool = False) -> str:
+    """An interval in brackets; nothing for an unknown one."""
     if not _ends(interval):
         return ""
     low, high = interval
     return f"[{low:.0%}, {high:.0%}]" if percent else f"[{low:.3f}, {high:.3f}]"
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """A number, a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.4f}"
 
 
-def _line(row: list[str]) -> str:
+def line(row: Sequence[str]) -> str:
+    """A row of a table."""
     return "| " + " | ".join(row) + " |"

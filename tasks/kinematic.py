@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..models import Dimensions, Kinematics
@@ -9,7 +11,7 @@ from ..models.kinematic import catch_up, distances, drive, gaps, seen_from_nose
 from .arena import CONTROL_TIMESTEP, Rules
 from .batch import Robots
 from .senses import NoseForm
-from .suite import row_of
+from .suite import Edit, row_of
 
 
 class KinematicBatch(Robots):
@@ -110,6 +112,7 @@ def make_kinematic_batch(
     *,
     nose: NoseForm = "inverse",
     motor_speed: float | None = None,
+    edits: Sequence[Edit] = (),
 ) -> KinematicBatch:
     """Returns robots in lockstep on the stand-in, for one of the paper's tasks.
 
@@ -119,6 +122,7 @@ def make_kinematic_batch(
       kinematics: how they drive.
       nose: the form of Eq. 3.
       motor_speed: see `make_batch`.
+      edits: see `make_batch`.
 
     Raises:
       ValueError: there is no such task, or a number makes no sense.
@@ -126,6 +130,6 @@ def make_kinematic_batch(
     row = row_of(task_name)
     if row.tag != "paper":
         raise ValueError(f"the kinematic stand-in has the paper's tasks alone, not {task_name!r}")
-    model = row.spec(motor_speed).compile()
+    model = row.spec(motor_speed, edits).compile()
     rules = row.rules.of(model, nose)
     return KinematicBatch(Dimensions.of(model), rules, model.nsensordata, robots, kinematics)

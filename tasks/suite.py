@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco as mj
@@ -37,6 +37,8 @@ from .variants import DrivingRules, SpotAmongWallsRules, TwoNosesRules, UnitWall
 DOMAIN = "arena"
 FOREIGN_DOMAIN = "musebot_arena"  # among dm_control's own, after `register`
 
+Edit = Callable[[mj.MjSpec], None]
+
 
 @dataclasses.dataclass(frozen=True)
 class Row:
@@ -53,16 +55,16 @@ class Row:
     """
 
     rules: type[Rules]
-    edits: tuple[Callable[[mj.MjSpec], None], ...] = ()
+    edits: tuple[Edit, ...] = ()
     tag: str = "benchmarking"
     limit: float = 1.0
     time_limit: float = 100.0
     spot_seconds: float = 0.0
 
-    def spec(self, motor_speed: float | None = None) -> mj.MjSpec:
-        """The task's arena (see `models.arena_spec` for the argument)."""
+    def spec(self, motor_speed: float | None = None, edits: Sequence[Edit] = ()) -> mj.MjSpec:
+        """The task's arena (see `models.arena_spec`), with more edits after the task's own."""
         spec = arena_spec(motor_speed=motor_speed)
-        for edit in self.edits:
+        for edit in (*self.edits, *edits):
             edit(spec)
         return spec
 
@@ -97,6 +99,7 @@ def make_batch(
     *,
     nose: NoseForm = "inverse",
     motor_speed: float | None = None,
+    edits: Sequence[Edit] = (),
     threads: int = 0,
 ) -> Batch:
     """Returns robots in lockstep, each alone in the arena, sensing what the task lets it.
@@ -109,13 +112,14 @@ def make_batch(
       nose: the form of Eq. 3.
       motor_speed: speed of a wheel at motor value 0.5, in metres a second; None for the
         robot's own.
+      edits: done to the arena's model after the task's own.
       threads: that step the physics; 0 for the calling thread. Results do not depend on it.
 
     Raises:
       ValueError: there is no such task, or a number makes no sense.
     """
     row = row_of(task_name)
-    model = row.spec(motor_speed).compile()
+    model = row.spec(motor_speed, edits).compile()
     return Batch(model, row.rules.of(model, nose), robots, threads=threads)
 
 

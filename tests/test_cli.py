@@ -11,7 +11,7 @@ import pytest
 
 from musebot.controller import BRAINS
 from musebot.models import Kinematics
-from musebot.protocols import cli, engine, sensitivity
+from musebot.protocols import cli, engine, robustness, sensitivity
 from musebot.protocols.experiment import Experiment, Plan, load_plan
 
 
@@ -54,6 +54,8 @@ def made_again(page, capsys):
     """What the lives beside a page give, by the command that docs/results.md names."""
     if page.name == "sensitivity.md":
         return sensitivity.report(page.parent)
+    if page.name == "robustness.md":
+        return robustness.report(page.parent)
     arguments = [str(page.parent)]
     if page.name.startswith("beside-"):
         arguments += ["--beside", str(page.parent.with_name(page.stem.removeprefix("beside-")))]
