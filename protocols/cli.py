@@ -32,7 +32,8 @@ class Run:
     out: Annotated[Path, tyro.conf.Positional]
     """folder for everything the run leaves; an unfinished one goes on"""
     task: tuple[str, ...] = ()
-    """wall_avoidance, spot_finding (default: both; without task, proposer and agent OUT's own)"""
+    """wall_avoidance, spot_finding (default: those of the course; without task, proposer and agent
+    OUT's own)"""
     proposer: tuple[str, ...] = ()
     """fixed, random, creative (default: all three; without task, proposer and agent OUT's own)"""
     agent: tuple[str, ...] = ()
@@ -44,6 +45,9 @@ class Run:
     largest divisor of ROBOTS up to 250, or OUT's own)"""
     seed: int | None = None
     """of every random stream (default: 1, or OUT's own)"""
+    course: str | None = None
+    """paper; or day, of spot finding: 24 hours of training, the spot jumping every 10 minutes
+    (default: paper, or OUT's own)"""
     time_scale: float | None = None
     """below 1 shortens every duration, for rehearsals (default: 1, or OUT's own)"""
     nose: str | None = None
@@ -84,9 +88,11 @@ class Run:
 
     def _plan(self, held: Plan | None) -> Plan:
         """What was asked for; for what was not, what OUT holds, or the defaults."""
-        from .experiment import PROPOSERS, TASKS, Experiment, Plan, default_cohort_size, named_brain
+        from .experiment import PROPOSERS, Experiment, Plan, default_cohort_size, named_brain
 
-        settings = ("seed", "cohort_size", "time_scale", "nose", "body", "motor_speed", "brain")
+        settings = (
+            "seed", "cohort_size", "course", "time_scale", "nose", "body", "motor_speed", "brain"
+        )  # fmt: skip
         asked = {name: x for name in settings if (x := getattr(self, name)) is not None}
         if "brain" in asked:
             asked["brain"] = named_brain(asked["brain"])
@@ -107,7 +113,7 @@ class Run:
         chosen = (*self.proposer, *self.agent)
         if held and not self.task and not chosen:
             return Plan.of(experiment, held.robots, self.robots) if self.robots else held
-        conditions = [(t, p) for t in self.task or TASKS for p in chosen or PROPOSERS]
+        conditions = [(t, p) for t in self.task or experiment.tasks for p in chosen or PROPOSERS]
         robots = self.robots or (max(held.robots.values()) if held else 60)
         return Plan.of(experiment, conditions, robots)
 
@@ -140,10 +146,8 @@ class Tables:
 
         if self.beside:
             outs = self.out, self.beside
-            names = [out.resolve().name for out in outs]
-            if names[0] == names[1]:  # of two folders of one name, the ways there tell more
-                names = [str(out) for out in outs]
-            sides = [beside.Side(n, *_read(out)) for n, out in zip(names, outs, strict=True)]
+            named = zip(beside.names_of(outs), outs, strict=True)
+            sides = [beside.Side(name, *_read(out)) for name, out in named]
             shown, lives = beside, (*sides, beside.all_cells(*sides))
         else:
             shown, lives = tables, _read(self.out)
@@ -297,16 +301,10 @@ class Doctor:
 
 
 def _read(out: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
-    from . import engine, results
-    from .experiment import load_plan, same_physics
+    from . import engine
+    from .experiment import same_physics
 
-    if not (out / engine.PLAN).is_file():
-        raise InputError(f"{out} holds no experiment of musebot's")
-    experiment, lives = load_plan(out / engine.PLAN).experiment, results.load(out)
-    if not lives.robots:
-        raise InputError(
-            f"{out} holds no finished lives yet; `musebot run {out}` goes on with them"
-        )
+    experiment, lives = engine.read(out)
     if enact and not same_physics(out / engine.PLAN):
         print(
             f"musebot: {out} was lived in another physics than this version's, in which its "

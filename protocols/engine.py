@@ -158,6 +158,22 @@ def open_directory(directory: Path) -> Plan | None:
     return None
 
 
+def read(directory: Path) -> tuple[Experiment, Results]:
+    """An experiment and its finished lives; changes nothing.
+
+    Raises:
+      InputError: the directory holds none, or something there is damaged.
+    """
+    if not (directory / PLAN).is_file():
+        raise InputError(f"{directory} holds no experiment of musebot's")
+    experiment, lives = load_plan(directory / PLAN).experiment, load(directory)
+    if not lives.robots:
+        raise InputError(
+            f"{directory} holds no finished lives yet; `musebot run {directory}` goes on with them"
+        )
+    return experiment, lives
+
+
 @contextlib.contextmanager
 def _locked(directory: Path) -> Iterator[None]:
     directory.mkdir(parents=True, exist_ok=True)
