@@ -56,8 +56,9 @@ class Run:
     """mujoco, or kinematic: an ideal differential drive instead of physics (default: mujoco, or
     OUT's own)"""
     brain: str | None = None
-    """paper; or steady: ours, for both tasks; or steady-cap and so on: ours, without an ingredient
-    (default: paper, or OUT's own)"""
+    """paper; or paper-content: the paper's, until it was in the spot for a minute; or steady: ours,
+    for both tasks; or steady-cap and so on: ours, without an ingredient (default: paper, or OUT's
+    own)"""
     motor_speed: float | None = None
     """of a wheel at full motor, in metres a second (default: the robot's 0.2, or OUT's own)"""
     processes: int = len(os.sched_getaffinity(0))

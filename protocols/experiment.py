@@ -96,8 +96,8 @@ class Experiment:
             raise InputError(f"the time scale must lie in (0, 1], got {self.time_scale}")
         if self.nose not in ("inverse", "printed"):
             raise InputError(f"the nose must be 'inverse' or 'printed', got {self.nose!r}")
-        if self.nose == "printed" and (self.brain.raw_signals or self.brain.raw_reward):
-            raise InputError("a brain that reads raw signals knows no bound of the printed Eq. 3")
+        if self.nose == "printed" and self.brain.knows_full_load:
+            raise InputError("a brain that knows a full load knows none of the printed Eq. 3")
         if self.body not in BODIES:
             raise InputError(f"the body must be one of {', '.join(BODIES)}, got {self.body!r}")
         if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
