@@ -448,20 +448,6 @@ def test_robots_live_the_same_alone_and_among_others():
             torch.testing.assert_close(brain.learn(state[row, 0]), errors[row], atol=1e-9, rtol=0)
 
 
-def test_what_one_robot_senses_reaches_no_other():
-    one, other = born(), born()
-    for state in sensed(50):
-        changed = state.clone()
-        changed[1] = torch.tensor([0.3, -1.0])
-        first, second = one.act(state, explore=True), other.act(changed, explore=True)
-        assert torch.equal(first[[0, 2]], second[[0, 2]])
-        one.learn(state[:, 0])
-        other.learn(changed[:, 0])
-    for name, tensor in one.networks().items():
-        assert torch.equal(tensor[[0, 2]], other.networks()[name][[0, 2]])
-        assert not torch.equal(tensor[1], other.networks()[name][1])
-
-
 @pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
 @pytest.mark.parametrize("steps", [0, 1, 17, 40])
 def test_a_brain_goes_on_from_its_state_to_the_bit(proposer, steps, monkeypatch):
