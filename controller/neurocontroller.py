@@ -66,6 +66,8 @@ class Neurocontroller:
         self._exploration = make_exploration(parameters, robots, self._generator)
         self._rows = torch.arange(robots)
         self._age = torch.tensor(0)  # steps of learning
+        # Those with a full load in a row, and all that come after once a robot is content.
+        self._full_steps = torch.zeros(robots, dtype=torch.int64)
         # What was sensed, done and expected, now and a step ago. A robot whose `chained` is 0
         # has no step ago: it was born or placed anew, and has nothing to learn from yet.
         self._now = self._blank(robots, inputs)
@@ -115,6 +117,8 @@ class Neurocontroller:
         astray = None
         if epsilon or explore:
             actions, astray = self._exploration.stray(actions, epsilon)
+            if self._parameters.content_steps:
+                astray = torch.where(self._content(), -1, astray)
         values = self._judged(inputs, actions)
         best = chosen = values[:, :ideas].argmax(dim=1)
         if astray is not None:
@@ -144,6 +148,10 @@ class Neurocontroller:
         """
         before, age = self._before, int(self._age)
         gain, ahead, learning = self._outcome(self._reading.reward(reward))
+        if self._parameters.content_steps:
+            goes_on = self._reading.is_full(reward) | self._content()
+            self._full_steps.copy_(torch.where(goes_on, self._full_steps + 1, 0))
+            learning = learning * ~self._content()
         action = self._reading.motors(before["action"])
         error = self.evaluation.learn(before["state"], action, gain, ahead, learning, age)
         if self.memory is not None and self._parameters.memory_goal == "selected":
@@ -153,6 +161,10 @@ class Neurocontroller:
             self.memory.learn(before["state"], before["best_action"], learning, rate)
         self._age += 1
         return error
+
+    def _content(self) -> Tensor:
+        """Who has had a full load for so long that it learns and explores no more, shape (B,)."""
+        return self._full_steps >= self._parameters.content_steps
 
     def _outcome(self, reward: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What is learnt from a step: r and V' of Eq. 1, and who learns, each of shape (B,)."""
@@ -212,6 +224,8 @@ class Neurocontroller:
         }
         if self._parameters.ages:
             parts["learning"] = {"age": self._age}
+        if self._parameters.content_steps:
+            parts["contentment"] = {"full_steps": self._full_steps}
         if self.memory is not None:
             parts["noise"] = self.memory.patterns.tensors()
             parts["memory.optimizer"] = self.memory.optimizer.tensors()

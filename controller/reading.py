@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import torch
 from torch import Tensor
@@ -67,12 +68,14 @@ class Reading:
         self._centred, self._raw = parameters.centred, parameters.raw_signals
         self._reward_full: Tensor | None = None
         self.inputs = sensors
-        if not (self._centred or self._raw or parameters.raw_reward):
+        if not (self._centred or parameters.knows_full_load):
             return
         if senses is None or len(senses.state) != sensors:
-            raise ValueError(f"a brain that stretches signals must be told of all {sensors}")
-        if parameters.raw_reward and senses.reward.full:
-            self._reward_full = torch.tensor(senses.reward.full)
+            raise ValueError(f"a brain that knows of signals must be told of all {sensors}")
+        load = senses.reward.full
+        self._full_signal = torch.tensor(load / (1 + load) if load else math.inf)
+        if parameters.raw_reward and load:
+            self._reward_full = torch.tensor(load)
         full = [signal.full for signal in senses.state if self._raw and signal.full]
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
         self._full = torch.tensor(full)
@@ -96,6 +99,10 @@ class Reading:
         """The reward, from its signal, shapes (B,)."""
         full = self._reward_full
         return signal if full is None else unsaturated(signal, full)
+
+    def is_full(self, signal: Tensor) -> Tensor:
+        """Whether the reward's signal is that of a full load, if there is one; shapes (B,)."""
+        return signal >= self._full_signal
 
 
 def unsaturated(signal: Tensor, full: Tensor) -> Tensor:

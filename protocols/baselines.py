@@ -11,7 +11,8 @@ import numpy as np
 import torch
 
 from ..controller.networks import Networks, load_into
-from .agents import Agent
+from .agents import Agent, senses_of
+from .errors import InputError
 
 
 class QLearner(Agent):
@@ -101,6 +102,51 @@ class QLearner(Agent):
             "fresh": self._fresh,
             "generator": self._generator.get_state(),
         }
+
+
+class HandCoded(Agent):
+    """What a person would tell the robot: turn until it smells, go there, stand in the spot.
+
+    Nothing is learnt: it acts in the tests as in the training.
+    """
+
+    # It goes in a slight curve, the way it turns: straight ahead, it is held for ever by a wall at
+    # which it smells the spot aside.
+    TURN, GO, STAND = (0.5, -0.5), (0.5, 0.45), (0.0, 0.0)
+
+    def __init__(self) -> None:
+        """Looks up what the nose signals inside the spot, Eq. 3."""
+        full = senses_of("spot_finding").reward.full or np.inf
+        self._full = np.float32(full / (1 + full))
+
+    def reset(self) -> None:
+        """See `Agent.reset`."""
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        """See `Agent.act`."""
+        return np.where(state >= self._full, self.STAND, np.where(state > 0, self.GO, self.TURN))
+
+    def learn(self, reward: np.ndarray) -> None:
+        """See `Agent.learn`."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """See `Agent.state`."""
+        return {}
+
+    def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_state`."""
+
+
+def hand_coded(robots: int, sensors: int, seed: int) -> Agent:
+    """Robots that are told what to do about one signal, the nose's.
+
+    Raises:
+      InputError: there are other signals.
+    """
+    del robots, seed
+    if sensors != 1:
+        raise InputError(f"hand_coded knows one signal, that of spot_finding, got {sensors}")
+    return HandCoded()
 
 
 def q_learner(robots: int, sensors: int, seed: int) -> Agent:

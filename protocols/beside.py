@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,12 @@ class Cell:
         return self.corrected < ALPHA
 
 
+def names_of(outs: Sequence[Path]) -> list[str]:
+    """What runs are called: their folders' names, or where two are alike the ways there."""
+    names = [out.resolve().name for out in outs]
+    return names if len({*names}) == len(names) else [str(out) for out in outs]
+
+
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
     """The fields in which two experiments differ, by dotted name, with both values."""
     first, second = (_flat(dataclasses.asdict(one)) for one in (ours, other))
@@ -110,6 +117,12 @@ def shared_conditions(ours: Side, other: Side) -> list[tuple[str, str]]:
         raise InputError(
             f"{ours.name} and {other.name} cannot stand side by side: their durations are the "
             f"paper's times {scales[0]:g} and {scales[1]:g}"
+        )
+    courses = ours.experiment.course, other.experiment.course
+    if courses[0] != courses[1]:
+        raise InputError(
+            f"{ours.name} and {other.name} cannot stand side by side: their courses are "
+            f"{courses[0]} and {courses[1]}"
         )
     theirs = other.results.conditions()
     both = [condition for condition in ours.results.conditions() if condition in theirs]

@@ -17,7 +17,7 @@ import numpy as np
 
 from .comparisons import Comparison, larger_in_pairs, larger_mean, larger_share, majority
 from .experiment import Experiment
-from .learn_ability import CATEGORIES, INVALID
+from .learn_ability import CATEGORIES, INVALID, PAPER
 from .probes import Behaviour
 from .results import Results, Robot, test_seconds
 from .schedules import SCHEDULES, control_steps
@@ -147,7 +147,10 @@ def judge(claim: Claim, evidence: Evidence) -> Finding:
 
 
 def judge_all(evidence: Evidence) -> list[Finding]:
-    """Judges every claim, in the paper's order."""
+    """Judges every claim, in the paper's order; none where no lives are of the paper's kind."""
+    lived = evidence.results.conditions()
+    if evidence.experiment.course != "paper" or not any(one in PAPER for one in lived):
+        return []
     return [judge(claim, evidence) for claim in CLAIMS]
 
 

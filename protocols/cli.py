@@ -32,7 +32,8 @@ class Run:
     out: Annotated[Path, tyro.conf.Positional]
     """folder for everything the run leaves; an unfinished one goes on"""
     task: tuple[str, ...] = ()
-    """wall_avoidance, spot_finding (default: both; without task, proposer and agent OUT's own)"""
+    """wall_avoidance, spot_finding (default: those of the course; without task, proposer and agent
+    OUT's own)"""
     proposer: tuple[str, ...] = ()
     """fixed, random, creative (default: all three; without task, proposer and agent OUT's own)"""
     agent: tuple[str, ...] = ()
@@ -44,6 +45,9 @@ class Run:
     largest divisor of ROBOTS up to 250, or OUT's own)"""
     seed: int | None = None
     """of every random stream (default: 1, or OUT's own)"""
+    course: str | None = None
+    """paper; or day, of spot finding: 24 hours of training, the spot jumping every 10 minutes
+    (default: paper, or OUT's own)"""
     time_scale: float | None = None
     """below 1 shortens every duration, for rehearsals (default: 1, or OUT's own)"""
     nose: str | None = None
@@ -55,8 +59,9 @@ class Run:
     """of the stand-in, such as wall=slides felt=pushed lag=0.08 (docs/results.md has all; default:
     an ideal differential drive, or OUT's own)"""
     brain: str | None = None
-    """paper; or steady: ours, for both tasks; or steady-cap and so on: ours, without an ingredient
-    (default: paper, or OUT's own)"""
+    """paper; or paper-content: the paper's, until it was in the spot for a minute; or steady: ours,
+    for both tasks; or steady-cap and so on: ours, without an ingredient (default: paper, or OUT's
+    own)"""
     motor_speed: float | None = None
     """of a wheel at full motor, in metres a second (default: the robot's 0.2, or OUT's own)"""
     processes: int = len(os.sched_getaffinity(0))
@@ -89,7 +94,6 @@ class Run:
         """What was asked for; for what was not, what OUT holds, or the defaults."""
         from .experiment import (
             PROPOSERS,
-            TASKS,
             Experiment,
             Plan,
             default_cohort_size,
@@ -97,7 +101,9 @@ class Run:
             named_brain,
         )
 
-        settings = ("seed", "cohort_size", "time_scale", "nose", "body", "motor_speed", "brain")
+        settings = (
+            "seed", "cohort_size", "course", "time_scale", "nose", "body", "motor_speed", "brain"
+        )  # fmt: skip
         asked = {name: x for name in settings if (x := getattr(self, name)) is not None}
         if "brain" in asked:
             asked["brain"] = named_brain(asked["brain"])
@@ -120,7 +126,7 @@ class Run:
         chosen = (*self.proposer, *self.agent)
         if held and not self.task and not chosen:
             return Plan.of(experiment, held.robots, self.robots) if self.robots else held
-        conditions = [(t, p) for t in self.task or TASKS for p in chosen or PROPOSERS]
+        conditions = [(t, p) for t in self.task or experiment.tasks for p in chosen or PROPOSERS]
         robots = self.robots or (max(held.robots.values()) if held else 60)
         return Plan.of(experiment, conditions, robots)
 
@@ -153,10 +159,8 @@ class Tables:
 
         if self.beside:
             outs = self.out, self.beside
-            names = [out.resolve().name for out in outs]
-            if names[0] == names[1]:  # of two folders of one name, the ways there tell more
-                names = [str(out) for out in outs]
-            sides = [beside.Side(n, *_read(out)) for n, out in zip(names, outs, strict=True)]
+            named = zip(beside.names_of(outs), outs, strict=True)
+            sides = [beside.Side(name, *_read(out)) for name, out in named]
             shown, lives = beside, (*sides, beside.all_cells(*sides))
         else:
             shown, lives = tables, _read(self.out)

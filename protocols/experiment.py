@@ -24,7 +24,7 @@ from ..tasks import Robots, make_batch, make_kinematic_batch
 from ..tasks.senses import NoseForm
 from ..tasks.suite import Edit
 from .errors import DamagedFileError, InputError
-from .schedules import SCHEDULES, Schedule
+from .schedules import COURSES, SCHEDULES, Course, Schedule
 from .storage import write_atomically
 
 TASKS = tuple(SCHEDULES)
@@ -66,6 +66,8 @@ class Experiment:
       body: "mujoco", or "kinematic" for the stand-in of `models.kinematic`.
       kinematics: how the stand-in drives.
       brain: the neurocontroller's numbers.
+      course: which schedules the lives follow (`schedules.COURSES`), the "paper" ones or the
+        "day" of spot finding.
     """
 
     seed: int = 1
@@ -78,6 +80,7 @@ class Experiment:
     body: Body = "mujoco"
     kinematics: Kinematics = Kinematics()
     brain: Parameters = Parameters()
+    course: Course = "paper"
 
     def __post_init__(self) -> None:
         """Raises InputError where a number makes no sense."""
@@ -88,12 +91,14 @@ class Experiment:
             raise InputError(f"the seed must not be negative, got {self.seed}")
         if self.cohort_size < 1:
             raise InputError(f"the cohort size must be at least 1, got {self.cohort_size}")
+        if self.course not in COURSES:
+            raise InputError(f"the course must be one of {', '.join(COURSES)}, got {self.course!r}")
         if not 0 < self.time_scale <= 1:
             raise InputError(f"the time scale must lie in (0, 1], got {self.time_scale}")
         if self.nose not in ("inverse", "printed"):
             raise InputError(f"the nose must be 'inverse' or 'printed', got {self.nose!r}")
-        if self.nose == "printed" and (self.brain.raw_signals or self.brain.raw_reward):
-            raise InputError("a brain that reads raw signals knows no bound of the printed Eq. 3")
+        if self.nose == "printed" and self.brain.knows_full_load:
+            raise InputError("a brain that knows a full load knows none of the printed Eq. 3")
         if self.body not in BODIES:
             raise InputError(f"the body must be one of {', '.join(BODIES)}, got {self.body!r}")
         if self.body == "mujoco" and self.kinematics != Kinematics():
@@ -108,9 +113,14 @@ class Experiment:
         """The name of the neurocontroller's numbers, "unnamed" for others than named ones."""
         return next((name for name, brain in BRAINS.items() if brain == self.brain), "unnamed")
 
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The tasks that its course has a schedule of."""
+        return tuple(COURSES[self.course])
+
     def schedule(self, task: str) -> Schedule:
         """The schedule of a task's lives, scaled, the robots turned at the start."""
-        schedule = SCHEDULES[task].scaled(self.time_scale)
+        schedule = COURSES[self.course][task].scaled(self.time_scale)
         return schedule.turned(math.radians(self.turned_start)) if self.turned_start else schedule
 
     def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
@@ -156,6 +166,9 @@ class Plan:
         size = self.experiment.cohort_size
         for (task, proposer), robots in self.robots.items():
             check_condition(task, proposer)
+            if task not in self.experiment.tasks:
+                only = ", ".join(self.experiment.tasks)
+                raise InputError(f"the course {self.experiment.course} has only {only}, got {task}")
             if not isinstance(robots, int):
                 raise InputError(f"the number of robots must be a whole number, got {robots}")
             if robots < 1:

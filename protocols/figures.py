@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,14 @@ from matplotlib.figure import Figure
 
 from . import intervals
 from .cohort import PARTS
+from .errors import InputError
 from .experiment import Experiment
-from .learn_ability import CATEGORIES, INVALID, PAPER, Summary
+from .learn_ability import CATEGORIES, INVALID, Summary
 from .probes import Behaviour, Stay
 from .results import Results
 from .schedules import NAMES, SCHEDULES, control_steps
+from .storage import check_place, write_atomically
+from .tables import papers
 
 FORMATS = ("svg", "png")
 WIDTH = 5.6  # inches: on a telephone's screen 9 point are still read
@@ -26,6 +30,7 @@ WIDTH = 5.6  # inches: on a telephone's screen 9 point are still read
 INK = "#76808c"
 _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
 _OTHERS = ("#b264a0", "#8a8420", "#6a6fc9", "#c2565b")
+PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # where a colour stands for something else
 _CATEGORIES = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
 EVENTS = {"wall_avoidance": "in contact", "spot_finding": "in the spot"}
 _STYLE: dict[Any, Any] = {
@@ -75,12 +80,34 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     Raises:
       OSError: it cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{suffix}" for suffix in FORMATS]
     for path in paths:
-        metadata = {"Date": None} if path.suffix == ".svg" else None
-        figure.savefig(path, dpi=200, metadata=metadata)
+        write(figure, path)
     return paths
+
+
+def write(figure: Figure, path: Path) -> None:
+    """Writes a figure, in the format of the path's suffix.
+
+    Raises:
+      OSError: it cannot be written; a file that was there is untouched.
+    """
+    suffix, buffer = path.suffix[1:].lower(), io.BytesIO()
+    metadata = {"Date": None} if suffix == "svg" else None
+    figure.savefig(buffer, format=suffix, dpi=200, metadata=metadata)
+    write_atomically(path, buffer.getvalue())
+
+
+def check_output(path: Path) -> None:
+    """Raises InputError where no figure could be written, before the work that it is to show."""
+    if path.suffix[1:].lower() not in FORMATS:
+        raise InputError(f"the figure must be an .{' or .'.join(FORMATS)}, got {path}")
+    check_place(path)
+
+
+def in_per_cent(axis: Axes) -> None:
+    """Labels a vertical axis of shares in per cent."""
+    axis.yaxis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
 
 
 def tasks_of(results: Results) -> list[str]:
@@ -107,7 +134,7 @@ def learning_curves(experiment: Experiment, results: Results) -> Figure:
         axis.set_title(f"{NAMES[task]}: share of the time {EVENTS[task]}", pad=16)
         axis.set_xlabel("simulated hours")
         axis.set_ylim(0, None)
-        axis.yaxis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
+        in_per_cent(axis)
     return figure
 
 
@@ -179,8 +206,8 @@ def categories(experiment: Experiment, results: Results) -> Figure:
         rows = []
         for proposer in results.proposers_of(task):
             rows.append((proposer, "here", results.summary(experiment, task, proposer)))
-            if paper := PAPER.get((task, proposer)):
-                rows.append((proposer, "paper", paper))
+            if paper := papers(experiment, task, proposer):
+                rows.append((proposer, "paper", paper.summary))
         bars.append((task, rows))
     heights = [0.29 * len(rows) + 0.75 for _, rows in bars]
     figure, axes = canvas(sum(heights), len(bars), 1, height_ratios=heights)
@@ -316,7 +343,7 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
         axis.set_ylim(0, 1)
-        axis.yaxis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
+        in_per_cent(axis)
         axis.set_title(NAMES[task], pad=16)
         axis.annotate(
             "hollow before, filled after training", (0, 1), xycoords="axes fraction",
@@ -339,7 +366,7 @@ def stays(found: dict[str, Stay]) -> Figure:
         axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots", color=colour(proposer))
         axis.set_xlabel("simulated minutes")
         axis.set_ylim(0, 1)
-        axis.yaxis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
+        in_per_cent(axis)
     axes[0, 0].set_ylabel("of the time at the spot")
     lines = axes[0, 0].lines
     key = figure.legend(

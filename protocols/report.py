@@ -219,14 +219,17 @@ def _page(
     robots = f"{len(results.robots)} robots, seed {experiment.seed}"
     if experiment.time_scale != 1:
         robots += f", a rehearsal: every duration times {experiment.time_scale:g}"
+    claims = [
+        "<h2>The claims of section 4</h2>",
+        f"<p class=note>{escape(tables.claims_note(experiment))}</p>",
+        *(_claims(task, findings) for task in tables.TITLES),
+    ]
     body = [
         "<h1>Musebot</h1>",
         f"<p>Mayer's creative robot (2004) in MuJoCo: {escape(robots)}.</p>",
         *(_table(experiment, results, task) for task in tasks),
         f"<p class=note>{_emphasis(tables.NOTE)}</p>",
-        "<h2>The claims of section 4</h2>",
-        f"<p class=note>{escape(tables.claims_note(experiment))}</p>",
-        *(_claims(task, findings) for task in tables.TITLES),
+        *(claims if findings else []),
         *(_figure(picture, path) for picture, path in pictures),
         "<h2>Films</h2>",
         *(_film(caption, path) for caption, path in films),
@@ -245,7 +248,7 @@ def _table(experiment: Experiment, results: Results, task: str) -> str:
         rows = [[escape(name)] for name in (*tables.row_names(task), "total variation")]
         for proposer in group:
             column = tables.ours(experiment, results, task, proposer)
-            paper = tables.papers(task, proposer)
+            paper = tables.papers(experiment, task, proposer)
             own = [*tables.cells(column), tables.variation_cells(column, paper)]
             theirs = [*tables.cells(paper), ("", "")] if paper else [("", "")] * len(own)
             for row, cell, other in zip(rows, own, theirs, strict=True):

@@ -1,8 +1,13 @@
-"""The experiments as data: who is placed where, for how long, learning or not (section 3)."""
+"""The experiments as data: who is placed where, for how long, learning or not (section 3).
+
+The paper's two, and one beyond them.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Literal
 
 from ..tasks import CONTROL_TIMESTEP
@@ -11,6 +16,7 @@ from ..tasks.arena import CORNERS
 NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
 Part = Literal["pre", "training", "post"]
+Course = Literal["paper", "day"]
 
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
 
@@ -122,4 +128,17 @@ SPOT_FINDING = Schedule(
     unmeasured="ignorant",
 )
 
+# Beyond the paper: is a spot found again and again, for a whole day of learning?
+DAY = dataclasses.replace(
+    SPOT_FINDING,
+    phases=(
+        _search("pre"),
+        Phase("training", 1440, True, spot="random", every_minutes=10),
+        _search("post"),
+    ),
+)
+
 SCHEDULES = {schedule.task: schedule for schedule in (WALL_AVOIDANCE, SPOT_FINDING)}
+COURSES: Mapping[Course, Mapping[str, Schedule]] = MappingProxyType(
+    {"paper": SCHEDULES, "day": {DAY.task: DAY}}
+)

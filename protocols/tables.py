@@ -15,7 +15,7 @@ from .experiment import Experiment
 from .intervals import Interval
 from .learn_ability import CATEGORIES, INVALID, PAPER, Summary, total_variation
 from .results import Results, test_seconds
-from .schedules import SCHEDULES
+from .schedules import NAMES, SCHEDULES
 
 TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
 NOTE = (
@@ -60,10 +60,10 @@ def ours(experiment: Experiment, results: Results, task: str, proposer: str) -> 
     )
 
 
-def papers(task: str, proposer: str) -> Column | None:
-    """The paper's column; None for an agent that it does not have."""
+def papers(experiment: Experiment, task: str, proposer: str) -> Column | None:
+    """The paper's column; None for an agent, or a course, that it does not have."""
     summary = PAPER.get((task, proposer))
-    if summary is None:
+    if summary is None or experiment.course != "paper":
         return None
     unknown = intervals.UNKNOWN  # the paper does not say how its robots scatter
     return Column(summary, _shares(summary), intervals.mean_from(summary), unknown, unknown)
@@ -74,8 +74,10 @@ def _shares(summary: Summary) -> tuple[Interval, ...]:
 
 
 def title(experiment: Experiment, task: str) -> str:
-    """A table's title, which says so where the brain is another, or durations were shortened."""
+    """A table's title: which course, if not the paper's, which brain, and if it is a rehearsal."""
     title = TITLES[task]
+    if experiment.course != "paper":
+        title = f"{NAMES[task]}, course: {experiment.course}"
     if experiment.brain_name != "paper":
         title += f", brain: {experiment.brain_name}"
     if experiment.time_scale != 1:
@@ -125,12 +127,12 @@ def variation_cells(first: Column, second: Column | None) -> tuple[str, str]:
 def markdown(experiment: Experiment, results: Results) -> str:
     """Both tables and the claims as Markdown; a condition without lives is left out.
 
-    So are the claims where none of the paper's robots has lived.
+    So are the claims where nothing has lived that they are about.
     """
     tasks = [task for task in TITLES if results.proposers_of(task)]
     parts = [*(_table(experiment, results, task) for task in tasks), NOTE + "\n"]
-    if any(condition in PAPER for condition in results.conditions()):
-        parts.append(_claims(experiment, judge_all(Evidence(experiment, results))))
+    if findings := judge_all(Evidence(experiment, results)):
+        parts.append(_claims(experiment, findings))
     return "\n".join(parts)
 
 
@@ -138,7 +140,8 @@ def _table(experiment: Experiment, results: Results, task: str) -> str:
     rows = [[name] for name in (*row_names(task), "total variation")]
     head = [""]
     for proposer in results.proposers_of(task):
-        column, paper = ours(experiment, results, task, proposer), papers(task, proposer)
+        column = ours(experiment, results, task, proposer)
+        paper = papers(experiment, task, proposer)
         found = [*cells(column), variation_cells(column, paper)]
         columns = [(f"{proposer}, ours", found)]
         if paper:
@@ -182,7 +185,8 @@ def as_json(experiment: Experiment, results: Results) -> dict[str, Any]:
     """Both tables, ours and the paper's, and the claims, as plain data; NaN as None."""
     tables: dict[str, Any] = {}
     for task, proposer in results.conditions():
-        column, paper = ours(experiment, results, task, proposer), papers(task, proposer)
+        column = ours(experiment, results, task, proposer)
+        paper = papers(experiment, task, proposer)
         entry: dict[str, Any] = {"ours": _plain(column), "paper": None}
         if paper:
             summaries = column.summary, paper.summary
@@ -192,6 +196,7 @@ def as_json(experiment: Experiment, results: Results) -> dict[str, Any]:
         tables.setdefault(task, {})[proposer] = entry
     return {
         "brain": experiment.brain_name,
+        "course": experiment.course,
         "time_scale": experiment.time_scale,
         "seed": experiment.seed,
         "interval_level": intervals.LEVEL,

@@ -11,12 +11,14 @@ import torch
 
 from musebot.protocols import cli
 from musebot.protocols.agents import Agent, make_agent
-from musebot.protocols.baselines import QLearner
+from musebot.protocols.baselines import QLearner, hand_coded
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment import CohortKey, Experiment, check_agent
+from musebot.tasks.arena import random_poses, random_spots
 
 Q_LEARNER = "musebot.protocols.baselines:q_learner"
+HAND_CODED = "musebot.protocols.baselines:hand_coded"
 GUIDE = Path(__file__).parent.parent / "docs" / "agents.md"
 
 
@@ -101,6 +103,62 @@ def test_a_q_learner_learns_which_action_pays():
         motors = agent.act(state, True)
         agent.learn(paid)
     assert agent.act(state, False).mean() > 0.4
+
+
+@pytest.mark.parametrize(
+    ("smell", "motors"),
+    [(0.0, [0.5, -0.5]), (1e-6, [0.5, 0.45]), (0.909, [0.5, 0.45]), (10 / 11, [0, 0])],
+)
+def test_a_hand_coded_robot_turns_without_smell_goes_where_it_smells_and_stands_inside(
+    smell, motors
+):
+    agent = hand_coded(2, 1, seed=0)
+    for learning in (False, True):
+        chosen = agent.act(np.full((2, 1), smell, np.float32), learning)
+        assert chosen.tolist() == [motors, motors]
+
+
+@pytest.mark.parametrize("body", ["kinematic", "mujoco"])
+def test_hand_coded_robots_find_every_spot_and_stay(body):
+    experiment = Experiment(cohort_size=20, body=body)
+    batch = experiment.batch("spot_finding", 20)
+    random, everyone = np.random.default_rng(1), np.arange(20)
+    batch.place_spot(everyone, random_spots(random, batch.dimensions, 20))
+    batch.place(everyone, random_poses(random, batch.dimensions, 20))
+    agent = hand_coded(20, 1, seed=0)
+    inside = []
+    for _ in range(600):
+        batch.step(agent.act(batch.rules.state(batch.sensordata).astype(np.float32), False))
+        inside.append(batch.rules.event(batch.sensordata))
+    arrived = np.argmax(inside, axis=0)
+    assert np.all(inside[-1])
+    assert np.mean(arrived) < 150
+    for robot, step in enumerate(arrived):
+        assert np.mean(inside[step:], axis=0)[robot] > 0.95
+
+
+def test_a_hand_coded_robot_that_smells_the_spot_aside_at_a_wall_is_not_held_there():
+    batch = Experiment(body="kinematic").batch("spot_finding", 1)
+    batch.place_spot(np.array([0]), np.array([[0.0342, 0.2449]]))
+    batch.place(np.array([0]), np.array([[-0.2782, 0.3225, 2 * np.pi - 5.8071]]))
+    states = []
+    for _ in range(100):
+        state = batch.rules.state(batch.sensordata).astype(np.float32)
+        states.append(state[0, 0])
+        batch.step(hand_coded(1, 1, seed=0).act(state, False))
+    assert 0 < states[0] < 0.05
+    assert states[-1] == np.float32(10 / 11)
+
+
+def test_a_hand_coded_robot_is_refused_where_there_is_more_than_the_nose(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["run", str(out), "--agent", HAND_CODED, "--robots", "2"]) == 2
+    sentence = "musebot: hand_coded knows one signal, that of spot_finding, got 5\n"
+    assert capsys.readouterr().err == sentence
+    assert not out.exists()
+    short = ["--task", "spot_finding", "--time-scale", "0.002", "--body", "kinematic"]
+    assert cli.main(["run", str(out), "--agent", HAND_CODED, "--robots", "2", *short]) == 0
+    assert HAND_CODED in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["nonsense", "a.b", "a:b:c", "a b:c", ":x", "x:", "1a:b"])

@@ -69,9 +69,12 @@ def plans(draw):
         ({"time_scale": 1.5}, "the time scale must lie in (0, 1], got 1.5"),
         ({"time_scale": float("nan")}, "the time scale must lie in (0, 1], got nan"),
         ({"nose": "big"}, "the nose must be 'inverse' or 'printed', got 'big'"),
-        (
-            {"nose": "printed", "brain": BRAINS["steady"]},
-            "a brain that reads raw signals knows no bound of the printed Eq. 3",
+        *(
+            (
+                {"nose": "printed", "brain": BRAINS[name]},
+                "a brain that knows a full load knows none of the printed Eq. 3",
+            )
+            for name in ("steady", "steady-raw_reward", "steady-raw_signals", "paper-content")
         ),
     ],
 )

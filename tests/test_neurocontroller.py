@@ -10,7 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from musebot.controller import PROPOSERS, Neurocontroller, NoisePatterns, Parameters
+from musebot.controller import (
+    BRAINS,
+    PROPOSERS,
+    Neurocontroller,
+    NoisePatterns,
+    Parameters,
+    Senses,
+    Signal,
+)
 
 quick = settings(deadline=None, max_examples=20)
 everyone = pytest.mark.parametrize("proposer", PROPOSERS)
@@ -232,12 +240,22 @@ def test_robots_live_the_same_alone_and_among_others():
             torch.testing.assert_close(tensor, own, atol=1e-5, rtol=1e-5)
 
 
-def test_what_one_robot_senses_reaches_no_other():
-    one, other = (Neurocontroller(Parameters(), "creative", 3, 5, seed=5) for _ in range(2))
-    for state in states(30, 3, 5):
+SENSES = Senses((Signal(-1.0, 1.0, 10.0), *[Signal(-1.0, 1.0)] * 4), Signal(-1.0, 1.0, 10.0))
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [Parameters(), Parameters(content_steps=1), BRAINS["steady"]],
+    ids=["paper", "paper-content", "steady"],
+)
+def test_what_one_robot_senses_reaches_no_other(parameters):
+    one, other = (
+        Neurocontroller(parameters, "creative", 3, 5, seed=5, senses=SENSES) for _ in range(2)
+    )
+    for state in states(50, 3, 5):
         changed = state.clone()
         changed[1] = -changed[1]
-        first, second = one.act(state, explore=False), other.act(changed, explore=False)
+        first, second = one.act(state, explore=True), other.act(changed, explore=True)
         assert torch.equal(first[[0, 2]], second[[0, 2]])
         one.learn(state[:, 0])
         other.learn(changed[:, 0])

@@ -39,6 +39,7 @@ def test_the_defaults_are_the_papers_numbers():
         "epsilon_youth": 24000.0,
         "young_learn_rate": None,
         "learn_rate_youth": 62400.0,
+        "content_steps": 0,
     }
 
 
@@ -56,6 +57,7 @@ BAD = {
     "initial_range": (-1.0, NAN),
     "action_gap": (-0.1, NAN, INFINITY),
     "held_steps": (-1,),
+    "content_steps": (-1, INFINITY),
     "judge_rate": (-0.1, 1.1, NAN),
     "young_epsilon": (-0.1, 1.1, NAN),
     "young_learn_rate": (-0.1, NAN, INFINITY),

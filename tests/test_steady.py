@@ -341,6 +341,96 @@ def test_epsilon_and_learn_rate_fall_with_the_time_of_learning():
     assert brain.state()["learning.age"] == 5
 
 
+# Abandoning training
+
+FULL = 10 / 11
+
+
+def contented(steps, brain="paper", seed=1, proposer="creative", **fields):
+    parameters = dataclasses.replace(BRAINS[brain], content_steps=steps, **fields)
+    return Neurocontroller(parameters, proposer, ROBOTS, 2, seed, SENSES)
+
+
+def rewarded(brain, rewards, seed=0):
+    """Lives as many steps as each robot has rewards, by step; returns the TD errors."""
+    errors = []
+    for state, reward in zip(sensed(len(rewards), seed=seed), rewards, strict=True):
+        brain.act(state, explore=True)
+        errors.append(brain.learn(torch.tensor(reward)))
+    return torch.stack(errors)
+
+
+# In the spot for three steps in a row, for two and two, and next to it.
+REWARDS = [[FULL, FULL, 0.909], [FULL, FULL, 0.909], [FULL, 0.9, 0.909], *[[0.1, FULL, 0.909]] * 2]
+
+
+@pytest.mark.parametrize("name", ["paper", "steady"])
+def test_who_had_a_full_load_for_long_enough_in_a_row_learns_no_more(name):
+    brain, other = contented(3, name), contented(0, name)
+    rewarded(brain, REWARDS), rewarded(other, REWARDS)
+    before = snapshot(brain.networks())
+    errors = rewarded(brain, [[0.3, 0.3, 0.3]] * 5, seed=1)
+    assert torch.equal(errors[:, 0], torch.zeros(5))
+    assert errors[:, 1:].abs().min() > 0
+    for owner, tensor in brain.networks().items():
+        if not owner.startswith("judge"):  # which goes on towards what was learnt
+            assert torch.equal(tensor[0], before[owner][0])
+            assert not torch.equal(tensor[1:], before[owner][1:])
+    rewarded(other, [[0.3, 0.3, 0.3]] * 5, seed=1)
+    kept = other.networks()["evaluation.output_weights"][0]
+    assert not torch.equal(kept, before["evaluation.output_weights"][0])
+
+
+@pytest.mark.parametrize("held", [0, 30])
+def test_who_is_content_explores_no_more(held):
+    brain = contented(3, proposer="fixed", epsilon=1.0, held_steps=held)
+    rewarded(brain, REWARDS)
+    for state in sensed(20, seed=2):
+        values = brain.values(state, ideas := brain.propose(state))
+        best = ideas[torch.arange(ROBOTS), values.argmax(dim=1)]
+        chosen = brain.act(state, explore=True)
+        assert torch.equal(chosen[0], best[0])
+        assert not torch.equal(chosen[1:], best[1:])
+
+
+@pytest.mark.parametrize("content_steps", [0, 3])
+def test_until_somebody_is_content_a_brain_lives_as_the_papers_to_the_bit(content_steps):
+    paper = Neurocontroller(Parameters(), "creative", ROBOTS, 2, 1)
+    brain = contented(content_steps)
+    rewards = [[FULL, FULL, 0.3], [0.2, FULL, FULL], [0.2, 0.1, FULL]] * 7
+    errors = [rewarded(one, rewards) for one in (paper, brain)]
+    assert torch.equal(*errors)
+    assert same(paper.networks(), brain.networks())
+
+
+def test_where_no_reward_saturates_nobody_is_ever_content():
+    walls = Senses((Signal(0.0, 1.0), Signal(-1.0, 0.0)), Signal(-1.0, 0.0))
+    paper = Neurocontroller(Parameters(), "creative", ROBOTS, 2, 1)
+    brain = Neurocontroller(Parameters(content_steps=1), "creative", ROBOTS, 2, 1, walls)
+    errors = [rewarded(one, [[0.0, -1.0, FULL]] * 20) for one in (paper, brain)]
+    assert torch.equal(*errors)
+    assert same(paper.networks(), brain.networks())
+
+
+def test_a_robot_stays_content_when_it_goes_on_from_a_state():
+    first, second = contented(3), contented(3, seed=999)
+    rewarded(first, REWARDS[:2])
+    kept = snapshot(first.state())
+    assert kept["contentment.full_steps"].tolist() == [2, 2, 0]
+    second.load_state(kept)
+    for brain in (first, second):
+        rewarded(brain, REWARDS[2:])
+    assert same(first.state(), second.state())
+    second.load_state(snapshot(first.state()))
+    assert torch.equal(*(rewarded(one, REWARDS)[:, 0] for one in (first, second)))
+    assert rewarded(second, REWARDS)[:, 0].abs().max() == 0
+
+
+def test_a_brain_that_can_be_content_must_be_told_of_its_senses():
+    with pytest.raises(ValueError, match="must be told of all 2"):
+        Neurocontroller(BRAINS["paper-content"], "creative", ROBOTS, 2, 1)
+
+
 # Independence, and going on
 
 
@@ -356,20 +446,6 @@ def test_robots_live_the_same_alone_and_among_others():
             row = slice(robot, robot + 1)
             assert torch.equal(brain.act(state[row], explore=True), actions[row])
             torch.testing.assert_close(brain.learn(state[row, 0]), errors[row], atol=1e-9, rtol=0)
-
-
-def test_what_one_robot_senses_reaches_no_other():
-    one, other = born(), born()
-    for state in sensed(50):
-        changed = state.clone()
-        changed[1] = torch.tensor([0.3, -1.0])
-        first, second = one.act(state, explore=True), other.act(changed, explore=True)
-        assert torch.equal(first[[0, 2]], second[[0, 2]])
-        one.learn(state[:, 0])
-        other.learn(changed[:, 0])
-    for name, tensor in one.networks().items():
-        assert torch.equal(tensor[[0, 2]], other.networks()[name][[0, 2]])
-        assert not torch.equal(tensor[1], other.networks()[name][1])
 
 
 @pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
