@@ -341,7 +341,7 @@ def test_the_body_is_the_runs_own_or_the_one_asked_for(runs):
 
 
 def test_an_experiment_comes_back_from_json():
-    experiment = Experiment(kinematics=Kinematics(lag=0.08), motor_speed=0.1)
+    experiment = Experiment(body="kinematic", kinematics=Kinematics(lag=0.08), motor_speed=0.1)
     plain = json.loads(json.dumps(dataclasses.asdict(experiment)))
     assert experiment_of(plain) == experiment
 
