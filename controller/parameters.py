@@ -110,6 +110,12 @@ class Parameters:
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming the field, where a number makes no sense."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(field.default, bool) and not isinstance(value, bool):
+                raise ValueError(f"{field.name} must be true or false, got {value!r}")
+            if type(field.default) is int and type(value) is not int:
+                raise ValueError(f"{field.name} must be a whole number, got {value!r}")
         for name in ("evaluation_hidden", "ideas", "memory_hidden"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")

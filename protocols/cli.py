@@ -62,6 +62,8 @@ class Run:
     """paper; or paper-content: the paper's, until it was in the spot for a minute; or steady: ours,
     for both tasks; or steady-cap and so on: ours, without an ingredient (default: paper, or OUT's
     own)"""
+    but: tuple[str, ...] = ()
+    """numbers of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
     motor_speed: float | None = None
     """of a wheel at full motor, in metres a second (default: the robot's 0.2, or OUT's own)"""
     processes: int = len(os.sched_getaffinity(0))
@@ -95,10 +97,12 @@ class Run:
         from .experiment import (
             PROPOSERS,
             Experiment,
+            Kinematics,
+            Parameters,
             Plan,
             default_cohort_size,
-            kinematics_of,
             named_brain,
+            told,
         )
 
         settings = (
@@ -108,7 +112,10 @@ class Run:
         if "brain" in asked:
             asked["brain"] = named_brain(asked["brain"])
         if self.kinematics:
-            asked["kinematics"] = kinematics_of(self.kinematics)
+            asked["kinematics"] = told(Kinematics(), self.kinematics)
+        if self.but:
+            own = held.experiment.brain if held else Parameters()
+            asked["brain"] = told(asked.get("brain", own), self.but)
         if self.robots is not None and self.robots < 1:
             raise InputError(f"the number of robots must be at least 1, got {self.robots}")
         if held:
@@ -116,7 +123,10 @@ class Run:
             for name, value in asked.items():
                 if value != (own := getattr(experiment, name)):
                     if name == "brain":
-                        own, value = experiment.brain_name, self.brain
+                        own, value = (
+                            experiment.brain_name,
+                            " ".join(filter(None, [self.brain, *self.but])),
+                        )
                     raise InputError(
                         f"{self.out} holds an experiment with {name} {own}, not {value}"
                     )

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -110,8 +110,14 @@ class Experiment:
 
     @property
     def brain_name(self) -> str:
-        """The name of the neurocontroller's numbers, "unnamed" for others than named ones."""
-        return next((name for name, brain in BRAINS.items() if brain == self.brain), "unnamed")
+        """The name of the neurocontroller's numbers, and what differs from them, if anything."""
+        own = dataclasses.asdict(self.brain)
+        others = {
+            name: [f for f, value in dataclasses.asdict(brain).items() if value != own[f]]
+            for name, brain in BRAINS.items()
+        }
+        nearest = min(others, key=lambda name: len(others[name]))
+        return " ".join([nearest, *(f"{field}={own[field]}" for field in others[nearest])])
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -217,28 +223,33 @@ def named_brain(name: str) -> Parameters:
     return BRAINS[name]
 
 
-def kinematics_of(words: Iterable[str]) -> Kinematics:
-    """The stand-in's numbers from words such as "wall=slides" and "lag=0.08".
+Numbers = TypeVar("Numbers", Parameters, Kinematics)
+
+
+def told(numbers: Numbers, words: Iterable[str]) -> Numbers:
+    """The brain's or the stand-in's numbers, but for words such as "epsilon=0.1", "wall=slides".
 
     Raises:
       InputError: there is no such number, or it makes no sense.
     """
     fields: dict[str, Any] = {}
-    known = [field.name for field in dataclasses.fields(Kinematics)]
+    known = [field.name for field in dataclasses.fields(numbers)]
     for word in words:
         name, _, text = word.partition("=")
         if name not in known:
-            raise InputError(
-                f"the stand-in is told {', '.join(known)}, as NAME=VALUE, got {word!r}"
-            )
+            raise InputError(f"one of {', '.join(known)} can be told as NAME=VALUE, got {word!r}")
         try:
-            fields[name] = json.loads(text)
+            fields[name] = _plain_value(json.loads(text))
         except ValueError:
             fields[name] = text
     try:
-        return Kinematics(**fields)
+        return dataclasses.replace(numbers, **fields)
     except (TypeError, ValueError) as error:
-        raise InputError(f"the stand-in cannot drive so: {error}") from error
+        raise InputError(f"{' '.join(words)} makes no sense: {error}") from error
+
+
+def _plain_value(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
 def check_condition(task: str, proposer: str) -> None:

@@ -1,5 +1,6 @@
 """The command: what it prints, and one sentence and exit status 2 for what cannot be done."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -136,13 +137,20 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--brain", "divine"], "brain must be one of paper, steady, steady-neurons, "),
         (["--nose", "red"], "nose must be 'inverse' or 'printed', got 'red'"),
         (["--kinematics", "wall=slides"], "only the kinematic body is told how it drives"),
-        (["--body=kinematic", "--kinematics", "tyre=flat"], "told radius, wheel_base, wall, felt,"),
+        (
+            ["--body=kinematic", "--kinematics", "tyre=flat"],
+            "one of radius, wheel_base, wall, felt",
+        ),
         (["--body=kinematic", "--kinematics", "wall=soft"], "wall must be one of holds, slides,"),
         (["--body=kinematic", "--kinematics", "felt=warm"], "felt must be one of near, pushed"),
-        (["--body=kinematic", "--kinematics", "lag=long"], "the stand-in cannot drive so: "),
-        (["--body=kinematic", "--kinematics", "radius"], "the stand-in cannot drive so: "),
+        (["--body=kinematic", "--kinematics", "lag=long"], "lag=long makes no sense: "),
+        (["--body=kinematic", "--kinematics", "radius"], "radius makes no sense: "),
         (["--body=kinematic", "--kinematics", "any_contact=1"], "must be true or false, got 1"),
         (["--body=kinematic", "--kinematics", "pieces=1.5"], "must be a whole number"),
+        (["--but", "soul=1"], "can be told as NAME=VALUE, got 'soul=1'"),
+        (["--but", "ideas=2.5"], "ideas must be a whole number, got 2.5"),
+        (["--brain=steady", "--but", "centred=0"], "centred must be true or false, got 0"),
+        (["--but", "epsilon=2"], "epsilon must lie in [0, 1], got 2"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--engine", "steam"], "engine must be local or ray, got 'steam'"),
     ],
@@ -161,6 +169,18 @@ def test_the_stand_in_drives_as_it_is_told(tmp_path):
     assert cli.main(["run", str(tmp_path), *words.split(), *scale]) == 0
     told = load_plan(tmp_path / "experiment.json").experiment.kinematics
     assert told == Kinematics(wall="slides", felt="pushed", lag=0.08, any_contact=True)
+
+
+def test_a_brain_is_the_named_one_but_for_what_is_told(tmp_path, capsys):
+    words = "--brain steady --but judge_rate=0.02 fixed_motors=[0.0,0.5]".split()
+    scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
+    for again in ([], words):
+        assert cli.main(["run", str(tmp_path), *(again or words), *scale]) == 0
+    own = load_plan(tmp_path / "experiment.json").experiment.brain
+    assert own == dataclasses.replace(BRAINS["steady"], judge_rate=0.02, fixed_motors=(0.0, 0.5))
+    assert "brain: steady fixed_motors=(0.0, 0.5) judge_rate=0.02" in capsys.readouterr().out
+    assert cli.main(["run", str(tmp_path), "--but", "judge_rate=0.03"]) == 2
+    assert "holds an experiment with brain steady" in capsys.readouterr().err
 
 
 def test_a_foreign_folder_is_refused_and_left_alone(tmp_path, capsys):

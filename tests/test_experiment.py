@@ -319,9 +319,10 @@ def test_an_experiment_keeps_its_brain(name, tmp_path):
     assert kept.brain_name == name
 
 
-def test_a_brain_with_a_number_changed_has_no_name():
-    brain = dataclasses.replace(BRAINS["steady"], discount=0.8)
-    assert Experiment(brain=brain).brain_name == "unnamed"
+def test_a_brain_with_a_number_changed_is_named_by_it():
+    for name in ("paper", "steady"):
+        brain = dataclasses.replace(BRAINS[name], discount=0.8, keep_main_idea=True)
+        assert Experiment(brain=brain).brain_name == f"{name} discount=0.8 keep_main_idea=True"
 
 
 def test_a_truncated_experiment_json_is_damaged(sound):

@@ -46,7 +46,8 @@ def test_the_defaults_are_the_papers_numbers():
 NAN, INFINITY = float("nan"), float("inf")
 BAD = {
     "evaluation_hidden": (0, -1),
-    "ideas": (0, -25),
+    "ideas": (0, -25, 2.5, "many"),
+    "centred": (1, "yes"),
     "memory_hidden": (0, -5),
     "discount": (-0.1, 1.1, NAN, INFINITY),
     "epsilon": (-0.1, 1.1, NAN),
