@@ -71,7 +71,8 @@ class Parameters:
       young_learn_rate: the young learn rate; None for no other.
       learn_rate_youth: how long it takes.
       content_steps: a robot that was rewarded with a full load for so many steps of learning in a
-        row learns and explores no more, "if training would be abandoned" (section 4); 0 for
+        row learns and explores no more (a judge that follows slowly still catches up with what it
+        learnt), "if training would be abandoned" (section 4); 0 for
         never.
     """
 
@@ -116,6 +117,8 @@ class Parameters:
                 raise ValueError(f"{field.name} must be true or false, got {value!r}")
             if type(field.default) is int and type(value) is not int:
                 raise ValueError(f"{field.name} must be a whole number, got {value!r}")
+            if isinstance(field.default, float) and type(value) not in (int, float):
+                raise ValueError(f"{field.name} must be a number, got {value!r}")
         for name in ("evaluation_hidden", "ideas", "memory_hidden"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
@@ -126,6 +129,9 @@ class Parameters:
         for name in (*not_negative, "held_steps", "content_steps"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        for name in ("young_epsilon", "young_learn_rate"):
+            if type(getattr(self, name)) not in (int, float, type(None)):
+                raise ValueError(f"{name} must be a number or none, got {getattr(self, name)!r}")
         if self.young_epsilon is not None and not 0 <= self.young_epsilon <= 1:
             raise ValueError(f"young_epsilon must lie in [0, 1], got {self.young_epsilon}")
         if self.young_learn_rate is not None and not 0 <= self.young_learn_rate < math.inf:
@@ -135,6 +141,8 @@ class Parameters:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.random_share < 1:
             raise ValueError(f"random_share must lie in [0, 1), got {self.random_share}")
+        if not isinstance(self.fixed_motors, tuple):
+            raise ValueError(f"fixed_motors must be several numbers, got {self.fixed_motors}")
         if not self.fixed_motors or not all(abs(m) <= 0.5 for m in self.fixed_motors):
             raise ValueError(f"fixed_motors must lie in [-0.5, 0.5], got {self.fixed_motors}")
         for name, choices in _CHOICES.items():

@@ -33,6 +33,11 @@ class Signal:
         if self.full is not None and not self.full > 0:
             raise ValueError(f"full must be positive, got {self.full}")
 
+    @property
+    def saturated(self) -> float:
+        """The signal of a full load; infinity where there is none."""
+        return self.full / (1 + self.full) if self.full else math.inf
+
 
 @dataclasses.dataclass(frozen=True)
 class Senses:
@@ -72,10 +77,9 @@ class Reading:
             return
         if senses is None or len(senses.state) != sensors:
             raise ValueError(f"a brain that knows of signals must be told of all {sensors}")
-        load = senses.reward.full
-        self._full_signal = torch.tensor(load / (1 + load) if load else math.inf)
-        if parameters.raw_reward and load:
-            self._reward_full = torch.tensor(load)
+        self._full_signal = torch.tensor(senses.reward.saturated)
+        if parameters.raw_reward and senses.reward.full:
+            self._reward_full = torch.tensor(senses.reward.full)
         full = [signal.full for signal in senses.state if self._raw and signal.full]
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
         self._full = torch.tensor(full)

@@ -1,8 +1,8 @@
 """A stand-in for the body: an ideal differential drive, with no mass and no slip.
 
-It moves on the same floor between the same walls and feels them in the same way, so that
-what physics does to a life can be told from what the brain does. The
-paper's own simulator was of this kind.
+It moves on the same floor between the same walls, with the same sensors, so that what physics
+does to a life can be told from what the brain does. When it feels a wall, and what it does at one,
+is told (`Kinematics`). The paper's own simulator was of this kind.
 """
 
 from __future__ import annotations
@@ -49,6 +49,9 @@ class Kinematics:
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming the field, where a number makes no sense."""
+        for name in ("radius", "wheel_base", "lag"):
+            if type(getattr(self, name)) not in (int, float, type(None)):
+                raise ValueError(f"{name} must be a number, got {getattr(self, name)!r}")
         for name in ("radius", "wheel_base"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
@@ -61,7 +64,7 @@ class Kinematics:
             raise ValueError(f"lag must not be negative, got {self.lag}")
         if not isinstance(self.any_contact, bool):
             raise ValueError(f"any_contact must be true or false, got {self.any_contact!r}")
-        if not isinstance(self.pieces, int) or self.pieces < 1:
+        if type(self.pieces) is not int or self.pieces < 1:
             raise ValueError(f"pieces must be a whole number of at least 1, got {self.pieces}")
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:

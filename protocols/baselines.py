@@ -116,8 +116,7 @@ class HandCoded(Agent):
 
     def __init__(self) -> None:
         """Looks up what the nose signals inside the spot, Eq. 3."""
-        full = senses_of("spot_finding").reward.full or np.inf
-        self._full = np.float32(full / (1 + full))
+        self._full = np.float32(senses_of("spot_finding").reward.saturated)
 
     def reset(self) -> None:
         """See `Agent.reset`."""

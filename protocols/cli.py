@@ -100,6 +100,7 @@ class Run:
             Kinematics,
             Parameters,
             Plan,
+            brief,
             default_cohort_size,
             named_brain,
             told,
@@ -112,7 +113,8 @@ class Run:
         if "brain" in asked:
             asked["brain"] = named_brain(asked["brain"])
         if self.kinematics:
-            asked["kinematics"] = told(Kinematics(), self.kinematics)
+            own = held.experiment.kinematics if held else Kinematics()
+            asked["kinematics"] = told(own, self.kinematics)
         if self.but:
             own = held.experiment.brain if held else Parameters()
             asked["brain"] = told(asked.get("brain", own), self.but)
@@ -123,10 +125,10 @@ class Run:
             for name, value in asked.items():
                 if value != (own := getattr(experiment, name)):
                     if name == "brain":
-                        own, value = (
-                            experiment.brain_name,
-                            " ".join(filter(None, [self.brain, *self.but])),
-                        )
+                        named = [self.brain, *self.but]
+                        own, value = experiment.brain_name, " ".join(filter(None, named))
+                    if name == "kinematics":
+                        own, value = brief(experiment.kinematics), " ".join(self.kinematics)
                     raise InputError(
                         f"{self.out} holds an experiment with {name} {own}, not {value}"
                     )

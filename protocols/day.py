@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from . import engine, figures, intervals
+from . import engine, figures, intervals, tables
 from .beside import names_of
 from .errors import InputError, exit_status
 from .learn_ability import INVALID
@@ -95,18 +95,16 @@ def markdown(lived: Sequence[Day]) -> str:
     """A row a condition: the share of the time in the spot, and of the jumps after which found."""
     hours = [f"hours {first}-{last}" for first, last in (EARLY, MIDDLE, LATE)]
     head = ["in the spot", "robots", *hours, f"found in {_JUMP} minutes"]
-    lines = [head, ["---", *["---:"] * (len(head) - 1)]]
+    rows = [head, ["---", *["---:"] * (len(head) - 1)]]
     for day in lived:
         values = [*(day.share(span) for span in (EARLY, MIDDLE, LATE)), day.found()]
-        lines.append([day.name, f"{len(day.minutes)}", *map(_cell, values)])
+        rows.append([day.name, f"{len(day.minutes)}", *map(_cell, values)])
     note = "In brackets 95 % intervals, BCa bootstrap over robots; none where all are alike."
-    return "\n".join(["| " + " | ".join(line) + " |" for line in lines] + ["", note])
+    return "\n".join([*map(tables.line, rows), "", note])
 
 
 def _cell(values: np.ndarray) -> str:
-    low, high = intervals.mean(values)
-    bracket = "" if np.isnan(low) else f" [{low:.3f}, {high:.3f}]"
-    return f"{values.mean():.3f}{bracket}"
+    return f"{values.mean():.3f} {tables.bracket(intervals.mean(values))}".strip()
 
 
 def draw(lived: Sequence[Day]) -> Figure:

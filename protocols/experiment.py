@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import json
@@ -21,6 +22,7 @@ from .. import __version__
 from ..controller import BRAINS, PROPOSERS, Parameters
 from ..models import Kinematics
 from ..tasks import Robots, make_batch, make_kinematic_batch
+from ..tasks.arena import FROM_WALLS
 from ..tasks.senses import NoseForm
 from ..tasks.suite import Edit
 from .errors import DamagedFileError, InputError
@@ -101,6 +103,8 @@ class Experiment:
             raise InputError("a brain that knows a full load knows none of the printed Eq. 3")
         if self.body not in BODIES:
             raise InputError(f"the body must be one of {', '.join(BODIES)}, got {self.body!r}")
+        if (radius := self.kinematics.radius or 0) >= FROM_WALLS:
+            raise InputError(f"the radius must be less than {FROM_WALLS:g} m, got {radius}")
         if self.body == "mujoco" and self.kinematics != Kinematics():
             raise InputError("only the kinematic body is told how it drives")
         if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
@@ -117,7 +121,8 @@ class Experiment:
             for name, brain in BRAINS.items()
         }
         nearest = min(others, key=lambda name: len(others[name]))
-        return " ".join([nearest, *(f"{field}={own[field]}" for field in others[nearest])])
+        changed = (f"{field}={_written(own[field])}" for field in others[nearest])
+        return " ".join([nearest, *changed])
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -223,6 +228,13 @@ def named_brain(name: str) -> Parameters:
     return BRAINS[name]
 
 
+def brief(kinematics: Kinematics) -> str:
+    """How the stand-in drives, as `told` reads it; nothing for the default."""
+    default = dataclasses.asdict(Kinematics())
+    own = dataclasses.asdict(kinematics).items()
+    return " ".join(f"{name}={_written(value)}" for name, value in own if value != default[name])
+
+
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
 
 
@@ -230,26 +242,34 @@ def told(numbers: Numbers, words: Iterable[str]) -> Numbers:
     """The brain's or the stand-in's numbers, but for words such as "epsilon=0.1", "wall=slides".
 
     Raises:
-      InputError: there is no such number, or it makes no sense.
+      InputError: there is no such number, it is told twice, or it makes no sense.
     """
     fields: dict[str, Any] = {}
     known = [field.name for field in dataclasses.fields(numbers)]
     for word in words:
-        name, _, text = word.partition("=")
-        if name not in known:
+        name, told_so, text = word.partition("=")
+        if name not in known or not told_so:
             raise InputError(f"one of {', '.join(known)} can be told as NAME=VALUE, got {word!r}")
-        try:
-            fields[name] = _plain_value(json.loads(text))
-        except ValueError:
-            fields[name] = text
+        if name in fields:
+            raise InputError(f"{name} is told twice")
+        fields[name] = _value(text)
     try:
         return dataclasses.replace(numbers, **fields)
     except (TypeError, ValueError) as error:
         raise InputError(f"{' '.join(words)} makes no sense: {error}") from error
 
 
-def _plain_value(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+def _written(value: Any) -> str:
+    """As `told` reads it."""
+    return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
+
+
+def _value(text: str) -> Any:
+    for read in (json.loads, float):
+        with contextlib.suppress(ValueError):
+            value = read(text)
+            return tuple(value) if isinstance(value, list) else value
+    return text
 
 
 def check_condition(task: str, proposer: str) -> None:
@@ -332,10 +352,13 @@ def save_plan(path: Path, plan: Plan) -> None:
 def same_physics(path: Path) -> bool:
     """Whether an `experiment.json` that `load_plan` reads was lived in this version's physics."""
     content = json.loads(path.read_bytes())
-    ours = physics_probe(content["experiment"].get("body", "mujoco"))
-    return np.shape(ours) == np.shape(content["physics"]) and bool(
-        np.allclose(content["physics"], ours, rtol=0, atol=1e-6)
-    )
+    return is_physics_of(content["physics"], content["experiment"].get("body", "mujoco"))
+
+
+def is_physics_of(probe: Sequence[float], body: Body) -> bool:
+    """Whether numbers that `physics_probe` once gave are those of this version."""
+    ours = physics_probe(body)
+    return np.shape(ours) == np.shape(probe) and bool(np.allclose(probe, ours, rtol=0, atol=1e-6))
 
 
 @functools.cache
@@ -380,6 +403,8 @@ def experiment_of(fields: dict[str, Any]) -> Experiment:
       InputError: its numbers make no sense.
     """
     brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
+    if "random_ideas" in brain:  # as counted until they became a share
+        brain["random_share"] = brain.pop("random_ideas") / brain["ideas"]
     kinematics = Kinematics(**fields.get("kinematics", {}))
     return Experiment(**(fields | {"brain": Parameters(**brain), "kinematics": kinematics}))
 

@@ -21,7 +21,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from ..models import Dimensions, enlarge
+from ..models import Dimensions, Kinematics, enlarge
 from ..tasks import CONTROL_TIMESTEP, Robots
 from ..tasks.arena import RANGEFINDERS
 from ..tasks.senses import distance_signal
@@ -32,18 +32,20 @@ from .cohort import place
 from .episode import check_seed
 from .errors import DamagedFileError, InputError, exit_status
 from .experiment import (
+    BODIES,
     TASKS,
     Body,
     CohortKey,
     Experiment,
     experiment_of,
+    is_physics_of,
     machine,
     physics_probe,
 )
 from .progress import bar
 from .replay import stored_brains
 from .results import Results, test_seconds
-from .schedules import SCHEDULES, UPPER_LEFT, Phase, Schedule, control_steps
+from .schedules import NAMES, SCHEDULES, UPPER_LEFT, Phase, Schedule, control_steps
 from .storage import (
     check_folder,
     digest,
@@ -301,13 +303,17 @@ def sitters(
     Raises:
       InputError: a folder holds no such brains, or they cannot stand in one table.
     """
+    if not runs:
+        raise InputError("no run is named whose brains could sit the test")
     names = [run.resolve().name for run in runs]
     if len({*names}) < len(names):
         raise InputError(f"the runs must have different names, got {', '.join(names)}")
     found = []
     for name, run in zip(names, runs, strict=True):
         experiment, results = engine.read_run(run, enact=True)
-        experiment = dataclasses.replace(experiment, body=body or experiment.body, seed=seed)
+        experiment = dataclasses.replace(experiment, seed=seed)
+        if body and body != experiment.body:  # what only the other body was told is void
+            experiment = dataclasses.replace(experiment, body=body, kinematics=Kinematics())
         chosen = {
             condition: count
             for condition in probes.lived(results)
@@ -364,15 +370,13 @@ def check_study(out: Path, wanted: Sequence[Sitter]) -> None:
         if own.brains != asked.brains:
             raise InputError(f"{out} holds a study of other brains than those of {own.name}")
     ours = _physics(wanted)
-    if physics.keys() != ours.keys() or not all(
-        np.allclose(physics[body], ours[body], rtol=0, atol=1e-6) for body in ours
-    ):
+    if physics.keys() != ours.keys() or not all(map(is_physics_of, physics.values(), physics)):
         raise InputError(f"{out} was measured in another physics than this version's")
 
 
-def _physics(wanted: Sequence[Sitter]) -> dict[str, list[float]]:
-    bodies = sorted({sitter.experiment.body for sitter in wanted})
-    return {body: list(physics_probe(body)) for body in bodies}
+def _physics(wanted: Sequence[Sitter]) -> dict[Body, list[float]]:
+    used = {sitter.experiment.body for sitter in wanted}
+    return {body: list(physics_probe(body)) for body in BODIES if body in used}
 
 
 def save_study(out: Path, wanted: Sequence[Sitter]) -> None:
@@ -388,7 +392,7 @@ def save_study(out: Path, wanted: Sequence[Sitter]) -> None:
     write_atomically(out / STUDY, (json.dumps(content, indent=2) + "\n").encode())
 
 
-def read_study(out: Path) -> tuple[list[Sitter], dict[str, list[float]]]:
+def read_study(out: Path) -> tuple[list[Sitter], dict[Body, list[float]]]:
     """Reads `study.json`: whose brains, and the physics.
 
     Raises:
@@ -400,7 +404,11 @@ def read_study(out: Path) -> tuple[list[Sitter], dict[str, list[float]]]:
     try:
         content = json.loads(path.read_bytes())
         found = [Sitter.of_plain(fields) for fields in content["runs"]]
-        return found, {k: np.array(v, dtype=float).tolist() for k, v in content["physics"].items()}
+        held = content["physics"]
+        physics: dict[Body, list[float]] = {
+            body: np.array(held[body], dtype=float).tolist() for body in BODIES if body in held
+        }
+        return found, physics
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DamagedFileError(f"{path} is no study of musebot's ({error!r})") from error
 
@@ -489,7 +497,7 @@ def _table(out: Path, studied: Sequence[Sitter], task: str) -> str:
                 row += cells(measured, found[0])
     if len(head) == 1:
         return ""
-    title = f"### {tables.TITLES[task].partition(' (')[0]}"
+    title = f"### {NAMES[task]}"
     if (scale := studied[0].experiment.time_scale) != 1:
         title += f", a rehearsal: every duration times {scale:g}"
     lines = [tables.line(head), tables.line(["---", *("---:" for _ in head[1:])])]
@@ -498,7 +506,7 @@ def _table(out: Path, studied: Sequence[Sitter], task: str) -> str:
 
 def _note(studied: Sequence[Sitter]) -> str:
     lines = [
-        "Trained brains in the test after training, once more, neither learning nor exploring: "
+        "Trained brains sit the test after training once more, without learning anew: "
         "share of the time, mean over robots, in brackets its 95 % interval (BCa bootstrap). "
         "*Difference*: from the test in which nothing was changed, robot by robot. No interval "
         "where robots are too few or all alike.",
@@ -506,10 +514,9 @@ def _note(studied: Sequence[Sitter]) -> str:
     ]
     for sitter in studied:
         experiment = sitter.experiment
-        lines.append(
-            f"- {sitter.name}: brain {experiment.brain_name}, body {experiment.body}, "
-            f"seed {experiment.seed}"
-        )
+        fields = differing(experiment, Experiment(brain=experiment.brain))
+        others = "".join(f", {name} {value}" for name, (value, _) in fields.items())
+        lines.append(f"- {sitter.name}: brain {experiment.brain_name}{others}")
     return "\n".join([*lines, ""])
 
 

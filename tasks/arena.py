@@ -28,7 +28,8 @@ RANGEFINDERS = ("front", "back", "left", "right")
 
 Corner = Literal["upper_left", "upper_right"]
 # Section 3.1: "a distance of ten cm to the walls facing the corner": x, y in metres, heading.
-_X, _Y = (half - 0.10 for half in half_size(arena_spec()))
+FROM_WALLS = 0.10  # metres
+_X, _Y = (half - FROM_WALLS for half in half_size(arena_spec()))
 CORNERS: Mapping[str, tuple[float, float, float]] = {
     "upper_left": (-_X, _Y, math.atan2(1, -1)),
     "upper_right": (_X, _Y, math.atan2(1, 1)),

@@ -143,13 +143,18 @@ def test_tables_as_json_hold_both(run, capsys):
         ),
         (["--body=kinematic", "--kinematics", "wall=soft"], "wall must be one of holds, slides,"),
         (["--body=kinematic", "--kinematics", "felt=warm"], "felt must be one of near, pushed"),
-        (["--body=kinematic", "--kinematics", "lag=long"], "lag=long makes no sense: "),
-        (["--body=kinematic", "--kinematics", "radius"], "radius makes no sense: "),
+        (["--body=kinematic", "--kinematics", "lag=long"], "lag must be a number, got 'long'"),
+        (["--body=kinematic", "--kinematics", "radius"], "can be told as NAME=VALUE, got 'radius'"),
+        (["--body=kinematic", "--kinematics", "radius=0.4"], "radius must be less than 0.1 m"),
+        (["--body=kinematic", "--kinematics", "lag=0", "lag=1"], "lag is told twice"),
         (["--body=kinematic", "--kinematics", "any_contact=1"], "must be true or false, got 1"),
         (["--body=kinematic", "--kinematics", "pieces=1.5"], "must be a whole number"),
         (["--but", "soul=1"], "can be told as NAME=VALUE, got 'soul=1'"),
         (["--but", "ideas=2.5"], "ideas must be a whole number, got 2.5"),
         (["--brain=steady", "--but", "centred=0"], "centred must be true or false, got 0"),
+        (["--but", "epsilon=true"], "epsilon must be a number, got True"),
+        (["--but", "fixed_motors=0.5"], "fixed_motors must be several numbers, got 0.5"),
+        (["--but", "young_epsilon=None"], "young_epsilon must be a number or none, got 'None'"),
         (["--but", "epsilon=2"], "epsilon must lie in [0, 1], got 2"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--engine", "steam"], "engine must be local or ray, got 'steam'"),
@@ -163,12 +168,16 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_stand_in_drives_as_it_is_told(tmp_path):
-    words = "--body kinematic --kinematics wall=slides felt=pushed lag=0.08 any_contact=true"
+def test_the_stand_in_drives_as_it_is_told(tmp_path, capsys):
+    words = "--body kinematic --kinematics wall=slides felt=pushed lag=.08 any_contact=true"
     scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
     assert cli.main(["run", str(tmp_path), *words.split(), *scale]) == 0
     told = load_plan(tmp_path / "experiment.json").experiment.kinematics
     assert told == Kinematics(wall="slides", felt="pushed", lag=0.08, any_contact=True)
+    assert cli.main(["run", str(tmp_path), "--kinematics", "lag=0.08"]) == 0
+    assert cli.main(["run", str(tmp_path), "--kinematics", "lag=0.1"]) == 2
+    held = "holds an experiment with kinematics wall=slides felt=pushed any_contact=true lag=0.08"
+    assert f"{held}, not lag=0.1" in capsys.readouterr().err
 
 
 def test_a_brain_is_the_named_one_but_for_what_is_told(tmp_path, capsys):
@@ -178,7 +187,7 @@ def test_a_brain_is_the_named_one_but_for_what_is_told(tmp_path, capsys):
         assert cli.main(["run", str(tmp_path), *(again or words), *scale]) == 0
     own = load_plan(tmp_path / "experiment.json").experiment.brain
     assert own == dataclasses.replace(BRAINS["steady"], judge_rate=0.02, fixed_motors=(0.0, 0.5))
-    assert "brain: steady fixed_motors=(0.0, 0.5) judge_rate=0.02" in capsys.readouterr().out
+    assert "brain: steady fixed_motors=[0.0,0.5] judge_rate=0.02" in capsys.readouterr().out
     assert cli.main(["run", str(tmp_path), "--but", "judge_rate=0.03"]) == 2
     assert "holds an experiment with brain steady" in capsys.readouterr().err
 

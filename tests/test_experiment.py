@@ -319,10 +319,21 @@ def test_an_experiment_keeps_its_brain(name, tmp_path):
     assert kept.brain_name == name
 
 
+@pytest.mark.parametrize(("name", "count"), [("paper", 0), ("steady", 8)])
+def test_random_ideas_that_were_counted_are_read_as_their_share(name, count, tmp_path):
+    path = tmp_path / "experiment.json"
+    save_plan(path, Plan.of(Experiment(brain=named_brain(name)), CONDITIONS, 50))
+    content = json.loads(path.read_text())
+    content["experiment"]["brain"]["random_ideas"] = count
+    del content["experiment"]["brain"]["random_share"]
+    path.write_text(json.dumps(content))
+    assert load_plan(path).experiment.brain == BRAINS[name]
+
+
 def test_a_brain_with_a_number_changed_is_named_by_it():
     for name in ("paper", "steady"):
         brain = dataclasses.replace(BRAINS[name], discount=0.8, keep_main_idea=True)
-        assert Experiment(brain=brain).brain_name == f"{name} discount=0.8 keep_main_idea=True"
+        assert Experiment(brain=brain).brain_name == f"{name} discount=0.8 keep_main_idea=true"
 
 
 def test_a_truncated_experiment_json_is_damaged(sound):

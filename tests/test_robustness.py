@@ -362,6 +362,12 @@ def test_bad_input_is_one_sentence_and_nothing_is_made(options, words, runs, tmp
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_study_of_no_run_is_refused(tmp_path, capsys):
+    assert study(tmp_path / "study") == 2
+    assert "no run is named whose brains could sit the test" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_runs_that_cannot_stand_in_one_table_are_refused(runs, tmp_path, capsys):
     out = tmp_path / "study"
     assert study(out, runs[0], runs[0]) == 2
