@@ -343,7 +343,12 @@ def _print(text: str) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs a verb; returns the exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C."""
+    """Runs a verb.
+
+    Returns:
+      The exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 where whoever
+      reads closed the pipe.
+    """
     words = sys.argv[1:] if arguments is None else arguments
     options = [word.partition("=")[0] for word in words if word.startswith("--")]
     for option in options:

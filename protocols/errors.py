@@ -40,26 +40,20 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
 
             check_versions()
         work()
-        _flush()
+        if sys.stdout:  # there is none where it was closed
+            sys.stdout.flush()
     except (InputError, ImportError) as error:
         return complain(str(error), 2)
+    except BrokenPipeError:  # who reads has read enough, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except (RunError, OSError) as error:
-        try:
-            _flush()
-        except BrokenPipeError:  # who reads has read enough, as `head` does
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 128 + signal.SIGPIPE
         return complain(str(error), 1)
     except Interrupted:
         return complain("stopped; the same command goes on from here", 130)
     except KeyboardInterrupt:
         return complain("stopped", 130)
     return 0
-
-
-def _flush() -> None:
-    if sys.stdout:  # there is none where it was closed
-        sys.stdout.flush()
 
 
 def complain(sentence: str, status: int) -> int:
