@@ -240,6 +240,8 @@ class Processes:
                 display.show(reports)
             except Exception as error:
                 stop.set()  # the others must end too, before the pool is waited for
+                if isinstance(error, BrokenProcessPool) and asked.to_stop:
+                    raise Interrupted from error  # the signal met a process that had just begun
                 if isinstance(error, BrokenProcessPool | OSError):
                     raise stopped_by(error) from error
                 raise
