@@ -214,7 +214,7 @@ STEADY = Parameters(
     young_learn_rate=0.002,
     learn_rate_youth=62400,
     # Targets that do not move with every step.
-    judge_rate=0.005,
+    judge_rate=0.02,
     # The memory keeps what is best, not what happened; it need not unlearn.
     memory_goal="best",
     # A memory that has settled proposes one action in many copies: some ideas are from outside.
