@@ -72,8 +72,7 @@ class Parameters:
       learn_rate_youth: how long it takes.
       content_steps: a robot that was rewarded with a full load for so many steps of learning in a
         row learns and explores no more (a judge that follows slowly still catches up with what it
-        learnt), "if training would be abandoned" (section 4); 0 for
-        never.
+        learnt), "if training would be abandoned" (section 4); 0 for never.
     """
 
     evaluation_hidden: int = 7
@@ -125,8 +124,8 @@ class Parameters:
         for name in ("discount", "epsilon", "test_epsilon", "noisy_share", "judge_rate"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
-        not_negative = "learn_rate", "noise", "initial_range", "action_gap"
-        for name in (*not_negative, "held_steps", "content_steps"):
+        steps = "held_steps", "content_steps"
+        for name in ("learn_rate", "noise", "initial_range", "action_gap", *steps):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
         for name in ("young_epsilon", "young_learn_rate"):

@@ -115,14 +115,9 @@ class Experiment:
     @property
     def brain_name(self) -> str:
         """The name of the neurocontroller's numbers, and what differs from them, if anything."""
-        own = dataclasses.asdict(self.brain)
-        others = {
-            name: [f for f, value in dataclasses.asdict(brain).items() if value != own[f]]
-            for name, brain in BRAINS.items()
-        }
+        others = {name: _changed(self.brain, brain) for name, brain in BRAINS.items()}
         nearest = min(others, key=lambda name: len(others[name]))
-        changed = (f"{field}={_written(own[field])}" for field in others[nearest])
-        return " ".join([nearest, *changed])
+        return " ".join([nearest, *others[nearest]])
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -230,9 +225,7 @@ def named_brain(name: str) -> Parameters:
 
 def brief(kinematics: Kinematics) -> str:
     """How the stand-in drives, as `told` reads it; nothing for the default."""
-    default = dataclasses.asdict(Kinematics())
-    own = dataclasses.asdict(kinematics).items()
-    return " ".join(f"{name}={_written(value)}" for name, value in own if value != default[name])
+    return " ".join(_changed(kinematics, Kinematics()))
 
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
@@ -259,9 +252,14 @@ def told(numbers: Numbers, words: Iterable[str]) -> Numbers:
         raise InputError(f"{' '.join(words)} makes no sense: {error}") from error
 
 
-def _written(value: Any) -> str:
-    """As `told` reads it."""
-    return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
+def _changed(numbers: Numbers, other: Numbers) -> list[str]:
+    """What numbers have otherwise than others, in words that `told` reads."""
+    theirs = dataclasses.asdict(other)
+    return [
+        f"{name}={value if isinstance(value, str) else json.dumps(value, separators=(',', ':'))}"
+        for name, value in dataclasses.asdict(numbers).items()
+        if value != theirs[name]
+    ]
 
 
 def _value(text: str) -> Any:

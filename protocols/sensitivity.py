@@ -22,9 +22,8 @@ from ..models import Kinematics
 from . import beside, engine, tables
 from .beside import Cell, Side
 from .errors import InputError, exit_status
-from .experiment import TASKS, Experiment, Plan, default_cohort_size, load_plan
+from .experiment import TASKS, Experiment, Plan, default_cohort_size
 from .progress import bar
-from .results import load
 from .schedules import NAMES
 from .storage import is_draft, write_atomically
 
@@ -158,7 +157,7 @@ def read(out: Path) -> dict[str, Side]:
     for name in (BASELINE, *(choice.name for choice in CHOICES)):
         if not (out / name / engine.PLAN).is_file():
             raise InputError(f"{out} lacks the run {name}")
-        sides[name] = Side(name, load_plan(out / name / engine.PLAN).experiment, load(out / name))
+        sides[name] = Side(name, *engine.read_run(out / name))
     return sides
 
 
