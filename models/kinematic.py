@@ -14,10 +14,18 @@ import numpy as np
 
 from .arena import Dimensions
 
-Wall = Literal["holds", "slides", "sticks"]
-WALLS: tuple[Wall, ...] = ("holds", "slides", "sticks")
+Wall = Literal["holds", "slides", "sticks", "turns"]
+WALLS: tuple[Wall, ...] = ("holds", "slides", "sticks", "turns")
 Felt = Literal["near", "pushed"]
 FEELINGS: tuple[Felt, ...] = ("near", "pushed")
+
+# What a wall does to the real body that drives into it, by the angle in degrees from head-on:
+# the share of its speed that it keeps, along the wall, and how fast it turns towards the wall at
+# full speed, in rad/s; slower, it turns less. Measured: docs/physics.md.
+_ANGLES = (50, 57, 63, 69, 75, 81, 87, 90)
+_SLIPS = (0, 0.09, 0.19, 0.36, 0.57, 0.74, 0.87, 1)
+_TURNS = (0, 0.13, 0.31, 0.44, 0.50, 0.30, 0.12, 0)
+_TURNING_SPEEDS = (0.14, 0.2)  # in m/s: up to the first it does not turn, from the second on fully
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +36,8 @@ class Kinematics:
       radius: the robot's, in metres.
       wheel_base: distance between the wheels, in metres.
       wall: what a robot does that drives into a wall. "holds": it stops there, free to turn;
-        "slides": along the wall, too; "sticks": it can do neither, only back off.
+        "slides": along the wall, too; "sticks": it can do neither, only back off; "turns": it
+        does as the real body, which slips along walls that it grazes and is turned towards them.
       felt: when a robot feels a wall. "near": where its rim is within the contact margin of one;
         "pushed": only while its wheels push it into one, as the real body's does, which a wall
         that it does not push pushes off.
@@ -129,8 +138,40 @@ def drive(
             shares = (np.copysign(room, step) - start) / step
         shares[step == 0] = 1
         share = np.minimum(np.maximum(shares.min(axis=0), 0), 1)
-        reached = np.minimum(np.maximum(start + share * step, -room), room)
+        held = start + share * step
+        if wall == "turns":
+            left_over, speed = 1 - share, np.abs(left + right) / 2
+            slip, turned = graze(
+                left_over * step, reached != target, speed, left_over * seconds
+            )
+            held, turn = held + slip, turn + turned
+        reached = np.minimum(np.maximum(held, -room), room)
     return np.array([*reached, poses[:, 2] + turn]).T, pushing
+
+
+def graze(
+    lost: np.ndarray, into: np.ndarray, speed: np.ndarray, seconds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a wall does to robots that drive into it at an angle, as measured on the real body.
+
+    In a corner, between two walls, a robot is held.
+
+    Args:
+      lost: the way that a wall keeps them from going: x, y in metres, shape (2, B).
+      into: whether a wall across x, or across y, does, shape (2, B).
+      speed: of the robots, in m/s, shape (B,).
+      seconds: how long they drive into the wall, shape (B,).
+
+    Returns:
+      How far they slip along the wall: x, y in metres, shape (2, B); and how far they are turned,
+      in radians, counterclockwise, shape (B,).
+    """
+    ahead, along = np.where(into, lost, 0), np.where(into, 0, lost)
+    angle = np.degrees(np.arctan2(np.abs(along).sum(axis=0), np.abs(ahead).sum(axis=0)))
+    slip = np.sign(along) * np.hypot(*lost) * np.interp(angle, _ANGLES, _SLIPS)
+    rate = np.interp(angle, _ANGLES, _TURNS) * np.interp(speed, _TURNING_SPEEDS, (0, 1))
+    towards = np.sign(along[0] * ahead[1] - along[1] * ahead[0])
+    return slip, towards * rate * seconds
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:

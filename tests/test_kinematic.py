@@ -58,7 +58,9 @@ def test_no_robot_gets_into_a_wall(pose, left, right, wall):
 
 def test_a_robot_that_drives_into_a_wall_is_held_slides_or_sticks():
     start = (ROOM[0], 0.0, np.pi / 4)  # at the east wall, looking north-east
-    held, slid, stuck = (driven(start, 0.4, 0.5, wall=wall) for wall in WALLS)
+    held, slid, stuck = (
+        driven(start, 0.4, 0.5, wall=wall) for wall in ("holds", "slides", "sticks")
+    )
     turned = 0.1 * 2 * SIZE.motor_speed * 0.1 / SIZE.wheel_base
     assert held == pytest.approx([ROOM[0], 0, np.pi / 4 + turned])
     assert slid[0] == pytest.approx(ROOM[0])
@@ -100,6 +102,33 @@ def test_contact_is_a_gap_of_half_a_millimetre_at_most(gap):
     batch.place(np.array([0]), np.array([[0.1, ROOM[1] - gap, 0.3]]))
     batch.step(np.zeros((1, 2)))
     assert batch.rules.event(batch.sensordata)[0] == (gap <= 0.0005)
+
+
+@pytest.mark.parametrize("wall", ["holds", "turns"])
+def test_a_wall_turns_the_body_that_grazes_it_and_the_stand_in_where_told(wall):
+    stand_in = make_kinematic_batch("wall_avoidance", 4, Kinematics(wall=wall))
+    headings = []
+    for robots in (make_batch("wall_avoidance", 4), stand_in):
+        # At each wall, looking along it and 30 degrees into it, told to turn slowly away from it.
+        angles = np.radians([60, 150, 240, 330])
+        places = [(ROOM[0], -0.2), (0.2, ROOM[1]), (-ROOM[0], 0.2), (-0.2, -ROOM[1])]
+        robots.place(np.arange(4), np.column_stack([places, angles]))
+        for _ in range(30):
+            robots.step(np.array([[0.45, 0.5]] * 4))
+        headings.append(np.degrees(robots.pose[:, 2] - angles) % 360)
+    body, ours = headings
+    assert (body < 15).all()  # in three seconds, of the 70 degrees that it was told
+    assert (ours < 15).all() if wall == "turns" else (ours > 60).all()
+
+
+def test_a_wall_turns_a_robot_on_either_side_and_driving_either_way_alike():
+    start = np.radians([70, -70, 110, -110])
+    poses = np.column_stack([np.full(4, ROOM[0]), np.zeros(4), start])
+    motors = np.array([[0.5, 0.5]] * 2 + [[-0.5, -0.5]] * 2)
+    after = drive(poses, motors, 0.1, "turns", SIZE)[0]
+    turned = after[:, 2] - start
+    assert turned == pytest.approx(turned[1] * np.array([-1, 1, 1, -1]), abs=1e-12)
+    assert 0.03 < -turned[0] < 0.06
 
 
 AT_THE_WALL = (ROOM[0], -0.2, 0.0)  # looking into it
