@@ -141,9 +141,7 @@ def drive(
         held = start + share * step
         if wall == "turns":
             left_over, speed = 1 - share, np.abs(left + right) / 2
-            slip, turned = graze(
-                left_over * step, reached != target, speed, left_over * seconds
-            )
+            slip, turned = graze(left_over * step, reached != target, speed, left_over * seconds)
             held, turn = held + slip, turn + turned
         reached = np.minimum(np.maximum(held, -room), room)
     return np.array([*reached, poses[:, 2] + turn]).T, pushing
