@@ -22,9 +22,9 @@ FEELINGS: tuple[Felt, ...] = ("near", "pushed")
 # What a wall does to the real body that drives into it, by the angle in degrees from head-on:
 # the share of its speed that it keeps, along the wall, and how fast it turns towards the wall at
 # full speed, in rad/s; slower, it turns less. Measured: docs/physics.md.
-_ANGLES = (50, 57, 63, 69, 75, 81, 87, 90)
-_SLIPS = (0, 0.09, 0.19, 0.36, 0.57, 0.74, 0.87, 1)
-_TURNS = (0, 0.13, 0.31, 0.44, 0.50, 0.30, 0.12, 0)
+_ANGLES = (0, 30, 40, 50, 57, 63, 69, 75, 81, 87, 90)
+_SLIPS = (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.74, 0.87, 1)
+_TURNS = (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.30, 0.12, 0)
 _TURNING_SPEEDS = (0.14, 0.2)  # in m/s: up to the first it does not turn, from the second on fully
 
 
