@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, arena_spec
-from musebot.models.kinematic import WALLS, Kinematics, drive, gaps
+from musebot.models.kinematic import WALLS, Kinematics, drive, gaps, graze
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.experiment import CohortKey, Experiment
 from musebot.tasks import make_batch, make_kinematic_batch
@@ -119,6 +119,31 @@ def test_a_wall_turns_the_body_that_grazes_it_and_the_stand_in_where_told(wall):
     body, ours = headings
     assert (body < 15).all()  # in three seconds, of the 70 degrees that it was told
     assert (ours < 15).all() if wall == "turns" else (ours > 60).all()
+
+
+def test_what_a_wall_does_to_a_robot_that_grazes_it_is_what_it_does_to_the_body():
+    body = make_batch("wall_avoidance", 40)
+    starts = np.radians(np.linspace(20, 88, 40))
+    body.place(
+        np.arange(40), np.column_stack([np.full(40, ROOM[0] - 0.0004), np.full(40, -0.25), starts])
+    )
+    speed, measured = body.dimensions.motor_speed, []
+    for step in range(25):
+        before = body.pose
+        body.step(np.full((40, 2), 0.5))
+        slipped, turned = (body.pose - before)[:, 1:].T / 0.1
+        held = body.rules.event(body.sensordata) & (body.pose[:, 1] < 0.2) & (step >= 3)
+        angle = np.degrees(before[:, 2] + body.pose[:, 2]) / 2
+        measured += list(zip(angle[held], slipped[held] / speed, -turned[held], strict=True))
+    found = np.array(measured)
+    for angle in (30, 40, 57, 63, 69, 75, 81):
+        _, slip, turn = found[np.abs(found[:, 0] - angle) < 3].mean(axis=0)
+        way = np.radians([angle])
+        lost = speed * np.array([np.cos(way), np.sin(way)])
+        into = np.array([[True], [False]])
+        ours, turned = graze(lost, into, np.array([speed]), np.ones(1))
+        assert ours[1, 0] / speed == pytest.approx(slip, abs=0.08)
+        assert -turned[0] == pytest.approx(turn, abs=0.15)
 
 
 def test_a_wall_turns_a_robot_on_either_side_and_driving_either_way_alike():
