@@ -1,4 +1,4 @@
-"""A stand-in for the body: an ideal differential drive, with no mass and no slip.
+"""A stand-in for the body: an ideal differential drive, without mass or, unless told, slip.
 
 It moves on the same floor between the same walls, with the same sensors, so that what physics
 does to a life can be told from what the brain does. When it feels a wall, and what it does at one,
@@ -21,7 +21,8 @@ FEELINGS: tuple[Felt, ...] = ("near", "pushed")
 
 # What a wall does to the real body that drives into it, by the angle in degrees from head-on:
 # the share of its speed that it keeps, along the wall, and how fast it turns towards the wall at
-# full speed, in rad/s; slower, it turns less. Measured: docs/physics.md.
+# full speed, in rad/s; slower, it turns less. Measured by tests/test_kinematic.py; how far they
+# hold: docs/physics.md.
 _ANGLES = (0, 30, 40, 50, 57, 63, 69, 75, 81, 87, 90)
 _SLIPS = (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.74, 0.87, 1)
 _TURNS = (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.30, 0.12, 0)
@@ -156,7 +157,7 @@ def graze(
 
     Args:
       lost: the way that a wall keeps them from going: x, y in metres, shape (2, B).
-      into: whether a wall across x, or across y, does, shape (2, B).
+      into: whether the wall at the end of x, or of y, does, shape (2, B).
       speed: of the robots, in m/s, shape (B,).
       seconds: how long they drive into the wall, shape (B,).
 

@@ -142,8 +142,8 @@ def test_what_a_wall_does_to_a_robot_that_grazes_it_is_what_it_does_to_the_body(
         lost = speed * np.array([np.cos(way), np.sin(way)])
         into = np.array([[True], [False]])
         ours, turned = graze(lost, into, np.array([speed]), np.ones(1))
-        assert ours[1, 0] / speed == pytest.approx(slip, abs=0.08)
-        assert -turned[0] == pytest.approx(turn, abs=0.15)
+        assert ours[1, 0] / speed == pytest.approx(slip, abs=0.003 if angle < 50 else 0.06)
+        assert -turned[0] == pytest.approx(turn, abs=0.1)
 
 
 def test_a_wall_turns_a_robot_on_either_side_and_driving_either_way_alike():
