@@ -20,12 +20,14 @@ Felt = Literal["near", "pushed"]
 FEELINGS: tuple[Felt, ...] = ("near", "pushed")
 
 # What a wall does to the real body that drives into it, by the angle in degrees from head-on:
-# the share of its speed that it keeps, along the wall, and how fast it turns towards the wall at
-# full speed, in rad/s; slower, it turns less. Measured by tests/test_kinematic.py; how far they
-# hold: docs/physics.md.
-_ANGLES = (0, 30, 40, 50, 57, 63, 69, 75, 81, 87, 90)
-_SLIPS = (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.74, 0.87, 1)
-_TURNS = (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.30, 0.12, 0)
+# the share of its speed that it keeps, along the wall, slow and fast, and how fast it turns
+# towards the wall at full speed, in rad/s; slower, it turns less. Measured by
+# tests/test_kinematic.py; how far they hold: docs/physics.md.
+_ANGLES = (0, 30, 40, 50, 57, 63, 69, 75, 78, 81, 84, 87, 90)
+_SLOW_SLIPS = (0, 0.004, 0.007, 0.013, 0.02, 0.035, 0.06, 0.12, 0.25, 0.57, 0.68, 0.81, 1)
+_SLIPS = (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.65, 0.74, 0.83, 0.94, 1)
+_TURNS = (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.42, 0.30, 0.10, 0.01, 0)
+_SLIPPING_SPEEDS = (0.08, 0.2)  # in m/s: up to the first it slips as slow ones do, then more
 _TURNING_SPEEDS = (0.14, 0.2)  # in m/s: up to the first it does not turn, from the second on fully
 
 
@@ -142,7 +144,8 @@ def drive(
         held = start + share * step
         if wall == "turns":
             left_over, speed = 1 - share, np.abs(left + right) / 2
-            slip, turned = graze(left_over * step, reached != target, speed, left_over * seconds)
+            met = (shares <= share) & (share < 1)
+            slip, turned = graze(left_over * step, met, speed, left_over * seconds)
             held, turn = held + slip, turn + turned
         reached = np.minimum(np.maximum(held, -room), room)
     return np.array([*reached, poses[:, 2] + turn]).T, pushing
@@ -157,7 +160,7 @@ def graze(
 
     Args:
       lost: the way that a wall keeps them from going: x, y in metres, shape (2, B).
-      into: whether the wall at the end of x, or of y, does, shape (2, B).
+      into: whether the wall that they meet first is at the end of x, or of y, shape (2, B).
       speed: of the robots, in m/s, shape (B,).
       seconds: how long they drive into the wall, shape (B,).
 
@@ -167,7 +170,9 @@ def graze(
     """
     ahead, along = np.where(into, lost, 0), np.where(into, 0, lost)
     angle = np.degrees(np.arctan2(np.abs(along).sum(axis=0), np.abs(ahead).sum(axis=0)))
-    slip = np.sign(along) * np.hypot(*lost) * np.interp(angle, _ANGLES, _SLIPS)
+    slow, fast = (np.interp(angle, _ANGLES, kept) for kept in (_SLOW_SLIPS, _SLIPS))
+    kept = slow + (fast - slow) * np.interp(speed, _SLIPPING_SPEEDS, (0, 1))
+    slip = np.sign(along) * np.hypot(*lost) * kept
     rate = np.interp(angle, _ANGLES, _TURNS) * np.interp(speed, _TURNING_SPEEDS, (0, 1))
     towards = np.sign(along[0] * ahead[1] - along[1] * ahead[0])
     return slip, towards * rate * seconds
