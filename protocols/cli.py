@@ -46,8 +46,9 @@ class Run:
     seed: int | None = None
     """of every random stream (default: 1, or OUT's own)"""
     course: str | None = None
-    """paper; or day, of spot finding: 24 hours of training, the spot jumping every 10 minutes
-    (default: paper, or OUT's own)"""
+    """paper; or, of spot finding, day: 24 hours of training, the spot jumping every 10 minutes; or
+    walls: by robots that feel the walls, too, and smell nothing in contact (default: paper, or
+    OUT's own)"""
     time_scale: float | None = None
     """below 1 shortens every duration, for rehearsals (default: 1, or OUT's own)"""
     nose: str | None = None

@@ -68,8 +68,8 @@ class Experiment:
       body: "mujoco", or "kinematic" for the stand-in of `models.kinematic`.
       kinematics: how the stand-in drives.
       brain: the neurocontroller's numbers.
-      course: which schedules the lives follow (`schedules.COURSES`), the "paper" ones or the
-        "day" of spot finding.
+      course: which schedules the lives follow (`schedules.COURSES`), the "paper" ones, the "day"
+        of spot finding, or spot finding among "walls".
     """
 
     seed: int = 1
@@ -129,8 +129,14 @@ class Experiment:
         schedule = COURSES[self.course][task].scaled(self.time_scale)
         return schedule.turned(math.radians(self.turned_start)) if self.turned_start else schedule
 
+    def lived(self, task: str) -> str:
+        """The task of the domain "arena" that its robots live in: a course may have its own."""
+        schedules = COURSES[self.course]
+        return schedules[task].task if task in schedules else task
+
     def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
         """Robots in lockstep, in the body of the experiment (see `tasks.make_batch`)."""
+        task = self.lived(task)
         shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)

@@ -35,11 +35,13 @@ class Driver:
       name: in words.
       policy: motors in [-0.5, 0.5], left and right, shape (2,), for a time step of the task.
       nose: the form of Eq. 3 that it smells with.
+      task: that it has learnt, if not the one that it is asked to show.
     """
 
     name: str
     policy: Callable[[dm_env.TimeStep], np.ndarray]
     nose: NoseForm = "inverse"
+    task: str | None = None
 
     @classmethod
     def of_candidate(cls, candidate: Candidate) -> Driver:
@@ -52,7 +54,8 @@ class Driver:
         if experiment.body != "mujoco" or experiment.motor_speed:
             raise InputError("the window has MuJoCo's robot at its own speed, and this run another")
         name = f"{candidate.proposer}, robot {candidate.robot}, {candidate.phase}-training"
-        return cls(name, Sensing(candidate.act), experiment.nose)
+        task = experiment.lived(candidate.task)
+        return cls(name, Sensing(candidate.act), experiment.nose, task)
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str) -> Driver:
@@ -78,6 +81,7 @@ def explore(task: str, driver: Driver | None = None) -> None:
     if task not in TASKS:
         raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
     driver = driver or Driver("random motors", RandomMotors(seed=0))
+    task = driver.task or task
     check_display()
     # As in the run: what a nose smells there, it smells here.
     kwargs = {"nose": driver.nose} if "nose" in TASKS[task].keywords else {}

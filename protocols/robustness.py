@@ -144,7 +144,7 @@ class Misled(Brain):
         Args:
           brain: of the robots.
           change: spoils the signals.
-          task: of the robots.
+          task: that the robots live in.
           random: to draw the noise from.
         """
         super().__init__(brain.controller)
@@ -253,7 +253,7 @@ def sit(job: Job, tick: probes.Tick = lambda: None) -> dict[str, np.ndarray]:
     seed, random = experiment.seeds(CohortKey(task, proposer, 0))
     which = [(row, "after") for row in job.rows]
     brains = stored_brains(experiment, job.results, task, proposer, which, seed)
-    misled = Misled(brains, change, task, random)
+    misled = Misled(brains, change, experiment.lived(task), random)
     batch = change.batch(experiment, task, len(which))
     events = np.zeros(batch.robots, dtype=np.int32)
     for phase in change.test(experiment.schedule(task), batch.dimensions):

@@ -1,6 +1,6 @@
 """The experiments as data: who is placed where, for how long, learning or not (section 3).
 
-The paper's two, and one beyond them.
+The paper's two, and two beyond them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..tasks.arena import CORNERS
 NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
 Part = Literal["pre", "training", "post"]
-Course = Literal["paper", "day"]
+Course = Literal["paper", "day", "walls"]
 
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
 
@@ -50,7 +50,7 @@ class Schedule:
     """A life: one task and its phases, in order.
 
     Attributes:
-      task: of the domain "arena".
+      task: of the domain "arena", in which it is lived.
       phases: in order.
       wanted: whether the measured event is good (in the spot) or bad (in contact), the sign
         of Learn Ability.
@@ -138,7 +138,14 @@ DAY = dataclasses.replace(
     ),
 )
 
+# Beyond the paper: is a spot found by a robot that has its walls to think of, too?
+WALLS = dataclasses.replace(SPOT_FINDING, task="spot_finding_walls")
+
 SCHEDULES = {schedule.task: schedule for schedule in (WALL_AVOIDANCE, SPOT_FINDING)}
 COURSES: Mapping[Course, Mapping[str, Schedule]] = MappingProxyType(
-    {"paper": SCHEDULES, "day": {DAY.task: DAY}}
+    {
+        "paper": SCHEDULES,
+        "day": {SPOT_FINDING.task: DAY},
+        "walls": {SPOT_FINDING.task: WALLS},
+    }
 )

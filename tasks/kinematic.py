@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..models import Dimensions, Kinematics
+from ..models import Dimensions, Kinematics, hide_spot
 from ..models.kinematic import catch_up, distances, drive, gaps, seen_from_nose
 from .arena import CONTROL_TIMESTEP, Rules
 from .batch import Robots
@@ -114,10 +114,10 @@ def make_kinematic_batch(
     motor_speed: float | None = None,
     edits: Sequence[Edit] = (),
 ) -> KinematicBatch:
-    """Returns robots in lockstep on the stand-in, for one of the paper's tasks.
+    """Returns robots in lockstep on the stand-in, for a task with the paper's robot and arena.
 
     Args:
-      task_name: "wall_avoidance" or "spot_finding".
+      task_name: of the table, without pillars, a second nose or a sense of velocity.
       robots: how many.
       kinematics: how they drive.
       nose: the form of Eq. 3.
@@ -125,11 +125,11 @@ def make_kinematic_batch(
       edits: see `make_batch`.
 
     Raises:
-      ValueError: there is no such task, or a number makes no sense.
+      ValueError: there is no such task, the stand-in cannot have it, or a number makes no sense.
     """
     row = row_of(task_name)
-    if row.tag != "paper":
-        raise ValueError(f"the kinematic stand-in has the paper's tasks alone, not {task_name!r}")
+    if not {hide_spot}.issuperset(row.edits):
+        raise ValueError(f"the kinematic stand-in knows only the paper's arena, not {task_name!r}")
     model = row.spec(motor_speed, edits).compile()
     rules = row.rules.of(model, nose)
     return KinematicBatch(Dimensions.of(model), rules, model.nsensordata, robots, kinematics)

@@ -100,7 +100,10 @@ def test_wall_avoidance_has_no_day_and_is_refused_before_anything_is_made(tmp_pa
     sentence = "musebot: the course day has only spot_finding, got wall_avoidance\n"
     assert capsys.readouterr().err == sentence
     assert cli.main(["run", str(tmp_path / "new"), *SHORT, "--course", "night"]) == 2
-    assert capsys.readouterr().err == "musebot: the course must be one of paper, day, got 'night'\n"
+    assert (
+        capsys.readouterr().err
+        == "musebot: the course must be one of paper, day, walls, got 'night'\n"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
