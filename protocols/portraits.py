@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
+from ..controller import Neurocontroller
 from ..models import Dimensions
 from ..tasks import Robots
 from .experiment import Experiment
@@ -183,34 +184,14 @@ def values(experiment: Experiment, results: Results, task: str) -> Figure | None
         return None
     proposer = proposer_of(results, task)
     states = situations(experiment.batch(task, 1), task)
-    line = torch.linspace(-0.5, 0.5, _GRID)
-    grid = torch.cartesian_prod(line, line)[None]
     figure, axes = canvas(4.1, 2, 3, sharex=True, sharey=True)
     for row, when in enumerate(_WHEN):
         stored = stored_brains(experiment, results, task, proposer, [(sitter.row, when)], SEED)
         brain = stored.controller
         for column, (name, state) in enumerate(states.items()):
-            axis, sensed = axes[row, column], torch.from_numpy(state.astype(np.float32))[None]
-            value = brain.values(sensed, grid)[0].reshape(_GRID, _GRID).numpy()
-            ideas = brain.propose(sensed)
-            best = ideas[0, int(brain.values(sensed, ideas)[0].argmax())]
-            # left along x: rows of the picture are the right motor's
-            axis.imshow(
-                value.T, origin="lower", extent=(-0.5, 0.5, -0.5, 0.5), cmap="cividis",
-                interpolation="bilinear", rasterized=True,
-            )  # fmt: skip
-            axis.plot(*ideas[0].numpy().T, "o", ms=2.6, color="white", mec="#1b222b", mew=0.4)
-            axis.plot(*best.numpy(), "o", ms=8, mfc="none", mec="white", mew=1.5)
-            axis.set_xticks([-0.5, 0, 0.5])
-            axis.set_yticks([-0.5, 0, 0.5])
-            axis.spines[:].set_visible(False)
+            draw_values(axes[row, column], brain, state)
             if row == 0:
-                axis.set_title(name)
-            axis.annotate(
-                f"{value.min():.2f} to {value.max():.2f}", (1, 0), xycoords="axes fraction",
-                xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=7,
-                color="white", bbox={"fc": "#1b222b99", "ec": "none", "pad": 1.2},
-            )  # fmt: skip
+                axes[row, column].set_title(name)
         axes[row, 0].set_ylabel(f"{when} training\nright motor")
     axes[1, 1].set_xlabel("left motor")
     figure.suptitle(
@@ -218,3 +199,38 @@ def values(experiment: Experiment, results: Results, task: str) -> Figure | None
         weight="bold", color=colour(proposer),
     )  # fmt: skip
     return figure
+
+
+def grid() -> torch.Tensor:
+    """Actions all over the square of motors, the left motor's first, shape (1, 41 x 41, 2)."""
+    line = torch.linspace(-0.5, 0.5, _GRID)
+    return torch.cartesian_prod(line, line)[None]
+
+
+def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
+    """Draws the value of every action, the actions proposed, and the chosen one.
+
+    Args:
+      axis: to draw on.
+      brain: a single robot's.
+      state: that it senses, shape (S,).
+    """
+    sensed = torch.from_numpy(state.astype(np.float32))[None]
+    value = brain.values(sensed, grid())[0].reshape(_GRID, _GRID).numpy()
+    ideas = brain.propose(sensed)
+    best = ideas[0, int(brain.values(sensed, ideas)[0].argmax())]
+    # left along x: rows of the picture are the right motor's
+    axis.imshow(
+        value.T, origin="lower", extent=(-0.5, 0.5, -0.5, 0.5), cmap="cividis",
+        interpolation="bilinear", rasterized=True,
+    )  # fmt: skip
+    axis.plot(*ideas[0].numpy().T, "o", ms=2.6, color="white", mec="#1b222b", mew=0.4)
+    axis.plot(*best.numpy(), "o", ms=8, mfc="none", mec="white", mew=1.5)
+    axis.set_xticks([-0.5, 0, 0.5])
+    axis.set_yticks([-0.5, 0, 0.5])
+    axis.spines[:].set_visible(False)
+    axis.annotate(
+        f"{value.min():.2f} to {value.max():.2f}", (1, 0), xycoords="axes fraction",
+        xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=7,
+        color="white", bbox={"fc": "#1b222b99", "ec": "none", "pad": 1.2},
+    )  # fmt: skip

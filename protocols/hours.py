@@ -1,0 +1,320 @@
+"""Why a brain learns to find the spot, or does not: what it knows by the hour of its training.
+
+    python -m musebot.protocols.hours OUT --brains paper steady --robots 20
+
+lives a cohort for each brain, keeps what it knows at twelve times of its training, lets every one
+of these brains sit a greedy test, and asks it at four smells which ideas occur to it and what
+it thinks of every action. It prints a table and draws, as SVG and PNG, `OUT/hours` and, of one
+robot of each brain, `OUT/values-BRAIN`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import torch
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..controller import Neurocontroller
+from ..models import Kinematics
+from . import engine, figures, intervals, tables
+from .agents import Brain, make_agent
+from .cohort import Cohort, place
+from .errors import InputError, exit_status
+from .experiment import Body, CohortKey, Experiment, named_brain, told
+from .portraits import draw_values, grid
+from .probes import watch
+from .progress import bar
+from .schedules import control_steps
+
+TIMES = 12  # of the training, and its beginning
+TEST_MINUTES = 20.0
+SMELLS = {"no smell": None, "weak: 20 cm ahead": 0.2, "strong: 7 cm ahead": 0.07, "full": 0.0}
+SHOWN = (0, 3, 6, 12)  # times of the figure of values
+_TASK = "spot_finding"
+_STRIDE = control_steps(1)
+_TOGETHER = 250  # robots in lockstep
+
+Tick = Callable[[int], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Diary:
+    """What the brains of a cohort of R robots knew at T times of their training.
+
+    Attributes:
+      experiment: that they lived.
+      name: of their brain.
+      hours: simulated hours of training at each time, shape (T,).
+      networks: what they knew, each of shape (T, R, ...).
+    """
+
+    experiment: Experiment
+    name: str
+    hours: np.ndarray
+    networks: dict[str, np.ndarray]
+
+    @property
+    def robots(self) -> int:
+        """R."""
+        return self.experiment.cohort_size
+
+    def brains(self, which: np.ndarray, seed: int = 0) -> Brain:
+        """Brains back in robots.
+
+        Args:
+          which: times and robots, shape (2, B).
+          seed: of their one random stream.
+        """
+        agent = make_agent(self.experiment, _TASK, "creative", which.shape[1], seed)
+        assert isinstance(agent, Brain)
+        kept = {name: torch.from_numpy(nets[tuple(which)]) for name, nets in self.networks.items()}
+        agent.controller.load_networks(kept)
+        return agent
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """What is known of a diary.
+
+    Attributes:
+      diary: the diary.
+      shares: of a frozen brain's test that it was in the spot, shape (T, R).
+      spread: of the ideas, as their mean distance from their mean, in motor values, by smell,
+        shape (T, 4, R).
+      missing: what the best idea lacks to the best of all actions, as a share of what actions
+        differ by, by smell, shape (T, 4, R).
+    """
+
+    diary: Diary
+    shares: np.ndarray
+    spread: np.ndarray
+    missing: np.ndarray
+
+    @property
+    def best(self) -> np.ndarray:
+        """The best share of each robot up to a time, shape (T, R)."""
+        return np.maximum.accumulate(self.shares)
+
+
+def keep(experiment: Experiment, name: str, tick: Tick) -> Diary:
+    """Lives a cohort up to the end of its training, and keeps what it knows on the way.
+
+    Args:
+      experiment: whose first cohort of creative robots in spot finding.
+      name: of the brain.
+      tick: called with the control steps lived.
+    """
+    cohort = Cohort(experiment, CohortKey(_TASK, "creative", 0))
+    kept: list[dict[str, np.ndarray]] = []
+    times = _times(experiment)
+    for time in times:
+        while cohort.step < time:
+            before = cohort.step
+            cohort.advance(min(_STRIDE, time - before))
+            tick((cohort.step - before) * experiment.cohort_size)
+        kept.append({key: array.copy() for key, array in cohort.agent.weights().items()})
+    networks = {key: np.stack([weights[key] for weights in kept]) for key in kept[0]}
+    return Diary(experiment, name, (times - times[0]) / control_steps(60), networks)
+
+
+def _times(experiment: Experiment) -> np.ndarray:
+    """Control steps of a life at which its brains are kept, shape (TIMES + 1,)."""
+    before, training, _ = experiment.schedule(_TASK).steps()
+    return before + np.linspace(0, training, TIMES + 1).round().astype(int)
+
+
+def examined(diary: Diary, tick: Tick) -> np.ndarray:
+    """Lets all brains of a diary sit a greedy test: the first minutes of the paper's.
+
+    Returns:
+      The share of it that each was in the spot, shape (T, R).
+    """
+    experiment = diary.experiment
+    test = experiment.schedule(_TASK).phases[-1]
+    steps = control_steps(TEST_MINUTES * experiment.time_scale)
+    everyone = np.indices((len(diary.hours), diary.robots)).reshape(2, -1)
+    shares = []
+    for first in range(0, everyone.shape[1], _TOGETHER):
+        which = everyone[:, first : first + _TOGETHER]
+        batch = experiment.batch(_TASK, which.shape[1])
+        place(batch, test, np.random.default_rng(0))
+        minute = batch.robots * control_steps(1)
+        track = watch(
+            batch, diary.brains(which), steps, learning=False, tick=lambda n=minute: tick(n)
+        )
+        shares.append(track.events.mean(axis=0))
+    return np.concatenate(shares).reshape(len(diary.hours), -1)
+
+
+def smells(experiment: Experiment) -> np.ndarray:
+    """What a robot senses at each of `SMELLS`, far from all walls, shape (4, S)."""
+    batch = experiment.batch(_TASK, len(SMELLS))
+    everyone, radius = np.arange(batch.robots), batch.dimensions.radius
+    # The spot is in the middle, and ahead; or, where nothing is to be smelled, far behind.
+    poses = [(0.3 if far is None else -radius - far, 0.0, 0.0) for far in SMELLS.values()]
+    batch.place_spot(everyone, np.zeros((batch.robots, 2)))
+    batch.place(everyone, np.array(poses))
+    return batch.rules.state(batch.sensordata).astype(np.float32)
+
+
+@torch.inference_mode()
+def asked(diary: Diary) -> tuple[np.ndarray, np.ndarray]:
+    """Asks all brains of a diary at each of `SMELLS` for ideas, and for what these lack.
+
+    Returns:
+      `Findings.spread` and `Findings.missing`.
+    """
+    times, robots = len(diary.hours), diary.robots
+    spread, missing = np.zeros((2, times, len(SMELLS), robots))
+    actions = grid().expand(robots, -1, -1)
+    for time in range(times):
+        brain = diary.brains(np.stack([np.full(robots, time), np.arange(robots)])).controller
+        for smell, state in enumerate(torch.from_numpy(smells(diary.experiment))):
+            sensed = state.expand(robots, -1)
+            ideas = brain.propose(sensed)
+            around = ideas - ideas.mean(dim=1, keepdim=True)
+            spread[time, smell] = around.norm(dim=-1).mean(dim=1)
+            values, best = brain.values(sensed, actions), brain.values(sensed, ideas).amax(dim=1)
+            lacking = (values.amax(dim=1) - best).clamp(min=0)
+            missing[time, smell] = lacking / (values.amax(dim=1) - values.amin(dim=1))
+    return spread, missing
+
+
+def markdown(found: Sequence[Findings]) -> str:
+    """A row a brain: how well it did at the best time, how well in the end, what its ideas lack."""
+    head = ["brain", "robots", "in the spot, at best", "in the end", "forgotten"]
+    head += [f"ideas lack, {smell.partition(':')[0]}" for smell in SMELLS]
+    rows = [head, ["---", *["---:"] * (len(head) - 1)]]
+    for one in found:
+        best, end = one.best[-1], one.shares[-1]
+        cells = [_cell(values) for values in (best, end, best - end)]
+        lacking = [f"{share:.0%}" for share in one.missing[-1].mean(axis=-1)]
+        rows.append([one.diary.name, f"{one.diary.robots}", *cells, *lacking])
+    note = (
+        "Shares of a greedy test of a frozen brain; at best: at the best of each robot's times. "
+        "In brackets 95 % intervals, BCa bootstrap over robots; none where all are alike. Ideas "
+        "lack, in the end, what the best of them is judged worse than the best of all actions, as "
+        "a share of what actions differ by."
+    )
+    return "\n".join([*map(tables.line, rows), "", note])
+
+
+def _cell(values: np.ndarray) -> str:
+    return f"{values.mean():.3f} {tables.bracket(intervals.mean(values))}".strip()
+
+
+def draw(found: Sequence[Findings]) -> Figure:
+    """A column a brain: its frozen tests by the hour, the spread of its ideas, what they lack."""
+    figure, axes = figures.canvas(6.0, 3, len(found), sharex=True, sharey="row")
+    for column, one in enumerate(found):
+        above, middle, below = axes[:, column]
+        hours = one.diary.hours
+        above.set_title(one.diary.name)
+        above.plot(hours, one.best.mean(axis=1), "--", color=figures.INK, label="best so far")
+        _line(above, hours, one.shares, figures.colour("creative"), "now")
+        for smell, (name, shade) in enumerate(zip(SMELLS, figures.PALETTE, strict=False)):
+            label = name.partition(":")[0]
+            _line(middle, hours, one.spread[:, smell], shade, label)
+            _line(below, hours, one.missing[:, smell], shade, label)
+        below.set_xlabel("hours of training")
+    for axis, label in zip(
+        axes[:, 0], ("in the spot,\nfrozen", "spread of ideas", "what ideas lack"), strict=True
+    ):
+        axis.set_ylabel(label)
+    for row, top in enumerate((1, None, None)):
+        axes[row, 0].set_ylim(0, top)
+    for row in (0, 2):
+        figures.in_per_cent(axes[row, 0])
+    for row in (0, 1):
+        axes[row, -1].legend(frameon=False, fontsize=8)
+    return figure
+
+
+def _line(axis: Axes, hours: np.ndarray, values: np.ndarray, shade: str, label: str) -> None:
+    axis.plot(hours, values.mean(axis=1), color=shade, label=label)
+
+
+@torch.inference_mode()
+def draw_hours(one: Findings) -> Figure:
+    """The value of every action of a robot of middling success, by the hour and smell."""
+    robot = int(np.argsort(one.shares[-1])[one.diary.robots // 2])
+    states = smells(one.diary.experiment)
+    figure, axes = figures.canvas(6.0, len(SHOWN), len(SMELLS), sharex=True, sharey=True)
+    for row, time in enumerate(SHOWN):
+        brain: Neurocontroller = one.diary.brains(np.array([[time], [robot]])).controller
+        for axis, state in zip(axes[row], states, strict=True):
+            draw_values(axis, brain, state)
+        axes[row, 0].set_ylabel(f"{one.diary.hours[time]:.3g} h\nright motor")
+    for axis, name in zip(axes[0], SMELLS, strict=True):
+        axis.set_title(name.replace(": ", "\n"))
+    figure.supxlabel("left motor", fontsize=9, color=figures.INK)
+    return figure
+
+
+def main(
+    out: Annotated[Path, tyro.conf.Positional],
+    brains: tuple[str, ...] = ("paper", "steady"),
+    robots: int = 20,
+    seed: int = 1,
+    body: Body = "mujoco",
+    kinematics: tuple[str, ...] = (),
+    time_scale: float = 1.0,
+) -> None:
+    """Prints and draws what brains know by the hour of their training in spot finding.
+
+    Args:
+      out: folder for the figures.
+      brains: named ones, one column each.
+      robots: of each, creative ones, in one cohort.
+      seed: of every random stream.
+      body: mujoco, or the kinematic stand-in.
+      kinematics: of the stand-in, such as lag=0.08.
+      time_scale: below 1 shortens every duration, for rehearsals.
+    """
+    if not 1 <= len(brains) <= 4 or len(set(brains)) < len(brains):
+        raise InputError(f"a figure holds 1 to 4 different brains, got {' '.join(brains)}")
+    if robots < 1:
+        raise InputError(f"the number of robots must be at least 1, got {robots}")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is no folder")
+    shared = Experiment(
+        seed=seed,
+        cohort_size=robots,
+        time_scale=time_scale,
+        body=body,
+        kinematics=told(Kinematics(), kinematics),
+    )
+    wanted = [dataclasses.replace(shared, brain=named_brain(name)) for name in brains]
+    test = -(-control_steps(TEST_MINUTES * time_scale) // control_steps(1)) * control_steps(1)
+    lives, tests = int(_times(shared)[-1]), (TIMES + 1) * test
+    engine.prepare_process()
+    found = []
+    with bar() as progress:
+        task = progress.add_task("", total=len(brains) * robots * (lives + tests))
+
+        def tick(steps: int) -> None:
+            progress.advance(task, steps)
+
+        for experiment, name in zip(wanted, brains, strict=True):
+            progress.update(task, description=f"{name}, living")
+            diary = keep(experiment, name, tick)
+            progress.update(task, description=f"{name}, tests")
+            found.append(Findings(diary, examined(diary, tick), *asked(diary)))
+    print(markdown(found))
+    out.mkdir(parents=True, exist_ok=True)
+    with figures.styled():
+        figures.save(draw(found), out, "hours")
+        for one in found:
+            figures.save(draw_hours(one), out, f"values-{one.diary.name}")
+
+
+if __name__ == "__main__":
+    sys.exit(exit_status(lambda: tyro.cli(main)))
