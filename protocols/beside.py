@@ -131,16 +131,34 @@ def shared_conditions(ours: Side, other: Side) -> list[tuple[str, str]]:
     return both
 
 
-def are_pairs(ours: Side, other: Side, condition: tuple[str, str]) -> bool:
-    """Whether robots of the same number, if both runs have it, were born with the same brain."""
-    first, second = ours.newborn(*condition), other.newborn(*condition)
+def are_pairs(
+    ours: Side,
+    other: Side,
+    condition: tuple[str, str],
+    against: tuple[str, str] | None = None,
+) -> bool:
+    """Whether robots of the same number, if both runs have it, were born with the same brain.
+
+    Args:
+      ours: a run.
+      other: another.
+      condition: task and proposer.
+      against: the other's; None for the same.
+    """
+    first, second = ours.newborn(*condition), other.newborn(*(against or condition))
     if not first or first.keys() != second.keys():
         return False
     both = min(len(next(iter(brains.values()))) for brains in (first, second))
     return all(np.array_equal(first[name][:both], second[name][:both]) for name in first)
 
 
-def compare(ours: Side, other: Side, condition: tuple[str, str], resamples: int) -> list[Cell]:
+def compare(
+    ours: Side,
+    other: Side,
+    condition: tuple[str, str],
+    resamples: int,
+    against: tuple[str, str] | None = None,
+) -> list[Cell]:
     """The cells of a condition's column, ours against other, not corrected yet.
 
     Invalid lives are left out; of pairs, both. So are robots that have no partner, where one of
@@ -151,9 +169,10 @@ def compare(ours: Side, other: Side, condition: tuple[str, str], resamples: int)
       other: another.
       condition: task and proposer; both have lives of it.
       resamples: of the permutation tests.
+      against: the other's condition, of the same task; None for the same.
     """
-    paired = are_pairs(ours, other, condition)
-    rows = [side.results.of(*condition) for side in (ours, other)]
+    paired = are_pairs(ours, other, condition, against)
+    rows = [ours.results.of(*condition), other.results.of(*(against or condition))]
     if paired:
         rows = [side[: min(map(len, rows))] for side in rows]
     sound = [np.array([row.category != INVALID for row in side]) for side in rows]
