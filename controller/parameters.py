@@ -50,6 +50,8 @@ class Parameters:
       activation: of the hidden neurons, "logistic" (section 3) or "tanh".
       centred: whether all inputs, the motors too, are stretched to [-1, 1].
       raw_signals: whether a signal that saturates is also read raw, as a second input.
+      noticed_signals: whether of a signal that saturates it is also read if there is any, as
+        another input: 1, and 0 for none.
       raw_reward: whether a reward that saturates is taken raw, a full load as 1.
       reward: what is rewarded, the reward's "signal" (section 2) or its "change".
       next_value: V at t + 1 of Eq. 1, of the "selected" action or of the "best" proposed.
@@ -92,6 +94,7 @@ class Parameters:
     activation: ActivationName = "logistic"
     centred: bool = False
     raw_signals: bool = False
+    noticed_signals: bool = False
     raw_reward: bool = False
     reward: Literal["signal", "change"] = "signal"
     next_value: Literal["selected", "best"] = "selected"
@@ -162,7 +165,7 @@ class Parameters:
     @property
     def knows_full_load(self) -> bool:
         """Whether a brain must be told what a full load is."""
-        return self.raw_signals or self.raw_reward or self.content_steps > 0
+        return self.raw_signals or self.noticed_signals or self.raw_reward or self.content_steps > 0
 
     @property
     def remembers_reward(self) -> bool:

@@ -70,7 +70,8 @@ class Reading:
         Raises:
           ValueError: the senses are not told, or not of S numbers.
         """
-        self._centred, self._raw = parameters.centred, parameters.raw_signals
+        self._centred = parameters.centred
+        self._raw, self._noticed = parameters.raw_signals, parameters.noticed_signals
         self._reward_full: Tensor | None = None
         self.inputs = sensors
         if not (self._centred or parameters.knows_full_load):
@@ -80,19 +81,23 @@ class Reading:
         self._full_signal = torch.tensor(senses.reward.saturated)
         if parameters.raw_reward and senses.reward.full:
             self._reward_full = torch.tensor(senses.reward.full)
-        full = [signal.full for signal in senses.state if self._raw and signal.full]
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
-        self._full = torch.tensor(full)
-        self.inputs += len(full)
-        bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * len(full)
+        self._full = torch.tensor([signal.full for signal in senses.state if signal.full])
+        further = len(self._full) * (self._raw + self._noticed)
+        self.inputs += further
+        bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further
         low, high = torch.tensor(bounds).T
         self._middle, self._half = (high + low) / 2, (high - low) / 2
 
     def state(self, signals: Tensor) -> Tensor:
         """The networks' inputs, shape (B, I), from signals, shape (B, S)."""
-        if self._raw and len(self._full):
-            raw = unsaturated(signals[:, self._columns], self._full)
-            signals = torch.cat([signals, raw], dim=1)
+        inputs = [signals]
+        if self._raw:
+            inputs.append(unsaturated(signals[:, self._columns], self._full))
+        if self._noticed:
+            inputs.append((signals[:, self._columns] > 0).float())
+        if len(inputs) > 1:
+            signals = torch.cat(inputs, dim=1)
         return (signals - self._middle) / self._half if self._centred else signals
 
     def motors(self, actions: Tensor) -> Tensor:

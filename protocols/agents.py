@@ -152,7 +152,7 @@ def make_agent(experiment: Experiment, task: str, proposer: str, robots: int, se
     Raises:
       InputError: the factory cannot be found, or what it makes is no agent.
     """
-    senses = senses_of(experiment.lived(task))
+    senses = senses_of(experiment.arena_task(task))
     sensors = len(senses.state)
     if proposer in PROPOSERS:
         controller = Neurocontroller(experiment.brain, proposer, robots, sensors, seed, senses)

@@ -98,6 +98,13 @@ def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
 
+def described(name: str, experiment: Experiment) -> str:
+    """What a run is, as a line of Markdown: its brain, and whatever else is not the default."""
+    fields = differing(experiment, Experiment(brain=experiment.brain))
+    others = "".join(f", {name} {value}" for name, (value, _) in fields.items())
+    return f"- {name}: brain {experiment.brain_name}{others}"
+
+
 def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for name, value in fields.items():
@@ -131,21 +138,9 @@ def shared_conditions(ours: Side, other: Side) -> list[tuple[str, str]]:
     return both
 
 
-def are_pairs(
-    ours: Side,
-    other: Side,
-    condition: tuple[str, str],
-    against: tuple[str, str] | None = None,
-) -> bool:
-    """Whether robots of the same number, if both runs have it, were born with the same brain.
-
-    Args:
-      ours: a run.
-      other: another.
-      condition: task and proposer.
-      against: the other's; None for the same.
-    """
-    first, second = ours.newborn(*condition), other.newborn(*(against or condition))
+def are_pairs(ours: Side, other: Side, condition: tuple[str, str]) -> bool:
+    """Whether robots of the same number, if both runs have it, were born with the same brain."""
+    first, second = ours.newborn(*condition), other.newborn(*condition)
     if not first or first.keys() != second.keys():
         return False
     both = min(len(next(iter(brains.values()))) for brains in (first, second))
@@ -169,9 +164,10 @@ def compare(
       other: another.
       condition: task and proposer; both have lives of it.
       resamples: of the permutation tests.
-      against: the other's condition, of the same task; None for the same.
+      against: the other's condition, of the same task, whose robots are no pairs; None for the
+        same.
     """
-    paired = are_pairs(ours, other, condition, against)
+    paired = against is None and are_pairs(ours, other, condition)
     rows = [ours.results.of(*condition), other.results.of(*(against or condition))]
     if paired:
         rows = [side[: min(map(len, rows))] for side in rows]

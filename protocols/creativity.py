@@ -17,13 +17,25 @@ from typing import Annotated
 import tyro
 
 from . import engine, tables
-from .beside import Cell, Side, compare, corrected, difference, names_of, number, resamples_for
+from .beside import (
+    Cell,
+    Side,
+    compare,
+    corrected,
+    described,
+    difference,
+    names_of,
+    number,
+    resamples_for,
+)
 from .errors import InputError, exit_status
 from .experiment import TASKS
+from .learn_ability import INVALID
 from .progress import bar
 from .schedules import SCHEDULES
 
 _MUSE, _CHANCE = "creative", "random"
+_RESAMPLES = 10_000  # at least: a verdict does not hang on who was dealt where
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,8 +54,11 @@ class Contest:
 
     @property
     def robots(self) -> tuple[int, int]:
-        """How many, creative and random."""
-        creative, random = (len(self.side.results.of(self.task, p)) for p in (_MUSE, _CHANCE))
+        """How many valid ones, creative and random."""
+        creative, random = (
+            sum(row.category != INVALID for row in self.side.results.of(self.task, proposer))
+            for proposer in (_MUSE, _CHANCE)
+        )
         return creative, random
 
 
@@ -51,7 +66,7 @@ def contests(sides: Sequence[Side]) -> list[Contest]:
     """All contests of runs, their p values corrected together.
 
     Raises:
-      InputError: a run has no task with creative and random robots.
+      InputError: a run has no task with creative and random robots, or is a rehearsal.
     """
     tasks = [
         [t for t in TASKS if {(t, _MUSE), (t, _CHANCE)} <= {*side.results.conditions()}]
@@ -60,13 +75,15 @@ def contests(sides: Sequence[Side]) -> list[Contest]:
     for side, own in zip(sides, tasks, strict=True):
         if not own:
             raise InputError(f"{side.name} has no task with both creative and random robots")
+        if side.experiment.time_scale != 1:
+            raise InputError(f"{side.name} is a rehearsal: what its robots learn tells nothing")
     pairs = [(side, task) for side, own in zip(sides, tasks, strict=True) for task in own]
-    family = 2 * len(pairs)
+    resamples = max(_RESAMPLES, resamples_for(2 * len(pairs)))
     cells: list[Cell] = []
     with bar() as progress:
         for side, task in progress.track(pairs, description="comparing"):
-            both = (task, _MUSE), resamples_for(family), (task, _CHANCE)
-            *_, ability, _, _, after = compare(side, side, *both)
+            column = compare(side, side, (task, _MUSE), resamples, against=(task, _CHANCE))
+            *_, ability, _, _, after = column
             cells += [ability, after]
     found = iter(corrected(cells))
     return [Contest(side, task, (next(found), next(found))) for side, task in pairs]
@@ -82,17 +99,14 @@ def verdict(cell: Cell) -> str:
 
 def markdown(found: Sequence[Contest]) -> str:
     """A row a contest and cell: both values, the difference, the verdict."""
-    head = ["run", "brain", "ideas", "robots", "", *(_MUSE, _CHANCE), "difference", "creative is"]
-    rows = [head, ["---", "---", "---:", "---:", "---", *["---:"] * 3, "---"]]
+    head = ["run", "ideas", "robots", "", *(_MUSE, _CHANCE), "difference", "creative is"]
+    rows = [head, ["---", "---:", "---:", "---", *["---:"] * 3, "---"]]
     for contest in found:
-        experiment = contest.side.experiment
-        course = "" if experiment.course == "paper" else f", course: {experiment.course}"
         for cell in contest.cells:
             rows.append(
                 [
-                    contest.side.name + course,
-                    experiment.brain_name,
-                    str(experiment.brain.ideas),
+                    contest.side.name,
+                    str(contest.side.experiment.brain.ideas),
                     " and ".join(map(str, contest.robots)),
                     f"{contest.task}: {cell.name}",
                     number(cell, cell.ours),
@@ -106,7 +120,8 @@ def markdown(found: Sequence[Contest]) -> str:
         "bootstrap. Better or worse: permutation test, corrected by Holm's method over the "
         f"{2 * len(found)} rows."
     )
-    return "\n".join([*map(tables.line, rows), "", note])
+    whose = dict.fromkeys(described(c.side.name, c.side.experiment) for c in found)
+    return "\n".join([*map(tables.line, rows), "", note, "", *whose])
 
 
 def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
@@ -117,6 +132,8 @@ def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
     """
     if not runs:
         raise InputError("at least one run is needed")
+    if len({run.resolve() for run in runs}) < len(runs):
+        raise InputError("a run is given twice")
     sides = [Side(n, *engine.read_run(run)) for n, run in zip(names_of(runs), runs, strict=True)]
     print(markdown(contests(sides)))
 

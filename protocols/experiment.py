@@ -32,6 +32,7 @@ from .storage import write_atomically
 TASKS = tuple(SCHEDULES)
 Body = Literal["mujoco", "kinematic"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
+_IDEAL = Kinematics()
 _FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")  # of agents
 
 
@@ -129,14 +130,14 @@ class Experiment:
         schedule = COURSES[self.course][task].scaled(self.time_scale)
         return schedule.turned(math.radians(self.turned_start)) if self.turned_start else schedule
 
-    def lived(self, task: str) -> str:
+    def arena_task(self, task: str) -> str:
         """The task of the domain "arena" that its robots live in: a course may have its own."""
         schedules = COURSES[self.course]
         return schedules[task].task if task in schedules else task
 
     def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
         """Robots in lockstep, in the body of the experiment (see `tasks.make_batch`)."""
-        task = self.lived(task)
+        task = self.arena_task(task)
         shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)
@@ -347,7 +348,7 @@ def save_plan(path: Path, plan: Plan) -> None:
     content = {
         "experiment": dataclasses.asdict(plan.experiment),
         "plan": rows,
-        "physics": physics_probe(plan.experiment.body),
+        "physics": physics_probe(plan.experiment.body, plan.experiment.kinematics),
         "made_with": [*made_with, machine()],
     }
     write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
@@ -356,28 +357,41 @@ def save_plan(path: Path, plan: Plan) -> None:
 def same_physics(path: Path) -> bool:
     """Whether an `experiment.json` that `load_plan` reads was lived in this version's physics."""
     content = json.loads(path.read_bytes())
-    return is_physics_of(content["physics"], content["experiment"].get("body", "mujoco"))
+    experiment = experiment_of(content["experiment"])
+    return is_physics_of(content["physics"], experiment.body, experiment.kinematics)
 
 
-def is_physics_of(probe: Sequence[float], body: Body) -> bool:
+def is_physics_of(probe: Sequence[float], body: Body, kinematics: Kinematics = _IDEAL) -> bool:
     """Whether numbers that `physics_probe` once gave are those of this version."""
-    ours = physics_probe(body)
+    ours = physics_probe(body, kinematics)
     return np.shape(ours) == np.shape(probe) and bool(np.allclose(probe, ours, rtol=0, atol=1e-6))
 
 
 @functools.cache
-def physics_probe(body: Body = "mujoco") -> tuple[float, ...]:
+def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tuple[float, ...]:
     """Where a robot of a body ends, and what it then senses, after a short drive into a wall.
 
     Numbers that tell one physics from another, whatever it was that was changed: a mass, a
-    friction, the timestep, MuJoCo itself. Decoration does not move them.
+    friction, the timestep, MuJoCo itself. Decoration does not move them. A stand-in that is told
+    how to drive is also driven along a wall, at several angles.
     """
-    batch = Experiment(body=body).batch("spot_finding", 1)
+    experiment = Experiment(body=body, kinematics=kinematics)
+    batch = experiment.batch("spot_finding", 1)
     batch.place(np.array([0]), np.array([[0.42, 0.05, 0.3]]))
     for motors in ((0.5, 0.4), (0.5, 0.5), (-0.2, 0.5), (0.1, -0.5)):
         for _ in range(4):
             batch.step(np.array([motors]))
-    return (*batch.pose[0].tolist(), *batch.sensordata[0].tolist())
+    numbers = *batch.pose[0].tolist(), *batch.sensordata[0].tolist()
+    if kinematics == _IDEAL:
+        return numbers
+    angles = np.radians(np.arange(5, 90, 10))
+    grazing = experiment.batch("spot_finding", len(angles))
+    east = np.full(len(angles), grazing.dimensions.half_length - grazing.dimensions.radius)
+    grazing.place(np.arange(len(angles)), np.column_stack([east, 0 * east, angles]))
+    for motor in (0.5, 0.3):
+        for _ in range(4):
+            grazing.step(np.full((len(angles), 2), motor))
+    return (*numbers, *grazing.pose.ravel().tolist())
 
 
 def load_plan(path: Path) -> Plan:

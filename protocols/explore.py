@@ -35,7 +35,7 @@ class Driver:
       name: in words.
       policy: motors in [-0.5, 0.5], left and right, shape (2,), for a time step of the task.
       nose: the form of Eq. 3 that it smells with.
-      task: that it has learnt, if not the one that it is asked to show.
+      task: that it has learnt, of the domain "arena"; None: it drives in any.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Driver:
         if experiment.body != "mujoco" or experiment.motor_speed:
             raise InputError("the window has MuJoCo's robot at its own speed, and this run another")
         name = f"{candidate.proposer}, robot {candidate.robot}, {candidate.phase}-training"
-        task = experiment.lived(candidate.task)
+        task = experiment.arena_task(candidate.task)
         return cls(name, Sensing(candidate.act), experiment.nose, task)
 
     @classmethod

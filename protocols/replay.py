@@ -87,7 +87,7 @@ class Candidate:
         batch, random = self.experiment.batch(self.task, 1), np.random.default_rng(self.seed)
         place(batch, start, random)
         return Episode(
-            self.experiment.lived(self.task),
+            self.experiment.arena_task(self.task),
             f"{self.proposer} proposer, robot {self.robot}",
             self.phase == "post",
             batch,

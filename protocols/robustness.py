@@ -27,7 +27,7 @@ from ..tasks.arena import RANGEFINDERS
 from ..tasks.senses import distance_signal
 from . import engine, intervals, pool, probes, tables
 from .agents import Brain, senses_of
-from .beside import differing, mean
+from .beside import described, differing, mean
 from .cohort import place
 from .episode import check_seed
 from .errors import DamagedFileError, InputError, exit_status
@@ -151,7 +151,7 @@ class Misled(Brain):
         self._noise, self._random = change.noise, random
         signals = senses_of(task).state
         self._low, self._high = np.array([(signal.low, signal.high) for signal in signals]).T
-        # The distances are the first of the signals, in this order.
+        # Wall avoidance, of which alone it is asked, has the distances first, in this order.
         self._dead = None if change.dead is None else RANGEFINDERS.index(change.dead)
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
@@ -253,7 +253,7 @@ def sit(job: Job, tick: probes.Tick = lambda: None) -> dict[str, np.ndarray]:
     seed, random = experiment.seeds(CohortKey(task, proposer, 0))
     which = [(row, "after") for row in job.rows]
     brains = stored_brains(experiment, job.results, task, proposer, which, seed)
-    misled = Misled(brains, change, experiment.lived(task), random)
+    misled = Misled(brains, change, experiment.arena_task(task), random)
     batch = change.batch(experiment, task, len(which))
     events = np.zeros(batch.robots, dtype=np.int32)
     for phase in change.test(experiment.schedule(task), batch.dimensions):
@@ -512,11 +512,7 @@ def _note(studied: Sequence[Sitter]) -> str:
         "where robots are too few or all alike.",
         "",
     ]
-    for sitter in studied:
-        experiment = sitter.experiment
-        fields = differing(experiment, Experiment(brain=experiment.brain))
-        others = "".join(f", {name} {value}" for name, (value, _) in fields.items())
-        lines.append(f"- {sitter.name}: brain {experiment.brain_name}{others}")
+    lines += [described(sitter.name, sitter.experiment) for sitter in studied]
     return "\n".join([*lines, ""])
 
 

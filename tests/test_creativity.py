@@ -1,6 +1,7 @@
 """Whether creativity pays, on lives made by hand."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,19 +59,33 @@ def test_what_is_tested_together_is_corrected_together():
         assert of_five.corrected >= one.corrected
 
 
-def test_every_row_says_which_ideas_and_which_course():
+def test_the_page_says_what_each_run_is():
     times = {(SF, "creative"): 500, (SF, "random"): 200, (WA, "creative"): 10}
-    walls = dataclasses.replace(FEW, course="walls")
-    page = creativity.markdown(creativity.contests([side(times), side(times, walls)]))
-    rows = [line.split(" | ") for line in page.splitlines()[2:6]]
-    assert [row[0] for row in rows] == ["| run"] * 2 + ["| run, course: walls"] * 2
-    assert {(row[1], row[2], row[3]) for row in rows} == {("paper ideas=3", "3", "40 and 40")}
+    among = dataclasses.replace(side(times), name="other")
+    among = dataclasses.replace(among, experiment=dataclasses.replace(FEW, course="walls"))
+    page = creativity.markdown(creativity.contests([side(times), among])).splitlines()
+    rows = [line.split(" | ") for line in page[2:6]]
+    assert [row[0] for row in rows] == ["| run", "| run", "| other", "| other"]
+    assert {(row[1], row[2]) for row in rows} == {("3", "40 and 40")}
     assert {row[-1] for row in rows} == {"better |"}
-    assert "over the 4 rows" in page
+    assert "over the 4 rows" in page[7]
+    assert page[9:] == ["- run: brain paper ideas=3", "- other: brain paper ideas=3, course walls"]
+
+
+def test_invalid_lives_are_not_counted():
+    run = side({(SF, "creative"): 500, (SF, "random"): 200})
+    run.results.robots[0] = dataclasses.replace(run.results.robots[0], category="invalid")
+    (contest,) = creativity.contests([run])
+    assert contest.robots == (39, 40)
 
 
 def test_a_run_without_both_kinds_of_robots_is_refused():
     with pytest.raises(InputError, match="run has no task with both creative and random robots"):
         creativity.contests([side({(SF, "creative"): 500, (WA, "random"): 200})])
+    rehearsal = dataclasses.replace(FEW, time_scale=0.1)
+    with pytest.raises(InputError, match="run is a rehearsal"):
+        creativity.contests([side({(SF, "creative"): 5, (SF, "random"): 2}, rehearsal)])
     with pytest.raises(InputError, match="at least one run"):
         creativity.main(())
+    with pytest.raises(InputError, match="a run is given twice"):
+        creativity.main((Path("runs/a"), Path("runs/../runs/a")))

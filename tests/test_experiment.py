@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from musebot import __version__
 from musebot.controller import BRAINS, PROPOSERS, Parameters
-from musebot.models import arena_spec
+from musebot.models import Kinematics, arena_spec, kinematic
 from musebot.protocols import experiment as experiment_module
 from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.experiment import (
@@ -206,6 +206,16 @@ def test_the_physics_probe_tells_a_changed_body_and_not_a_changed_colour(monkeyp
     assert np.abs(np.subtract(probe(), ours)).max() > 1e-5
     with_a("site", "lid", rgba=[1, 1, 1, 1])
     assert probe() == ours
+
+
+def test_the_physics_probe_tells_other_walls_of_the_stand_in(monkeypatch):
+    probe = experiment_module.physics_probe.__wrapped__
+    turns, slides = Kinematics(wall="turns"), Kinematics(wall="slides")
+    ours = probe("kinematic", turns)
+    assert len(ours) == len(probe("kinematic", slides)) > len(probe("kinematic"))
+    monkeypatch.setattr(kinematic, "_TURNS", (0, *kinematic._TURNS[:-1]))
+    assert np.abs(np.subtract(probe("kinematic", turns), ours)).max() > 1e-5
+    assert not experiment_module.is_physics_of(ours, "kinematic", slides)
 
 
 def test_the_name_of_a_cohort_tells_its_condition_and_number():

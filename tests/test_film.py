@@ -640,6 +640,16 @@ def test_every_task_is_explored_in_its_own_units(window: type[Window], task: str
     np.testing.assert_array_equal(by_keys.actions, [[0, 0], [limit, limit]])
 
 
+def test_a_driver_that_learnt_another_task_is_shown_in_it(
+    window: type[Window],
+) -> None:
+    policy = explore.Driver.of_policy(newborn("spot_finding_walls"), 1, "post").policy
+    explore.explore("spot_finding", explore.Driver("walls", policy, task="spot_finding_walls"))
+    (shown,) = window.opened
+    assert shown.title == "Musebot: spot_finding_walls, walls"
+    assert len(shown.actions) == 2
+
+
 def test_held_arrow_keys_drive_and_released_ones_stop() -> None:
     keys, timestep = explore.ArrowKeys(), tasks.load("arena", "wall_avoidance").reset()
     press, repeat, release = 1, 2, 0

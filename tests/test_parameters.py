@@ -25,6 +25,7 @@ def test_the_defaults_are_the_papers_numbers():
         "activation": "logistic",  # "neurons with logistic activation function"
         "centred": False,
         "raw_signals": False,
+        "noticed_signals": False,
         "raw_reward": False,
         "reward": "signal",  # "reward is identical to specific sensor signals"
         "next_value": "selected",  # SARSA
