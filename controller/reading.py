@@ -83,6 +83,8 @@ class Reading:
             self._reward_full = torch.tensor(senses.reward.full)
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
         self._full = torch.tensor([signal.full for signal in senses.state if signal.full])
+        if not len(self._full):  # nothing saturates: there is nothing more to read
+            self._raw = self._noticed = False
         further = len(self._full) * (self._raw + self._noticed)
         self.inputs += further
         bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further

@@ -98,13 +98,9 @@ def markdown(lived: Sequence[Day]) -> str:
     rows = [head, ["---", *["---:"] * (len(head) - 1)]]
     for day in lived:
         values = [*(day.share(span) for span in (EARLY, MIDDLE, LATE)), day.found()]
-        rows.append([day.name, f"{len(day.minutes)}", *map(_cell, values)])
+        rows.append([day.name, f"{len(day.minutes)}", *map(tables.mean_cell, values)])
     note = "In brackets 95 % intervals, BCa bootstrap over robots; none where all are alike."
     return "\n".join([*map(tables.line, rows), "", note])
-
-
-def _cell(values: np.ndarray) -> str:
-    return f"{values.mean():.3f} {tables.bracket(intervals.mean(values))}".strip()
 
 
 def draw(lived: Sequence[Day]) -> Figure:

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from ..controller import Neurocontroller
 from ..models import Kinematics
-from . import engine, figures, intervals, tables
+from . import engine, figures, tables
 from .agents import Brain, make_agent
 from .cohort import Cohort, place
 from .errors import InputError, RunError, exit_status
@@ -224,7 +224,7 @@ def markdown(found: Sequence[Findings]) -> str:
     for one in found:
         sound = ~np.isnan(one.tests).any(axis=(0, 1))
         best, end = one.best[-1][sound], one.shares[-1][sound]
-        cells = [_cell(values) for values in (best, end, best - end)]
+        cells = [tables.mean_cell(values) for values in (best, end, best - end)]
         lacking = [f"{share:.0%}" for share in one.missing[-1].mean(axis=-1)]
         left_out = one.diary.experiment.cohort_size - sound.sum()
         robots = f"{sound.sum()}" + (f" (and {left_out} invalid)" if left_out else "")
@@ -237,10 +237,6 @@ def markdown(found: Sequence[Findings]) -> str:
         "all actions, as a share of what actions differ by."
     )
     return "\n".join([*map(tables.line, rows), "", note])
-
-
-def _cell(values: np.ndarray) -> str:
-    return f"{values.mean():.3f} {tables.bracket(intervals.mean(values))}".strip()
 
 
 def draw(found: Sequence[Findings]) -> Figure:

@@ -244,6 +244,11 @@ def number(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.4f}"
 
 
+def mean_cell(values: np.ndarray) -> str:
+    """The mean of robots' shares, with its 95 % interval in brackets where there is one."""
+    return f"{values.mean():.3f} {bracket(intervals.mean(values))}".strip()
+
+
 def line(row: Sequence[str]) -> str:
     """A row of a table."""
     return "| " + " | ".join(row) + " |"
