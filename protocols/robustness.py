@@ -32,7 +32,6 @@ from .cohort import place
 from .episode import check_seed
 from .errors import DamagedFileError, InputError, exit_status
 from .experiment import (
-    BODIES,
     TASKS,
     Body,
     CohortKey,
@@ -179,12 +178,14 @@ class Sitter:
       experiment: of the run, with the body and the seed of the study.
       brains: tells the run's brains from others.
       robots: by task and proposer, how many sit: the first ones whose lives were valid.
+      physics: of the test, see `physics_probe`.
     """
 
     name: str
     experiment: Experiment
     brains: str
     robots: Mapping[tuple[str, str], int]
+    physics: tuple[float, ...]
 
     def plain(self) -> dict[str, Any]:
         """As JSON has it."""
@@ -193,14 +194,16 @@ class Sitter:
             for (task, proposer), count in self.robots.items()
         ]
         fields = {"experiment": dataclasses.asdict(self.experiment), "robots": robots}
-        return json.loads(json.dumps({"name": self.name, "brains": self.brains} | fields))
+        known = {"name": self.name, "brains": self.brains, "physics": self.physics}
+        return json.loads(json.dumps(known | fields))
 
     @classmethod
     def of_plain(cls, fields: Mapping[str, Any]) -> Sitter:
         """The inverse of `plain`."""
         robots = {(row["task"], row["proposer"]): row["robots"] for row in fields["robots"]}
         experiment = experiment_of(fields["experiment"])
-        return cls(fields["name"], experiment, fields["brains"], robots)
+        physics = tuple(np.array(fields["physics"], dtype=float).tolist())
+        return cls(fields["name"], experiment, fields["brains"], robots, physics)
 
     def file(self, out: Path, condition: tuple[str, str], change: Change) -> Path:
         """Where is kept what a condition's robots did."""
@@ -322,7 +325,8 @@ def sitters(
         if not chosen:
             raise InputError(f"{run} holds no brain of a proposer's that could be put back")
         brains = digest({k: v for k, v in results.brains.items() if "/after/" in k})
-        found.append((Sitter(name, experiment, brains, chosen), results))
+        physics = physics_probe(experiment.body, experiment.kinematics)
+        found.append((Sitter(name, experiment, brains, chosen, physics), results))
     scales = sorted({sitter.experiment.time_scale for sitter, _ in found})
     if len(scales) > 1:
         raise InputError(
@@ -353,7 +357,7 @@ def check_study(out: Path, wanted: Sequence[Sitter]) -> None:
         if out.is_dir() and not all(map(is_draft, out.iterdir())):
             raise InputError(f"{out} is not empty and holds no study of musebot's")
         return
-    held, physics = read_study(out)
+    held = read_study(out)
     names = [", ".join(sitter.name for sitter in one) for one in (held, wanted)]
     if names[0] != names[1]:
         raise InputError(f"{out} holds a study of {names[0]}, not of {names[1]}")
@@ -369,14 +373,8 @@ def check_study(out: Path, wanted: Sequence[Sitter]) -> None:
             )
         if own.brains != asked.brains:
             raise InputError(f"{out} holds a study of other brains than those of {own.name}")
-    ours = _physics(wanted)
-    if physics.keys() != ours.keys() or not all(map(is_physics_of, physics.values(), physics)):
-        raise InputError(f"{out} was measured in another physics than this version's")
-
-
-def _physics(wanted: Sequence[Sitter]) -> dict[Body, list[float]]:
-    used = {sitter.experiment.body for sitter in wanted}
-    return {body: list(physics_probe(body)) for body in BODIES if body in used}
+        if not is_physics_of(own.physics, asked.experiment.body, asked.experiment.kinematics):
+            raise InputError(f"{out} was measured in another physics than this version's")
 
 
 def save_study(out: Path, wanted: Sequence[Sitter]) -> None:
@@ -386,14 +384,13 @@ def save_study(out: Path, wanted: Sequence[Sitter]) -> None:
         made_with = json.loads((out / STUDY).read_bytes())["made_with"]
     content = {
         "runs": [sitter.plain() for sitter in wanted],
-        "physics": _physics(wanted),
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }
     write_atomically(out / STUDY, (json.dumps(content, indent=2) + "\n").encode())
 
 
-def read_study(out: Path) -> tuple[list[Sitter], dict[Body, list[float]]]:
-    """Reads `study.json`: whose brains, and the physics.
+def read_study(out: Path) -> list[Sitter]:
+    """Reads `study.json`: whose brains, in what experiments and physics.
 
     Raises:
       InputError: there is none, or it is damaged.
@@ -402,13 +399,7 @@ def read_study(out: Path) -> tuple[list[Sitter], dict[Body, list[float]]]:
     if not path.is_file():
         raise InputError(f"{out} holds no study of musebot's")
     try:
-        content = json.loads(path.read_bytes())
-        found = [Sitter.of_plain(fields) for fields in content["runs"]]
-        held = content["physics"]
-        physics: dict[Body, list[float]] = {
-            body: np.array(held[body], dtype=float).tolist() for body in BODIES if body in held
-        }
-        return found, physics
+        return [Sitter.of_plain(fields) for fields in json.loads(path.read_bytes())["runs"]]
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DamagedFileError(f"{path} is no study of musebot's ({error!r})") from error
 
@@ -477,7 +468,7 @@ def report(out: Path) -> str:
     Raises:
       InputError: a file is missing or damaged.
     """
-    studied, _ = read_study(out)
+    studied = read_study(out)
     parts = [_table(out, studied, task) for task in TASKS]
     return "\n".join([*filter(None, parts), _note(studied)])
 

@@ -16,7 +16,14 @@ from musebot.models import Kinematics
 from musebot.protocols import engine, pool, probes, robustness
 from musebot.protocols.cohort import Cohort, place
 from musebot.protocols.errors import InputError, exit_status
-from musebot.protocols.experiment import CohortKey, Experiment, Plan, experiment_of, save_plan
+from musebot.protocols.experiment import (
+    CohortKey,
+    Experiment,
+    Plan,
+    experiment_of,
+    physics_probe,
+    save_plan,
+)
 from musebot.protocols.replay import stored_brains
 from musebot.protocols.results import collect, save
 from musebot.protocols.robustness import CHANGES, REFERENCE, Job, Misled, sit
@@ -338,6 +345,22 @@ def test_the_body_is_the_runs_own_or_the_one_asked_for(runs):
         [(sitter, _)] = robustness.sitters(runs[:1], 1, body, 7)
         assert sitter.experiment == dataclasses.replace(EXPERIMENT, body=expected, seed=7)
         assert robustness.Sitter.of_plain(sitter.plain()) == sitter
+
+
+def test_a_study_in_other_walls_of_a_stand_in_told_how_to_drive_is_refused(tmp_path, here, capsys):
+    turns = Kinematics(wall="turns")
+    run = live(tmp_path / "run", dataclasses.replace(EXPERIMENT, kinematics=turns))
+    out = tmp_path / "study"
+    assert study(out, run) == 0
+    file = out / robustness.STUDY
+    held = json.loads(file.read_text())
+    assert held["runs"][0]["physics"] == list(physics_probe("kinematic", turns))
+    held["runs"][0]["physics"] = physics_probe("kinematic", Kinematics(wall="slides"))
+    file.write_text(json.dumps(held))
+    before = listing(out)
+    assert study(out, run) == 2
+    assert "was measured in another physics than this version's" in capsys.readouterr().err
+    assert listing(out) == before
 
 
 def test_an_experiment_comes_back_from_json():
