@@ -156,6 +156,36 @@ def compare(
 ) -> list[Cell]:
     """The cells of a condition's column, ours against other, not corrected yet.
 
+    Args:
+      ours: a run.
+      other: another.
+      condition: task and proposer; both have lives of it.
+      resamples: of the permutation tests.
+      against: see `measured`.
+    """
+    paired, first, second = measured(ours, other, condition, against)
+    found = []
+    for name, values in first.items():
+        pair = values, second[name]
+        if values.dtype == bool:
+            test = intervals.difference_of_shares(*pair, paired), same_share(*pair, paired)
+            summary = value_of(values, np.mean), value_of(second[name], np.mean)
+        else:
+            statistic = deviation if name == "sd of L" else mean
+            test = (
+                intervals.difference(*pair, statistic, paired),
+                same_statistic(*pair, statistic, paired, resamples),
+            )
+            summary = value_of(values, statistic), value_of(second[name], statistic)
+        found.append(Cell(*condition, name, values.dtype == bool, paired, *summary, *test))
+    return found
+
+
+def measured(
+    ours: Side, other: Side, condition: tuple[str, str], against: tuple[str, str] | None = None
+) -> tuple[bool, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """What the cells of a condition's column are made of, in both runs.
+
     Invalid lives are left out; of pairs, both. So are robots that have no partner, where one of
     two runs of pairs has more.
 
@@ -163,9 +193,12 @@ def compare(
       ours: a run.
       other: another.
       condition: task and proposer; both have lives of it.
-      resamples: of the permutation tests.
       against: the other's condition, of the same task, whose robots are no pairs; None for the
         same.
+
+    Returns:
+      Whether the robots are pairs; ours and the other's, by row of the table, each of shape
+      (robots,), of bool where a row counts robots.
     """
     paired = against is None and are_pairs(ours, other, condition)
     rows = [ours.results.of(*condition), other.results.of(*(against or condition))]
@@ -178,21 +211,7 @@ def compare(
         _measures(side, condition[0], [row for row, ok in zip(own, keep, strict=True) if ok])
         for side, own, keep in zip((ours, other), rows, sound, strict=True)
     )
-    found = []
-    for name, values in first.items():
-        pair = values, second[name]
-        if values.dtype == bool:
-            test = intervals.difference_of_shares(*pair, paired), same_share(*pair, paired)
-            summary = _value(values, np.mean), _value(second[name], np.mean)
-        else:
-            statistic = deviation if name == "sd of L" else mean
-            test = (
-                intervals.difference(*pair, statistic, paired),
-                same_statistic(*pair, statistic, paired, resamples),
-            )
-            summary = _value(values, statistic), _value(second[name], statistic)
-        found.append(Cell(*condition, name, values.dtype == bool, paired, *summary, *test))
-    return found
+    return paired, first, second
 
 
 def _measures(side: Side, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarray]:
@@ -209,7 +228,8 @@ def _measures(side: Side, task: str, rows: Sequence[Robot]) -> dict[str, np.ndar
     return {**members, "mean L": abilities, "sd of L": abilities, **shares}
 
 
-def _value(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
+def value_of(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
+    """A statistic of values, shape (n,), without those that are NaN; NaN where too few are left."""
     measured = values[~np.isnan(values)]
     few = 2 if statistic is deviation else 1
     return float(statistic(measured)) if len(measured) >= few else float("nan")

@@ -19,13 +19,12 @@ import tyro
 
 from ..controller import PROPOSERS, Parameters
 from ..models import Kinematics
-from . import beside, engine, tables
+from . import beside, series, tables
 from .beside import Cell, Side
 from .errors import InputError, exit_status
 from .experiment import TASKS, Experiment, Plan, default_cohort_size
 from .progress import bar
 from .schedules import NAMES
-from .storage import is_draft, write_atomically
 
 TABLE = "sensitivity.md"
 BASELINE, NOISE = "baseline", "another-seed"
@@ -123,44 +122,6 @@ def plans(robots: int, time_scale: float) -> dict[str, Plan]:
     return wanted
 
 
-def check_folder(out: Path, wanted: Mapping[str, Plan]) -> None:
-    """Raises InputError where OUT cannot hold these runs, or holds something else."""
-    if out.is_dir():
-        known = {*wanted, TABLE}
-        if not all(path.name in known or is_draft(path) for path in out.iterdir()):
-            raise InputError(f"{out} is not empty and holds no study of musebot's")
-    for name, plan in wanted.items():
-        held = engine.open_directory(out / name)
-        fields = beside.differing(held.experiment, plan.experiment) if held else {}
-        for field, (own, asked) in fields.items():
-            raise InputError(f"{out / name} holds an experiment with {field} {own}, not {asked}")
-
-
-def live(out: Path, wanted: Mapping[str, Plan], processes: int) -> None:
-    """Lives what OUT does not hold yet, one run after the other.
-
-    Raises:
-      InputError, Interrupted, RunError: see `engine.run`.
-    """
-    for number, (name, plan) in enumerate(wanted.items(), 1):
-        print(f"{number} of {len(wanted)}: {name}", file=sys.stderr)
-        engine.run(out / name, plan, engine.Processes(processes))
-
-
-def read(out: Path) -> dict[str, Side]:
-    """The finished runs of a study, by name.
-
-    Raises:
-      InputError: one is missing or damaged.
-    """
-    sides = {}
-    for name in (BASELINE, *(choice.name for choice in CHOICES)):
-        if not (out / name / engine.PLAN).is_file():
-            raise InputError(f"{out} lacks the run {name}")
-        sides[name] = Side(name, *engine.read_run(out / name))
-    return sides
-
-
 def judge(sides: Mapping[str, Side]) -> list[tuple[Choice, list[Cell]]]:
     """Every choice's cells against the baseline's, corrected over all of them."""
     family = beside.CELLS * sum(len(choice.conditions) for choice in CHOICES)
@@ -215,7 +176,7 @@ def report(out: Path) -> str:
     Raises:
       InputError: a run is missing or damaged.
     """
-    sides = read(out)
+    sides = series.read(out, [BASELINE, *(choice.name for choice in CHOICES)])
     return markdown(sides, judge(sides))
 
 
@@ -233,14 +194,7 @@ def main(
       time_scale: below 1 shortens every duration, for rehearsals.
       processes: cohorts that live at a time, one core each.
     """
-    if processes < 1:
-        raise InputError(f"the number of processes must be at least 1, got {processes}")
-    wanted = plans(robots, time_scale)
-    check_folder(out, wanted)
-    live(out, wanted, processes)
-    text = report(out)
-    write_atomically(out / TABLE, text.encode())
-    print(text)
+    series.conduct(out, plans(robots, time_scale), processes, TABLE, report)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,30 @@
-"""Settings of all tests."""
+"""Settings of all tests, and what many of them need."""
 
 import os
 
+import pytest
+
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
 os.environ.setdefault("MUJOCO_GL", "off")
+
+
+@pytest.fixture
+def lived_here(monkeypatch):
+    """Cohorts live in this process: the processes are tested elsewhere, and slow to start."""
+    import torch
+
+    from musebot.protocols import engine
+
+    class Here:
+        def __init__(self, count):
+            assert count == 1
+
+        def __call__(self, work, display):
+            for key in work.keys:
+                assert engine.live(work, key, lambda: False, lambda step, text: None)
+
+    monkeypatch.setattr(engine, "Processes", Here)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as a process of lives has
+    yield
+    torch.set_num_threads(threads)

@@ -12,7 +12,7 @@ import pytest
 
 from musebot.controller import BRAINS
 from musebot.models import Kinematics
-from musebot.protocols import cli, engine, robustness, sensitivity
+from musebot.protocols import ablation, cli, engine, robustness, sensitivity
 from musebot.protocols.experiment import Experiment, Plan, load_plan
 
 
@@ -55,6 +55,8 @@ def made_again(page, capsys):
     """What the lives beside a page give, by the command that docs/results.md names."""
     if page.name == "sensitivity.md":
         return sensitivity.report(page.parent)
+    if page.name == "ablation.md":
+        return ablation.report(page.parent)
     if page.name == "robustness.md":
         return robustness.report(page.parent)
     arguments = [str(page.parent)]
@@ -83,7 +85,8 @@ def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
     folders = [path.parent for path in RESULTS.rglob("robots.csv")]
     assert folders
     for folder in folders:
-        assert (folder / "tables.md").exists() or (folder.parent / "sensitivity.md").exists()
+        series = folder.parent / "sensitivity.md", folder.parent / "ablation.md"
+        assert (folder / "tables.md").exists() or any(page.exists() for page in series)
 
 
 def test_two_runs_stand_side_by_side(run, capsys):

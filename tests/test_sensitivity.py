@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 import pytest
-import torch
 import tyro
 
 from musebot.protocols import beside, engine, sensitivity
@@ -15,25 +14,6 @@ from musebot.protocols.sensitivity import BASELINE, CHOICES, NOISE, Choice
 
 EVERYWHERE = sensitivity.plans(1, 1.0)[BASELINE].conditions
 NAMES = [choice.name for choice in CHOICES]
-
-
-@pytest.fixture
-def here(monkeypatch):
-    """Cohorts live in this process: the processes are tested elsewhere, and slow to start."""
-
-    class Here:
-        def __init__(self, count):
-            assert count == 1
-
-        def __call__(self, work, display):
-            for key in work.keys:
-                assert engine.live(work, key, lambda: False, lambda step, text: None)
-
-    monkeypatch.setattr(engine, "Processes", Here)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as a process of lives has
-    yield
-    torch.set_num_threads(threads)
 
 
 def run(out, **options):
@@ -108,7 +88,7 @@ def fewer(monkeypatch):
 
 
 def test_a_study_keeps_every_run_and_its_page_and_goes_on_where_it_was(
-    tmp_path, here, fewer, capsys
+    tmp_path, lived_here, fewer, capsys
 ):
     out = tmp_path / "study"
     assert run(out) == 0
@@ -130,7 +110,7 @@ def test_a_study_keeps_every_run_and_its_page_and_goes_on_where_it_was(
     assert engine.load_plan(out / NOISE / "experiment.json").experiment.seed == 2
 
 
-def test_a_choice_that_matters_is_seen_beside_the_noise(tmp_path, here, monkeypatch):
+def test_a_choice_that_matters_is_seen_beside_the_noise(tmp_path, lived_here, monkeypatch):
     walls = TASKS[:1]
     seed = Choice(NOISE, "another seed", {"seed": 2}, walls)
     crawl = Choice("crawl", "too slow for a wall", {"motor_speed": 1e-4}, walls)

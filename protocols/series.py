@@ -1,0 +1,66 @@
+"""A series: runs that differ in one thing each, in a folder each of one, and the page on them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from . import beside, engine
+from .beside import Side
+from .errors import InputError
+from .experiment import Plan
+from .storage import is_draft, write_atomically
+
+
+def conduct(
+    out: Path, wanted: Mapping[str, Plan], processes: int, page: str, report: Callable[[Path], str]
+) -> None:
+    """Lives what OUT does not hold yet, one run after the other; writes and prints the page.
+
+    Args:
+      out: folder of the series; an unfinished one goes on.
+      wanted: which lives, by the name of their folder in OUT.
+      processes: cohorts that live at a time.
+      page: name of the file for the page.
+      report: makes it from the finished folder.
+
+    Raises:
+      InputError: a number makes no sense, or OUT cannot hold these runs, or holds something else.
+      Interrupted, RunError: see `engine.run`.
+    """
+    if processes < 1:
+        raise InputError(f"the number of processes must be at least 1, got {processes}")
+    _check_folder(out, wanted, page)
+    for number, (name, plan) in enumerate(wanted.items(), 1):
+        print(f"{number} of {len(wanted)}: {name}", file=sys.stderr)
+        engine.run(out / name, plan, engine.Processes(processes))
+    text = report(out)
+    write_atomically(out / page, text.encode())
+    print(text)
+
+
+def _check_folder(out: Path, wanted: Mapping[str, Plan], page: str) -> None:
+    if out.is_dir():
+        known = {*wanted, page}
+        if not all(path.name in known or is_draft(path) for path in out.iterdir()):
+            raise InputError(f"{out} is not empty and holds no study of musebot's")
+    for name, plan in wanted.items():
+        held = engine.open_directory(out / name)
+        fields = beside.differing(held.experiment, plan.experiment) if held else {}
+        for field, (own, asked) in fields.items():
+            raise InputError(f"{out / name} holds an experiment with {field} {own}, not {asked}")
+
+
+def read(out: Path, names: Sequence[str]) -> dict[str, Side]:
+    """The finished runs of a series, by name.
+
+    Raises:
+      InputError: one is missing or damaged.
+    """
+    sides = {}
+    for name in names:
+        if not (out / name / engine.PLAN).is_file():
+            raise InputError(f"{out} lacks the run {name}")
+        sides[name] = Side(name, *engine.read_run(out / name))
+    return sides
