@@ -1,63 +1,46 @@
-"""What each ingredient of our brain is worth: the brain without it, one ingredient at a time.
+"""What each ingredient of our brain is worth: one taken away at a time.
 
     python -m musebot.protocols.ablation OUT --robots 60 --processes 2
 
-lives creative robots with `steady`, and with `steady` without each of its ingredients, each as a
+lives creative robots with `steady`, and with `steady` without one ingredient at a time, each as a
 run in a folder of OUT, and writes `OUT/ablation.md`. The same command goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 
 from ..controller import BRAINS, INGREDIENTS
 from ..models import Kinematics
-from . import beside, intervals, series, tables
-from .beside import Side
+from . import beside, series, tables
+from .beside import Cell, Side
 from .errors import InputError, exit_status
 from .experiment import TASKS, Body, Experiment, Plan, default_cohort_size, told
-from .intervals import Interval
-from .learn_ability import INVALID
 from .progress import bar
-from .schedules import NAMES, SCHEDULES
+from .schedules import NAMES
 
 PAGE = "ablation.md"
 WHOLE, _PROPOSER = "steady", "creative"
-_ABILITY = "mean L"
+_RESAMPLES = 10_000  # at least: a verdict does not hang on who was dealt where
+
+# No signal of wall avoidance saturates: without these its lives are the same, to the bit.
+_SPOTS_ALONE = ("raw_signals", "raw_reward")
 
 
-@dataclasses.dataclass(frozen=True)
-class Loss:
-    """What robots lose in a row of a table when an ingredient is taken away.
+def _without(ingredient: str) -> str:
+    return f"{WHOLE}-{ingredient}"
 
-    Attributes:
-      left: the row's value without the ingredient.
-      size: by how much the whole brain does better; negative where it does worse.
-      interval: 95 %, of the size; unknown where all robots are alike.
-    """
 
-    left: float
-    size: float
-    interval: Interval
-
-    @property
-    def earns(self) -> bool:
-        """Whether the ingredient earns its place: the interval excludes that nothing is lost."""
-        return self.interval[0] > 0
-
-    @property
-    def harms(self) -> bool:
-        """Whether the brain does better without it."""
-        return self.interval[1] < 0
+def matters(ingredient: str, task: str) -> bool:
+    """Whether an ingredient can change a life."""
+    return task == "spot_finding" or ingredient not in _SPOTS_ALONE
 
 
 def plans(robots: int, tasks: Sequence[str], experiment: Experiment) -> dict[str, Plan]:
@@ -69,47 +52,104 @@ def plans(robots: int, tasks: Sequence[str], experiment: Experiment) -> dict[str
       experiment: what is shared, all but the brain and the size of a cohort.
 
     Raises:
-      InputError: a number makes no sense.
+      InputError: a number or a task makes no sense.
     """
     if robots < 1:
         raise InputError(f"the number of robots must be at least 1, got {robots}")
+    for name in tasks:
+        if name not in TASKS:
+            raise InputError(f"the task must be one of {', '.join(TASKS)}, got {name!r}")
     if not tasks:
         raise InputError("at least one task is needed")
-    conditions = [(task, _PROPOSER) for task in TASKS if task in tasks]
     size = default_cohort_size(robots)
-    return {
-        name: Plan.of(
-            dataclasses.replace(experiment, brain=BRAINS[name], cohort_size=size),
-            conditions,
-            robots,
-        )
-        for name in (WHOLE, *map(_without, INGREDIENTS))
-    }
+    wanted = {}
+    for ingredient in (None, *INGREDIENTS):
+        name = _without(ingredient) if ingredient else WHOLE
+        conditions = [
+            (task, _PROPOSER)
+            for task in TASKS
+            if task in tasks and (ingredient is None or matters(ingredient, task))
+        ]
+        if conditions:
+            shared = dataclasses.replace(experiment, brain=BRAINS[name], cohort_size=size)
+            wanted[name] = Plan.of(shared, conditions, robots)
+    return wanted
 
 
-def _without(ingredient: str) -> str:
-    return f"{WHOLE}-{ingredient}"
-
-
-def losses(whole: Side, less: Side, task: str) -> dict[str, Loss]:
-    """What is lost in mean L and in the time after training, by the name of the row.
+def judge(sides: Mapping[str, Side]) -> dict[tuple[str, str], list[Cell]]:
+    """The whole brain against it without each ingredient, corrected over all cells.
 
     Args:
-      whole: a run of the whole brain.
-      less: a run without an ingredient.
-      task: that both have lives of.
+      sides: the runs, by the name of their brain.
+
+    Returns:
+      By task and ingredient, the cells of `beside.outcome`; ours are the whole brain's.
     """
-    paired, all_in, taken = beside.measured(whole, less, (task, _PROPOSER))
-    found = {}
-    for name in (_ABILITY, list(all_in)[-1]):
-        pair = all_in[name], taken[name]
-        left = beside.value_of(pair[1], beside.mean)
-        size = beside.value_of(pair[0], beside.mean) - left
-        low, high = intervals.difference(*pair, beside.mean, paired)
-        if not (name == _ABILITY or SCHEDULES[task].wanted):  # time in contact is better short
-            size, low, high = -size, -high, -low
-        found[name] = Loss(left, size, (low, high))
-    return found
+    pairs = [
+        ((task, _PROPOSER), ingredient)
+        for task in TASKS
+        for ingredient in INGREDIENTS
+        if _without(ingredient) in sides
+        and (task, _PROPOSER) in sides[_without(ingredient)].results.conditions()
+    ]
+    resamples = max(_RESAMPLES, beside.resamples_for(2 * len(pairs)))
+    cells: list[Cell] = []
+    with bar() as progress:
+        for condition, ingredient in progress.track(pairs, description="comparing"):
+            cells += beside.outcome(sides[WHOLE], sides[_without(ingredient)], condition, resamples)
+    found = iter(beside.corrected(cells))
+    return {(task, ingredient): [next(found), next(found)] for (task, _), ingredient in pairs}
+
+
+def markdown(sides: Mapping[str, Side]) -> str:
+    """What each ingredient is worth, and in which task it earns its place, as Markdown.
+
+    Args:
+      sides: the runs, by the name of their brain.
+    """
+    judged = judge(sides)
+    tasks = list(dict.fromkeys(task for task, _ in judged))
+    rows = [["ingredient", *(NAMES[task] for task in tasks)], ["---"] * (1 + len(tasks))]
+    for ingredient in INGREDIENTS:
+        verdicts = [_in_a_word(judged.get((task, ingredient), [])) for task in tasks]
+        rows.append([ingredient, *verdicts])
+    lines = [*map(tables.line, rows)]
+    head = ["taken away", "", "robots", "whole", "without", "difference", "Holm", "the ingredient"]
+    for task in tasks:
+        rows = [head, ["---", "---", *["---:"] * 5, "---"]]
+        for (where, ingredient), cells in judged.items():
+            if where == task:
+                rows += [_row(ingredient, cell) for cell in cells]
+        title = tables.title(sides[WHOLE].experiment, task)
+        lines += ["", f"### {title}", "", *map(tables.line, rows)]
+    note = (
+        "An ingredient earns its place in a task where the brain does worse without it in one of "
+        "the two numbers, and better in none. Robots: how many have a value, of the whole brain "
+        "and without the ingredient; L has none where the spot was never met, or no wall. A dash: "
+        "without the ingredient lives are the same, to the bit. What each ingredient is: "
+        "`controller/parameters.py`.\n"
+    )
+    every = [cell for cells in judged.values() for cell in cells]
+    whole = sides[WHOLE]
+    return "\n".join(
+        [*lines, "", note, beside.note(every), beside.described(whole.name, whole.experiment), ""]
+    )
+
+
+def _in_a_word(cells: Sequence[Cell]) -> str:
+    if not cells:
+        return "-"
+    verdicts = {beside.verdict(cell) for cell in cells}
+    if {"better", "worse"} <= verdicts:
+        return "earns and harms"
+    return "earns" if "better" in verdicts else "harms" if "worse" in verdicts else "undecided"
+
+
+def _row(ingredient: str, cell: Cell) -> list[str]:
+    numbers = [beside.number(cell, value) for value in (cell.ours, cell.other)]
+    robots = " and ".join(map(str, cell.robots))
+    difference = [beside.difference(cell), beside.probability(cell.corrected)]
+    return [ingredient, cell.name, robots, *numbers, *difference, _in_a_word([cell])]
 
 
 def report(out: Path) -> str:
@@ -118,79 +158,9 @@ def report(out: Path) -> str:
     Raises:
       InputError: a run is missing or damaged.
     """
-    return markdown(series.read(out, [WHOLE, *map(_without, INGREDIENTS)]))
-
-
-def markdown(sides: Mapping[str, Side]) -> str:
-    """A table a task with a row an ingredient, and which of them earn their place.
-
-    Args:
-      sides: the runs, by the name of their brain.
-    """
-    whole = sides[WHOLE]
-    tasks = [task for task in TASKS if (task, _PROPOSER) in whole.results.conditions()]
-    pairs = [(task, ingredient) for task in tasks for ingredient in INGREDIENTS]
-    with bar() as progress:
-        found = {
-            (task, ingredient): losses(whole, sides[_without(ingredient)], task)
-            for task, ingredient in progress.track(pairs, description="comparing")
-        }
-    earning = [i for i in INGREDIENTS if any(_any(found[task, i], "earns") for task in tasks)]
-    idle = [i for i in INGREDIENTS if i not in earning]
-    harming = [i for i in idle if any(_any(found[task, i], "harms") for task in tasks)]
-    lines = [
-        f"- Earn their place, in one task at least: {_listed(earning)}.",
-        f"- Are not seen to: {_listed([i for i in idle if i not in harming])}.",
-        f"- Do harm: {_listed(harming)}.",
-        "",
-    ]
-    for task in tasks:
-        lines += [f"### {NAMES[task]}", "", *_table(sides, task, found), ""]
-    note = (
-        "Creative robots, without one ingredient at a time. Loss: by how much the whole brain does "
-        "better, in brackets its 95 % interval, BCa bootstrap; bold where it excludes 0. Two of "
-        "robots born with the same brain are pairs, all others two independent groups. The "
-        f"intervals are of each number alone: of {2 * len(found)} one in twenty excludes 0 by "
-        "chance. What each ingredient is: `controller/parameters.py`."
-    )
-    return "\n".join([*lines, note, "", beside.described(whole.name, whole.experiment), ""])
-
-
-def _any(found: Mapping[str, Loss], what: str) -> bool:
-    return any(getattr(loss, what) for loss in found.values())
-
-
-def _listed(ingredients: Sequence[str]) -> str:
-    return ", ".join(ingredients) or "none"
-
-
-def _table(
-    sides: Mapping[str, Side], task: str, found: Mapping[tuple[str, str], Mapping[str, Loss]]
-) -> list[str]:
-    names = list(found[task, next(iter(INGREDIENTS))])
-    head = ["taken away", "robots", *(cell for name in names for cell in (name, "loss"))]
-    rows = [head, ["---", *["---:"] * (len(head) - 1)]]
-    _, own, _ = beside.measured(sides[WHOLE], sides[WHOLE], (task, _PROPOSER))
-    first = [[tables.number(beside.value_of(own[name], beside.mean)), ""] for name in names]
-    rows.append(["nothing", _robots(sides[WHOLE], task), *sum(first, [])])
-    for ingredient in INGREDIENTS:
-        lost = [_cells(loss) for loss in found[task, ingredient].values()]
-        rows.append([ingredient, _robots(sides[_without(ingredient)], task), *sum(lost, [])])
-    return [tables.line(row) for row in rows]
-
-
-def _cells(loss: Loss) -> list[str]:
-    low, high = loss.interval
-    size = "-" if math.isnan(loss.size) else f"{loss.size:+.4f}"
-    if not (math.isnan(low) or math.isnan(high)):
-        size += f" [{low:+.4f}, {high:+.4f}]"
-    return [tables.number(loss.left), f"**{size}**" if loss.earns or loss.harms else size]
-
-
-def _robots(side: Side, task: str) -> str:
-    kinds = np.array([row.category for row in side.results.of(task, _PROPOSER)])
-    invalid = int((kinds == INVALID).sum())
-    return f"{len(kinds) - invalid}" + (f" (and {invalid} invalid)" if invalid else "")
+    tasks = {task for task, _ in series.read(out, [WHOLE])[WHOLE].results.conditions()}
+    lived = [_without(i) for i in INGREDIENTS if any(matters(i, task) for task in tasks)]
+    return markdown(series.read(out, [WHOLE, *lived]))
 
 
 def main(
@@ -203,7 +173,7 @@ def main(
     time_scale: float = 1.0,
     processes: int = len(os.sched_getaffinity(0)),
 ) -> None:
-    """Lives our brain without each of its ingredients, and says what each is worth.
+    """Lives our brain without one ingredient at a time, and says what each is worth.
 
     Args:
       out: folder of the runs, a folder each, and of ablation.md; an unfinished one goes on.
@@ -215,9 +185,6 @@ def main(
       time_scale: below 1 shortens every duration, for rehearsals.
       processes: cohorts that live at a time, one core each.
     """
-    for name in task:
-        if name not in TASKS:
-            raise InputError(f"the task must be one of {', '.join(TASKS)}, got {name!r}")
     shared = Experiment(
         seed=seed, body=body, kinematics=told(Kinematics(), kinematics), time_scale=time_scale
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from .intervals import Interval
 from .learn_ability import CATEGORIES, INVALID, category
 from .progress import bar
 from .results import Results, Robot, test_seconds
+from .schedules import SCHEDULES
 
 ALPHA = 0.05  # of a whole family of cells
 CELLS = len(CATEGORIES) + 4  # of a condition
@@ -42,9 +43,14 @@ class Side:
     results: Results
 
     def newborn(self, task: str, proposer: str) -> dict[str, np.ndarray]:
-        """A condition's brains at birth, by tensor, each of shape (robots, ...)."""
+        """A condition's brains at birth, by tensor, each of shape (robots, ...).
+
+        Without the judge, which at birth is a copy, and which not every brain keeps.
+        """
         prefix = f"{task}/{proposer}/before/"
-        return {k: v for k, v in self.results.brains.items() if k.startswith(prefix)}
+        judge = f"{prefix}judge."
+        brains = self.results.brains.items()
+        return {k: v for k, v in brains if k.startswith(prefix) and not k.startswith(judge)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +63,7 @@ class Cell:
       name: of the row.
       share: whether it is a share of the robots.
       paired: whether the two runs' robots were born with the same brains and are pairs.
+      robots: how many have a value in it, ours and the other's.
       ours: its value.
       other: its value in the other run.
       interval: of ours minus other.
@@ -69,6 +76,7 @@ class Cell:
     name: str
     share: bool
     paired: bool
+    robots: tuple[int, int]
     ours: float
     other: float
     interval: Interval
@@ -153,38 +161,9 @@ def compare(
     condition: tuple[str, str],
     resamples: int,
     against: tuple[str, str] | None = None,
+    only: Container[str] | None = None,
 ) -> list[Cell]:
     """The cells of a condition's column, ours against other, not corrected yet.
-
-    Args:
-      ours: a run.
-      other: another.
-      condition: task and proposer; both have lives of it.
-      resamples: of the permutation tests.
-      against: see `measured`.
-    """
-    paired, first, second = measured(ours, other, condition, against)
-    found = []
-    for name, values in first.items():
-        pair = values, second[name]
-        if values.dtype == bool:
-            test = intervals.difference_of_shares(*pair, paired), same_share(*pair, paired)
-            summary = value_of(values, np.mean), value_of(second[name], np.mean)
-        else:
-            statistic = deviation if name == "sd of L" else mean
-            test = (
-                intervals.difference(*pair, statistic, paired),
-                same_statistic(*pair, statistic, paired, resamples),
-            )
-            summary = value_of(values, statistic), value_of(second[name], statistic)
-        found.append(Cell(*condition, name, values.dtype == bool, paired, *summary, *test))
-    return found
-
-
-def measured(
-    ours: Side, other: Side, condition: tuple[str, str], against: tuple[str, str] | None = None
-) -> tuple[bool, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """What the cells of a condition's column are made of, in both runs.
 
     Invalid lives are left out; of pairs, both. So are robots that have no partner, where one of
     two runs of pairs has more.
@@ -193,12 +172,10 @@ def measured(
       ours: a run.
       other: another.
       condition: task and proposer; both have lives of it.
+      resamples: of the permutation tests.
       against: the other's condition, of the same task, whose robots are no pairs; None for the
         same.
-
-    Returns:
-      Whether the robots are pairs; ours and the other's, by row of the table, each of shape
-      (robots,), of bool where a row counts robots.
+      only: names of the cells that are wanted; None for all.
     """
     paired = against is None and are_pairs(ours, other, condition)
     rows = [ours.results.of(*condition), other.results.of(*(against or condition))]
@@ -211,7 +188,51 @@ def measured(
         _measures(side, condition[0], [row for row, ok in zip(own, keep, strict=True) if ok])
         for side, own, keep in zip((ours, other), rows, sound, strict=True)
     )
-    return paired, first, second
+    found = []
+    for name, values in first.items():
+        if only is not None and name not in only:
+            continue
+        pair = values, second[name]
+        if values.dtype == bool:
+            test = intervals.difference_of_shares(*pair, paired), same_share(*pair, paired)
+            summary = _value(values, np.mean), _value(second[name], np.mean)
+        else:
+            statistic = deviation if name == "sd of L" else mean
+            test = (
+                intervals.difference(*pair, statistic, paired),
+                same_statistic(*pair, statistic, paired, resamples),
+            )
+            summary = _value(values, statistic), _value(second[name], statistic)
+        robots = _count(values), _count(second[name])
+        found.append(Cell(*condition, name, values.dtype == bool, paired, robots, *summary, *test))
+    return found
+
+
+def _count(values: np.ndarray) -> int:
+    return int((~np.isnan(values.astype(float))).sum())
+
+
+def outcome(
+    ours: Side,
+    other: Side,
+    condition: tuple[str, str],
+    resamples: int,
+    against: tuple[str, str] | None = None,
+) -> list[Cell]:
+    """The two cells that say how well robots do: mean L, and the time after training.
+
+    The arguments are those of `compare`.
+    """
+    after = tables.row_names(condition[0])[-1]
+    return compare(ours, other, condition, resamples, against, only=("mean L", after))
+
+
+def verdict(cell: Cell) -> str:
+    """Whether ours are better or worse in a cell of `outcome`, or it is undecided."""
+    if not cell.differs:
+        return "undecided"
+    good = cell.name == "mean L" or SCHEDULES[cell.task].wanted
+    return "better" if (cell.difference > 0) == good else "worse"
 
 
 def _measures(side: Side, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarray]:
@@ -228,8 +249,7 @@ def _measures(side: Side, task: str, rows: Sequence[Robot]) -> dict[str, np.ndar
     return {**members, "mean L": abilities, "sd of L": abilities, **shares}
 
 
-def value_of(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
-    """A statistic of values, shape (n,), without those that are NaN; NaN where too few are left."""
+def _value(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
     measured = values[~np.isnan(values)]
     few = 2 if statistic is deviation else 1
     return float(statistic(measured)) if len(measured) >= few else float("nan")
@@ -317,8 +337,13 @@ def table(first: str, second: str, cells: Sequence[Cell]) -> list[str]:
     head = ["", "", first, second, "difference", "p", "Holm"]
     rows = [head, ["---", "---", *["---:"] * 5]]
     for cell in cells:
-        holms = _p(cell.corrected)
-        values = [number(cell, cell.ours), number(cell, cell.other), difference(cell), _p(cell.p)]
+        holms = probability(cell.corrected)
+        values = [
+            number(cell, cell.ours),
+            number(cell, cell.other),
+            difference(cell),
+            probability(cell.p),
+        ]
         rows.append([cell.proposer, cell.name, *values, f"**{holms}**" if cell.differs else holms])
     return ["| " + " | ".join(row) + " |" for row in rows]
 
@@ -346,7 +371,8 @@ def difference(cell: Cell) -> str:
     return text if math.isnan(low) or math.isnan(high) else f"{text} [{low:{form}}, {high:{form}}]"
 
 
-def _p(value: float) -> str:
+def probability(value: float) -> str:
+    """A p value; a dash for NaN."""
     if math.isnan(value):
         return "-"
     return "< 0.0001" if value < 1e-4 else f"{value:.4f}"

@@ -20,19 +20,19 @@ from . import engine, tables
 from .beside import (
     Cell,
     Side,
-    compare,
     corrected,
     described,
     difference,
     names_of,
     number,
+    outcome,
     resamples_for,
+    verdict,
 )
 from .errors import InputError, exit_status
 from .experiment import TASKS
 from .learn_ability import INVALID
 from .progress import bar
-from .schedules import SCHEDULES
 
 _MUSE, _CHANCE = "creative", "random"
 _RESAMPLES = 10_000  # at least: a verdict does not hang on who was dealt where
@@ -82,19 +82,9 @@ def contests(sides: Sequence[Side]) -> list[Contest]:
     cells: list[Cell] = []
     with bar() as progress:
         for side, task in progress.track(pairs, description="comparing"):
-            column = compare(side, side, (task, _MUSE), resamples, against=(task, _CHANCE))
-            *_, ability, _, _, after = column
-            cells += [ability, after]
+            cells += outcome(side, side, (task, _MUSE), resamples, against=(task, _CHANCE))
     found = iter(corrected(cells))
     return [Contest(side, task, (next(found), next(found))) for side, task in pairs]
-
-
-def verdict(cell: Cell) -> str:
-    """Whether creative robots are better or worse in a cell, or it is undecided."""
-    if not cell.differs:
-        return "undecided"
-    good = cell.name == "mean L" or SCHEDULES[cell.task].wanted
-    return "better" if (cell.difference > 0) == good else "worse"
 
 
 def markdown(found: Sequence[Contest]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from . import beside, engine
 from .beside import Side
 from .errors import InputError
-from .experiment import Plan
+from .experiment import Plan, same_physics
 from .storage import is_draft, write_atomically
 
 
@@ -43,13 +43,22 @@ def conduct(
 def _check_folder(out: Path, wanted: Mapping[str, Plan], page: str) -> None:
     if out.is_dir():
         known = {*wanted, page}
-        if not all(path.name in known or is_draft(path) for path in out.iterdir()):
+        if (out / page).is_dir() or not all(
+            path.name in known or is_draft(path) for path in out.iterdir()
+        ):
             raise InputError(f"{out} is not empty and holds no study of musebot's")
     for name, plan in wanted.items():
-        held = engine.open_directory(out / name)
-        fields = beside.differing(held.experiment, plan.experiment) if held else {}
-        for field, (own, asked) in fields.items():
-            raise InputError(f"{out / name} holds an experiment with {field} {own}, not {asked}")
+        run = out / name
+        if (held := engine.open_directory(run)) is None:
+            continue
+        for field, (own, asked) in beside.differing(held.experiment, plan.experiment).items():
+            raise InputError(f"{run} holds an experiment with {field} {own}, not {asked}")
+        for condition, robots in held.robots.items():
+            if robots > (asked := plan.robots.get(condition, 0)):
+                lives = " ".join(condition)
+                raise InputError(f"{run} holds {robots} robots of {lives}, more than {asked}")
+        if not same_physics(run / engine.PLAN):
+            raise InputError(f"{run} was lived in another physics than this version's")
 
 
 def read(out: Path, names: Sequence[str]) -> dict[str, Side]:

@@ -8,7 +8,7 @@ import pytest
 
 from musebot.controller import Parameters
 from musebot.protocols import creativity
-from musebot.protocols.beside import Side
+from musebot.protocols.beside import Side, verdict
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment import Experiment
 from musebot.protocols.learn_ability import category, learn_ability
@@ -35,20 +35,20 @@ def side(seconds, experiment=FEW):
 @pytest.mark.parametrize(("task", "more"), [(SF, "better"), (WA, "worse")])
 def test_more_time_in_the_spot_is_better_and_in_contact_worse(task, more):
     (contest,) = creativity.contests([side({(task, "creative"): 500, (task, "random"): 200})])
-    assert [creativity.verdict(cell) for cell in contest.cells] == [more, more]
+    assert [verdict(cell) for cell in contest.cells] == [more, more]
     ability, share = contest.cells
     assert ability.name == "mean L"
     assert share.difference * (3600 if task == SF else 1200) == pytest.approx(300, abs=20)
     assert share.interval[0] < share.difference < share.interval[1]
     (contest,) = creativity.contests([side({(task, "creative"): 200, (task, "random"): 500})])
     less = {"better": "worse", "worse": "better"}[more]
-    assert [creativity.verdict(cell) for cell in contest.cells] == [less, less]
+    assert [verdict(cell) for cell in contest.cells] == [less, less]
 
 
 def test_robots_of_one_kind_leave_it_undecided():
     alike = {(SF, "creative"): 300, (SF, "random"): 300}
     (contest,) = creativity.contests([side(alike)])
-    assert [creativity.verdict(cell) for cell in contest.cells] == ["undecided"] * 2
+    assert [verdict(cell) for cell in contest.cells] == ["undecided"] * 2
 
 
 def test_what_is_tested_together_is_corrected_together():
