@@ -119,6 +119,16 @@ def test_robots_of_one_kind_leave_it_undecided():
     assert verdicts(cells) == ["undecided"] * 2
 
 
+def test_only_robots_with_a_learn_ability_are_counted_in_its_mean_and_no_invalid_ones():
+    whole, less = side("steady", {SF: 300}), side("steady-cap", {SF: 300})
+    nothing = {"t_pre_s": 0.0, "t_post_s": 0.0, "learn_ability": float("nan")}
+    rows = less.results.robots
+    rows[:3] = [dataclasses.replace(row, category="unmeasured", **nothing) for row in rows[:3]]
+    rows[3] = dataclasses.replace(rows[3], category="invalid", **nothing)
+    ((ability, share),) = judged(whole, less).values()
+    assert ability.robots == (40, 36) and share.robots == (40, 39)
+
+
 def test_brains_born_alike_are_pairs_with_and_without_a_judge():
     """A judge is a copy at birth, and a brain without one is born the same."""
     prefix = f"{SF}/creative/before/"
