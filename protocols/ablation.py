@@ -23,12 +23,10 @@ from . import beside, series, tables
 from .beside import Cell, Side
 from .errors import InputError, exit_status
 from .experiment import TASKS, Body, Experiment, Plan, default_cohort_size, told
-from .progress import bar
 from .schedules import NAMES
 
 PAGE = "ablation.md"
 WHOLE, _PROPOSER = "steady", "creative"
-_RESAMPLES = 10_000  # at least: a verdict does not hang on who was dealt where
 
 # No signal of wall avoidance saturates: without these its lives are the same, to the bit.
 _SPOTS_ALONE = ("raw_signals", "raw_reward")
@@ -76,29 +74,23 @@ def plans(robots: int, tasks: Sequence[str], experiment: Experiment) -> dict[str
     return wanted
 
 
-def judge(sides: Mapping[str, Side]) -> dict[tuple[str, str], list[Cell]]:
+def judge(sides: Mapping[str, Side]) -> dict[tuple[str, str], tuple[Cell, Cell]]:
     """The whole brain against it without each ingredient, corrected over all cells.
 
     Args:
       sides: the runs, by the name of their brain.
 
     Returns:
-      By task and ingredient, the cells of `beside.outcome`; ours are the whole brain's.
+      By task and ingredient, the cells of `beside.outcomes`; ours are the whole brain's.
     """
-    pairs = [
-        ((task, _PROPOSER), ingredient)
+    matches = {
+        (task, ingredient): beside.Match(sides[WHOLE], less, (task, _PROPOSER))
         for task in TASKS
         for ingredient in INGREDIENTS
-        if _without(ingredient) in sides
-        and (task, _PROPOSER) in sides[_without(ingredient)].results.conditions()
-    ]
-    resamples = max(_RESAMPLES, beside.resamples_for(2 * len(pairs)))
-    cells: list[Cell] = []
-    with bar() as progress:
-        for condition, ingredient in progress.track(pairs, description="comparing"):
-            cells += beside.outcome(sides[WHOLE], sides[_without(ingredient)], condition, resamples)
-    found = iter(beside.corrected(cells))
-    return {(task, ingredient): [next(found), next(found)] for (task, _), ingredient in pairs}
+        if (less := sides.get(_without(ingredient)))
+        and (task, _PROPOSER) in less.results.conditions()
+    }
+    return dict(zip(matches, beside.outcomes([*matches.values()]), strict=True))
 
 
 def markdown(sides: Mapping[str, Side]) -> str:
@@ -111,7 +103,7 @@ def markdown(sides: Mapping[str, Side]) -> str:
     tasks = list(dict.fromkeys(task for task, _ in judged))
     rows = [["ingredient", *(NAMES[task] for task in tasks)], ["---"] * (1 + len(tasks))]
     for ingredient in INGREDIENTS:
-        verdicts = [_in_a_word(judged.get((task, ingredient), [])) for task in tasks]
+        verdicts = [_in_a_word(judged.get((task, ingredient), ())) for task in tasks]
         rows.append([ingredient, *verdicts])
     lines = [*map(tables.line, rows)]
     head = ["taken away", "", "robots", "whole", "without", "difference", "Holm", "the ingredient"]
@@ -158,9 +150,10 @@ def report(out: Path) -> str:
     Raises:
       InputError: a run is missing or damaged.
     """
-    tasks = {task for task, _ in series.read(out, [WHOLE])[WHOLE].results.conditions()}
+    whole = series.read(out, [WHOLE])
+    tasks = [task for task, _ in whole[WHOLE].results.conditions()]
     lived = [_without(i) for i in INGREDIENTS if any(matters(i, task) for task in tasks)]
-    return markdown(series.read(out, [WHOLE, *lived]))
+    return markdown(whole | series.read(out, lived))
 
 
 def main(

@@ -23,6 +23,7 @@ from .schedules import SCHEDULES
 
 ALPHA = 0.05  # of a whole family of cells
 CELLS = len(CATEGORIES) + 4  # of a condition
+_RESAMPLES = 10_000  # of `outcomes`, at least: a verdict does not hang on who was dealt where
 
 mean = np.nanmean
 deviation = functools.partial(np.nanstd, ddof=1)
@@ -212,23 +213,38 @@ def _count(values: np.ndarray) -> int:
     return int((~np.isnan(values.astype(float))).sum())
 
 
-def outcome(
-    ours: Side,
-    other: Side,
-    condition: tuple[str, str],
-    resamples: int,
-    against: tuple[str, str] | None = None,
-) -> list[Cell]:
-    """The two cells that say how well robots do: mean L, and the time after training.
+@dataclasses.dataclass(frozen=True)
+class Match:
+    """Whose robots are to be set against whose; the arguments of `compare`."""
 
-    The arguments are those of `compare`.
+    ours: Side
+    other: Side
+    condition: tuple[str, str]
+    against: tuple[str, str] | None = None
+
+
+def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
+    """Who does better: the cells of mean L and of the time after training.
+
+    Args:
+      matches: all that are decided together.
+
+    Returns:
+      Both cells of each match, corrected over all of them.
     """
-    after = tables.row_names(condition[0])[-1]
-    return compare(ours, other, condition, resamples, against, only=("mean L", after))
+    resamples = max(_RESAMPLES, resamples_for(2 * len(matches)))
+    cells: list[Cell] = []
+    with bar() as progress:
+        for match in progress.track(matches, description="comparing"):
+            only = "mean L", tables.row_names(match.condition[0])[-1]
+            pair = match.ours, match.other
+            cells += compare(*pair, match.condition, resamples, match.against, only)
+    found = iter(corrected(cells))
+    return list(zip(found, found, strict=True))
 
 
 def verdict(cell: Cell) -> str:
-    """Whether ours are better or worse in a cell of `outcome`, or it is undecided."""
+    """Whether ours are better or worse in a cell of `outcomes`, or it is undecided."""
     if not cell.differs:
         return "undecided"
     good = cell.name == "mean L" or SCHEDULES[cell.task].wanted

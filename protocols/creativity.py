@@ -19,23 +19,20 @@ import tyro
 from . import engine, tables
 from .beside import (
     Cell,
+    Match,
     Side,
-    corrected,
     described,
     difference,
     names_of,
     number,
-    outcome,
-    resamples_for,
+    outcomes,
     verdict,
 )
 from .errors import InputError, exit_status
 from .experiment import TASKS
 from .learn_ability import INVALID
-from .progress import bar
 
 _MUSE, _CHANCE = "creative", "random"
-_RESAMPLES = 10_000  # at least: a verdict does not hang on who was dealt where
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +47,7 @@ class Contest:
 
     side: Side
     task: str
-    cells: tuple[Cell, ...]
+    cells: tuple[Cell, Cell]
 
     @property
     def robots(self) -> tuple[int, int]:
@@ -78,13 +75,8 @@ def contests(sides: Sequence[Side]) -> list[Contest]:
         if side.experiment.time_scale != 1:
             raise InputError(f"{side.name} is a rehearsal: what its robots learn tells nothing")
     pairs = [(side, task) for side, own in zip(sides, tasks, strict=True) for task in own]
-    resamples = max(_RESAMPLES, resamples_for(2 * len(pairs)))
-    cells: list[Cell] = []
-    with bar() as progress:
-        for side, task in progress.track(pairs, description="comparing"):
-            cells += outcome(side, side, (task, _MUSE), resamples, against=(task, _CHANCE))
-    found = iter(corrected(cells))
-    return [Contest(side, task, (next(found), next(found))) for side, task in pairs]
+    found = outcomes([Match(side, side, (task, _MUSE), (task, _CHANCE)) for side, task in pairs])
+    return [Contest(*pair, cells) for pair, cells in zip(pairs, found, strict=True)]
 
 
 def markdown(found: Sequence[Contest]) -> str:
