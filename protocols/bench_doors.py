@@ -15,11 +15,10 @@ from statistics import median
 
 import gymnasium
 import numpy as np
-import tyro
 
 from ..tasks.gymnasium_env import ArenaVectorEnv
 from .bench_lives import Bare
-from .errors import RunError
+from .errors import RunError, run_module
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,4 +149,4 @@ def main(robots: int = 500, threads: int = 2, rounds: int = 5, steps: int = 10) 
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_module(main)

@@ -14,11 +14,11 @@ import numpy as np
 from . import intervals, tables
 from .comparisons import holm, same_share, same_statistic
 from .errors import InputError
-from .experiment import Experiment
+from .experiment import Experiment, differing
 from .intervals import Interval
-from .learn_ability import CATEGORIES, INVALID, category
+from .learn_ability import CATEGORIES, category
 from .progress import bar
-from .results import Results, Robot, test_seconds
+from .results import Results, Robot, abilities, shares, test_seconds
 from .schedules import SCHEDULES
 
 ALPHA = 0.05  # of a whole family of cells
@@ -101,25 +101,11 @@ def names_of(outs: Sequence[Path]) -> list[str]:
     return names if len({*names}) == len(names) else [str(out) for out in outs]
 
 
-def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
-    """The fields in which two experiments differ, by dotted name, with both values."""
-    first, second = (_flat(dataclasses.asdict(one)) for one in (ours, other))
-    return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
-
-
 def described(name: str, experiment: Experiment) -> str:
     """What a run is, as a line of Markdown: its brain, and whatever else is not the default."""
     fields = differing(experiment, Experiment(brain=experiment.brain))
     others = "".join(f", {name} {value}" for name, (value, _) in fields.items())
     return f"- {name}: brain {experiment.brain_name}{others}"
-
-
-def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in fields.items():
-        inner = isinstance(value, dict)
-        flat |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
-    return flat
 
 
 def shared_conditions(ours: Side, other: Side) -> list[tuple[str, str]]:
@@ -182,7 +168,7 @@ def compare(
     rows = [ours.results.of(*condition), other.results.of(*(against or condition))]
     if paired:
         rows = [side[: min(map(len, rows))] for side in rows]
-    sound = [np.array([row.category != INVALID for row in side]) for side in rows]
+    sound = [np.array([row.valid for row in side]) for side in rows]
     if paired:
         sound = [sound[0] & sound[1]] * 2
     first, second = (
@@ -253,16 +239,18 @@ def verdict(cell: Cell) -> str:
 
 def _measures(side: Side, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarray]:
     """What each cell of a column is made of, by row, shape (robots,); bool for categories."""
-    abilities = np.array([row.learn_ability for row in rows], dtype=float)
-    kinds = np.array([category(ability) for ability in abilities], dtype=object)
+    found = abilities(rows)
+    kinds = np.array([category(ability) for ability in found], dtype=object)
     *names, _, _, post = tables.row_names(task)[1:]
     seconds = test_seconds(side.experiment, task)
-    shares = {
-        name: np.array([getattr(row, field) for row in rows], dtype=float) / seconds
-        for name, field in ((post.replace("post", "pre"), "t_pre_s"), (post, "t_post_s"))
-    }
     members = {n: kinds == kind for n, kind in zip(names, CATEGORIES, strict=True)}
-    return {**members, "mean L": abilities, "sd of L": abilities, **shares}
+    return {
+        **members,
+        "mean L": found,
+        "sd of L": found,
+        post.replace("post", "pre"): shares(rows, seconds, "pre"),
+        post: shares(rows, seconds, "post"),
+    }
 
 
 def _value(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:

@@ -3,28 +3,28 @@
 A claim is one or several comparisons. Each is a test in both directions: could the data be such
 if the claim were false, and could they if it were true? Words without a number in the paper
 ("mostly", "far", "about", "many") have one here, said in the claim itself; they were chosen before
-any verdict was seen.
+any verdict was seen. The paper's own tables are judged by the same tests, where they say enough:
+some of its claims they leave undecided.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
 
-from .comparisons import Comparison, larger_in_pairs, larger_mean, larger_share, majority
+from .comparisons import Comparison, Sample, larger_in_pairs, larger_mean, larger_share, majority
 from .experiment import Experiment
-from .learn_ability import CATEGORIES, INVALID, PAPER
+from .learn_ability import CATEGORIES, PAPER, Summary
 from .probes import Behaviour
-from .results import Results, Robot, test_seconds
-from .schedules import SCHEDULES, control_steps
+from .results import Results, Robot, shares, test_seconds
 
 ALPHA = 0.05  # of a claim, two-sided: half of it to either verdict
 
-Verdict = Literal["holds", "does not hold", "undecided"]
+Verdict = Literal["holds", "does not hold", "undecided", "not judged"]
 
 PAPERS = ("fixed", "random", "creative")  # the claims are about these
 
@@ -53,26 +53,35 @@ class Evidence:
         Raises:
           Undecidable: it has none.
         """
-        rows = [row for row in self.results.of(task, proposer) if row.category != INVALID]
+        rows = self.results.valid(task, proposer)
         if not rows:
             raise Undecidable(f"no robots of {task}, {proposer}")
         return rows
 
+    def summary(self, task: str, proposer: str) -> Summary:
+        """A condition's column of table 1 or 2.
+
+        Raises:
+          Undecidable: it has no valid lives.
+        """
+        self.robots(task, proposer)
+        return self.results.summary(self.experiment, task, proposer)
+
     def count(self, task: str, proposer: str, category: str) -> tuple[int, int]:
         """How many of a condition's robots are of a category, and of how many."""
+        summary = self.summary(task, proposer)
+        return summary.counts[CATEGORIES.index(category)], summary.robots
+
+    def ability(self, task: str, proposer: str) -> Sample:
+        """L of a condition's measured robots."""
+        summary = self.summary(task, proposer)
+        return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
+
+    def post_share(self, task: str, proposer: str) -> Sample:
+        """The robots' shares of the test after training."""
         rows = self.robots(task, proposer)
-        name = SCHEDULES[task].unmeasured if category == "unmeasured" else category
-        return sum(row.category == name for row in rows), len(rows)
-
-    def abilities(self, task: str, proposer: str) -> np.ndarray:
-        """L of a condition's measured robots, shape (n,)."""
-        values = np.array([row.learn_ability for row in self.robots(task, proposer)])
-        return values[~np.isnan(values)]
-
-    def post_shares(self, task: str, proposer: str) -> np.ndarray:
-        """Each robot's share of the test after training, shape (n,)."""
-        times = np.array([row.t_post_s for row in self.robots(task, proposer)])
-        return times / test_seconds(self.experiment, task)
+        found = shares(rows, test_seconds(self.experiment, task), "post")
+        return Sample(float(found.mean()), float(found.std(ddof=min(1, len(rows) - 1))), len(rows))
 
     def seen(self) -> Behaviour:
         """What the brains do in their robots.
@@ -85,6 +94,17 @@ class Evidence:
                 "only the brains can tell, back in their robots: see `musebot report`"
             )
         return self.behaviour
+
+
+class PapersOwn(Evidence):
+    """The paper's tables, which say nothing of single robots."""
+
+    def summary(self, task: str, proposer: str) -> Summary:
+        """A condition's column of table 1 or 2, as printed."""
+        return PAPER[task, proposer]
+
+
+_PAPERS_OWN = PapersOwn(Experiment(), Results([], {}, {}))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,12 +124,27 @@ class Claim:
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """What became of a claim."""
+    """What became of a claim.
+
+    Attributes:
+      claim: which.
+      verdict: whether it holds.
+      why: the numbers and the tests, or what is missing.
+      comparisons: that it rests on.
+      papers: what becomes of it by the paper's own tables.
+    """
 
     claim: Claim
     verdict: Verdict
     why: str
     comparisons: tuple[Comparison, ...] = ()
+    papers: Verdict = "not judged"
+
+    @property
+    def words(self) -> str:
+        """Why, and the paper's own verdict, if there is one."""
+        own = f" The paper's own numbers: {self.papers}." if self.papers != "not judged" else ""
+        return f"{self.why}{own}"
 
     def plain(self) -> dict[str, Any]:
         """As plain data."""
@@ -118,6 +153,7 @@ class Finding:
             "claim": self.claim.says,
             "verdict": self.verdict,
             "why": self.why,
+            "by_the_papers_numbers": self.papers,
             "comparisons": [
                 {
                     name: None if isinstance(x, float) and math.isnan(x) else x
@@ -137,13 +173,23 @@ def judge(claim: Claim, evidence: Evidence) -> Finding:
     try:
         comparisons = tuple(claim.compare(evidence))
     except Undecidable as missing:
-        return Finding(claim, "undecided", f"{missing}.")
+        return Finding(claim, "not judged", f"{missing}.")
     verdict: Verdict = "undecided"
-    if all(one.p_false < ALPHA / 2 for one in comparisons):
+    if all(_holds(one) < ALPHA for one in comparisons):
         verdict = "holds"
-    elif any(one.p_true * len(comparisons) < ALPHA / 2 for one in comparisons):
+    elif any(_fails(one, comparisons) < ALPHA for one in comparisons):
         verdict = "does not hold"
     return Finding(claim, verdict, _because(comparisons), comparisons)
+
+
+def _holds(one: Comparison) -> float:
+    """The two-sided p value of a comparison that is borne out."""
+    return min(1, 2 * one.p_false)
+
+
+def _fails(one: Comparison, comparisons: Sequence[Comparison]) -> float:
+    """The two-sided p value of its opposite, corrected for being one of several."""
+    return min(1, 2 * one.p_true * len(comparisons))
 
 
 def judge_all(evidence: Evidence) -> list[Finding]:
@@ -151,7 +197,10 @@ def judge_all(evidence: Evidence) -> list[Finding]:
     lived = evidence.results.conditions()
     if evidence.experiment.course != "paper" or not any(one in PAPER for one in lived):
         return []
-    return [judge(claim, evidence) for claim in CLAIMS]
+    return [
+        dataclasses.replace(judge(claim, evidence), papers=judge(claim, _PAPERS_OWN).verdict)
+        for claim in CLAIMS
+    ]
 
 
 def _because(comparisons: tuple[Comparison, ...]) -> str:
@@ -162,7 +211,7 @@ def _because(comparisons: tuple[Comparison, ...]) -> str:
             parts.append(one.words)
             continue
         true = one.p_false <= one.p_true
-        p = min(one.p_false, one.p_true)
+        p = _holds(one) if true else _fails(one, comparisons)
         size = "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
         parts.append(f"{one.words} ({size}{'' if true else ' against it'})")
     tests = ", ".join(dict.fromkeys(one.test for one in comparisons))
@@ -212,7 +261,7 @@ def mostly(task: str, proposer: str, category: str) -> Compare:
 
 
 def leads(
-    values: Callable[[Evidence, str], np.ndarray], proposer: str, what: str, *, highest: bool
+    values: Callable[[Evidence, str], Sample], proposer: str, what: str, *, highest: bool
 ) -> Compare:
     """A condition's mean is the highest (or the lowest)."""
 
@@ -230,20 +279,20 @@ def leads(
     return compare
 
 
-def _abilities(task: str) -> Callable[[Evidence, str], np.ndarray]:
-    return lambda evidence, proposer: evidence.abilities(task, proposer)
+def _ability(task: str) -> Callable[[Evidence, str], Sample]:
+    return lambda evidence, proposer: evidence.ability(task, proposer)
 
 
-def _post_shares(task: str) -> Callable[[Evidence, str], np.ndarray]:
-    return lambda evidence, proposer: evidence.post_shares(task, proposer)
+def _post_share(task: str) -> Callable[[Evidence, str], Sample]:
+    return lambda evidence, proposer: evidence.post_share(task, proposer)
 
 
 def _means_far_below(gap: float) -> Compare:
     def compare(evidence: Evidence) -> list[Comparison]:
         found = []
         for proposer in PAPERS:
-            walls = evidence.abilities("wall_avoidance", proposer)
-            spots = evidence.abilities("spot_finding", proposer)
+            walls = evidence.ability("wall_avoidance", proposer)
+            spots = evidence.ability("spot_finding", proposer)
             words = f"{proposer} {_mean(spots)} after {_mean(walls)}"
             found.append(larger_mean(walls, spots, words, gap))
         return found
@@ -254,8 +303,8 @@ def _means_far_below(gap: float) -> Compare:
 def _means_alike(task: str, first: str, second: str, margin: float) -> Compare:
     # Two one-sided tests: neither is higher than the other by as much as the margin.
     def compare(evidence: Evidence) -> list[Comparison]:
-        own, theirs = evidence.abilities(task, first), evidence.abilities(task, second)
-        words = f"{first} {_mean(own)}, {second} {_mean(theirs)}"
+        own, theirs = evidence.ability(task, first), evidence.ability(task, second)
+        words = f"{first} {_mean(own)} of {own.size}, {second} {_mean(theirs)} of {theirs.size}"
         return [
             larger_mean(own, theirs, f"{words}, not {margin:g} lower", -margin),
             larger_mean(theirs, own, f"not {margin:g} higher", -margin),
@@ -284,18 +333,10 @@ def arrival_minutes(evidence: Evidence, proposer: str) -> np.ndarray:
     """
     task = "spot_finding"
     evidence.robots(task, proposer)
-    rows = evidence.results.of(task, proposer)
-    valid = np.array([row.category != INVALID for row in rows])
-    curves = evidence.results.curves[f"{task}/{proposer}"][valid]
-    schedule = evidence.experiment.schedule(task)
-    before = sum(
-        steps
-        for phase, steps in zip(schedule.phases, schedule.steps(), strict=True)
-        if phase.part != "post"
-    )
-    test = curves[:, round(before / control_steps(1)) :] > 0
+    curves = evidence.results.valid_curves(task, proposer)
+    test = curves[:, evidence.experiment.schedule(task).minutes_of("post")] > 0
     if not test.shape[1]:
-        raise Undecidable("the test is shorter than a minute")
+        raise Undecidable("the curves end before the test")
     return np.where(test.any(axis=1), test.argmax(axis=1).astype(float), np.nan)
 
 
@@ -333,9 +374,11 @@ def _spin(task: str) -> Compare:
 
 
 def _contour_then_spin(evidence: Evidence) -> list[Comparison]:
-    stays = [stay for stay in evidence.seen().stays.values() if stay.staying.any()]
-    if not stays:
+    found = {who: stay for who, stay in evidence.seen().stays.items() if stay.staying.any()}
+    if not found:
         raise Undecidable("no robot stays with the spot")
+    stays = found.values()
+    robots = ", ".join(f"{int(stay.staying.sum())} {who}" for who, stay in found.items())
     following, spinning = (
         np.concatenate([getattr(stay, name)[stay.staying] for stay in stays])
         for name in ("following", "spinning")
@@ -346,7 +389,8 @@ def _contour_then_spin(evidence: Evidence) -> list[Comparison]:
         larger_in_pairs(
             following[:, 0],
             following[:, 1],
-            f"along the contour {f_first:.0%} of the time at first, {f_last:.0%} at last",
+            f"{robots} robots: along the contour {f_first:.0%} of the time at first, {f_last:.0%} "
+            "at last",
         ),
         larger_in_pairs(
             spinning[:, 1],
@@ -360,8 +404,8 @@ def _of(count: tuple[int, int]) -> str:
     return f"{count[0]} of {count[1]}"
 
 
-def _mean(values: np.ndarray) -> str:
-    return f"{values.mean():.3f}" if len(values) else "none"
+def _mean(sample: Sample) -> str:
+    return f"{sample.mean:.3f}" if sample.size else "none"
 
 
 _WA, _SF = "wall_avoidance", "spot_finding"
@@ -379,12 +423,12 @@ CLAIMS = (
     Claim(
         _WA,
         "Random's contact after training is the lowest.",
-        leads(_post_shares(_WA), "random", "share of the time", highest=False),
+        leads(_post_share(_WA), "random", "share of the time", highest=False),
     ),
     Claim(
         _WA,
         "Fixed has the best mean L.",
-        leads(_abilities(_WA), "fixed", "mean L", highest=True),
+        leads(_ability(_WA), "fixed", "mean L", highest=True),
     ),
     Claim(
         _WA,
@@ -393,12 +437,12 @@ CLAIMS = (
     ),
     Claim(
         _WA,
-        "Most creative robots with L < 0 had no contact before training.",
+        "Many creative robots with L < 0, more than half, had no contact before training.",
         _spoiled_were_clean,
     ),
     Claim(
         _WA,
-        "After training most robots of each kind spin, more than half of the time.",
+        "After training most robots of each kind spin, more than half of the test's beginning.",
         _spin(_WA),
     ),
     Claim(
@@ -426,21 +470,22 @@ CLAIMS = (
     Claim(
         _SF,
         "Creative has the highest time in the spot after training.",
-        leads(_post_shares(_SF), "creative", "share of the time", highest=True),
+        leads(_post_share(_SF), "creative", "share of the time", highest=True),
     ),
     Claim(
         _SF,
-        "After training most robots of each kind spin, more than half of the time.",
+        "After training most robots of each kind spin, more than half of the test's beginning.",
         _spin(_SF),
     ),
     Claim(
         _SF,
-        "Robots first follow the spot's contour and later spin inside it.",
+        "Robots first follow the spot's contour and later spin inside it: the first and the last "
+        "third of their time there, in 20 minutes of learning.",
         _contour_then_spin,
     ),
     Claim(
         _SF,
-        "In the test many creative robots take 20 to 30 minutes to arrive: at least 20 for more "
+        "In the test many creative robots take 20 to 30 minutes to arrive: 20 or more for more "
         "than a quarter of those that do.",
         _arrive_late(0.25),
     ),

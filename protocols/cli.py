@@ -6,7 +6,6 @@ import dataclasses
 import json
 import os
 import sys
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -370,8 +369,6 @@ def main(arguments: list[str] | None = None) -> int:
         description="Creative robots that learn during their life, in MuJoCo.",
     )
     # Before the first import of mujoco: a film opens EGL itself, the rest draws nothing at all.
-    if isinstance(verb, Explore):
-        warnings.filterwarnings("ignore", module="glfw")  # it says itself what is wrong
-    else:
+    if not isinstance(verb, Explore):
         os.environ["MUJOCO_GL"] = "off"
     return exit_status(verb, check=not isinstance(verb, Doctor))  # who says himself what is wrong

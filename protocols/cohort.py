@@ -14,9 +14,8 @@ from ..tasks.batch import Robots
 from .agents import make_agent
 from .errors import InputError
 from .experiment import CohortKey, Experiment, Plan
-from .schedules import Phase, Schedule, control_steps
+from .schedules import PARTS, Phase, Schedule, control_steps
 
-PARTS = ("pre", "training", "post")
 _MINUTE = control_steps(1)
 
 

@@ -5,14 +5,23 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
 from .intervals import FEWEST
 
+_NO_SCATTER = 1e-12  # the standard deviation of equal values may differ from 0 by rounding
 _SEED = 1  # the same lives give the same p values, to the last digit
+
+
+class Sample(NamedTuple):
+    """What a test of means needs to know of some values: mean, standard deviation, how many."""
+
+    mean: float
+    deviation: float
+    size: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,26 +80,24 @@ def majority(count: int, robots: int, words: str, border: float = 0.5) -> Compar
     )
 
 
-def larger_mean(
-    first: np.ndarray, second: np.ndarray, words: str, margin: float = 0.0
-) -> Comparison:
+def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) -> Comparison:
     """Whether one mean is larger than another by more than a margin: Welch's t test.
 
     Args:
-      first: values, shape (n,).
-      second: values, shape (m,).
-      words: what is compared.
+      first: what is compared.
+      second: with what.
+      words: the same in words.
       margin: may be negative: larger, or smaller by less than that.
     """
-    if (fewest := min(len(first), len(second))) < FEWEST:
+    if (fewest := min(first.size, second.size)) < FEWEST:
         return _untested(f"{words}: {fewest} measured robots are too few", "Welch's t test")
-    if np.ptp(first) == 0 and np.ptp(second) == 0:
+    if max(first.deviation, second.deviation) < _NO_SCATTER:
         return _untested(f"{words}: no scatter to judge by", "Welch's t test")
-    shifted = first - margin
+    pair = (first.mean - margin, *first[1:], *second)
     return _both_ways(
         words,
         "Welch's t test",
-        lambda side: stats.ttest_ind(shifted, second, equal_var=False, alternative=side),
+        lambda side: stats.ttest_ind_from_stats(*pair, equal_var=False, alternative=side),
     )
 
 

@@ -9,7 +9,6 @@ than robots of the same evaluation network whose ideas are uniformly random.
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -28,9 +27,8 @@ from .beside import (
     outcomes,
     verdict,
 )
-from .errors import InputError, exit_status
+from .errors import InputError, run_module
 from .experiment import TASKS
-from .learn_ability import INVALID
 
 _MUSE, _CHANCE = "creative", "random"
 
@@ -53,8 +51,7 @@ class Contest:
     def robots(self) -> tuple[int, int]:
         """How many valid ones, creative and random."""
         creative, random = (
-            sum(row.category != INVALID for row in self.side.results.of(self.task, proposer))
-            for proposer in (_MUSE, _CHANCE)
+            len(self.side.results.valid(self.task, proposer)) for proposer in (_MUSE, _CHANCE)
         )
         return creative, random
 
@@ -121,4 +118,4 @@ def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(exit_status(lambda: tyro.cli(main)))
+    run_module(main)

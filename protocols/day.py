@@ -9,7 +9,6 @@ prints how much of the time robots were in the spot, early and late in their day
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -22,14 +21,13 @@ from matplotlib.lines import Line2D
 
 from . import engine, figures, intervals, tables
 from .beside import names_of
-from .errors import InputError, exit_status
-from .learn_ability import INVALID
+from .errors import InputError, run_module
 from .progress import bar
 from .schedules import DAY
 
-_TEST, _TRAINING, _ = (round(phase.minutes) for phase in DAY.phases)
+_TRAINING = DAY.minutes_of("training")
 _JUMP = round(DAY.phases[1].every_minutes or 0)
-HOURS = _TRAINING // 60
+HOURS = (_TRAINING.stop - _TRAINING.start) // 60
 EARLY, MIDDLE, LATE = (1, 2), (11, 12), (23, 24)  # from the start of one to the end of the other
 _STYLES: tuple[tuple[tuple[int, int], Literal["--", "-"]], ...] = ((EARLY, "--"), (LATE, "-"))
 
@@ -80,11 +78,10 @@ def days(runs: Sequence[Path]) -> list[Day]:
         if experiment.time_scale != 1:
             raise InputError(f"{run} is a rehearsal: its curves do not tell jump from jump")
         for task, proposer in results.conditions():
-            valid = [row.category != INVALID for row in results.of(task, proposer)]
-            curves = results.curves[f"{task}/{proposer}"][valid]
+            curves = results.valid_curves(task, proposer)
             if not len(curves):
                 raise InputError(f"{run} has no valid robot of {proposer}")
-            training = curves[:, _TEST : _TEST + _TRAINING].astype(float)
+            training = curves[:, _TRAINING].astype(float)
             found.append(Day(f"{name}, {proposer}", training))
     if not 1 <= len(found) <= len(figures.PALETTE):
         raise InputError(f"a figure holds 1 to {len(figures.PALETTE)} conditions, got {len(found)}")
@@ -156,4 +153,4 @@ def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], output: Path) 
 
 
 if __name__ == "__main__":
-    sys.exit(exit_status(lambda: tyro.cli(main)))
+    run_module(main)

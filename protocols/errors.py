@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 
 class InputError(Exception):
@@ -54,6 +55,18 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
     except KeyboardInterrupt:
         return complain("stopped", 130)
     return 0
+
+
+def run_module(main: Callable[..., None]) -> NoReturn:
+    """What `python -m musebot.protocols.NAME` does: `main`, told by the command line; ends here.
+
+    Args:
+      main: its parameters are the options, its docstring is their help.
+    """
+    import tyro
+
+    name = sys.modules["__main__"].__spec__.name  # type: ignore[union-attr]
+    sys.exit(exit_status(lambda: tyro.cli(main, prog=f"python -m {name}")))
 
 
 def complain(sentence: str, status: int) -> int:

@@ -10,6 +10,7 @@ import math
 import os
 import platform
 import re
+import subprocess
 import zlib
 from collections.abc import Iterable, Sequence
 from importlib import metadata
@@ -153,6 +154,20 @@ class Experiment:
         sequence = np.random.SeedSequence(self.seed, spawn_key=(condition, key.index))
         brains, world = sequence.spawn(2)
         return int(brains.generate_state(1, np.uint64)[0] >> 1), np.random.default_rng(world)
+
+
+def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
+    """The fields in which two experiments differ, by dotted name, with both values."""
+    first, second = (_flat(dataclasses.asdict(one)) for one in (ours, other))
+    return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
+
+
+def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in fields.items():
+        inner = isinstance(value, dict)
+        flat |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+    return flat
 
 
 @dataclasses.dataclass(frozen=True)
@@ -432,11 +447,27 @@ def machine() -> dict[str, Any]:
     return {
         "python": platform.python_version(),
         "musebot": __version__,
+        "commit": _commit(),
         **{name: metadata.version(name) for name in ("mujoco", "dm-control", "numpy", "torch")},
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "platform": platform.platform(),
     }
+
+
+@functools.cache
+def _commit() -> str | None:
+    """Which commit of musebot this is, with "-dirty" if changed; None where Git cannot tell."""
+    root = Path(__file__).parents[1]
+    if not (root / ".git").exists():  # an installed copy, perhaps inside somebody else's repository
+        return None
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        found = subprocess.run(
+            command, cwd=root, capture_output=True, text=True, check=True, timeout=10
+        )
+        return found.stdout.strip() or None
+    return None
 
 
 def _cpu() -> str:

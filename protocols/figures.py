@@ -13,13 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from . import intervals
-from .cohort import PARTS
 from .errors import InputError
 from .experiment import Experiment
-from .learn_ability import CATEGORIES, INVALID, Summary
+from .learn_ability import CATEGORIES, Summary
 from .probes import Behaviour, Stay
 from .results import Results
-from .schedules import NAMES, SCHEDULES, control_steps
+from .schedules import NAMES, PARTS, SCHEDULES, control_steps
 from .storage import check_place, write_atomically
 from .tables import papers
 
@@ -32,7 +31,6 @@ _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
 _OTHERS = ("#b264a0", "#8a8420", "#6a6fc9", "#c2565b")
 PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # where a colour stands for something else
 _CATEGORIES = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
-EVENTS = {"wall_avoidance": "in contact", "spot_finding": "in the spot"}
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -110,28 +108,22 @@ def in_per_cent(axis: Axes) -> None:
     axis.yaxis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
 
 
-def tasks_of(results: Results) -> list[str]:
-    """Which tasks have been lived, in the tables' order."""
-    return [task for task in SCHEDULES if any(t == task for t, _ in results.conditions())]
-
-
 # ---- Learning curves ----
 
 
 def learning_curves(experiment: Experiment, results: Results) -> Figure:
     """The mean share of the time in contact, or in the spot, over a life, with 95 % bands."""
-    tasks = tasks_of(results)
+    tasks = results.tasks()
     figure, axes = canvas(2.5 * len(tasks), len(tasks), 1)
     for task, axis in zip(tasks, axes[:, 0], strict=True):
         ends = []
         for proposer in results.proposers_of(task):
-            valid = [row.category != INVALID for row in results.of(task, proposer)]
-            curves = results.curves[f"{task}/{proposer}"][valid]
+            curves = results.valid_curves(task, proposer)
             if len(curves):
                 ends.append((_curve(axis, curves, proposer), proposer))
         _label_ends(axis, ends)
         _parts(axis, experiment, task)
-        axis.set_title(f"{NAMES[task]}: share of the time {EVENTS[task]}", pad=16)
+        axis.set_title(f"{NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
         axis.set_ylim(0, None)
         in_per_cent(axis)
@@ -177,9 +169,7 @@ def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     names = {"pre": "test", "training": "training", "post": "test"}
     now = 0.0
     for part in PARTS:
-        hours = 0.0
-        for phase, steps in zip(schedule.phases, schedule.steps(), strict=True):
-            hours += steps / control_steps(60) if phase.part == part else 0.0
+        hours = schedule.steps_of(part) / control_steps(60)
         if part != "pre":
             axis.axvline(now, color=INK, linewidth=0.7, linestyle=(0, (2, 3)))
         axis.annotate(
@@ -202,7 +192,7 @@ def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
 def categories(experiment: Experiment, results: Results) -> Figure:
     """Robots of each category, ours above the paper's."""
     bars: list[tuple[str, list[tuple[str, str, Summary]]]] = []
-    for task in tasks_of(results):
+    for task in results.tasks():
         rows = []
         for proposer in results.proposers_of(task):
             rows.append((proposer, "here", results.summary(experiment, task, proposer)))
@@ -273,7 +263,7 @@ def _key(axis: Axes, names: list[str]) -> None:
 
 def abilities(results: Results) -> Figure:
     """How Learn Ability is distributed among measured robots, the two ends by themselves."""
-    tasks = tasks_of(results)
+    tasks = results.tasks()
     names = list(dict.fromkeys(proposer for _, proposer in results.conditions()))
     figure, axes = canvas(
         1.15 * len(names) + 0.6, len(names), len(tasks), sharex=True, sharey="col"
@@ -349,7 +339,7 @@ def spinning(behaviour: Behaviour) -> Figure:
             "hollow before, filled after training", (0, 1), xycoords="axes fraction",
             xytext=(0, 4), textcoords="offset points", fontsize=8,
         )  # fmt: skip
-    axes[0, 0].set_ylabel("of the test, spinning")
+    axes[0, 0].set_ylabel("spinning, of the test's beginning")
     return figure
 
 

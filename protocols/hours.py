@@ -11,7 +11,6 @@ draws, as SVG and PNG, `OUT/hours` and, of one robot of each brain, `OUT/values-
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -27,7 +26,7 @@ from ..models import Kinematics
 from . import engine, figures, tables
 from .agents import Brain, make_agent
 from .cohort import Cohort, place
-from .errors import InputError, RunError, exit_status
+from .errors import InputError, RunError, run_module
 from .experiment import Body, CohortKey, Experiment, named_brain, told
 from .portraits import draw_values, grid
 from .probes import watch
@@ -347,4 +346,4 @@ def main(
 
 
 if __name__ == "__main__":
-    sys.exit(exit_status(lambda: tyro.cli(main)))
+    run_module(main)

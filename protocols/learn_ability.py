@@ -69,7 +69,10 @@ class Summary:
 
 
 def summarise(
-    abilities: Sequence[float], post_times: Sequence[float], test_time: float, invalid: int = 0
+    abilities: Sequence[float] | np.ndarray,
+    post_times: Sequence[float],
+    test_time: float,
+    invalid: int = 0,
 ) -> Summary:
     """Summarises valid lives as tables 1 and 2 do.
 

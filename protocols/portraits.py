@@ -14,8 +14,7 @@ from ..controller import Neurocontroller
 from ..models import Dimensions
 from ..tasks import Robots
 from .experiment import Experiment
-from .figures import EVENTS, INK, canvas, colour
-from .learn_ability import INVALID
+from .figures import INK, canvas, colour
 from .probes import SEED, Tick, Track, lived, minutes_of, sit
 from .replay import stored_brains
 from .results import Results
@@ -59,7 +58,7 @@ def sitters(results: Results, task: str) -> list[Sitter]:
     gains = {
         index: sign * (row.t_post_s - row.t_pre_s)
         for index, row in enumerate(rows)
-        if row.category not in (INVALID, schedule.unmeasured)
+        if row.valid and row.category != schedule.unmeasured
     }
     unmeasured = [i for i, row in enumerate(rows) if row.category == schedule.unmeasured]
     best, worst = (pick(gains, key=gains.__getitem__, default=None) for pick in (max, min))
@@ -108,7 +107,7 @@ def trajectories(
             if row == 0:
                 axis.set_title(f"{sitter.kind}, {proposer} {sitter.robot}")
             share = track.events[:, 2 * column + row].mean()
-            axis.set_xlabel(f"{when}: {share:.0%} {EVENTS[task]}", labelpad=2)
+            axis.set_xlabel(f"{when}: {share:.0%} {SCHEDULES[task].event}", labelpad=2)
     return figure
 
 

@@ -295,4 +295,5 @@ def _read(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    sys.exit(exit_status(tyro.cli(Train, description=Train.__doc__)))
+    program = "python -m musebot.protocols.ppo"
+    sys.exit(exit_status(tyro.cli(Train, prog=program, description=Train.__doc__)))

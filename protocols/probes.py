@@ -17,12 +17,11 @@ from ..tasks import CONTROL_TIMESTEP, Robots
 from .agents import Agent
 from .cohort import place
 from .experiment import Experiment
-from .learn_ability import INVALID
 from .replay import stored_brains
 from .results import Results
 from .schedules import control_steps
 
-SAMPLE = 24  # robots of a condition that are watched
+SAMPLE = 60  # robots of a condition that are watched
 SPIN_MINUTES = 2.0  # of the test, for the spinning statistic
 STAY_MINUTES = 20.0  # of learning, from the rim of the spot on
 SEED = 0
@@ -63,7 +62,7 @@ class Stay:
       following: of the first and of the last third of the time that a robot spent at the spot, the
         share that it went along the contour, shape (n, 2); NaN for a robot that left at once.
       spinning: likewise, that it spun inside.
-      minutes: over the robots at the spot, the same two shares in every minute: minute's number,
+      minutes: over those that are staying, the same two shares in every minute: minute's number,
         following, spinning; NaN where nobody was there, shape (M, 3).
     """
 
@@ -136,16 +135,13 @@ def minutes_of(minutes: float) -> int:
 def sample(results: Results, task: str, proposer: str, most: int) -> list[int]:
     """Rows of a condition's first valid robots; they were born in no particular order."""
     rows = enumerate(results.of(task, proposer))
-    return list(itertools.islice((i for i, row in rows if row.category != INVALID), most))
+    return list(itertools.islice((i for i, row in rows if row.valid), most))
 
 
 def _finders(experiment: Experiment, results: Results, proposer: str) -> list[int]:
     """Rows of robots that found the spot in training: there for a tenth of it or more."""
-    schedule = experiment.schedule("spot_finding")
-    pairs = zip(schedule.phases, schedule.steps(), strict=True)
-    tests = [steps / control_steps(1) for phase, steps in pairs if phase.part != "training"]
-    curves = results.curves[f"spot_finding/{proposer}"]
-    training = curves[:, int(tests[0]) : curves.shape[1] - int(tests[-1])].mean(axis=1)
+    minutes = experiment.schedule("spot_finding").minutes_of("training")
+    training = results.curves[f"spot_finding/{proposer}"][:, minutes].mean(axis=1)
     rows = sample(results, "spot_finding", proposer, len(training))
     return [row for row in rows if training[row] >= 0.1][:SAMPLE]
 
@@ -258,15 +254,17 @@ def stay_of(track: Track, spot_radius: float) -> Stay:
     near = (distance < spot_radius + _RIM).all(axis=1)
     follows = near & (distance > spot_radius - _RIM).all(axis=1) & (way > _STILL)
     inside = (distance < spot_radius).all(axis=1) & (way < _STILL) & (turn > _TURNED)
+    staying = near.mean(axis=0) >= 0.1
+    minutes = [slice(60 * minute, 60 * minute + 60) for minute in range(-(-seconds // 60))]
+    there, kinds = near[:, staying], (follows[:, staying], inside[:, staying])
     return Stay(
-        near.mean(axis=0) >= 0.1,
+        staying,
         np.array([_ends(*pair) for pair in zip(follows.T, near.T, strict=True)]),
         np.array([_ends(*pair) for pair in zip(inside.T, near.T, strict=True)]),
         np.array(
             [
-                (minute, *(_share(what[part], near[part]) for what in (follows, inside)))
-                for minute in range(-(-seconds // 60))
-                for part in [slice(60 * minute, 60 * minute + 60)]
+                (number, *(_share(kind[part], there[part]) for kind in kinds))
+                for number, part in enumerate(minutes)
             ]
         ),
     )

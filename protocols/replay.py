@@ -15,7 +15,6 @@ from .cohort import place
 from .episode import Act, Episode, check_phase, check_seed
 from .errors import InputError
 from .experiment import Experiment, check_condition
-from .learn_ability import INVALID
 from .results import Results
 from .schedules import control_steps
 
@@ -141,7 +140,7 @@ def _row(results: Results, task: str, proposer: str, robot: int) -> int:
             f"the robots of {task}, {proposer} are {min(numbers)} to {max(numbers)}, got {robot}"
         )
     row = numbers.index(robot)
-    if rows[row].category == INVALID:
+    if not rows[row].valid:
         raise InputError(
             f"robot {robot} of {task}, {proposer} is invalid: its simulation became unstable"
         )

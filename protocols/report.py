@@ -20,7 +20,7 @@ from .film import film
 from .progress import bar
 from .replay import Candidate
 from .results import Results
-from .schedules import NAMES
+from .schedules import NAMES, SCHEDULES
 from .storage import check_place, write_atomically
 
 PAGE = "report.html"
@@ -100,7 +100,7 @@ def _progress(total: int) -> Iterator[Callable[[], None]]:
 def _pictures(
     experiment: Experiment, results: Results, behaviour: probes.Behaviour, tick: probes.Tick
 ) -> list[Picture]:
-    tasks = figures.tasks_of(results)
+    tasks = results.tasks()
     found = [
         Picture(
             "learning_curves",
@@ -130,7 +130,7 @@ def _pictures(
                 f"trajectories_{task}",
                 f"Single robots, {name}",
                 f"The first {minutes:g} minutes of the test, from the ring to the dot; red is "
-                f"{figures.EVENTS[task]}. The learner gained most between the two tests, the "
+                f"{SCHEDULES[task].event}. The learner gained most between the two tests, the "
                 "spoiled robot lost most. Stored brains, re-enacted: their noise is drawn anew.",
                 lambda task=task: portraits.trajectories(experiment, results, task, tick),
             ),
@@ -176,16 +176,18 @@ def _pictures(
 def _films(
     experiment: Experiment, results: Results, folder: Path
 ) -> tuple[list[tuple[str, Path]], str]:
-    """The run's films with their captions, made if there are none; or why there are none."""
-    if kept := sorted(p for p in folder.glob("*.mp4") if not p.name.startswith(".")):
-        return [(path.stem.replace("_", " "), path) for path in kept], ""
-    made = []
-    for task in figures.tasks_of(results):
+    """The films in the run's folder with their captions, one made for a task that has none.
+
+    A film's name is its caption, and begins with its task. The second value says what is missing.
+    """
+    missing: list[str] = []
+    for task in results.tasks():
         sitter = portraits.favourite(results, task)
-        if sitter is None:
+        if sitter is None or any(path.name.startswith(task) for path in _kept(folder)):
             continue
         proposer, speed = portraits.proposer_of(results, task), _FILM_SPEEDS[task]
-        path = folder / f"{task}.mp4"
+        who = f"{sitter.kind}_{proposer.replace(':', '.')}_{sitter.robot}"
+        path = folder / f"{task}_{who}_after_training_x{speed:g}.mp4"
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
@@ -196,12 +198,15 @@ def _films(
         except InputError as error:
             if not existed:
                 folder.rmdir()
-            return [], f"No films: {error}."
-        name = NAMES[task]
-        made.append(
-            (f"{name}, {sitter.kind} {proposer} {sitter.robot}, after training, x {speed:g}", path)
-        )
-    return made, "" if made else "No films: there is no valid robot to film."
+            missing.append(f"{NAMES[task]} has no film: {error}.")
+    films = [(path.stem.replace("_", " "), path) for path in _kept(folder)]
+    if not films and not missing:
+        missing.append("There is no valid robot to film.")
+    return films, " ".join(missing)
+
+
+def _kept(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*.mp4") if not path.name.startswith("."))
 
 
 # ---- The page ----
@@ -215,10 +220,9 @@ def _page(
     films: list[tuple[str, Path]],
     missing: str,
 ) -> str:
-    tasks = figures.tasks_of(results)
-    robots = f"{len(results.robots)} robots, seed {experiment.seed}"
-    if experiment.time_scale != 1:
-        robots += f", a rehearsal: every duration times {experiment.time_scale:g}"
+    tasks = results.tasks()
+    facts = [f"{len(results.robots)} robots", f"seed {experiment.seed}"]
+    facts += tables.particulars(experiment)
     claims = [
         "<h2>The claims of section 4</h2>",
         f"<p class=note>{escape(tables.claims_note(experiment))}</p>",
@@ -226,7 +230,7 @@ def _page(
     ]
     body = [
         "<h1>Musebot</h1>",
-        f"<p>Mayer's creative robot (2004) in MuJoCo: {escape(robots)}.</p>",
+        f"<p>Mayer's creative robot (2004), lived anew: {escape(', '.join(facts))}.</p>",
         *(_table(experiment, results, task) for task in tasks),
         f"<p class=note>{_emphasis(tables.NOTE)}</p>",
         *(claims if findings else []),
@@ -270,7 +274,7 @@ def _table(experiment: Experiment, results: Results, task: str) -> str:
 def _claims(task: str, findings: list[Finding]) -> str:
     items = [
         f"<li><span class='verdict {finding.verdict.replace(' ', '-')}'>{finding.verdict}</span> "
-        f"<b>{escape(finding.claim.says)}</b><small>{escape(finding.why)}</small></li>"
+        f"<b>{escape(finding.claim.says)}</b><small>{escape(finding.words)}</small></li>"
         for finding in findings
         if finding.claim.task == task
     ]

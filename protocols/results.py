@@ -6,8 +6,9 @@ import csv
 import dataclasses
 import io
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ..tasks import CONTROL_TIMESTEP
 from .cohort import Lives
 from .errors import DamagedFileError, InputError
 from .experiment import CohortKey, Experiment, check_condition, condition_order
-from .learn_ability import CATEGORIES, INVALID, Summary, category, learn_ability, summarise
+from .learn_ability import INVALID, Summary, category, learn_ability, summarise
 from .schedules import SCHEDULES, control_steps
 from .storage import load_arrays, save_arrays, write_atomically
 
@@ -48,6 +49,11 @@ class Robot:
     learn_ability: float
     category: str
 
+    @property
+    def valid(self) -> bool:
+        """Whether its simulation was stable to the end: all others count nowhere."""
+        return self.category != INVALID
+
 
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
 
@@ -75,27 +81,48 @@ class Results:
         """Whose robots have lived a task, in the tables' order."""
         return [proposer for t, proposer in self.conditions() if t == task]
 
+    def tasks(self) -> list[str]:
+        """Which tasks have been lived, in the tables' order."""
+        return list(dict.fromkeys(task for task, _ in self.conditions()))
+
     def of(self, task: str, proposer: str) -> list[Robot]:
-        """The rows of a condition."""
+        """The rows of a condition, invalid lives among them."""
         return [r for r in self.robots if (r.task, r.proposer) == (task, proposer)]
+
+    def valid(self, task: str, proposer: str) -> list[Robot]:
+        """The rows of a condition's valid lives."""
+        return [row for row in self.of(task, proposer) if row.valid]
+
+    def valid_curves(self, task: str, proposer: str) -> np.ndarray:
+        """The curves of a condition's valid lives, shape (robots, minutes)."""
+        rows = self.of(task, proposer)
+        return self.curves[f"{task}/{proposer}"][[row.valid for row in rows]]
 
     def summary(self, experiment: Experiment, task: str, proposer: str) -> Summary:
         """The column of table 1 or 2 that a condition fills."""
-        rows = self.of(task, proposer)
-        valid = [row for row in rows if row.category != INVALID]
+        rows = self.valid(task, proposer)
         return summarise(
-            [row.learn_ability for row in valid],
-            [row.t_post_s for row in valid],
+            abilities(rows),
+            [row.t_post_s for row in rows],
             test_seconds(experiment, task),
-            invalid=len(rows) - len(valid),
+            invalid=len(self.of(task, proposer)) - len(rows),
         )
+
+
+def abilities(rows: Sequence[Robot]) -> np.ndarray:
+    """L of each robot, NaN for the unmeasured, shape (n,)."""
+    return np.array([row.learn_ability for row in rows], dtype=float)
+
+
+def shares(rows: Sequence[Robot], test_seconds: float, part: Literal["pre", "post"]) -> np.ndarray:
+    """Each robot's share of the test before or after training, in [0, 1], shape (n,)."""
+    times = [row.t_pre_s if part == "pre" else row.t_post_s for row in rows]
+    return np.array(times, dtype=float) / test_seconds
 
 
 def test_seconds(experiment: Experiment, task: str) -> float:
     """How long the test after training lasts, in simulated seconds."""
-    schedule = experiment.schedule(task)
-    pairs = zip(schedule.phases, schedule.steps(), strict=True)
-    return sum(steps for phase, steps in pairs if phase.part == "post") * CONTROL_TIMESTEP
+    return experiment.schedule(task).steps_of("post") * CONTROL_TIMESTEP
 
 
 def collect(experiment: Experiment, cohorts: Iterable[tuple[CohortKey, Lives]]) -> Results:
@@ -109,10 +136,8 @@ def collect(experiment: Experiment, cohorts: Iterable[tuple[CohortKey, Lives]]) 
     ):
         schedule = experiment.schedule(key.task)
         pre, post = (lives.events[:, part] * CONTROL_TIMESTEP for part in (0, 2))
-        abilities = learn_ability(pre, post, schedule.wanted)
+        found = learn_ability(pre, post, schedule.wanted)
         for index, valid in enumerate(lives.valid):
-            name = category(abilities[index])
-            name = schedule.unmeasured if name == "unmeasured" else name
             robots.append(
                 Robot(
                     key.task,
@@ -122,8 +147,8 @@ def collect(experiment: Experiment, cohorts: Iterable[tuple[CohortKey, Lives]]) 
                     key.index * experiment.cohort_size + index,
                     round(float(pre[index]), 1),
                     round(float(post[index]), 1),
-                    float(abilities[index]) if valid else float("nan"),
-                    name if valid else INVALID,
+                    float(found[index]) if valid else float("nan"),
+                    category_in(key.task, found[index]) if valid else INVALID,
                 )
             )
         condition = f"{key.task}/{key.proposer}"
@@ -134,6 +159,12 @@ def collect(experiment: Experiment, cohorts: Iterable[tuple[CohortKey, Lives]]) 
             for name, array in networks.items():
                 brains.setdefault(f"{condition}/{when}/{name}", []).append(array)
     return Results(robots, _joined(curves), _joined(brains))
+
+
+def category_in(task: str, ability: float) -> str:
+    """The category that a robot of a task is of: genius or ignorant if its L is NaN."""
+    name = category(ability)
+    return SCHEDULES[task].unmeasured if name == "unmeasured" else name
 
 
 def merge(older: Results, newer: Results) -> Results:
@@ -243,12 +274,12 @@ def _robot(
     pre: str, post: str, ability: str, name: str,
 ) -> Robot:  # fmt: skip
     check_condition(task, proposer)
-    if name not in {*CATEGORIES[:-1], SCHEDULES[task].unmeasured, INVALID}:
-        raise ValueError(f"{name!r} is no category of {task}")
+    value = float(ability) if ability else float("nan")
+    if name not in (category_in(task, value), INVALID):
+        raise ValueError(f"{name!r} is not the category of {task} with an L of {value}")
     return Robot(
-        task, proposer, int(seed), int(cohort), int(robot), float(pre), float(post),
-        float(ability) if ability else float("nan"), name,
-    )  # fmt: skip
+        task, proposer, int(seed), int(cohort), int(robot), float(pre), float(post), value, name
+    )
 
 
 def _read_curves(path: Path) -> dict[str, np.ndarray]:

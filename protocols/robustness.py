@@ -13,7 +13,6 @@ import dataclasses
 import functools
 import json
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,15 +26,16 @@ from ..tasks.arena import RANGEFINDERS
 from ..tasks.senses import distance_signal
 from . import engine, intervals, pool, probes, tables
 from .agents import Brain, senses_of
-from .beside import described, differing, mean
+from .beside import described, mean
 from .cohort import place
 from .episode import check_seed
-from .errors import DamagedFileError, InputError, exit_status
+from .errors import DamagedFileError, InputError, run_module
 from .experiment import (
     TASKS,
     Body,
     CohortKey,
     Experiment,
+    differing,
     experiment_of,
     is_physics_of,
     machine,
@@ -475,7 +475,7 @@ def report(out: Path) -> str:
 
 def _table(out: Path, studied: Sequence[Sitter], task: str) -> str:
     """A task's table, a row a change; empty where nobody was trained for it."""
-    event = "in the spot" if SCHEDULES[task].wanted else "in contact"
+    event = SCHEDULES[task].event
     changes = [change for change in CHANGES if task in change.tasks]
     head, rows = ["changed"], [[change.says] for change in changes]
     for sitter in studied:
@@ -543,4 +543,4 @@ def main(
 
 
 if __name__ == "__main__":
-    sys.exit(exit_status(lambda: tyro.cli(main)))
+    run_module(main)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
 
 from ..tasks import CONTROL_TIMESTEP
 from ..tasks.arena import CORNERS
@@ -16,6 +16,7 @@ from ..tasks.arena import CORNERS
 NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
 Part = Literal["pre", "training", "post"]
+PARTS: tuple[Part, ...] = get_args(Part)
 Course = Literal["paper", "day", "walls"]
 
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
@@ -91,6 +92,25 @@ class Schedule:
     def steps(self) -> list[int]:
         """Control steps of each phase, at least one."""
         return [control_steps(phase.minutes) for phase in self.phases]
+
+    def steps_of(self, part: Part) -> int:
+        """Control steps of a part of the life."""
+        pairs = zip(self.phases, self.steps(), strict=True)
+        return sum(steps for phase, steps in pairs if phase.part == part)
+
+    def minutes_of(self, part: Part) -> slice:
+        """Where a part of the life lies in a curve with a value a minute.
+
+        In a rehearsal parts may share a minute, which then is in both.
+        """
+        first = sum(self.steps_of(before) for before in PARTS[: PARTS.index(part)])
+        last, minute = first + self.steps_of(part), control_steps(1)
+        return slice(first // minute, -(-last // minute))
+
+    @property
+    def event(self) -> str:
+        """What is measured, in words."""
+        return "in the spot" if self.wanted else "in contact"
 
 
 def control_steps(minutes: float) -> int:

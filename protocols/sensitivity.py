@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +20,7 @@ from ..controller import PROPOSERS, Parameters
 from ..models import Kinematics
 from . import beside, series, tables
 from .beside import Cell, Side
-from .errors import InputError, exit_status
+from .errors import InputError, run_module
 from .experiment import TASKS, Experiment, Plan, default_cohort_size
 from .progress import bar
 from .schedules import NAMES
@@ -198,4 +197,4 @@ def main(
 
 
 if __name__ == "__main__":
-    sys.exit(exit_status(lambda: tyro.cli(main)))
+    run_module(main)

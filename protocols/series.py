@@ -6,10 +6,10 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from . import beside, engine
+from . import engine
 from .beside import Side
 from .errors import InputError
-from .experiment import Plan, same_physics
+from .experiment import Plan, differing, same_physics
 from .storage import is_draft, write_atomically
 
 
@@ -51,7 +51,7 @@ def _check_folder(out: Path, wanted: Mapping[str, Plan], page: str) -> None:
         run = out / name
         if (held := engine.open_directory(run)) is None:
             continue
-        for field, (own, asked) in beside.differing(held.experiment, plan.experiment).items():
+        for field, (own, asked) in differing(held.experiment, plan.experiment).items():
             raise InputError(f"{run} holds an experiment with {field} {own}, not {asked}")
         for condition, robots in held.robots.items():
             if robots > (asked := plan.robots.get(condition, 0)):

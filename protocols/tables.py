@@ -11,10 +11,10 @@ import numpy as np
 
 from . import intervals
 from .claims import Evidence, Finding, judge_all
-from .experiment import Experiment
+from .experiment import Experiment, differing
 from .intervals import Interval
-from .learn_ability import CATEGORIES, INVALID, PAPER, Summary, total_variation
-from .results import Results, test_seconds
+from .learn_ability import CATEGORIES, PAPER, Summary, total_variation
+from .results import Results, abilities, shares, test_seconds
 from .schedules import NAMES, SCHEDULES
 
 TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
@@ -46,17 +46,17 @@ class Column:
 
 def ours(experiment: Experiment, results: Results, task: str, proposer: str) -> Column:
     """The column that a condition's robots fill."""
-    rows = [row for row in results.of(task, proposer) if row.category != INVALID]
-    abilities = np.array([row.learn_ability for row in rows])
-    measured = abilities[~np.isnan(abilities)]
-    times = np.array([row.t_post_s for row in rows]) / test_seconds(experiment, task)
+    rows = results.valid(task, proposer)
+    measured = abilities(rows)
+    measured = measured[~np.isnan(measured)]
+    post = shares(rows, test_seconds(experiment, task), "post")
     summary = results.summary(experiment, task, proposer)
     return Column(
         summary,
         _shares(summary),
         intervals.mean(measured),
         intervals.deviation(measured),
-        intervals.mean(times),
+        intervals.mean(post),
     )
 
 
@@ -74,23 +74,33 @@ def _shares(summary: Summary) -> tuple[Interval, ...]:
 
 
 def title(experiment: Experiment, task: str) -> str:
-    """A table's title: which course, if not the paper's, which brain, and if it is a rehearsal."""
-    title = TITLES[task]
-    if experiment.course != "paper":
-        title = f"{NAMES[task]}, course: {experiment.course}"
+    """A table's title, with whatever is not the default: course, brain, body and the rest."""
+    title = TITLES[task] if experiment.course == "paper" else NAMES[task]
+    return ", ".join([title, *particulars(experiment)])
+
+
+def particulars(experiment: Experiment) -> list[str]:
+    """What is not the default in an experiment, in words, but for its seed and cohorts."""
+    found = [f"course: {experiment.course}"] if experiment.course != "paper" else []
     if experiment.brain_name != "paper":
-        title += f", brain: {experiment.brain_name}"
+        found.append(f"brain: {experiment.brain_name}")
+    told = {"seed", "cohort_size", "time_scale", "course"}
+    others = differing(experiment, Experiment(brain=experiment.brain))
+    found += [
+        f"{name.removeprefix('kinematics.').replace('_', ' ')}: {value}"
+        for name, (value, _) in others.items()
+        if name not in told
+    ]
     if experiment.time_scale != 1:
-        title += f", a rehearsal: every duration times {experiment.time_scale:g}"
-    return title
+        found.append(f"a rehearsal: every duration times {experiment.time_scale:g}")
+    return found
 
 
 def row_names(task: str) -> list[str]:
     """The first cells of a table's rows."""
     schedule = SCHEDULES[task]
     names = [f"({schedule.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
-    event = "in the spot" if schedule.wanted else "in contact"
-    return ["robots", *names, "mean L", "sd of L", f"share of time {event}, post"]
+    return ["robots", *names, "mean L", "sd of L", f"share of time {schedule.event}, post"]
 
 
 def cells(column: Column) -> list[tuple[str, str]]:
@@ -129,8 +139,7 @@ def markdown(experiment: Experiment, results: Results) -> str:
 
     So are the claims where nothing has lived that they are about.
     """
-    tasks = [task for task in TITLES if results.proposers_of(task)]
-    parts = [*(_table(experiment, results, task) for task in tasks), NOTE + "\n"]
+    parts = [*(_table(experiment, results, task) for task in results.tasks()), NOTE + "\n"]
     if findings := judge_all(Evidence(experiment, results)):
         parts.append(_claims(experiment, findings))
     return "\n".join(parts)
@@ -159,7 +168,7 @@ def _claims(experiment: Experiment, findings: list[Finding]) -> str:
     for task in TITLES:
         lines += [f"**{TITLES[task]}**", ""]
         lines += [
-            f"- *{finding.claim.says}* **{finding.verdict}**: {finding.why}"
+            f"- *{finding.claim.says}* **{finding.verdict}**: {finding.words}"
             for finding in findings
             if finding.claim.task == task
         ]
@@ -171,8 +180,10 @@ def claims_note(experiment: Experiment) -> str:
     """How the claims are judged, in words."""
     note = (
         "A claim holds where every comparison it needs is significant, does not hold where the "
-        "opposite of one is (Bonferroni over its comparisons), and is undecided else; each is "
-        "judged at 5 %, two-sided."
+        "opposite of one is, and is undecided else; each is judged at 5 %. p is two-sided; that "
+        "against a claim is multiplied by the number of its comparisons (Bonferroni). *The paper's "
+        "own numbers*: what becomes of the claim by the paper's tables, where they are enough to "
+        "judge it."
     )
     if experiment.time_scale != 1:
         note += " These lives were a rehearsal, and say nothing of the paper's."

@@ -13,7 +13,7 @@ from musebot.protocols.ablation import WHOLE
 from musebot.protocols.beside import Side
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import exit_status
-from musebot.protocols.experiment import TASKS, CohortKey, Experiment, named_brain
+from musebot.protocols.experiment import TASKS, CohortKey, Experiment, differing, named_brain
 from musebot.protocols.learn_ability import category, learn_ability
 from musebot.protocols.results import Results, Robot
 from musebot.protocols.schedules import SCHEDULES
@@ -59,7 +59,7 @@ def test_each_run_lacks_one_ingredient_and_nothing_else():
     assert whole.experiment.cohort_size == 60
     assert list(wanted) == [f"steady-{ingredient}" for ingredient in INGREDIENTS]
     for plan, (ingredient, fields) in zip(wanted.values(), INGREDIENTS.items(), strict=True):
-        differ = beside.differing(plan.experiment, whole.experiment)
+        differ = differing(plan.experiment, whole.experiment)
         assert set(differ) == {f"brain.{field}" for field in fields}
         assert set(plan.robots.values()) == {60}
         assert [task for task, _ in plan.robots] == [

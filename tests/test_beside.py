@@ -13,7 +13,7 @@ from musebot.protocols import beside, tables
 from musebot.protocols.beside import CELLS, Side
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment import CohortKey, Experiment
+from musebot.protocols.experiment import CohortKey, Experiment, differing
 from musebot.protocols.learn_ability import CATEGORIES, category, learn_ability
 from musebot.protocols.results import Results, Robot
 from musebot.protocols.schedules import SCHEDULES
@@ -164,8 +164,8 @@ def test_of_pairs_with_an_invalid_life_both_are_left_out():
 def test_what_experiments_differ_in_is_named():
     ours = Experiment(body="kinematic", kinematics=Kinematics(radius=0.02), cohort_size=7)
     other = dataclasses.replace(ours, kinematics=Kinematics(), brain=Parameters(epsilon=0.0))
-    assert beside.differing(ours, ours) == {}
-    assert beside.differing(ours, other) == {
+    assert differing(ours, ours) == {}
+    assert differing(ours, other) == {
         "kinematics.radius": (0.02, None),
         "brain.epsilon": (0.01, 0.0),
     }

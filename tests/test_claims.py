@@ -167,7 +167,7 @@ def test_claims_about_the_time_after_training(says, task, posts, expected):
 
 @pytest.mark.parametrize(
     ("clean", "touched", "expected"),
-    [(30, 5, "holds"), (5, 30, "does not hold"), (10, 9, "undecided"), (0, 0, "undecided")],
+    [(30, 5, "holds"), (5, 30, "does not hold"), (10, 9, "undecided"), (0, 0, "not judged")],
 )
 def test_spoiled_robots_had_no_contact_before(clean, touched, expected):
     given = evidence(
@@ -178,7 +178,7 @@ def test_spoiled_robots_had_no_contact_before(clean, touched, expected):
 
 @pytest.mark.parametrize(
     ("late", "early", "expected"),
-    [(30, 10, "holds"), (2, 60, "does not hold"), (4, 8, "undecided"), (0, 0, "undecided")],
+    [(30, 10, "holds"), (2, 60, "does not hold"), (4, 8, "undecided"), (0, 0, "not judged")],
 )
 def test_robots_take_20_minutes_or_more_to_arrive(late, early, expected):
     curves = np.zeros((late + early + 7, 360))
@@ -216,7 +216,7 @@ def stay(first, last, robots=20):
         ({"creative": stay((0.1, 0.8), (0.8, 0.1))}, "does not hold"),
         ({"creative": stay((0.5, 0.5), (0.5, 0.5))}, "undecided"),
         ({"creative": stay((0.8, 0.1), (0.1, 0.8), robots=3)}, "undecided"),
-        ({}, "undecided"),
+        ({}, "not judged"),
     ],
 )
 def test_robots_follow_the_contour_then_spin(stays, expected):
@@ -225,7 +225,7 @@ def test_robots_follow_the_contour_then_spin(stays, expected):
 
 
 @pytest.mark.parametrize(
-    ("after", "expected"), [(0.9, "holds"), (0.1, "does not hold"), (None, "undecided")]
+    ("after", "expected"), [(0.9, "holds"), (0.1, "does not hold"), (None, "not judged")]
 )
 def test_trained_robots_spin(after, expected):
     spinning = {
@@ -239,11 +239,11 @@ def test_trained_robots_spin(after, expected):
     )
 
 
-def test_what_only_brains_can_tell_is_undecided_and_says_where_to_look():
+def test_what_only_brains_can_tell_is_not_judged_and_says_where_to_look():
     given = evidence(robots(SF, "creative", one=9))
-    undecided = [f for f in judge_all(given) if "musebot report" in f.why]
-    assert len(undecided) == 3
-    assert {f.verdict for f in undecided} == {"undecided"}
+    left = [f for f in judge_all(given) if "musebot report" in f.why]
+    assert len(left) == 3
+    assert {f.verdict for f in left} == {"not judged"}
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_what_only_brains_can_tell_is_undecided_and_says_where_to_look():
 )
 def test_every_claim_about_degenerate_lives_has_a_verdict_and_a_reason(given, recwarn):
     for finding in judge_all(given):
-        assert finding.verdict in ("holds", "undecided", "does not hold")
+        assert finding.verdict in ("holds", "undecided", "does not hold", "not judged")
         assert finding.why.endswith(".")
         json.dumps(finding.plain(), allow_nan=False)
     text = tables.markdown(given.experiment, given.results)
@@ -279,13 +279,34 @@ def test_the_papers_own_numbers_bear_out_what_they_must():
         robots(*condition, **dict(zip(kinds, column.counts, strict=True)))
         for condition, column in PAPER.items()
     ]
-    found = {f.claim.says: f.verdict for f in judge_all(evidence(*groups))}
+    findings = judge_all(evidence(*groups))
+    found = {f.claim.says: f.verdict for f in findings}
     for says in ("Fixed has the most geniuses.", "Random has the fewest geniuses."):
         assert found[says] == "holds"
     assert found["Random robots mostly have L < 0."] == "holds"
     assert found["Fixed robots are mostly ignorant."] == "holds"
     # 282 against 260 of 500 is no significant difference: the paper's claim rests on chance.
     assert found["Creative has most robots with L = 1."] == "undecided"
+    # Judged from the table or from the lives, counts say the same.
+    assert all(f.papers == f.verdict for f in findings if "Fisher" in f.why)
+
+
+def test_beside_each_verdict_stands_the_papers_own():
+    found = {f.claim.says: f for f in judge_all(three(WA, "one", 90, 80, 10))}
+    ours = found["Creative has most robots with L = 1."]
+    assert (ours.verdict, ours.papers) == ("does not hold", "undecided")
+    assert ours.words.endswith("The paper's own numbers: undecided.")
+    # The paper prints mean contact without its scatter: nothing to judge by.
+    contact = found["Random's contact after training is the lowest."]
+    assert contact.papers == "not judged"
+    assert "paper" not in contact.words
+
+
+def test_p_is_two_sided_and_against_a_claim_corrected_for_its_comparisons():
+    given = three(WA, "one", 60, 40, 40)
+    finding = next(f for f in judge_all(given) if f.claim.says.startswith("Creative has most"))
+    against = comparisons.larger_share((40, 100), (60, 100), "").p_true
+    assert f"fixed 60 of 100 (p = {2 * 2 * against:.2g} against it)" in finding.why
 
 
 # ---- The tests themselves, against small oracles ----
@@ -319,6 +340,10 @@ def test_twice_as_many_is_a_coin_that_falls_two_to_one():
     assert found.p_false == pytest.approx(tail)
 
 
+def sample(values):
+    return comparisons.Sample(values.mean(), values.std(ddof=1), len(values))
+
+
 def test_welchs_t_as_in_the_textbook():
     first, second = (
         np.array([27.5, 21.0, 19.0, 23.6, 17.0]),
@@ -332,10 +357,10 @@ def test_welchs_t_as_in_the_textbook():
     density = (1 + x**2 / freedom) ** (-(freedom + 1) / 2)
     density *= math.gamma((freedom + 1) / 2) / math.gamma(freedom / 2)
     density /= math.sqrt(freedom * math.pi)
-    found = comparisons.larger_mean(first, second, "")
+    found = comparisons.larger_mean(sample(first), sample(second), "")
     assert found.p_true == pytest.approx(np.trapezoid(density, x), abs=1e-5)
     assert found.p_false == pytest.approx(1 - found.p_true)
-    shifted = comparisons.larger_mean(first + 0.3, second, "", margin=0.3)
+    shifted = comparisons.larger_mean(sample(first + 0.3), sample(second), "", margin=0.3)
     assert shifted.p_true == pytest.approx(found.p_true)
 
 

@@ -132,7 +132,7 @@ def test_a_run_from_before_there_was_a_day_is_of_the_papers_course(tmp_path):
 def test_the_tables_of_a_day_say_so_and_have_nothing_of_the_papers(rehearsal, capsys):
     assert cli.main(["tables", str(rehearsal)]) == 0
     text = capsys.readouterr().out
-    title = "### Spot finding, course: day, brain: steady, a rehearsal: every duration times 0.001"
+    title = "### Spot finding, course: day, brain: steady, body: kinematic"
     assert text.startswith(title)
     assert "creative, ours" in text
     assert "creative, paper" not in text and "The claims of section 4" not in text

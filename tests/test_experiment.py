@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 import random
+import shutil
 import subprocess
 import sys
 
@@ -287,6 +288,29 @@ def test_experiment_json_tells_what_it_was_made_with(tmp_path):
     assert made_with["musebot"] == __version__
     assert made_with["numpy"] == np.__version__
     assert {"python", "mujoco", "dm-control", "torch", "cpu", "cores"} < made_with.keys()
+
+
+def git(folder, *words):
+    identity = ["-c", "user.name=somebody", "-c", "user.email=nobody@example.org"]
+    command = ["git", *identity, *words]
+    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.mark.skipif(not shutil.which("git"), reason="there is no Git here")
+def test_experiment_json_tells_the_commit_and_whether_it_was_changed(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        experiment_module, "__file__", str(tmp_path / "protocols" / "experiment.py")
+    )
+    commit = experiment_module._commit.__wrapped__
+    assert commit() is None  # installed, not checked out
+    git(tmp_path, "init")
+    (tmp_path / "file").write_text("one")
+    git(tmp_path, "add", "file")
+    git(tmp_path, "commit", "--message", "one")
+    head = git(tmp_path, "rev-parse", "HEAD").strip()
+    assert len(commit()) == 12 and head.startswith(commit())
+    (tmp_path / "file").write_text("two")
+    assert commit() == f"{head[:12]}-dirty"
 
 
 def test_experiment_json_tells_of_every_machine_that_went_on_with_it(sound, monkeypatch):

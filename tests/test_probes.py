@@ -106,6 +106,17 @@ def test_who_leaves_at_once_does_not_stay():
     assert np.isnan(never.following).all()
 
 
+def test_the_minutes_are_of_those_that_stay():
+    stayer, leaver = at_the_spot((100, *FOLLOW)), at_the_spot((5, *SPIN), (95, *AWAY))
+    both = [
+        np.concatenate([getattr(track, name) for track in (stayer, leaver)], axis=1)
+        for name in ("poses", "events", "nose")
+    ]
+    stay = stay_of(Track(both[0], both[1], np.zeros(2), both[2]), R)
+    assert stay.staying.tolist() == [True, False]
+    np.testing.assert_allclose(stay.minutes, [[0, 1, 0], [1, 1, 0]])
+
+
 @pytest.mark.parametrize(
     ("part", "following", "spinning"),
     [

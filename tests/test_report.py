@@ -67,21 +67,42 @@ def test_films_are_in_the_page_or_their_absence_is_explained(page, out, draws):
     assert page.read_text().count("<video ") == len(films)
     assert bool(films) == draws
     if not draws:
-        assert "No films: there is no headless OpenGL (EGL)" in page.read_text()
+        assert "has no film: there is no headless OpenGL (EGL)" in page.read_text()
 
 
-def test_films_that_are_there_are_taken_as_they_are(out, page, tmp_path):
+def test_films_that_are_there_are_taken_as_they_are_and_captioned_by_their_names(
+    out, page, tmp_path
+):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
     (copy / "films").mkdir()
-    (copy / "films" / "my_robot.mp4").write_bytes(b"film")
+    names = ["my_robot.mp4", "spot_finding.mp4", "wall_avoidance_learner.mp4"]
+    for name in names:
+        (copy / "films" / name).write_bytes(b"film")
     output = tmp_path / "elsewhere.html"
     assert cli.main(["report", str(copy), "--output", str(output)]) == 0
     text = output.read_text()
+    assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 3
+    assert "my robot" in text and "wall avoidance learner" in text
+    assert sorted(p.name for p in (copy / "films").iterdir()) == names
+
+
+def test_a_task_without_a_film_gets_one_or_the_page_says_why(out, page, tmp_path, monkeypatch):
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    shutil.rmtree(copy / "films", ignore_errors=True)
+    (copy / "films").mkdir()
+    (copy / "films" / "wall_avoidance.mp4").write_bytes(b"film")
+    made = []
+    monkeypatch.setattr(report, "film", lambda _, path, **__: made.append(path))
+    assert cli.main(["report", str(copy)]) == 0
+    assert [path.name.startswith("spot_finding_") for path in made] == [True]
+    monkeypatch.setattr(report, "film", without_egl)
+    assert cli.main(["report", str(copy)]) == 0
+    text = (copy / "report.html").read_text()
+    assert "Spot finding has no film: there is no headless OpenGL" in text
     assert text.count("<video ") == 1
-    assert "data:video/mp4;base64,ZmlsbQ==" in text and "my robot" in text
-    assert [p.name for p in (copy / "films").iterdir()] == ["my_robot.mp4"]
 
 
 def without_egl(*_, **__):
@@ -94,7 +115,7 @@ def test_without_egl_the_page_says_so_and_leaves_no_folder(out, page, tmp_path, 
     shutil.rmtree(copy / "films", ignore_errors=True)
     monkeypatch.setattr(report, "film", without_egl)
     assert cli.main(["report", str(copy)]) == 0
-    assert "No films: there is no headless OpenGL" in (copy / "report.html").read_text()
+    assert "has no film: there is no headless OpenGL" in (copy / "report.html").read_text()
     assert not (copy / "films").exists()
 
 

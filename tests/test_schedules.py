@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from musebot.models import Dimensions, arena_spec
 from musebot.protocols.cohort import legs
 from musebot.protocols.schedules import (
+    PARTS,
     SCHEDULES,
     SPOT_FINDING,
     UPPER_LEFT,
@@ -173,6 +175,22 @@ def test_minutes_are_rounded_to_the_nearest_control_step_of_a_tenth_of_a_second(
     assert isinstance(steps, int)
     assert steps >= 1
     assert steps == 1 or abs(steps - minutes * 600) <= 0.5 + 1e-9
+
+
+@pytest.mark.parametrize("schedule", [WALL_AVOIDANCE, SPOT_FINDING])
+def test_the_parts_of_a_life_follow_each_other_in_its_curve(schedule):
+    minutes = [schedule.minutes_of(part) for part in PARTS]
+    assert [part.start for part in minutes] == [0, *(part.stop for part in minutes[:-1])]
+    lengths = [sum(p.minutes for p in schedule.phases if p.part == part) for part in PARTS]
+    assert [part.stop - part.start for part in minutes] == lengths
+    assert sum(map(schedule.steps_of, PARTS)) == sum(schedule.steps())
+
+
+@pytest.mark.parametrize("factor", [0.001, 0.004, 0.01, 0.3])
+def test_no_part_of_a_rehearsal_is_without_a_minute(factor):
+    schedule = SPOT_FINDING.scaled(factor)
+    curve = np.zeros(-(-sum(schedule.steps()) // control_steps(1)))
+    assert all(len(curve[schedule.minutes_of(part)]) for part in PARTS)
 
 
 def test_schedules_cannot_be_changed():

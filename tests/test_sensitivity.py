@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import tyro
 
-from musebot.protocols import beside, engine, sensitivity
+from musebot.protocols import engine, sensitivity
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import exit_status
-from musebot.protocols.experiment import TASKS, CohortKey, Experiment, save_plan
+from musebot.protocols.experiment import TASKS, CohortKey, Experiment, differing, save_plan
 from musebot.protocols.sensitivity import BASELINE, CHOICES, NOISE, Choice
 
 EVERYWHERE = sensitivity.plans(1, 1.0)[BASELINE].conditions
@@ -44,7 +44,7 @@ def test_every_choice_differs_from_the_baseline_in_one_field():
     baseline = wanted.pop(BASELINE).experiment
     assert baseline == Experiment(body="kinematic", cohort_size=100)
     assert list(wanted) == NAMES
-    differ = [tuple(beside.differing(plan.experiment, baseline)) for plan in wanted.values()]
+    differ = [tuple(differing(plan.experiment, baseline)) for plan in wanted.values()]
     assert all(len(fields) == 1 for fields in differ), differ
     assert {fields[0] for fields in differ} == {
         *("seed", "motor_speed", "turned_start", "nose", "learn_across_placement"),
