@@ -18,10 +18,10 @@ apt_install = { \
 	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test lint clean
+.PHONY: help run test lint gym cluster clean
 
 help:  ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 run: $(READY)  ## eight creative robots live through both tasks, then a film of each, in runs/demo
 	$(VENV)/bin/musebot run $(DEMO) --robots 8 --proposer creative
@@ -36,6 +36,10 @@ lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
+
+gym: $(GYM)  ## Gymnasium and Stable-Baselines3, into .venv
+
+cluster: $(RAY)  ## Ray, into .venv
 
 clean:  ## remove .venv and caches, never runs/
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

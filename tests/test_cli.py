@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -79,6 +80,16 @@ def made_again(page, capsys):
 )
 def test_every_page_of_results_in_docs_is_what_its_lives_give_again(page, capsys):
     assert made_again(page, capsys) == page.read_text()
+
+
+def test_the_example_of_the_page_on_results_reads_a_run(capfd):
+    (example,) = re.findall(r"```python\n(.*?)```", (RESULTS / "../results.md").read_text(), re.S)
+    command = [sys.executable, "-c", example]
+    subprocess.run(command, cwd=RESULTS.parents[1], check=True)
+    row, curves, weights, motors = capfd.readouterr().out.splitlines()
+    assert row.startswith("Robot(task='wall_avoidance', proposer='fixed', seed=1")
+    assert (curves, weights) == ("(500, 360)", "(500, 7, 3)")
+    assert all(abs(float(motor)) <= 0.5 for motor in motors.strip("[]").split())
 
 
 def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():

@@ -1,6 +1,8 @@
 """The brain beyond the paper: each step of it against autograd and torch's Adam, and alone."""
 
 import dataclasses
+import re
+from pathlib import Path
 
 import pytest
 import torch
@@ -167,6 +169,14 @@ def test_the_ingredients_are_all_that_tells_the_brain_from_the_papers():
     fields = [field for fields in INGREDIENTS.values() for field in fields]
     assert len(fields) == len(set(fields))
     assert {name for name in paper if paper[name] != ours[name]} == set(fields)
+
+
+def test_docs_beyond_lists_every_ingredient_with_its_fields():
+    page = (Path(__file__).parents[1] / "docs" / "beyond.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| ((?:`\w+`(?:, )?)+) \|", page, re.MULTILINE)
+    found = {name: tuple(re.findall(r"\w+", fields)) for name, fields in rows}
+    assert list(found) == list(INGREDIENTS)
+    assert found == dict(INGREDIENTS)
 
 
 @pytest.mark.parametrize("ingredient", INGREDIENTS)
