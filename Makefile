@@ -37,9 +37,11 @@ lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
-gym: $(GYM)  ## Gymnasium and Stable-Baselines3, into .venv
+gym: $(READY)  ## Gymnasium and Stable-Baselines3, into .venv
+	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt
 
-cluster: $(RAY)  ## Ray, into .venv
+cluster: $(READY)  ## Ray, into .venv
+	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt
 
 clean:  ## remove .venv and caches, never runs/
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

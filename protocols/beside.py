@@ -297,7 +297,7 @@ def markdown(ours: Side, other: Side, cells: Sequence[Cell]) -> str:
     lines += [""] * bool(found)
     for task in tables.TITLES:
         if any(cell.task == task for cell in cells):
-            lines += [f"### {tables.title(ours.experiment, task)}", ""]
+            lines += [f"### {tables.title(task, ours.experiment, other.experiment)}", ""]
             lines += [*table(ours.name, other.name, [c for c in cells if c.task == task]), ""]
     return "\n".join([*lines, note(cells)])
 

@@ -2,9 +2,10 @@
 
 A claim is one or several comparisons. Each is a test in both directions: could the data be such
 if the claim were false, and could they if it were true? Words without a number in the paper
-("mostly", "far", "about", "many") have one here, said in the claim itself; they were chosen before
-any verdict was seen. The paper's own tables are judged by the same tests, where they say enough:
-some of its claims they leave undecided.
+("mostly", "far", "about", "many") have one here, said in the claim itself, and chosen before any
+verdict was seen: "many" of the spoiled robots are more than half, "many" of those that arrive more
+than a quarter. The paper's own tables are judged by the same tests, where they say enough: some of
+its claims they leave undecided.
 """
 
 from __future__ import annotations
@@ -479,8 +480,8 @@ CLAIMS = (
     ),
     Claim(
         _SF,
-        "Robots first follow the spot's contour and later spin inside it: the first and the last "
-        "third of their time there, in 20 minutes of learning.",
+        "Robots, all kinds together, first follow the spot's contour and later spin inside it: "
+        "the first and the last third of their time there, in 20 minutes of learning.",
         _contour_then_spin,
     ),
     Claim(

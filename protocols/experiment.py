@@ -457,7 +457,7 @@ def machine() -> dict[str, Any]:
 
 @functools.cache
 def _commit() -> str | None:
-    """Which commit of musebot this is, with "-dirty" if changed; None where Git cannot tell."""
+    """Which commit of musebot this is, "-dirty" if its files were changed; None without Git."""
     root = Path(__file__).parents[1]
     if not (root / ".git").exists():  # an installed copy, perhaps inside somebody else's repository
         return None

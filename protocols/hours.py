@@ -232,8 +232,8 @@ def markdown(found: Sequence[Findings]) -> str:
         "Shares of the test after training, sat by frozen brains. Each robot's best time is chosen "
         "by one test, and judged, as the end is, by another: a robot that was best in the end has "
         "forgotten nothing. In brackets 95 % intervals, BCa bootstrap over robots; none where all "
-        "are alike. Ideas lack, in the end, what the best of them is judged worse than the best of "
-        "all actions, as a share of what actions differ by."
+        "are alike. Ideas lack, in the end, by how much the value of the best idea falls short of "
+        "that of the best action, as a share of the range of all actions' values."
     )
     return "\n".join([*map(tables.line, rows), "", note])
 

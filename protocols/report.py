@@ -182,8 +182,11 @@ def _films(
     """
     missing: list[str] = []
     for task in results.tasks():
+        if any(path.name.startswith(task) for path in _kept(folder)):
+            continue
         sitter = portraits.favourite(results, task)
-        if sitter is None or any(path.name.startswith(task) for path in _kept(folder)):
+        if sitter is None:
+            missing.append(f"{NAMES[task]} has no valid robot to film.")
             continue
         proposer, speed = portraits.proposer_of(results, task), _FILM_SPEEDS[task]
         who = f"{sitter.kind}_{proposer.replace(':', '.')}_{sitter.robot}"
@@ -200,8 +203,6 @@ def _films(
                 folder.rmdir()
             missing.append(f"{NAMES[task]} has no film: {error}.")
     films = [(path.stem.replace("_", " "), path) for path in _kept(folder)]
-    if not films and not missing:
-        missing.append("There is no valid robot to film.")
     return films, " ".join(missing)
 
 
@@ -221,7 +222,8 @@ def _page(
     missing: str,
 ) -> str:
     tasks = results.tasks()
-    facts = [f"{len(results.robots)} robots", f"seed {experiment.seed}"]
+    body = "MuJoCo" if experiment.body == "mujoco" else "a stand-in without physics"
+    facts = [f"in {body}", f"{len(results.robots)} robots", f"seed {experiment.seed}"]
     facts += tables.particulars(experiment)
     claims = [
         "<h2>The claims of section 4</h2>",
@@ -230,7 +232,7 @@ def _page(
     ]
     body = [
         "<h1>Musebot</h1>",
-        f"<p>Mayer's creative robot (2004), lived anew: {escape(', '.join(facts))}.</p>",
+        f"<p>Mayer's creative robot (2004) {escape(', '.join(facts))}.</p>",
         *(_table(experiment, results, task) for task in tasks),
         f"<p class=note>{_emphasis(tables.NOTE)}</p>",
         *(claims if findings else []),
@@ -246,7 +248,7 @@ def _page(
 def _table(experiment: Experiment, results: Results, task: str) -> str:
     """A table, as several if it has many conditions: ours, its interval, the paper's."""
     proposers = results.proposers_of(task)
-    parts = [f"<h2>{escape(tables.title(experiment, task))}</h2>"]
+    parts = [f"<h2>{escape(tables.title(task, experiment))}</h2>"]
     for first in range(0, len(proposers), _COLUMNS):
         group = proposers[first : first + _COLUMNS]
         rows = [[escape(name)] for name in (*tables.row_names(task), "total variation")]

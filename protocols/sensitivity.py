@@ -160,7 +160,7 @@ def markdown(sides: Mapping[str, Side], judged: Sequence[tuple[Choice, list[Cell
     lines += ["", "### The noise: two baselines of different seeds", ""]
     for task in TASKS:
         own = [cell for cell in noise.values() if cell.task == task]
-        lines += [f"**{tables.title(baseline.experiment, task)}**", ""]
+        lines += [f"**{tables.title(task, baseline.experiment)}**", ""]
         lines += [*beside.table("another seed", "baseline", own), ""]
     return "\n".join([*lines, beside.note([cell for cells in found.values() for cell in cells])])
 

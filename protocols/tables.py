@@ -73,10 +73,12 @@ def _shares(summary: Summary) -> tuple[Interval, ...]:
     return tuple(intervals.share(count, summary.robots) for count in summary.counts)
 
 
-def title(experiment: Experiment, task: str) -> str:
-    """A table's title, with whatever is not the default: course, brain, body and the rest."""
+def title(task: str, experiment: Experiment, *others: Experiment) -> str:
+    """A table's title, with whatever all its runs have in common that is not the default."""
     title = TITLES[task] if experiment.course == "paper" else NAMES[task]
-    return ", ".join([title, *particulars(experiment)])
+    theirs = [particulars(other) for other in others]
+    facts = [fact for fact in particulars(experiment) if all(fact in other for other in theirs)]
+    return ", ".join([title, *facts])
 
 
 def particulars(experiment: Experiment) -> list[str]:
@@ -160,7 +162,7 @@ def _table(experiment: Experiment, results: Results, task: str) -> str:
             for row, cell in zip(rows, column_cells, strict=True):
                 row.append(" ".join(filter(None, cell)))
     lines = [line(head), line(["---", *("---:" for _ in head[1:])]), *map(line, rows)]
-    return f"### {title(experiment, task)}\n\n" + "\n".join(lines) + "\n"
+    return f"### {title(task, experiment)}\n\n" + "\n".join(lines) + "\n"
 
 
 def _claims(experiment: Experiment, findings: list[Finding]) -> str:

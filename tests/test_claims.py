@@ -302,6 +302,12 @@ def test_beside_each_verdict_stands_the_papers_own():
     assert "paper" not in contact.words
 
 
+def test_the_papers_means_are_those_of_its_measured_robots():
+    ability = claims.PapersOwn(Experiment(), Results([], {}, {})).ability
+    assert ability(SF, "fixed") == (0.0800, 0.9681, 500 - 455)
+    assert ability(WA, "creative") == (0.6109, 0.7068, 500 - 73)
+
+
 def test_p_is_two_sided_and_against_a_claim_corrected_for_its_comparisons():
     given = three(WA, "one", 60, 40, 40)
     finding = next(f for f in judge_all(given) if f.claim.says.startswith("Creative has most"))

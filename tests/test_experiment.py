@@ -287,6 +287,7 @@ def test_experiment_json_tells_what_it_was_made_with(tmp_path):
     (made_with,) = json.loads((tmp_path / "experiment.json").read_text())["made_with"]
     assert made_with["musebot"] == __version__
     assert made_with["numpy"] == np.__version__
+    assert made_with["commit"] == experiment_module._commit()
     assert {"python", "mujoco", "dm-control", "torch", "cpu", "cores"} < made_with.keys()
 
 
@@ -298,19 +299,22 @@ def git(folder, *words):
 
 @pytest.mark.skipif(not shutil.which("git"), reason="there is no Git here")
 def test_experiment_json_tells_the_commit_and_whether_it_was_changed(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        experiment_module, "__file__", str(tmp_path / "protocols" / "experiment.py")
-    )
-    commit = experiment_module._commit.__wrapped__
-    assert commit() is None  # installed, not checked out
+    def commit(root):
+        path = root / "protocols" / "experiment.py"
+        monkeypatch.setattr(experiment_module, "__file__", str(path))
+        return experiment_module._commit.__wrapped__()
+
     git(tmp_path, "init")
     (tmp_path / "file").write_text("one")
     git(tmp_path, "add", "file")
     git(tmp_path, "commit", "--message", "one")
     head = git(tmp_path, "rev-parse", "HEAD").strip()
-    assert len(commit()) == 12 and head.startswith(commit())
+    assert commit(tmp_path) == head[:12]
     (tmp_path / "file").write_text("two")
-    assert commit() == f"{head[:12]}-dirty"
+    assert commit(tmp_path) == f"{head[:12]}-dirty"
+    # Installed inside somebody else's repository: its commit is not ours.
+    (tmp_path / "packages" / "musebot").mkdir(parents=True)
+    assert commit(tmp_path / "packages" / "musebot") is None
 
 
 def test_experiment_json_tells_of_every_machine_that_went_on_with_it(sound, monkeypatch):
