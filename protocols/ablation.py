@@ -111,7 +111,7 @@ def markdown(sides: Mapping[str, Side]) -> str:
         for (where, ingredient), cells in judged.items():
             if where == task:
                 rows += [_row(ingredient, cell) for cell in cells]
-        title = tables.title(sides[WHOLE].experiment, task)
+        title = tables.title(task, sides[WHOLE].experiment)
         lines += ["", f"### {title}", "", *map(tables.line, rows)]
     note = (
         "An ingredient earns its place in a task where the brain does worse without it in one of "
