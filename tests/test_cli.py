@@ -254,7 +254,8 @@ def test_a_run_of_another_brain_goes_on_with_it_and_says_so(tmp_path, capsys):
     short = ["--robots", "2", "--time-scale", "0.001", "--body", "kinematic", "--processes", "1"]
     which = ["--task", "spot_finding", "--proposer", "creative"]
     assert cli.main(["run", out, *short, *which, "--brain", "steady"]) == 0
-    assert "Spot finding (table 2), brain: steady, body: kinematic, a rehearsal" in capsys.readouterr().out
+    title = "Spot finding (table 2), brain: steady, body: kinematic, a rehearsal"
+    assert title in capsys.readouterr().out
     assert cli.main(["run", out, "--brain", "paper"]) == 2
     assert "holds an experiment with brain steady, not paper" in capsys.readouterr().err
     assert cli.main(["run", out, *which, "--robots", "4"]) == 0

@@ -133,6 +133,7 @@ def test_the_tables_of_a_day_say_so_and_have_nothing_of_the_papers(rehearsal, ca
     assert cli.main(["tables", str(rehearsal)]) == 0
     text = capsys.readouterr().out
     title = "### Spot finding, course: day, brain: steady, body: kinematic"
+    title += ", a rehearsal: every duration times 0.001"
     assert text.startswith(title)
     assert "creative, ours" in text
     assert "creative, paper" not in text and "The claims of section 4" not in text
