@@ -142,27 +142,34 @@ def markdown(sides: Mapping[str, Side], judged: Sequence[tuple[Choice, list[Cell
     baseline = sides[BASELINE]
     found = {choice.name: cells for choice, cells in judged}
     noise = {_place(cell): cell for cell in found[NOISE]}
-    lines = [
-        "### What each choice moves",
-        "",
-        "| choice | task | proposer | cells that differ from the baseline's |",
-        "| --- | --- | --- | --- |",
-    ]
-    for choice, cells in judged:
-        for condition in choice.conditions:
-            moved = "; ".join(
-                f"{beside.words(cell)} (two seeds {beside.difference(noise[_place(cell)])})"
-                for cell in cells
-                if cell.differs and (cell.task, cell.proposer) == condition
-            )
-            task, proposer = condition
-            lines.append(f"| {choice.says} | {NAMES[task]} | {proposer} | {moved or 'none'} |")
-    lines += ["", "### The noise: two baselines of different seeds", ""]
+    moved = [(choice, cell) for choice, cells in judged for cell in cells if cell.differs]
+    lines = ["### What each choice moves", "", _verdict(judged), ""]
+    if moved:
+        head = ["choice", "task", "proposer", "cell", "chosen", BASELINE, "difference", "two seeds"]
+        rows = [head, ["---"] * 4 + ["---:"] * 4]
+        for choice, cell in moved:
+            values = [beside.number(cell, value) for value in (cell.ours, cell.other)]
+            both = [beside.difference(c) for c in (cell, noise[_place(cell)])]
+            place = [NAMES[cell.task], cell.proposer, cell.name]
+            rows.append([choice.says, *place, *values, *both])
+        lines += [*map(tables.line, rows), ""]
+    lines += ["### The noise: two baselines of different seeds", ""]
     for task in TASKS:
         own = [cell for cell in noise.values() if cell.task == task]
         lines += [f"**{tables.title(task, baseline.experiment)}**", ""]
         lines += [*beside.table("another seed", "baseline", own), ""]
     return "\n".join([*lines, beside.note([cell for cells in found.values() for cell in cells])])
+
+
+def _verdict(judged: Sequence[tuple[Choice, list[Cell]]]) -> str:
+    every = [cell for _, cells in judged for cell in cells]
+    quiet = [
+        f"{choice.says} ({len(choice.conditions)} conditions)"
+        for choice, cells in judged
+        if not any(cell.differs for cell in cells)
+    ]
+    found = f"{sum(cell.differs for cell in every)} of {len(every)} cells differ"
+    return f"After Holm's correction {found}; none with: {', '.join(quiet) or '-'}."
 
 
 def _place(cell: Cell) -> tuple[str, str, str]:
