@@ -138,20 +138,22 @@ def judge(sides: Mapping[str, Side]) -> list[tuple[Choice, list[Cell]]]:
 
 
 def markdown(sides: Mapping[str, Side], judged: Sequence[tuple[Choice, list[Cell]]]) -> str:
-    """What each choice moves, and the noise, as Markdown."""
+    """Which cells each choice moves, and the noise of two seeds, as Markdown."""
     baseline = sides[BASELINE]
     found = {choice.name: cells for choice, cells in judged}
     noise = {_place(cell): cell for cell in found[NOISE]}
     moved = [(choice, cell) for choice, cells in judged for cell in cells if cell.differs]
-    lines = ["### What each choice moves", "", _verdict(judged), ""]
+    robots = max(len(baseline.results.of(*each)) for each in baseline.results.conditions())
+    lines = ["### What each choice moves", ""]
+    lines += [f"In the kinematic stand-in, {robots} robots a condition. {_verdict(judged)}", ""]
     if moved:
-        head = ["choice", "task", "proposer", "cell", "chosen", BASELINE, "difference", "two seeds"]
-        rows = [head, ["---"] * 4 + ["---:"] * 4]
+        head = ["choice", "task", "proposer", "cell", "chosen", BASELINE, "difference", "Holm"]
+        rows = [[*head, "two seeds"], ["---"] * 4 + ["---:"] * 5]
         for choice, cell in moved:
             values = [beside.number(cell, value) for value in (cell.ours, cell.other)]
-            both = [beside.difference(c) for c in (cell, noise[_place(cell)])]
-            place = [NAMES[cell.task], cell.proposer, cell.name]
-            rows.append([choice.says, *place, *values, *both])
+            values += [beside.difference(cell), beside.probability(cell.corrected)]
+            values.append(beside.difference(noise[_place(cell)]))
+            rows.append([choice.says, NAMES[cell.task], cell.proposer, cell.name, *values])
         lines += [*map(tables.line, rows), ""]
     lines += ["### The noise: two baselines of different seeds", ""]
     for task in TASKS:
@@ -164,12 +166,17 @@ def markdown(sides: Mapping[str, Side], judged: Sequence[tuple[Choice, list[Cell
 def _verdict(judged: Sequence[tuple[Choice, list[Cell]]]) -> str:
     every = [cell for _, cells in judged for cell in cells]
     quiet = [
-        f"{choice.says} ({len(choice.conditions)} conditions)"
+        f"{choice.says} (in {len(choice.conditions)} conditions)"
         for choice, cells in judged
         if not any(cell.differs for cell in cells)
     ]
-    found = f"{sum(cell.differs for cell in every)} of {len(every)} cells differ"
-    return f"After Holm's correction {found}; none with: {', '.join(quiet) or '-'}."
+    moved = f"{sum(cell.differs for cell in every)} of {len(every)} cells differ"
+    none = f" No cell does with: {'; '.join(quiet)}." if quiet else ""
+    return (
+        f"After Holm's correction {moved} from the baseline's.{none} Difference: chosen minus "
+        "baseline; two seeds: another seed minus baseline, whose robots were born with other "
+        "brains and are no pairs."
+    )
 
 
 def _place(cell: Cell) -> tuple[str, str, str]:

@@ -98,8 +98,9 @@ def test_a_study_keeps_every_run_and_its_page_and_goes_on_where_it_was(
     assert {path.name for path in out.iterdir()} == {*names, "sensitivity.md"}
     assert (out / "sensitivity.md").read_text() == sensitivity.report(out)
     assert text.strip() == sensitivity.report(out).strip()
-    assert "0 of 135 cells differ; none with: another seed, nothing else (6 conditions)" in text
-    assert "motor 0.5 is 0.25 m/s (6 conditions), Eq. 3 as printed (3 conditions)." in text
+    assert "2 robots a condition. After Holm's correction 0 of 135 cells differ" in text
+    assert "motor 0.5 is 0.25 m/s (in 6 conditions); Eq. 3 as printed (in 3 conditions)." in text
+    assert "| choice |" not in text
     assert "a rehearsal: every duration times 0.001" in text
 
     before = listing(out)
@@ -119,8 +120,18 @@ def test_a_choice_that_matters_is_seen_beside_the_noise(tmp_path, lived_here, mo
     assert run(tmp_path / "study", robots=40, time_scale=0.01) == 0
     text = (tmp_path / "study" / "sensitivity.md").read_text()
     rows = [line for line in text.splitlines() if line.startswith("| too slow for a wall |")]
-    assert len([row for row in rows if "| (genius) | 100.0% |" in row]) == 3
-    assert f"{len(rows)} of 54 cells differ; none with: another seed (3 conditions)." in text
+    genius = [row.strip("| ").split(" | ")[2:] for row in rows if "| (genius) |" in row]
+    lines = [line for line in text.splitlines() if line.endswith("| 1.0000 |")]
+    noise = [line.strip("| ").split(" | ") for line in lines]
+    both_seeds = {(row[0], row[1]): (row[3], row[4]) for row in noise}
+    assert len(genius) == 3
+    for proposer, name, chosen, baseline, difference, holm, two_seeds in genius:
+        assert chosen == "100.0%"
+        assert difference.startswith(f"+{100 - float(baseline[:-1]):.1f}%")
+        assert holm == "< 0.0001"
+        assert (baseline, two_seeds) == both_seeds[proposer, name]
+    assert f"{len(rows)} of 54 cells differ" in text
+    assert "No cell does with: another seed (in 3 conditions)." in text
 
 
 @pytest.mark.parametrize(
