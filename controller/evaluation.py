@@ -14,9 +14,7 @@ class EvaluationNetwork:
     """State and two motor values in, one layer of hidden neurons, one value out (section 3).
 
     Attributes:
-      networks: learn.
-      judge: gives the values of actions: the networks themselves, as in the paper, or a copy
-        that follows them slowly.
+      networks: hold the values.
       optimizer: moves the networks.
     """
 
@@ -35,8 +33,6 @@ class EvaluationNetwork:
             generator,
             parameters.activation,
         )
-        slow = parameters.judge_rate < 1
-        self.judge = self.networks.copy() if slow else self.networks
         self.optimizer = make_optimizer(parameters.optimizer, self.networks)
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
@@ -49,7 +45,7 @@ class EvaluationNetwork:
         Returns:
           The values, shape (B, A).
         """
-        net = self.judge
+        net = self.networks
         by_state = net.hidden_weights[..., : self._sensors]
         by_motor = net.hidden_weights[..., self._sensors :]
         sums = torch.baddbmm(net.hidden_biases[..., None], by_state, state[..., None])
@@ -85,6 +81,4 @@ class EvaluationNetwork:
         error = learning * (reward + self._parameters.discount * next_value - value[:, 0])
         rate = self._parameters.learn_rate_at(age)
         self.optimizer.ascend(inputs, hidden, error[:, None], rate, learning)
-        if self.judge is not self.networks:
-            self.judge.approach(self.networks, self._parameters.judge_rate)
         return error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Callable
 from typing import Literal
@@ -125,18 +124,6 @@ class Networks:
         """The steps of the output sums, carried back to the hidden sums, shape (B, H)."""
         error = torch.bmm(steps[:, None], self.output_weights)[:, 0]
         return self.activation.back(error, hidden)
-
-    def copy(self) -> Networks:
-        """Networks with the same weights and biases, of their own."""
-        other = copy.copy(self)
-        for name, tensor in self.tensors().items():
-            setattr(other, name, tensor.clone())
-        return other
-
-    def approach(self, others: Networks, share: float) -> None:
-        """Moves every weight by a share of the way to that of other networks."""
-        for own, other in zip(self.tensors().values(), others.tensors().values(), strict=True):
-            own.lerp_(other, share)
 
     def tensors(self) -> dict[str, Tensor]:
         """The weights and biases themselves, by name."""

@@ -193,8 +193,6 @@ class Neurocontroller:
     def networks(self) -> dict[str, Tensor]:
         """All weights and biases, "evaluation.*" and so on, each of shape (B, ...)."""
         owners = {"evaluation": self.evaluation.networks}
-        if self.evaluation.judge is not self.evaluation.networks:
-            owners["judge"] = self.evaluation.judge
         if self.memory is not None:
             owners["memory"] = self.memory.networks
         return {

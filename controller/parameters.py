@@ -50,8 +50,6 @@ class Parameters:
       activation: of the hidden neurons, "logistic" (section 3) or "tanh".
       centred: whether all inputs, the motors too, are stretched to [-1, 1].
       raw_signals: whether a signal that saturates is also read raw, as a second input.
-      noticed_signals: whether of a signal that saturates it is also read if there is any, as
-        another input: 1, and 0 for none.
       raw_reward: whether a reward that saturates is taken raw, a full load as 1.
       reward: what is rewarded, the reward's "signal" (section 2) or its "change".
       next_value: V at t + 1 of Eq. 1, of the "selected" action or of the "best" proposed.
@@ -60,8 +58,6 @@ class Parameters:
       action_gap: share of what an action is judged worse than the best one, by which it is
         rewarded less.
       optimizer: how weights follow the gradient, "plain" (Eq. 1) or "adam".
-      judge_rate: share of the way that the judging copy of the evaluation network goes to the
-        learning one in a step; with 1 both are one.
       memory_goal: what the memory is trained towards: the "selected" action, at the TD error
         (section 3), or the "best" proposed, at the learn rate.
       random_share: share of the creative proposer's ideas that are uniformly random; their
@@ -73,8 +69,8 @@ class Parameters:
       young_learn_rate: the young learn rate; None for no other.
       learn_rate_youth: how long it takes.
       content_steps: a robot that was rewarded with a full load for so many steps of learning in a
-        row learns and explores no more (a judge that follows slowly still catches up with what it
-        learnt), "if training would be abandoned" (section 4); 0 for never.
+        row learns and explores no more, "if training would be abandoned" (section 4); 0 for
+        never.
     """
 
     evaluation_hidden: int = 7
@@ -94,14 +90,12 @@ class Parameters:
     activation: ActivationName = "logistic"
     centred: bool = False
     raw_signals: bool = False
-    noticed_signals: bool = False
     raw_reward: bool = False
     reward: Literal["signal", "change"] = "signal"
     next_value: Literal["selected", "best"] = "selected"
     capped: bool = False
     action_gap: float = 0.0
     optimizer: OptimizerName = "plain"
-    judge_rate: float = 1.0
     memory_goal: Literal["selected", "best"] = "selected"
     random_share: float = 0.0
     held_steps: int = 0
@@ -124,7 +118,7 @@ class Parameters:
         for name in ("evaluation_hidden", "ideas", "memory_hidden"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        for name in ("discount", "epsilon", "test_epsilon", "noisy_share", "judge_rate"):
+        for name in ("discount", "epsilon", "test_epsilon", "noisy_share"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
         steps = "held_steps", "content_steps"
@@ -165,7 +159,7 @@ class Parameters:
     @property
     def knows_full_load(self) -> bool:
         """Whether a brain must be told what a full load is."""
-        return self.raw_signals or self.noticed_signals or self.raw_reward or self.content_steps > 0
+        return self.raw_signals or self.raw_reward or self.content_steps > 0
 
     @property
     def remembers_reward(self) -> bool:
@@ -215,8 +209,6 @@ STEADY = Parameters(
     learn_rate=0.0002,
     young_learn_rate=0.002,
     learn_rate_youth=62400,
-    # Targets that do not move with every step.
-    judge_rate=0.02,
     # The memory keeps what is best, not what happened; it need not unlearn.
     memory_goal="best",
     # A memory that has settled proposes one action in many copies: some ideas are from outside.
@@ -240,7 +232,6 @@ INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "cap": ("capped",),
         "gap": ("action_gap",),
         "adam": ("optimizer", "learn_rate", "young_learn_rate"),
-        "judge": ("judge_rate",),
         "goal": ("memory_goal",),
         "random": ("random_share",),
         "held": ("held_steps",),

@@ -71,7 +71,7 @@ class Reading:
           ValueError: the senses are not told, or not of S numbers.
         """
         self._centred = parameters.centred
-        self._raw, self._noticed = parameters.raw_signals, parameters.noticed_signals
+        self._raw = parameters.raw_signals
         self._reward_full: Tensor | None = None
         self.inputs = sensors
         if not (self._centred or parameters.knows_full_load):
@@ -84,8 +84,8 @@ class Reading:
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
         self._full = torch.tensor([signal.full for signal in senses.state if signal.full])
         if not len(self._full):  # nothing saturates: there is nothing more to read
-            self._raw = self._noticed = False
-        further = len(self._full) * (self._raw + self._noticed)
+            self._raw = False
+        further = len(self._full) * self._raw
         self.inputs += further
         bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further
         low, high = torch.tensor(bounds).T
@@ -93,13 +93,9 @@ class Reading:
 
     def state(self, signals: Tensor) -> Tensor:
         """The networks' inputs, shape (B, I), from signals, shape (B, S)."""
-        inputs = [signals]
         if self._raw:
-            inputs.append(unsaturated(signals[:, self._columns], self._full))
-        if self._noticed:
-            inputs.append((signals[:, self._columns] > 0).float())
-        if len(inputs) > 1:
-            signals = torch.cat(inputs, dim=1)
+            raw = unsaturated(signals[:, self._columns], self._full)
+            signals = torch.cat([signals, raw], dim=1)
         return (signals - self._middle) / self._half if self._centred else signals
 
     def motors(self, actions: Tensor) -> Tensor:

@@ -44,14 +44,9 @@ class Side:
     results: Results
 
     def newborn(self, task: str, proposer: str) -> dict[str, np.ndarray]:
-        """A condition's brains at birth, by tensor, each of shape (robots, ...).
-
-        Without the judge, which at birth is a copy, and which not every brain keeps.
-        """
+        """A condition's brains at birth, by tensor, each of shape (robots, ...)."""
         prefix = f"{task}/{proposer}/before/"
-        judge = f"{prefix}judge."
-        brains = self.results.brains.items()
-        return {k: v for k, v in brains if k.startswith(prefix) and not k.startswith(judge)}
+        return {k: v for k, v in self.results.brains.items() if k.startswith(prefix)}
 
 
 @dataclasses.dataclass(frozen=True)

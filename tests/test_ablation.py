@@ -129,18 +129,6 @@ def test_only_robots_with_a_learn_ability_are_counted_in_its_mean_and_no_invalid
     assert ability.robots == (40, 36) and share.robots == (40, 39)
 
 
-def test_brains_born_alike_are_pairs_with_and_without_a_judge():
-    """A judge is a copy at birth, and a brain without one is born the same."""
-    prefix = f"{SF}/creative/before/"
-    nets = np.arange(40.0)[:, None]
-    plain = {f"{prefix}evaluation.weights0": nets}
-    judging = plain | {f"{prefix}judge.weights0": nets}
-    whole, less = side("steady", {SF: 300}, judging), side("steady-judge", {SF: 300}, plain)
-    assert all(cell.paired for cell in judged(whole, less)[SF, "judge"])
-    other = side("steady-judge", {SF: 300}, {name: nets + 1 for name in plain})
-    assert not any(cell.paired for cell in judged(whole, other)[SF, "judge"])
-
-
 def test_the_page_says_what_earns_its_place_where_and_what_does_harm():
     sides = [
         side("steady", {WA: 100, SF: 300}),

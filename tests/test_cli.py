@@ -195,14 +195,14 @@ def test_the_stand_in_drives_as_it_is_told(tmp_path, capsys):
 
 
 def test_a_brain_is_the_named_one_but_for_what_is_told(tmp_path, capsys):
-    words = "--brain steady --but judge_rate=0.04 fixed_motors=[0.0,0.5]".split()
+    words = "--brain steady --but action_gap=0.4 fixed_motors=[0.0,0.5]".split()
     scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
     for again in ([], words):
         assert cli.main(["run", str(tmp_path), *(again or words), *scale]) == 0
     own = load_plan(tmp_path / "experiment.json").experiment.brain
-    assert own == dataclasses.replace(BRAINS["steady"], judge_rate=0.04, fixed_motors=(0.0, 0.5))
-    assert "brain: steady fixed_motors=[0.0,0.5] judge_rate=0.04" in capsys.readouterr().out
-    assert cli.main(["run", str(tmp_path), "--but", "judge_rate=0.03"]) == 2
+    assert own == dataclasses.replace(BRAINS["steady"], action_gap=0.4, fixed_motors=(0.0, 0.5))
+    assert "brain: steady action_gap=0.4 fixed_motors=[0.0,0.5]" in capsys.readouterr().out
+    assert cli.main(["run", str(tmp_path), "--but", "action_gap=0.3"]) == 2
     assert "holds an experiment with brain steady" in capsys.readouterr().err
 
 

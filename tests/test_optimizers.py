@@ -58,7 +58,7 @@ def test_adam_goes_where_torchs_adam_goes_and_rests_with_a_robot_that_does_not_l
 
 def test_a_robot_that_never_learns_keeps_its_weights():
     networks = born()
-    before = networks.copy().tensors()
+    before = {name: tensor.clone() for name, tensor in networks.tensors().items()}
     optimizer = Adam(networks)
     for inputs, steps, _ in lessons(5):
         hidden, _ = networks.forward(inputs)

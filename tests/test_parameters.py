@@ -25,14 +25,12 @@ def test_the_defaults_are_the_papers_numbers():
         "activation": "logistic",  # "neurons with logistic activation function"
         "centred": False,
         "raw_signals": False,
-        "noticed_signals": False,
         "raw_reward": False,
         "reward": "signal",  # "reward is identical to specific sensor signals"
         "next_value": "selected",  # SARSA
         "capped": False,
         "action_gap": 0.0,
         "optimizer": "plain",
-        "judge_rate": 1.0,
         "memory_goal": "selected",  # "trained with the state-action pair selected"
         "random_share": 0.0,
         "held_steps": 0,
@@ -60,7 +58,6 @@ BAD = {
     "action_gap": (-0.1, NAN, INFINITY),
     "held_steps": (-1,),
     "content_steps": (-1, INFINITY),
-    "judge_rate": (-0.1, 1.1, NAN),
     "young_epsilon": (-0.1, 1.1, NAN),
     "young_learn_rate": (-0.1, NAN, INFINITY),
     "epsilon_youth": (0.0, -1.0, NAN, INFINITY),

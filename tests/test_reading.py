@@ -64,9 +64,6 @@ def test_each_stretch_can_be_had_alone():
     assert centred.reward(s).tolist() == [[0.5]]
     raw = Reading(Parameters(raw_signals=True), 1, senses)
     torch.testing.assert_close(raw.state(s), torch.tensor([[0.5, 0.1]]))
-    noticed = Reading(Parameters(noticed_signals=True), 1, senses)
-    weak = torch.tensor([[0.0], [1e-6], [0.9]])
-    assert noticed.state(weak)[:, 1].tolist() == [0.0, 1.0, 1.0]
     assert raw.motors(s) is s
     reward = Reading(Parameters(raw_reward=True), 1, senses)
     assert reward.state(s) is s

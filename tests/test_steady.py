@@ -65,18 +65,18 @@ def live(brain, states):
 class SlowBrain:
     """One robot's networks, one after the other as the rule is written down.
 
-    On arriving in x' with rho': delta = rho' - rho + gamma v' - Q(x, a) - kappa (best - Qs(x,
-    a)), where v' is the best that Qs promises in x' among the ideas there, at most rho - rho'
-    where rho has fallen to nothing, and best is that in x when a was chosen. Adam moves Q along
-    delta grad Q(x, a), and the memory towards the best idea of x; then Qs goes towards Q.
+    On arriving in x' with rho': delta = rho' - rho + gamma v' - Q(x, a) - kappa (best - mine),
+    where v' is the best that Q promises in x' among the ideas there, at most rho - rho' where
+    rho has fallen to nothing, and best and mine are those of x when a was chosen. Adam moves Q
+    along delta grad Q(x, a), and the memory towards the best idea of x.
     """
 
     def __init__(self, brain, robot, parameters):
         own = {name: tensor[robot].clone() for name, tensor in brain.networks().items()}
         self.p = parameters
-        self.q, self.slow, self.memory = (
+        self.q, self.memory = (
             {k.split(".")[1]: t for k, t in own.items() if k.startswith(owner)}
-            for owner in ("evaluation", "judge", "memory")
+            for owner in ("evaluation", "memory")
         )
         self.adams = []
         for weights in (self.q, self.memory):
@@ -98,10 +98,10 @@ class SlowBrain:
 
     def arrive(self, state, action, ideas, age):
         x, rho = self.read(state), state[0] / (1 - state[0]) / 10
-        promises = [self.value(self.slow, x, idea).detach() for idea in ideas]
+        promises = [self.value(self.q, x, idea).detach() for idea in ideas]
         best = max(promises)
         idea = ideas[promises.index(best)]
-        mine = self.value(self.slow, x, action).detach()
+        mine = self.value(self.q, x, action).detach()
         error = torch.tensor(0.0)
         if self.before is not None:
             error = self.learn(rho, best, age)
@@ -123,8 +123,6 @@ class SlowBrain:
             loss.backward()
             adam.param_groups[0]["lr"] = rate
             adam.step()
-        for name, weights in self.slow.items():
-            weights += self.p.judge_rate * (self.q[name].detach() - weights)
         return (target - q).detach()
 
 
@@ -141,7 +139,7 @@ def watch(brain):
 
 
 @pytest.mark.usefixtures("double_precision")
-@pytest.mark.parametrize("fields", [{}, {"judge_rate": 0.3, "young_epsilon": 0.6}])
+@pytest.mark.parametrize("fields", [{}, {"action_gap": 0.3, "young_epsilon": 0.6}])
 def test_each_step_learns_as_the_rule_is_written_down(fields):
     brain = born(**fields)
     slow = [SlowBrain(brain, robot, brain._parameters) for robot in range(ROBOTS)]
@@ -158,7 +156,7 @@ def test_each_step_learns_as_the_rule_is_written_down(fields):
     assert strayed > 10
     assert lost > 10
     for robot, own in enumerate(slow):
-        for owner, weights in (("evaluation", own.q), ("judge", own.slow), ("memory", own.memory)):
+        for owner, weights in (("evaluation", own.q), ("memory", own.memory)):
             for name, tensor in weights.items():
                 mine = brain.networks()[f"{owner}.{name}"][robot]
                 torch.testing.assert_close(mine, tensor.detach(), atol=1e-9, rtol=0)
@@ -206,31 +204,6 @@ def test_a_memory_that_learns_at_the_td_error_follows_the_plain_gradient_as_the_
 
 
 # What each ingredient is for
-
-
-def test_the_judge_chooses_and_the_learning_network_does_not():
-    brain = born(proposer="fixed")
-    state = sensed(1)[0]
-    before = brain.act(state, explore=False)
-    brain.evaluation.networks.output_weights.neg_()
-    assert torch.equal(brain.act(state, explore=False), before)
-    brain.evaluation.judge.output_weights.neg_()
-    assert not torch.equal(brain.act(state, explore=False), before)
-
-
-def test_the_judge_follows_by_its_share_of_the_way():
-    brain = born(judge_rate=0.25)
-    first, second, third = sensed(3)
-    for state in (first, second):
-        brain.act(state, explore=False)
-        brain.learn(state[:, 0])
-    before = snapshot(brain.evaluation.judge.tensors())
-    brain.act(third, explore=False)
-    brain.learn(third[:, 0])
-    for name, judge in brain.evaluation.judge.tensors().items():
-        learnt = brain.evaluation.networks.tensors()[name]
-        torch.testing.assert_close(judge, before[name] + 0.25 * (learnt - before[name]))
-        assert not torch.equal(judge, before[name])
 
 
 def outcome(nose_before, nose_now, ahead, **fields):
@@ -383,9 +356,8 @@ def test_who_had_a_full_load_for_long_enough_in_a_row_learns_no_more(name):
     assert torch.equal(errors[:, 0], torch.zeros(5))
     assert errors[:, 1:].abs().min() > 0
     for owner, tensor in brain.networks().items():
-        if not owner.startswith("judge"):  # which goes on towards what was learnt
-            assert torch.equal(tensor[0], before[owner][0])
-            assert not torch.equal(tensor[1:], before[owner][1:])
+        assert torch.equal(tensor[0], before[owner][0])
+        assert not torch.equal(tensor[1:], before[owner][1:])
     rewarded(other, [[0.3, 0.3, 0.3]] * 5, seed=1)
     kept = other.networks()["evaluation.output_weights"][0]
     assert not torch.equal(kept, before["evaluation.output_weights"][0])
