@@ -24,7 +24,7 @@ from ..controller import PROPOSERS
 from ..tasks import CONTROL_TIMESTEP, stop_timers
 from . import bench_lives as lives
 from . import bench_models as models
-from .bench_lives import Act, Comparison, Scaling, Setting
+from .bench_lives import Act, BrainCost, Comparison, Scaling, Setting
 from .bench_models import EnvironmentCost, StepCost
 from .errors import InputError
 from .experiment import TASKS, Experiment, machine
@@ -33,6 +33,7 @@ from .storage import check_place, write_atomically
 MAIN, SMALL = 250, 50  # robots in a process: a run's cohorts, and a small cohort
 SIZES = (1, 2, 5, 10, 20, SMALL, 100, MAIN, 500, 1000, 2000)
 MEMORY_SIZES = (SMALL, MAIN, 1000)
+PAPERS, OURS = "paper", "steady"  # brains
 TABLE_ROBOTS = 500  # in each condition of the paper's tables
 _LONGEST = 500  # control steps in a block
 
@@ -104,6 +105,7 @@ class Measured:
       lives: each task and proposer beside its bare physics, wall avoidance with two numbers of
         robots.
       sizes: creative wall avoidance with every number of robots.
+      brains: by task, what our brain and the paper's cost, creative robots.
       timers: seconds of a bare block with MuJoCo's timers on, and off.
       scaling: one process against several, living and replaying.
       steps: cost of a physics step of each model, by name.
@@ -113,6 +115,7 @@ class Measured:
 
     lives: tuple[Comparison, ...]
     sizes: tuple[Comparison, ...]
+    brains: dict[str, dict[str, BrainCost]]
     timers: tuple[float, float]
     scaling: dict[Act, Scaling]
     steps: dict[str, StepCost]
@@ -126,6 +129,10 @@ class Measured:
             if (setting.task, setting.proposer, setting.robots) == (task, proposer, robots):
                 return life
         raise KeyError(f"{task}, {proposer}, {robots} robots were not measured")
+
+    def brain_ratio(self, task: str) -> float:
+        """Our brain's share of the time over that of the paper's."""
+        return self.brains[task][OURS].ratio(self.brains[task][PAPERS])
 
     @property
     def step_ratio(self) -> float:
@@ -224,6 +231,13 @@ def _measure(effort: Effort, car: mujoco.MjModel | None, report: _Report) -> Mea
     sizes = tuple(_compare_sizes(effort, compared, report))
     report.show(_sizes_section(sizes))
 
+    brains = {}
+    for task in TASKS:
+        report.begin(f"brains, {task}")
+        setting = effort.setting(task, "creative", MAIN)
+        brains[task] = lives.brain_costs(setting, (PAPERS, OURS), effort.blocks)
+    report.show(_brains_section(brains))
+
     main = effort.setting("wall_avoidance", "creative", MAIN)
     report.begin("timers on and off")
     timers = lives.with_and_without_timers(main, effort.fewer_blocks)
@@ -249,7 +263,7 @@ def _measure(effort: Effort, car: mujoco.MjModel | None, report: _Report) -> Mea
     report.show(_memory_section(memory))
 
     environments = {cost.name: cost for cost in costs}
-    measured = Measured(compared, sizes, timers, scaling, steps, environments, memory)
+    measured = Measured(compared, sizes, brains, timers, scaling, steps, environments, memory)
     report.show(_hours_section(measured))
     return measured
 
@@ -328,6 +342,22 @@ def _sizes_section(sizes: Iterable[Comparison]) -> Section:
         "is MuJoCo, brain is acting and learning, rest is sensors, rewards, bookkeeping and the "
         "hand-over between them; ratio is bare over total.",
         ("robots", "total", "physics", "brain", "rest", "bare", "ratio"),
+        tuple(rows),
+    )
+
+
+def _brains_section(brains: dict[str, dict[str, BrainCost]]) -> Section:
+    rows = []
+    for task, costs in brains.items():
+        for name, cost in costs.items():
+            each = 1e6 * median(cost.brain) / cost.setting.robot_steps
+            share, ratio = median(cost.shares), cost.ratio(costs[PAPERS])
+            rows.append((f"{_words(task)}, {name}", f"{each:.1f}", f"{share:.3f}", f"{ratio:.2f}"))
+    return Section(
+        "Two brains",
+        f"What acting and learning take of the lives of {MAIN} creative robots in one process, "
+        "with the paper's brain and with ours, in turns, medians of blocks.",
+        ("life", "brain, us a robot-step", "share of the time", "against the paper's"),
         tuple(rows),
     )
 
@@ -474,6 +504,10 @@ def _bars_section(measured: Measured) -> Section:
         (f"{proposer}, {robots} robots, against bare", f"{ratio:.3f}", f">= {bar}", ratio >= bar)
         for proposer, robots, ratio, bar in ratios
     ]
+    for task in TASKS:
+        name = f"{OURS}'s share of the time against the {PAPERS} brain's, {_words(task)}"
+        ratio = measured.brain_ratio(task)
+        bars.append((name, f"{ratio:.2f}", "<= 2", ratio <= 2))
     bars += [
         (
             "two processes against one",
@@ -536,6 +570,11 @@ def as_json(measured: Measured) -> dict[str, Any]:
             for c in measured.lives
         },
         "cost_us": {str(c.setting.robots): c.microseconds for c in measured.sizes},
+        "brain_share": {
+            task: {name: median(cost.shares) for name, cost in costs.items()}
+            for task, costs in measured.brains.items()
+        },
+        "brain_share_ratio": {task: measured.brain_ratio(task) for task in TASKS},
         "timers_on_cost_ratio": on / off,
         "process_scaling": measured.scaling["live"].ratio,
         "process_scaling_bare": measured.scaling["replay"].ratio,

@@ -26,6 +26,7 @@ import numpy as np
 import torch
 from mujoco import rollout
 
+from ..controller import BRAINS
 from ..tasks import Batch
 from .cohort import Cohort, legs
 from .engine import prepare_process
@@ -49,12 +50,14 @@ class Setting:
       proposer: "fixed", "random" or "creative".
       robots: of the cohort.
       steps: control steps in a block.
+      brain: name of the robots' brain.
     """
 
     task: str
     proposer: str
     robots: int
     steps: int
+    brain: str = "paper"
 
     @property
     def robot_steps(self) -> int:
@@ -140,7 +143,7 @@ class Life:
 
 def _newborn(setting: Setting) -> Cohort:
     key = CohortKey(setting.task, setting.proposer, 0)
-    return Cohort(Experiment(cohort_size=setting.robots), key)
+    return Cohort(Experiment(brain=BRAINS[setting.brain], cohort_size=setting.robots), key)
 
 
 def _begin_training(cohort: Cohort, setting: Setting) -> None:
@@ -240,6 +243,42 @@ def compare(setting: Setting, blocks: int) -> Comparison:
     ]
     lived, brain, physics, bare = zip(*rows, strict=True)
     return Comparison(setting, lived, brain, physics, bare)
+
+
+@dataclasses.dataclass(frozen=True)
+class BrainCost:
+    """Blocks of a life with a brain.
+
+    Attributes:
+      setting: what was lived.
+      life: seconds of each block.
+      brain: seconds of each block spent in the brains.
+    """
+
+    setting: Setting
+    life: tuple[float, ...]
+    brain: tuple[float, ...]
+
+    @property
+    def shares(self) -> list[float]:
+        """The brains' share of the time of each block."""
+        return [brain / life for brain, life in zip(self.brain, self.life, strict=True)]
+
+    def ratio(self, other: BrainCost) -> float:
+        """These brains' share over that of others that lived in turns, the blocks' median."""
+        return median(a / b for a, b in zip(self.shares, other.shares, strict=True))
+
+
+def brain_costs(setting: Setting, names: Sequence[str], blocks: int) -> dict[str, BrainCost]:
+    """Lives blocks with each of these brains, in turns; a first one, to warm up, is thrown away."""
+    crew = {name: Life(dataclasses.replace(setting, brain=name)) for name in names}
+    rows = [
+        [(life.live(), life.brain_seconds) for life in crew.values()] for _ in range(1 + blocks)
+    ]
+    costs = {}
+    for (name, life), own in zip(crew.items(), zip(*rows[1:], strict=True), strict=True):
+        costs[name] = BrainCost(life.setting, *zip(*own, strict=True))
+    return costs
 
 
 class Worker:

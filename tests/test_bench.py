@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from musebot.protocols import bench, bench_models, cli, engine
-from musebot.protocols.bench_lives import Comparison, Life, Setting
+from musebot.protocols.bench_lives import BrainCost, Comparison, Life, Setting, brain_costs
 from musebot.protocols.bench_models import StepCost
 
 
@@ -45,6 +45,8 @@ def test_the_json_holds_every_figure_finite_and_positive(quick):
     for name in (
         "throughput_ratio",
         "robot_step_us",
+        "brain_share",
+        "brain_share_ratio",
         "process_scaling",
         "process_scaling_bare",
         "step_cost_ratio_car",
@@ -70,7 +72,7 @@ def test_the_json_holds_the_seconds_of_every_block(quick):
 def test_markdown_has_every_section_and_says_that_a_quick_run_means_nothing(quick):
     text = quick[1]
     titles = [line for line in text.splitlines() if line.startswith("### ")]
-    assert len(titles) == len(set(titles)) == 10
+    assert len(titles) == len(set(titles)) == 11
     assert "far too short to be quoted" in text
     tables = [line for line in text.splitlines() if line.startswith("|")]
     assert all(line.endswith("|") for line in tables)
@@ -128,6 +130,23 @@ def test_ratios_are_medians_of_blocks():
     ours = StepCost("ours", 0.01, 8, 10, 6, 4, 10, seconds=(1.0, 2.0, 9.0))
     car = StepCost("car", 0.01, 8, 5, 2, 4, 14, seconds=(2.0, 2.0, 3.0))
     assert ours.ratio(car) == 1.0
+
+
+def test_a_brains_share_is_compared_block_by_block():
+    setting = Setting("wall_avoidance", "creative", robots=10, steps=100)
+    paper = BrainCost(setting, life=(10.0, 10.0, 10.0), brain=(1.0, 1.0, 2.0))
+    ours = BrainCost(setting, life=(12.0, 20.0, 10.0), brain=(3.0, 4.0, 2.0))
+    assert ours.shares == [0.25, 0.2, 0.2]
+    assert ours.ratio(paper) == 2.0
+
+
+def test_two_brains_live_in_turns_and_the_first_block_is_thrown_away():
+    setting = Setting("spot_finding", "creative", robots=2, steps=5)
+    costs = brain_costs(setting, ("paper", "steady"), blocks=3)
+    assert [cost.setting.brain for cost in costs.values()] == list(costs) == ["paper", "steady"]
+    for cost in costs.values():
+        assert len(cost.life) == len(cost.brain) == 3
+        assert all(0 < share < 1 for share in cost.shares)
 
 
 def test_blocks_are_about_equally_long_and_end_before_robots_are_placed_anew():
