@@ -14,7 +14,7 @@ class EvaluationNetwork:
     """State and two motor values in, one layer of hidden neurons, one value out (section 3).
 
     Attributes:
-      networks: hold the values.
+      networks: give the values of actions, and learn.
       optimizer: moves the networks.
     """
 

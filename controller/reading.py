@@ -71,7 +71,7 @@ class Reading:
           ValueError: the senses are not told, or not of S numbers.
         """
         self._centred = parameters.centred
-        self._raw = parameters.raw_signals
+        self._raw = False
         self._reward_full: Tensor | None = None
         self.inputs = sensors
         if not (self._centred or parameters.knows_full_load):
@@ -83,8 +83,7 @@ class Reading:
             self._reward_full = torch.tensor(senses.reward.full)
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
         self._full = torch.tensor([signal.full for signal in senses.state if signal.full])
-        if not len(self._full):  # nothing saturates: there is nothing more to read
-            self._raw = False
+        self._raw = parameters.raw_signals and len(self._full) > 0
         further = len(self._full) * self._raw
         self.inputs += further
         bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further

@@ -33,7 +33,7 @@ from .storage import check_place, write_atomically
 MAIN, SMALL = 250, 50  # robots in a process: a run's cohorts, and a small cohort
 SIZES = (1, 2, 5, 10, 20, SMALL, 100, MAIN, 500, 1000, 2000)
 MEMORY_SIZES = (SMALL, MAIN, 1000)
-PAPERS, OURS = "paper", "steady"  # brains
+PAPER, STEADY = "paper", "steady"  # brains
 TABLE_ROBOTS = 500  # in each condition of the paper's tables
 _LONGEST = 500  # control steps in a block
 
@@ -131,8 +131,8 @@ class Measured:
         raise KeyError(f"{task}, {proposer}, {robots} robots were not measured")
 
     def brain_ratio(self, task: str) -> float:
-        """Our brain's share of the time over that of the paper's."""
-        return self.brains[task][OURS].ratio(self.brains[task][PAPERS])
+        """What our brain costs over what the paper's does."""
+        return self.brains[task][STEADY].ratio(self.brains[task][PAPER])
 
     @property
     def step_ratio(self) -> float:
@@ -235,7 +235,7 @@ def _measure(effort: Effort, car: mujoco.MjModel | None, report: _Report) -> Mea
     for task in TASKS:
         report.begin(f"brains, {task}")
         setting = effort.setting(task, "creative", MAIN)
-        brains[task] = lives.brain_costs(setting, (PAPERS, OURS), effort.blocks)
+        brains[task] = lives.brain_costs(setting, (PAPER, STEADY), effort.blocks)
     report.show(_brains_section(brains))
 
     main = effort.setting("wall_avoidance", "creative", MAIN)
@@ -350,14 +350,14 @@ def _brains_section(brains: dict[str, dict[str, BrainCost]]) -> Section:
     rows = []
     for task, costs in brains.items():
         for name, cost in costs.items():
-            each = 1e6 * median(cost.brain) / cost.setting.robot_steps
-            share, ratio = median(cost.shares), cost.ratio(costs[PAPERS])
-            rows.append((f"{_words(task)}, {name}", f"{each:.1f}", f"{share:.3f}", f"{ratio:.2f}"))
+            numbers = cost.microseconds, cost.ratio(costs[PAPER]), cost.share
+            cells = (f"{x:{form}}" for x, form in zip(numbers, (".1f", ".2f", ".3f"), strict=True))
+            rows.append((f"{_words(task)}, {name}", *cells))
     return Section(
         "Two brains",
         f"What acting and learning take of the lives of {MAIN} creative robots in one process, "
         "with the paper's brain and with ours, in turns, medians of blocks.",
-        ("life", "brain, us a robot-step", "share of the time", "against the paper's"),
+        ("life", "brain, us a robot-step", "against the paper's", "share of the time"),
         tuple(rows),
     )
 
@@ -505,7 +505,7 @@ def _bars_section(measured: Measured) -> Section:
         for proposer, robots, ratio, bar in ratios
     ]
     for task in TASKS:
-        name = f"{OURS}'s share of the time against the {PAPERS} brain's, {_words(task)}"
+        name = f"{STEADY}'s acting and learning against the {PAPER} brain's, {_words(task)}"
         ratio = measured.brain_ratio(task)
         bars.append((name, f"{ratio:.2f}", "<= 2", ratio <= 2))
     bars += [
@@ -570,11 +570,11 @@ def as_json(measured: Measured) -> dict[str, Any]:
             for c in measured.lives
         },
         "cost_us": {str(c.setting.robots): c.microseconds for c in measured.sizes},
-        "brain_share": {
-            task: {name: median(cost.shares) for name, cost in costs.items()}
+        "brain_us": {
+            task: {name: cost.microseconds for name, cost in costs.items()}
             for task, costs in measured.brains.items()
         },
-        "brain_share_ratio": {task: measured.brain_ratio(task) for task in TASKS},
+        "brain_cost_ratio": {task: measured.brain_ratio(task) for task in TASKS},
         "timers_on_cost_ratio": on / off,
         "process_scaling": measured.scaling["live"].ratio,
         "process_scaling_bare": measured.scaling["replay"].ratio,

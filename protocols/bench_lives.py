@@ -247,12 +247,12 @@ def compare(setting: Setting, blocks: int) -> Comparison:
 
 @dataclasses.dataclass(frozen=True)
 class BrainCost:
-    """Blocks of a life with a brain.
+    """What brains take of the blocks of a life.
 
     Attributes:
       setting: what was lived.
       life: seconds of each block.
-      brain: seconds of each block spent in the brains.
+      brain: seconds of each block spent in acting and learning.
     """
 
     setting: Setting
@@ -260,25 +260,34 @@ class BrainCost:
     brain: tuple[float, ...]
 
     @property
-    def shares(self) -> list[float]:
-        """The brains' share of the time of each block."""
-        return [brain / life for brain, life in zip(self.brain, self.life, strict=True)]
+    def microseconds(self) -> float:
+        """Of a robot-step, in the brain, the blocks' median."""
+        return 1e6 * median(self.brain) / self.setting.robot_steps
+
+    @property
+    def share(self) -> float:
+        """The brains' share of the time, the blocks' median."""
+        return median(brain / life for brain, life in zip(self.brain, self.life, strict=True))
 
     def ratio(self, other: BrainCost) -> float:
-        """These brains' share over that of others that lived in turns, the blocks' median."""
-        return median(a / b for a, b in zip(self.shares, other.shares, strict=True))
+        """These brains' seconds over those of others that lived in turns, the blocks' median."""
+        return median(a / b for a, b in zip(self.brain, other.brain, strict=True))
 
 
 def brain_costs(setting: Setting, names: Sequence[str], blocks: int) -> dict[str, BrainCost]:
-    """Lives blocks with each of these brains, in turns; a first one, to warm up, is thrown away."""
-    crew = {name: Life(dataclasses.replace(setting, brain=name)) for name in names}
-    rows = [
-        [(life.live(), life.brain_seconds) for life in crew.values()] for _ in range(1 + blocks)
-    ]
-    costs = {}
-    for (name, life), own in zip(crew.items(), zip(*rows[1:], strict=True), strict=True):
-        costs[name] = BrainCost(life.setting, *zip(*own, strict=True))
-    return costs
+    """Lives blocks with each of several brains, in turns; a first one, to warm up, is thrown away.
+
+    Returns:
+      By the brain's name.
+    """
+    crew = [Life(dataclasses.replace(setting, brain=name)) for name in names]
+    for life in crew:
+        life.live()
+    rows = [[(life.live(), life.brain_seconds) for life in crew] for _ in range(blocks)]
+    return {
+        life.setting.brain: BrainCost(life.setting, *zip(*own, strict=True))
+        for life, own in zip(crew, zip(*rows, strict=True), strict=True)
+    }
 
 
 class Worker:

@@ -293,7 +293,7 @@ class Explore:
 
 @dataclasses.dataclass
 class Bench:
-    """Measure the speed against the raw physics, on an idle machine: about 6 minutes."""
+    """Measure the speed against the raw physics, on an idle machine: about 7 minutes."""
 
     json: Path | None = None
     """keep every number in this file"""

@@ -428,6 +428,10 @@ def load_plan(path: Path) -> Plan:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
 
 
+# Of brains, and what they said where they said nothing: older runs still name them.
+_TAKEN_OUT = {"judge_rate": 1.0, "noticed_signals": False}
+
+
 def experiment_of(fields: dict[str, Any]) -> Experiment:
     """The experiment whose fields `dataclasses.asdict` gave, to JSON and back.
 
@@ -438,6 +442,9 @@ def experiment_of(fields: dict[str, Any]) -> Experiment:
     brain = fields["brain"] | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
     if "random_ideas" in brain:  # as counted until they became a share
         brain["random_share"] = brain.pop("random_ideas") / brain["ideas"]
+    for name, none in _TAKEN_OUT.items():
+        if brain.get(name) == none:
+            del brain[name]
     kinematics = Kinematics(**fields.get("kinematics", {}))
     return Experiment(**(fields | {"brain": Parameters(**brain), "kinematics": kinematics}))
 

@@ -129,6 +129,14 @@ def test_only_robots_with_a_learn_ability_are_counted_in_its_mean_and_no_invalid
     assert ability.robots == (40, 36) and share.robots == (40, 39)
 
 
+def test_brains_born_alike_are_pairs_and_others_are_not():
+    name, nets = f"{SF}/creative/before/evaluation.weights0", np.arange(40.0)[:, None]
+    whole = side("steady", {SF: 300}, {name: nets})
+    for other, paired in ((nets, True), (nets + 1, False), (np.hstack([nets, nets]), False)):
+        less = side("steady-cap", {SF: 300}, {name: other})
+        assert all(cell.paired == paired for cell in judged(whole, less)[SF, "cap"])
+
+
 def test_the_page_says_what_earns_its_place_where_and_what_does_harm():
     sides = [
         side("steady", {WA: 100, SF: 300}),

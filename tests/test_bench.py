@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from musebot.protocols import bench, bench_models, cli, engine
-from musebot.protocols.bench_lives import BrainCost, Comparison, Life, Setting, brain_costs
+from musebot.controller import BRAINS
+from musebot.protocols import bench, bench_lives, bench_models, cli, engine
+from musebot.protocols.bench_lives import BrainCost, Comparison, Life, Setting
 from musebot.protocols.bench_models import StepCost
 
 
@@ -45,8 +46,8 @@ def test_the_json_holds_every_figure_finite_and_positive(quick):
     for name in (
         "throughput_ratio",
         "robot_step_us",
-        "brain_share",
-        "brain_share_ratio",
+        "brain_us",
+        "brain_cost_ratio",
         "process_scaling",
         "process_scaling_bare",
         "step_cost_ratio_car",
@@ -132,21 +133,48 @@ def test_ratios_are_medians_of_blocks():
     assert ours.ratio(car) == 1.0
 
 
-def test_a_brains_share_is_compared_block_by_block():
+def test_brains_are_compared_block_by_block():
     setting = Setting("wall_avoidance", "creative", robots=10, steps=100)
     paper = BrainCost(setting, life=(10.0, 10.0, 10.0), brain=(1.0, 1.0, 2.0))
     ours = BrainCost(setting, life=(12.0, 20.0, 10.0), brain=(3.0, 4.0, 2.0))
-    assert ours.shares == [0.25, 0.2, 0.2]
-    assert ours.ratio(paper) == 2.0
+    assert ours.ratio(paper) == 3.0
+    assert ours.share == 0.2
+    assert ours.microseconds == pytest.approx(3000)
 
 
-def test_two_brains_live_in_turns_and_the_first_block_is_thrown_away():
+def test_two_brains_live_in_turns_and_the_first_block_is_thrown_away(monkeypatch):
+    order = []
+
+    class Fake:
+        def __init__(self, setting):
+            self.setting, self.brain_seconds = setting, 0.0
+
+        def live(self):
+            order.append(self.setting.brain)
+            self.brain_seconds = float(len(order))
+            return 100.0 + len(order)
+
+    monkeypatch.setattr(bench_lives, "Life", Fake)
     setting = Setting("spot_finding", "creative", robots=2, steps=5)
-    costs = brain_costs(setting, ("paper", "steady"), blocks=3)
-    assert [cost.setting.brain for cost in costs.values()] == list(costs) == ["paper", "steady"]
-    for cost in costs.values():
-        assert len(cost.life) == len(cost.brain) == 3
-        assert all(0 < share < 1 for share in cost.shares)
+    costs = bench_lives.brain_costs(setting, ("paper", "steady"), blocks=3)
+    assert order == ["paper", "steady"] * 4
+    assert list(costs) == ["paper", "steady"]
+    assert costs["paper"].brain == (3.0, 5.0, 7.0)
+    assert costs["steady"].life == (104.0, 106.0, 108.0)
+
+
+def test_a_life_has_the_brain_that_it_is_told():
+    for name in ("paper", "steady"):
+        life = Life(Setting("spot_finding", "creative", robots=2, steps=5, brain=name))
+        assert life._cohort._experiment.brain == BRAINS[name]
+        assert 0 < life.live() and 0 < life.brain_seconds
+
+
+def test_the_cost_of_our_brain_is_told_against_the_papers(quick):
+    content = json.loads((quick[0] / "bench.json").read_text())
+    for task, ratio in content["brain_cost_ratio"].items():
+        paper, steady = (content["raw"]["brains"][task][n]["brain"] for n in ("paper", "steady"))
+        assert ratio == pytest.approx(steady[0] / paper[0])  # of one block
 
 
 def test_blocks_are_about_equally_long_and_end_before_robots_are_placed_anew():

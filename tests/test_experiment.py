@@ -368,6 +368,24 @@ def test_random_ideas_that_were_counted_are_read_as_their_share(name, count, tmp
     assert load_plan(path).experiment.brain == BRAINS[name]
 
 
+@pytest.mark.parametrize(
+    ("said", "readable"),
+    [
+        ({"judge_rate": 1.0, "noticed_signals": False}, True),
+        ({"judge_rate": 0.02}, False),
+        ({"noticed_signals": True}, False),
+    ],
+)
+def test_what_brains_no_longer_have_is_read_where_it_was_not_had(said, readable, sound):
+    content = json.loads(sound.read_text())
+    content["experiment"]["brain"] |= said
+    sound.write_text(json.dumps(content))
+    if readable:
+        assert load_plan(sound).experiment.brain == Parameters()
+    else:
+        assert_damaged(sound)
+
+
 def test_a_brain_with_a_number_changed_is_named_by_it():
     for name in ("paper", "steady"):
         brain = dataclasses.replace(BRAINS[name], discount=0.8, keep_main_idea=True)

@@ -97,19 +97,6 @@ def test_adding_the_gradient_is_ascending(shape):
         torch.testing.assert_close(tensor, other.tensors()[name], atol=1e-6, rtol=1e-6)
 
 
-def test_a_copy_is_the_same_and_goes_its_own_way():
-    networks, x, steps = drawn(2, 3, 4, 1, seed=6)
-    copy = networks.copy()
-    assert torch.equal(copy.forward(x)[1], networks.forward(x)[1])
-    before = {name: tensor.clone() for name, tensor in copy.tensors().items()}
-    networks.ascend(x, networks.forward(x)[0], steps)
-    assert all(torch.equal(before[name], t) for name, t in copy.tensors().items())
-    copy.approach(networks, 0.25)
-    for name, tensor in copy.tensors().items():
-        wanted = 0.75 * before[name] + 0.25 * networks.tensors()[name]
-        torch.testing.assert_close(tensor, wanted, atol=1e-6, rtol=1e-6)
-
-
 @quick
 @given(shapes)
 def test_a_batch_is_as_many_batches_of_one(shape):

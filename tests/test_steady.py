@@ -93,15 +93,15 @@ class SlowBrain:
         hidden = torch.tanh(w["hidden_weights"] @ x + w["hidden_biases"])
         return w["output_weights"] @ hidden + w["output_biases"]
 
-    def value(self, w, x, action):
-        return self.layers(w, torch.cat([x, 2 * action]))[0]
+    def value(self, x, action):
+        return self.layers(self.q, torch.cat([x, 2 * action]))[0]
 
     def arrive(self, state, action, ideas, age):
         x, rho = self.read(state), state[0] / (1 - state[0]) / 10
-        promises = [self.value(self.q, x, idea).detach() for idea in ideas]
+        promises = [self.value(x, idea).detach() for idea in ideas]
         best = max(promises)
         idea = ideas[promises.index(best)]
-        mine = self.value(self.q, x, action).detach()
+        mine = self.value(x, action).detach()
         error = torch.tensor(0.0)
         if self.before is not None:
             error = self.learn(rho, best, age)
@@ -113,7 +113,7 @@ class SlowBrain:
         if rho_now < rho and rho_now <= 0:
             best_now = torch.minimum(best_now, rho - rho_now)
         target = rho_now - rho + 0.9 * best_now - self.p.action_gap * gap
-        q = self.value(self.q, x, action)
+        q = self.value(x, action)
         surprise = (target - q) ** 2 / 2
         outputs = torch.sigmoid(self.layers(self.memory, x))
         mistake = ((idea + 0.5 - outputs) ** 2 / 2).sum()
