@@ -20,6 +20,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from ..controller import PROPOSERS
 from ..models import Dimensions, Kinematics, enlarge
 from ..tasks import CONTROL_TIMESTEP, Robots
 from ..tasks.arena import RANGEFINDERS
@@ -293,7 +294,11 @@ def _plain(change: Change) -> dict[str, Any]:
 
 
 def sitters(
-    runs: Sequence[Path], robots: int, body: Body | None, seed: int
+    runs: Sequence[Path],
+    robots: int,
+    body: Body | None,
+    seed: int,
+    proposers: Sequence[str] = PROPOSERS,
 ) -> list[tuple[Sitter, Results]]:
     """Whose brains sit the test, and the lives that left them.
 
@@ -302,10 +307,14 @@ def sitters(
       robots: of each condition, at most.
       body: of the test; None for each run's own.
       seed: of the random streams of brains and noise.
+      proposers: whose brains.
 
     Raises:
       InputError: a folder holds no such brains, or they cannot stand in one table.
     """
+    for name in proposers:
+        if name not in PROPOSERS:
+            raise InputError(f"the proposer must be one of {', '.join(PROPOSERS)}, got {name!r}")
     if not runs:
         raise InputError("no run is named whose brains could sit the test")
     names = [run.resolve().name for run in runs]
@@ -320,10 +329,12 @@ def sitters(
         chosen = {
             condition: count
             for condition in probes.lived(results)
-            if (count := len(probes.sample(results, *condition, robots)))
+            if condition[1] in proposers
+            and (count := len(probes.sample(results, *condition, robots)))
         }
         if not chosen:
-            raise InputError(f"{run} holds no brain of a proposer's that could be put back")
+            names = " or ".join(proposers)
+            raise InputError(f"{run} holds no brain of a {names} robot that could be put back")
         brains = digest({k: v for k, v in results.brains.items() if "/after/" in k})
         physics = physics_probe(experiment.body, experiment.kinematics)
         found.append((Sitter(name, experiment, brains, chosen, physics), results))
@@ -514,6 +525,7 @@ def main(
     processes: int = len(os.sched_getaffinity(0)),
     body: Body | None = None,
     seed: int = 0,
+    proposer: tuple[str, ...] = PROPOSERS,
 ) -> None:
     """Lets trained brains sit their test in robots and arenas that they were not trained in.
 
@@ -524,12 +536,13 @@ def main(
       processes: tests at a time, one core each.
       body: of the tests; None for each run's own.
       seed: of the random streams of brains and noise.
+      proposer: fixed, random, creative, or several.
     """
     for name, number in (("robots", robots), ("processes", processes)):
         if number < 1:
             raise InputError(f"the number of {name} must be at least 1, got {number}")
     check_seed(seed)
-    wanted = sitters(runs, robots, body, seed)
+    wanted = sitters(runs, robots, body, seed, proposer)
     study = [sitter for sitter, _ in wanted]
     check_study(out, study)
     with engine.locked(out):

@@ -340,6 +340,19 @@ def test_at_most_so_many_robots_sit_and_no_invalid_ones(runs, tmp_path, here):
     assert sitter.robots == dict.fromkeys(CONDITIONS, 1)
 
 
+def test_only_the_proposers_that_are_asked_for_sit(runs, tmp_path, capsys):
+    for condition in CONDITIONS:
+        [(sitter, _)] = robustness.sitters(runs[:1], 1, None, 0, condition[1:])
+        assert sitter.robots == {condition: 1}
+    for proposer, words in (
+        ("best", "must be one of fixed, random"),
+        ("random", "no brain of a random"),
+    ):
+        assert study(tmp_path / "study", runs[0], proposer=(proposer,)) == 2
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / "study").exists()
+
+
 def test_the_body_is_the_runs_own_or_the_one_asked_for(runs):
     for body, expected in ((None, "kinematic"), ("mujoco", "mujoco")):
         [(sitter, _)] = robustness.sitters(runs[:1], 1, body, 7)
