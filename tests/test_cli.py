@@ -201,7 +201,7 @@ def test_a_brain_is_the_named_one_but_for_what_is_told(tmp_path, capsys):
         assert cli.main(["run", str(tmp_path), *(again or words), *scale]) == 0
     own = load_plan(tmp_path / "experiment.json").experiment.brain
     assert own == dataclasses.replace(BRAINS["steady"], action_gap=0.4, fixed_motors=(0.0, 0.5))
-    assert "brain: steady action_gap=0.4 fixed_motors=[0.0,0.5]" in capsys.readouterr().out
+    assert "brain: steady fixed_motors=[0.0,0.5] action_gap=0.4" in capsys.readouterr().out
     assert cli.main(["run", str(tmp_path), "--but", "action_gap=0.3"]) == 2
     assert "holds an experiment with brain steady" in capsys.readouterr().err
 
