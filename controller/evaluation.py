@@ -59,7 +59,7 @@ class EvaluationNetwork:
         reward: Tensor,
         next_value: Tensor,
         learning: Tensor | float = 1.0,
-        age: int = 0,
+        rate: Tensor | float | None = None,
     ) -> Tensor:
         """One step of TD(0), Eq. 1: w += eta [r + gamma V' - V] grad V.
 
@@ -71,7 +71,7 @@ class EvaluationNetwork:
           reward: at time t + 1, shape (B,).
           next_value: V of the state and the action selected at time t + 1, shape (B,).
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
-          age: steps of learning so far.
+          rate: the learn rate, shape (B,), or everybody's; None for the parameters'.
 
         Returns:
           The TD error, shape (B,); 0 for a robot that does not learn.
@@ -79,6 +79,6 @@ class EvaluationNetwork:
         inputs = torch.cat([state, action], dim=-1)
         hidden, value = self.networks.forward(inputs)
         error = learning * (reward + self._parameters.discount * next_value - value[:, 0])
-        rate = self._parameters.learn_rate_at(age)
+        rate = self._parameters.learn_rate if rate is None else rate
         self.optimizer.ascend(inputs, hidden, error[:, None], rate, learning)
         return error

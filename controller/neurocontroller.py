@@ -65,7 +65,7 @@ class Neurocontroller:
         self._proposer = make_proposer(proposer, parameters, self.memory, self._generator)
         self._exploration = make_exploration(parameters, robots, self._generator)
         self._rows = torch.arange(robots)
-        self._age = torch.tensor(0)  # steps of learning
+        self._age = torch.zeros(robots, dtype=torch.float64)  # in steps of learning
         # Those with a full load in a row, and all that come after once a robot is content.
         self._full_steps = torch.zeros(robots, dtype=torch.int64)
         # What was sensed, done and expected, now and a step ago. A robot whose `chained` is 0
@@ -113,9 +113,9 @@ class Neurocontroller:
         ideas = actions.shape[1]
         epsilon = self._parameters.test_epsilon
         if explore:
-            epsilon = self._parameters.epsilon_at(int(self._age))
+            epsilon = self._parameters.epsilon_at(self._age)
         astray = None
-        if epsilon or explore:
+        if explore or epsilon:
             actions, astray = self._exploration.stray(actions, epsilon)
             if self._parameters.content_steps:
                 astray = torch.where(self._content(), -1, astray)
@@ -146,20 +146,21 @@ class Neurocontroller:
         Returns:
           The TD error, shape (B,); 0 for a robot without a step to learn from.
         """
-        before, age = self._before, int(self._age)
+        before, rate = self._before, self._parameters.learn_rate_at(self._age)
         gain, ahead, learning = self._outcome(self._reading.reward(reward))
         if self._parameters.content_steps:
             goes_on = self._reading.is_full(reward) | self._content()
             self._full_steps.copy_(torch.where(goes_on, self._full_steps + 1, 0))
             learning = learning * ~self._content()
         action = self._reading.motors(before["action"])
-        error = self.evaluation.learn(before["state"], action, gain, ahead, learning, age)
+        error = self.evaluation.learn(before["state"], action, gain, ahead, learning, rate)
         if self.memory is not None and self._parameters.memory_goal == "selected":
             self.memory.learn(before["state"], before["action"], error)
         elif self.memory is not None:
-            rate = self._parameters.learn_rate_at(age)
             self.memory.learn(before["state"], before["best_action"], learning, rate)
-        self._age += 1
+        if self._parameters.ages:
+            by_reward = self._parameters.ages_with == "reward"
+            self._age += self._reading.share(reward) if by_reward else 1
         return error
 
     def _content(self) -> Tensor:

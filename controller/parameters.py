@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, get_args
 
+import torch
+from torch import Tensor
+
 from .networks import ActivationName
 from .optimizers import OptimizerName
 
@@ -20,6 +23,7 @@ _CHOICES = {
     "reward": ("signal", "change"),
     "next_value": ("selected", "best"),
     "memory_goal": ("selected", "best"),
+    "ages_with": ("time", "reward"),
 }
 
 
@@ -29,7 +33,7 @@ class Parameters:
 
     The second part are choices beyond the paper, each of which can be made alone. "Young" is
     what a robot is when it begins to learn: from a young value to the grown-up one it goes as
-    exp(-t / youth), t and youth in control steps of learning.
+    exp(-age / youth), age and youth in control steps of learning.
 
     Attributes:
       evaluation_hidden: hidden neurons of the evaluation network (section 3).
@@ -64,6 +68,9 @@ class Parameters:
         number is rounded to the nearest, and one idea at least is the memory's own.
       held_steps: a random action is one of those proposed, for one step (0; section 3), or
         any motor pair, held for 1 to so many steps.
+      ages_with: what counts for age: "time", every step of learning, or "reward", of each step
+        the share of the reward's range that it was rewarded with, so that a full load counts as
+        a step, and no smell as none; among walls a step without contact.
       young_epsilon: the young epsilon; None for no other.
       epsilon_youth: how long it takes.
       young_learn_rate: the young learn rate; None for no other.
@@ -99,6 +106,7 @@ class Parameters:
     memory_goal: Literal["selected", "best"] = "selected"
     random_share: float = 0.0
     held_steps: int = 0
+    ages_with: Literal["time", "reward"] = "time"
     young_epsilon: float | None = None
     epsilon_youth: float = 24000.0
     young_learn_rate: float | None = None
@@ -153,13 +161,18 @@ class Parameters:
 
     @property
     def ages(self) -> bool:
-        """Whether a brain changes with the time for which it has learnt."""
+        """Whether a brain changes with its age."""
         return self.young_epsilon is not None or self.young_learn_rate is not None
 
     @property
     def knows_full_load(self) -> bool:
         """Whether a brain must be told what a full load is."""
         return self.raw_signals or self.raw_reward or self.content_steps > 0
+
+    @property
+    def knows_senses(self) -> bool:
+        """Whether a brain must be told what the numbers are that it senses."""
+        return self.centred or self.knows_full_load or self.ages_with == "reward"
 
     @property
     def remembers_reward(self) -> bool:
@@ -171,17 +184,19 @@ class Parameters:
         """Whether a brain must know the best action, beside the selected one."""
         return self.action_gap > 0 or "best" in (self.next_value, self.memory_goal)
 
-    def epsilon_at(self, age: int) -> float:
-        """Epsilon after so many steps of learning."""
+    def epsilon_at(self, age: Tensor) -> Tensor | float:
+        """Epsilon of robots of such ages, shapes (B,); one number where it stays as it is."""
         return _aged(self.young_epsilon, self.epsilon, age / self.epsilon_youth)
 
-    def learn_rate_at(self, age: int) -> float:
-        """The learn rate after so many steps of learning."""
+    def learn_rate_at(self, age: Tensor) -> Tensor | float:
+        """The learn rate of robots of such ages, likewise."""
         return _aged(self.young_learn_rate, self.learn_rate, age / self.learn_rate_youth)
 
 
-def _aged(young: float | None, grown: float, youths: float) -> float:
-    return grown if young is None else grown + (young - grown) * math.exp(-youths)
+def _aged(young: float | None, grown: float, youths: Tensor) -> Tensor | float:
+    if young is None:
+        return grown
+    return (grown + (young - grown) * torch.exp(-youths)).to(torch.get_default_dtype())
 
 
 # Ours: what it takes for both tasks to be learnt and not forgotten, each with its reason.
@@ -205,19 +220,21 @@ STEADY = Parameters(
     action_gap=0.8,
     # Rewards differ by a hundred times between the tasks and over a life: Adam levels the steps.
     optimizer="adam",
-    # A long stay rewrites little: after four hours a fifth of the young one is left.
+    # A long stay rewrites little.
     learn_rate=0.0002,
     young_learn_rate=0.002,
-    learn_rate_youth=62400,
     # The memory keeps what is best, not what happened; it need not unlearn.
     memory_goal="best",
     # A memory that has settled proposes one action in many copies: some ideas are from outside.
     random_share=0.32,
-    # Single random steps go nowhere: a stray walk crosses the arena, and meets the spot.
-    held_steps=30,
-    epsilon=0.02,
-    young_epsilon=0.15,
-    epsilon_youth=24000,
+    # Single random steps go nowhere: stray walks meet the spot.
+    held_steps=15,
+    epsilon=0.04,
+    young_epsilon=0.3,
+    # Who finds the spot late is still young then, and learns and strays as others did in time.
+    ages_with="reward",
+    epsilon_youth=12000,
+    learn_rate_youth=31200,
 )
 
 # Its ingredients, to be taken away one at a time: the fields that then are the paper's again.
@@ -236,6 +253,7 @@ INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "random": ("random_share",),
         "held": ("held_steps",),
         "epsilon": ("epsilon", "young_epsilon"),
+        "patience": ("ages_with", "epsilon_youth", "learn_rate_youth"),
     }
 )
 

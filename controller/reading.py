@@ -74,10 +74,11 @@ class Reading:
         self._raw = False
         self._reward_full: Tensor | None = None
         self.inputs = sensors
-        if not (self._centred or parameters.knows_full_load):
+        if not parameters.knows_senses:
             return
         if senses is None or len(senses.state) != sensors:
             raise ValueError(f"a brain that knows of signals must be told of all {sensors}")
+        self._rewards = senses.reward.low, senses.reward.high
         self._full_signal = torch.tensor(senses.reward.saturated)
         if parameters.raw_reward and senses.reward.full:
             self._reward_full = torch.tensor(senses.reward.full)
@@ -105,6 +106,11 @@ class Reading:
         """The reward, from its signal, shapes (B,)."""
         full = self._reward_full
         return signal if full is None else unsaturated(signal, full)
+
+    def share(self, signal: Tensor) -> Tensor:
+        """The reward, from its signal, as a share of its range; shapes (B,)."""
+        low, high = (0.0, 1.0) if self._reward_full is not None else self._rewards
+        return (self.reward(signal) - low) / (high - low)
 
     def is_full(self, signal: Tensor) -> Tensor:
         """Whether the reward's signal is that of a full load, if there is one; shapes (B,)."""

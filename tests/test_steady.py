@@ -1,6 +1,7 @@
 """The brain beyond the paper: each step of it against autograd and torch's Adam, and alone."""
 
 import dataclasses
+import math
 import re
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from musebot.controller import (
 STEADY = BRAINS["steady"]
 SENSES = Senses((Signal(0.0, 1.0, 10.0), Signal(-1.0, 0.0)), Signal(0.0, 1.0, 10.0))
 ROBOTS = 3
+FULL = 10 / 11  # the signal of a full load
 
 
 @pytest.fixture
@@ -74,6 +76,7 @@ class SlowBrain:
     def __init__(self, brain, robot, parameters):
         own = {name: tensor[robot].clone() for name, tensor in brain.networks().items()}
         self.p = parameters
+        self.age = 0.0
         self.q, self.memory = (
             {k.split(".")[1]: t for k, t in own.items() if k.startswith(owner)}
             for owner in ("evaluation", "memory")
@@ -96,7 +99,7 @@ class SlowBrain:
     def value(self, x, action):
         return self.layers(self.q, torch.cat([x, 2 * action]))[0]
 
-    def arrive(self, state, action, ideas, age):
+    def arrive(self, state, action, ideas):
         x, rho = self.read(state), state[0] / (1 - state[0]) / 10
         promises = [self.value(x, idea).detach() for idea in ideas]
         best = max(promises)
@@ -104,11 +107,12 @@ class SlowBrain:
         mine = self.value(x, action).detach()
         error = torch.tensor(0.0)
         if self.before is not None:
-            error = self.learn(rho, best, age)
+            error = self.learn(rho, best)
+        self.age += rho.item() if self.p.ages_with == "reward" else 1
         self.before = (x, action, rho, idea, (best - mine).clamp(min=0))
         return error
 
-    def learn(self, rho_now, best_now, age):
+    def learn(self, rho_now, best_now):
         x, action, rho, idea, gap = self.before
         if rho_now < rho and rho_now <= 0:
             best_now = torch.minimum(best_now, rho - rho_now)
@@ -117,7 +121,7 @@ class SlowBrain:
         surprise = (target - q) ** 2 / 2
         outputs = torch.sigmoid(self.layers(self.memory, x))
         mistake = ((idea + 0.5 - outputs) ** 2 / 2).sum()
-        rate = 0.0002 + 0.0018 * torch.exp(torch.tensor(-age / 62400)).item()
+        rate = 0.0002 + 0.0018 * math.exp(-self.age / self.p.learn_rate_youth)
         for adam, loss in zip(self.adams, (surprise, mistake), strict=True):
             adam.zero_grad()
             loss.backward()
@@ -139,19 +143,26 @@ def watch(brain):
 
 
 @pytest.mark.usefixtures("double_precision")
-@pytest.mark.parametrize("fields", [{}, {"action_gap": 0.3, "young_epsilon": 0.6}])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"learn_rate_youth": 20.0},
+        {"action_gap": 0.3, "young_epsilon": 0.6},
+        {"ages_with": "time", "learn_rate_youth": 20.0},
+    ],
+)
 def test_each_step_learns_as_the_rule_is_written_down(fields):
     brain = born(**fields)
     slow = [SlowBrain(brain, robot, brain._parameters) for robot in range(ROBOTS)]
     proposed = watch(brain)
     strayed = lost = 0
-    for age, state in enumerate(sensed(60)):
+    for state in sensed(60):
         actions = brain.act(state, explore=True)
         errors = brain.learn(state[:, 0])
         for robot, own in enumerate(slow):
             strayed += not (proposed[-1][robot] == actions[robot]).all(-1).any()
             lost += own.before is not None and state[robot, 0] == 0 < own.before[2]
-            error = own.arrive(state[robot], actions[robot], proposed[-1][robot], age)
+            error = own.arrive(state[robot], actions[robot], proposed[-1][robot])
             torch.testing.assert_close(errors[robot], error, atol=1e-9, rtol=0)
     assert strayed > 10
     assert lost > 10
@@ -310,23 +321,63 @@ def test_a_third_of_the_ideas_are_random_and_the_others_the_memorys(count, own):
     assert not alike[:, own:].any()
 
 
-def test_epsilon_and_learn_rate_fall_with_the_time_of_learning():
-    minutes = 600
-    assert STEADY.epsilon_at(0) == pytest.approx(0.15)
-    assert STEADY.epsilon_at(40 * minutes) == pytest.approx(0.02 + 0.13 / 2.718281828)
-    assert STEADY.learn_rate_at(0) == pytest.approx(0.002)
-    assert STEADY.learn_rate_at(104 * minutes) == pytest.approx(0.0002 + 0.0018 / 2.718281828)
-    assert STEADY.learn_rate_at(10**7) == pytest.approx(0.0002)
-    assert Parameters().epsilon_at(10**7) == Parameters().epsilon
+def test_epsilon_and_learn_rate_fall_with_age():
+    ages = torch.tensor([0.0, 12000.0, 31200.0, 1e7], dtype=torch.float64)
+    epsilons, rates = STEADY.epsilon_at(ages).tolist(), STEADY.learn_rate_at(ages).tolist()
+    assert epsilons[0] == pytest.approx(0.3)
+    assert epsilons[1] == pytest.approx(0.04 + 0.26 / math.e)
+    assert epsilons[3] == pytest.approx(0.04)
+    assert rates[0] == pytest.approx(0.002)
+    assert rates[2] == pytest.approx(0.0002 + 0.0018 / math.e)
+    assert rates[3] == pytest.approx(0.0002)
+    assert Parameters().epsilon_at(ages) == Parameters().epsilon
+    assert Parameters().learn_rate_at(ages) == Parameters().learn_rate
+
+
+def test_robots_age_by_the_share_of_the_reward_they_have_and_not_in_tests():
+    nose = torch.tensor([[FULL, 0.0, 5 / 6], [FULL, 0.0, 0.0]])  # a full load, nothing, a half
     brain = born()
+    for signals in nose:
+        brain.act(torch.stack([signals, signals], dim=1), explore=True)
+        brain.learn(signals)
+    brain.act(sensed(1)[0], explore=False)
+    age = brain.state()["learning.age"].tolist()
+    assert age == pytest.approx([2, 0, 0.5], abs=1e-6)
+
+
+def test_among_walls_robots_age_by_the_steps_without_contact():
+    brain = Neurocontroller(STEADY, "creative", 2, 2, 1, Senses(SENSES.state, Signal(-1.0, 0.0)))
+    for contact in torch.tensor([[0.0, -1.0], [0.0, -1.0], [-1.0, 0.0]]):
+        brain.act(torch.stack([contact, contact], dim=1), explore=True)
+        brain.learn(contact)
+    assert brain.state()["learning.age"].tolist() == [2, 1]
+
+
+def test_robots_may_age_by_the_time_of_learning():
+    brain = born(ages_with="time")
     live(brain, sensed(5))
-    brain.act(sensed(1)[0], explore=False)  # tests do not age
-    assert brain.state()["learning.age"] == 5
+    brain.act(sensed(1)[0], explore=False)
+    assert brain.state()["learning.age"].tolist() == [5] * ROBOTS
+
+
+def test_who_was_not_rewarded_strays_more_and_learns_faster_than_who_was():
+    brain = born(robots=200, epsilon_youth=5.0, learn_rate_youth=5.0, epsilon=0.0, held_steps=1)
+    rewarded_ones = torch.arange(200) < 100
+    signals = torch.where(rewarded_ones, FULL, 0.0)
+    proposed, strayed = watch(brain), torch.zeros(200)
+    for step in range(100):
+        actions = brain.act(torch.stack([signals, signals], dim=1), explore=True)
+        brain.learn(signals)
+        if step >= 50:
+            strayed += ~(proposed[-1] == actions[:, None]).all(-1).any(-1)
+    assert strayed[rewarded_ones].sum() < 10
+    assert strayed[~rewarded_ones].sum() > 500
+    rates = brain._parameters.learn_rate_at(brain.state()["learning.age"])
+    assert (rates[~rewarded_ones] == rates[~rewarded_ones].max()).all()
+    assert rates[rewarded_ones].max() < rates[~rewarded_ones].min()
 
 
 # Abandoning training
-
-FULL = 10 / 11
 
 
 def contented(steps, brain="paper", seed=1, proposer="creative", **fields):
