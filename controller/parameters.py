@@ -69,8 +69,8 @@ class Parameters:
       held_steps: a random action is one of those proposed, for one step (0; section 3), or
         any motor pair, held for 1 to so many steps.
       ages_with: what counts for age: "time", every step of learning, or "reward", of each step
-        the share of the reward's range that it was rewarded with, so that a full load counts as
-        a step, and no smell as none; among walls a step without contact.
+        the raw reward's share of its range: a full load counts as a step and no smell as none;
+        among walls a step without contact as one.
       young_epsilon: the young epsilon; None for no other.
       epsilon_youth: how long it takes.
       young_learn_rate: the young learn rate; None for no other.
@@ -167,12 +167,8 @@ class Parameters:
     @property
     def knows_full_load(self) -> bool:
         """Whether a brain must be told what a full load is."""
-        return self.raw_signals or self.raw_reward or self.content_steps > 0
-
-    @property
-    def knows_senses(self) -> bool:
-        """Whether a brain must be told what the numbers are that it senses."""
-        return self.centred or self.knows_full_load or self.ages_with == "reward"
+        raw = self.raw_signals or self.raw_reward
+        return raw or self.ages_with == "reward" or self.content_steps > 0
 
     @property
     def remembers_reward(self) -> bool:
@@ -186,17 +182,17 @@ class Parameters:
 
     def epsilon_at(self, age: Tensor) -> Tensor | float:
         """Epsilon of robots of such ages, shapes (B,); one number where it stays as it is."""
-        return _aged(self.young_epsilon, self.epsilon, age / self.epsilon_youth)
+        return _aged(self.young_epsilon, self.epsilon, age, self.epsilon_youth)
 
     def learn_rate_at(self, age: Tensor) -> Tensor | float:
         """The learn rate of robots of such ages, likewise."""
-        return _aged(self.young_learn_rate, self.learn_rate, age / self.learn_rate_youth)
+        return _aged(self.young_learn_rate, self.learn_rate, age, self.learn_rate_youth)
 
 
-def _aged(young: float | None, grown: float, youths: Tensor) -> Tensor | float:
+def _aged(young: float | None, grown: float, age: Tensor, youth: float) -> Tensor | float:
     if young is None:
         return grown
-    return (grown + (young - grown) * torch.exp(-youths)).to(torch.get_default_dtype())
+    return (grown + (young - grown) * torch.exp(-age / youth)).to(torch.get_default_dtype())
 
 
 # Ours: what it takes for both tasks to be learnt and not forgotten, each with its reason.

@@ -386,6 +386,14 @@ def test_what_brains_no_longer_have_is_read_where_it_was_not_had(said, readable,
         assert_damaged(sound)
 
 
+def test_a_brain_that_does_not_say_what_it_ages_with_ages_with_the_time(sound):
+    content = json.loads(sound.read_text())
+    content["experiment"]["brain"] |= {"young_epsilon": 0.15}
+    del content["experiment"]["brain"]["ages_with"]
+    sound.write_text(json.dumps(content))
+    assert load_plan(sound).experiment.brain == Parameters(young_epsilon=0.15)
+
+
 def test_a_brain_with_a_number_changed_is_named_by_it():
     for name in ("paper", "steady"):
         brain = dataclasses.replace(BRAINS[name], discount=0.8, keep_main_idea=True)

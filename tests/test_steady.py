@@ -334,13 +334,13 @@ def test_epsilon_and_learn_rate_fall_with_age():
     assert Parameters().learn_rate_at(ages) == Parameters().learn_rate
 
 
-def test_robots_age_by_the_share_of_the_reward_they_have_and_not_in_tests():
+@pytest.mark.parametrize("raw_reward", [True, False])
+def test_robots_age_by_the_share_of_the_raw_reward_they_have(raw_reward):
     nose = torch.tensor([[FULL, 0.0, 5 / 6], [FULL, 0.0, 0.0]])  # a full load, nothing, a half
-    brain = born()
+    brain = born(raw_reward=raw_reward)
     for signals in nose:
         brain.act(torch.stack([signals, signals], dim=1), explore=True)
         brain.learn(signals)
-    brain.act(sensed(1)[0], explore=False)
     age = brain.state()["learning.age"].tolist()
     assert age == pytest.approx([2, 0, 0.5], abs=1e-6)
 
@@ -356,7 +356,6 @@ def test_among_walls_robots_age_by_the_steps_without_contact():
 def test_robots_may_age_by_the_time_of_learning():
     brain = born(ages_with="time")
     live(brain, sensed(5))
-    brain.act(sensed(1)[0], explore=False)
     assert brain.state()["learning.age"].tolist() == [5] * ROBOTS
 
 
@@ -469,8 +468,11 @@ def test_a_brain_that_can_be_content_must_be_told_of_its_senses():
 
 @pytest.mark.usefixtures("double_precision")
 def test_robots_live_the_same_alone_and_among_others():
-    together = born(proposer="fixed", epsilon=0.0, young_epsilon=None)
-    alone = [born(0, "fixed", 1, epsilon=0.0, young_epsilon=None) for _ in range(ROBOTS)]
+    together = born(proposer="fixed", epsilon=0.0, young_epsilon=None, learn_rate_youth=5.0)
+    alone = [
+        born(0, "fixed", 1, epsilon=0.0, young_epsilon=None, learn_rate_youth=5.0)
+        for _ in range(ROBOTS)
+    ]
     for robot, brain in enumerate(alone):
         brain.load_networks({k: t[robot : robot + 1] for k, t in together.networks().items()})
     for state in sensed(50):
@@ -479,6 +481,8 @@ def test_robots_live_the_same_alone_and_among_others():
             row = slice(robot, robot + 1)
             assert torch.equal(brain.act(state[row], explore=True), actions[row])
             torch.testing.assert_close(brain.learn(state[row, 0]), errors[row], atol=1e-9, rtol=0)
+            ages = (one.state()["learning.age"] for one in (brain, together))
+            torch.testing.assert_close(next(ages), next(ages)[row], atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
