@@ -10,18 +10,14 @@ from torch import Tensor
 from .networks import Networks
 
 OptimizerName = Literal["plain", "adam"]
+PerRobot = Tensor | float  # shape (B,), or one number for all
 
 
 class Optimizer(Protocol):
     """Anything that moves the weights of B networks up a gradient."""
 
     def ascend(
-        self,
-        inputs: Tensor,
-        hidden: Tensor,
-        steps: Tensor,
-        rate: Tensor | float,
-        learning: Tensor | float,
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: PerRobot, learning: PerRobot
     ) -> None:
         """Moves every robot's weights along the gradient of its output sums.
 
@@ -47,12 +43,7 @@ class Plain:
         self._networks = networks
 
     def ascend(
-        self,
-        inputs: Tensor,
-        hidden: Tensor,
-        steps: Tensor,
-        rate: Tensor | float,
-        learning: Tensor | float,
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: PerRobot, learning: PerRobot
     ) -> None:
         """See `Optimizer.ascend`."""
         del learning  # steps of 0 change nothing
@@ -79,12 +70,7 @@ class Adam:
         self._steps = torch.zeros(len(weights), 1)
 
     def ascend(
-        self,
-        inputs: Tensor,
-        hidden: Tensor,
-        steps: Tensor,
-        rate: Tensor | float,
-        learning: Tensor | float,
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: PerRobot, learning: PerRobot
     ) -> None:
         """See `Optimizer.ascend`."""
         gradient = self._networks.gradient(inputs, hidden, steps)
@@ -103,7 +89,7 @@ class Adam:
         return {"mean": self._mean, "square": self._square, "steps": self._steps}
 
 
-def _by_robot(rate: Tensor | float) -> Tensor | float:
+def _by_robot(rate: PerRobot) -> PerRobot:
     return rate[:, None] if isinstance(rate, Tensor) else rate
 
 
