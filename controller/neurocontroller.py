@@ -147,7 +147,8 @@ class Neurocontroller:
           The TD error, shape (B,); 0 for a robot without a step to learn from.
         """
         before, rate = self._before, self._parameters.learn_rate_at(self._age)
-        gain, ahead, learning = self._outcome(self._reading.reward(reward))
+        read = self._reading.reward(reward)
+        gain, ahead, learning = self._outcome(read)
         if self._parameters.content_steps:
             goes_on = self._reading.is_full(reward) | self._content()
             self._full_steps.copy_(torch.where(goes_on, self._full_steps + 1, 0))
@@ -159,8 +160,7 @@ class Neurocontroller:
         elif self.memory is not None:
             self.memory.learn(before["state"], before["best_action"], learning, rate)
         if self._parameters.ages:
-            by_reward = self._parameters.ages_with == "reward"
-            self._age += self._reading.share(reward) if by_reward else 1
+            self._age += (1 + read) / 2 if self._parameters.ages_with == "reward" else 1
         return error
 
     def _content(self) -> Tensor:
@@ -179,7 +179,7 @@ class Neurocontroller:
             change = reward - before["reward"]
             if parameters.capped:
                 lost = (change < 0) & (reward <= 0)
-                ahead = torch.where(lost, torch.minimum(ahead, -change), ahead)
+                ahead = torch.where(lost, torch.minimum(ahead, before["reward"]), ahead)
             if parameters.reward == "change":
                 reward = change
         if parameters.action_gap:

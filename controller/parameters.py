@@ -58,7 +58,7 @@ class Parameters:
       reward: what is rewarded, the reward's "signal" (section 2) or its "change".
       next_value: V at t + 1 of Eq. 1, of the "selected" action or of the "best" proposed.
       capped: whether a robot that has just lost all reward expects no more of the next state
-        than it has lost.
+        than the reward it had.
       action_gap: share of what an action is judged worse than the best one, by which it is
         rewarded less.
       optimizer: how weights follow the gradient, "plain" (Eq. 1) or "adam".
@@ -68,9 +68,8 @@ class Parameters:
         number is rounded to the nearest, and one idea at least is the memory's own.
       held_steps: a random action is one of those proposed, for one step (0; section 3), or
         any motor pair, held for 1 to so many steps.
-      ages_with: what counts for age: "time", every step of learning, or "reward", of each step
-        the raw reward's share of its range: a full load counts as a step and no smell as none;
-        among walls a step without contact as one.
+      ages_with: what counts for age: "time", every step of learning, or "reward", (1 + reward) / 2
+        of each: 1 with a full load, a half with no smell or beside no wall, 0 in contact.
       young_epsilon: the young epsilon; None for no other.
       epsilon_youth: how long it takes.
       young_learn_rate: the young learn rate; None for no other.
@@ -167,8 +166,7 @@ class Parameters:
     @property
     def knows_full_load(self) -> bool:
         """Whether a brain must be told what a full load is."""
-        raw = self.raw_signals or self.raw_reward
-        return raw or self.ages_with == "reward" or self.content_steps > 0
+        return self.raw_signals or self.raw_reward or self.content_steps > 0
 
     @property
     def remembers_reward(self) -> bool:
@@ -210,7 +208,8 @@ STEADY = Parameters(
     reward="change",
     # What a stray action leads to is no fault of the action before.
     next_value="best",
-    # "No smell" is one state for just lost and never had: it must not promise what was lost.
+    # "No smell" is one state for just lost and never had: it must not promise more than was lost.
+    # To have left a wall again is no merit.
     capped=True,
     # In 0.1 s driving and standing differ by less than the network's error: widen the gap.
     action_gap=0.8,
@@ -227,7 +226,7 @@ STEADY = Parameters(
     held_steps=15,
     epsilon=0.04,
     young_epsilon=0.3,
-    # Who finds the spot late is still young then, and learns and strays as others did in time.
+    # Who finds the spot late is younger then, and learns and strays as others did in time.
     ages_with="reward",
     epsilon_youth=12000,
     learn_rate_youth=31200,

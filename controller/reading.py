@@ -72,18 +72,15 @@ class Reading:
         """
         self._centred = parameters.centred
         self._raw = False
-        self._raw_reward = False
         self._reward_full: Tensor | None = None
         self.inputs = sensors
         if not (self._centred or parameters.knows_full_load):
             return
         if senses is None or len(senses.state) != sensors:
             raise ValueError(f"a brain that knows of signals must be told of all {sensors}")
-        self._rewards = senses.reward.low, senses.reward.high
         self._full_signal = torch.tensor(senses.reward.saturated)
-        full = senses.reward.full
-        self._reward_full = None if full is None else torch.tensor(full)
-        self._raw_reward = parameters.raw_reward
+        if parameters.raw_reward and senses.reward.full:
+            self._reward_full = torch.tensor(senses.reward.full)
         self._columns = torch.tensor([bool(s.full) for s in senses.state]).nonzero()[:, 0]
         self._full = torch.tensor([signal.full for signal in senses.state if signal.full])
         self._raw = parameters.raw_signals and len(self._full) > 0
@@ -106,15 +103,8 @@ class Reading:
 
     def reward(self, signal: Tensor) -> Tensor:
         """The reward, from its signal, shapes (B,)."""
-        full = self._reward_full if self._raw_reward else None
+        full = self._reward_full
         return signal if full is None else unsaturated(signal, full)
-
-    def share(self, signal: Tensor) -> Tensor:
-        """The raw reward's share of its range, from the reward's signal; shapes (B,)."""
-        if self._reward_full is not None:
-            return unsaturated(signal, self._reward_full)
-        low, high = self._rewards
-        return (signal - low) / (high - low)
 
     def is_full(self, signal: Tensor) -> Tensor:
         """Whether the reward's signal is that of a full load, if there is one; shapes (B,)."""

@@ -68,8 +68,8 @@ class SlowBrain:
     """One robot's networks, one after the other as the rule is written down.
 
     On arriving in x' with rho': delta = rho' - rho + gamma v' - Q(x, a) - kappa (best - mine),
-    where v' is the best that Q promises in x' among the ideas there, at most rho - rho' where
-    rho has fallen to nothing, and best and mine are those of x when a was chosen. Adam moves Q
+    where v' is the best that Q promises in x' among the ideas there, at most rho where it has
+    fallen to nothing or below, and best and mine are those of x when a was chosen. Adam moves Q
     along delta grad Q(x, a), and the memory towards the best idea of x.
     """
 
@@ -108,14 +108,14 @@ class SlowBrain:
         error = torch.tensor(0.0)
         if self.before is not None:
             error = self.learn(rho, best)
-        self.age += rho.item() if self.p.ages_with == "reward" else 1
+        self.age += (1 + rho.item()) / 2 if self.p.ages_with == "reward" else 1
         self.before = (x, action, rho, idea, (best - mine).clamp(min=0))
         return error
 
     def learn(self, rho_now, best_now):
         x, action, rho, idea, gap = self.before
         if rho_now < rho and rho_now <= 0:
-            best_now = torch.minimum(best_now, rho - rho_now)
+            best_now = torch.minimum(best_now, rho)
         target = rho_now - rho + 0.9 * best_now - self.p.action_gap * gap
         q = self.value(x, action)
         surprise = (target - q) ** 2 / 2
@@ -234,11 +234,23 @@ def test_the_reward_is_the_change_of_the_raw_signal():
     assert (gain, promised, learning) == pytest.approx((1.0 - 0.1, 0.7, 1.0))
 
 
-def test_who_has_just_lost_all_expects_no_more_than_was_lost():
+def test_who_has_just_lost_all_expects_no_more_than_it_had():
     assert outcome(0.5, 0.0, 0.7)[:2] == pytest.approx((-0.1, 0.1))
     assert outcome(0.5, 0.0, 0.05)[:2] == pytest.approx((-0.1, 0.05))
     assert outcome(0.5, 0.0, -0.7)[:2] == pytest.approx((-0.1, -0.7))
     assert outcome(0.5, 0.0, 0.7, capped=False)[:2] == pytest.approx((-0.1, 0.7))
+
+
+def test_who_has_just_touched_a_wall_expects_no_merit_for_leaving_it():
+    senses = Senses(SENSES.state, Signal(-1.0, 0.0))
+    parameters = dataclasses.replace(STEADY, action_gap=0.0)
+    brain = Neurocontroller(parameters, "creative", 1, 2, 1, senses)
+    outcomes = []
+    for contact in (0.0, -1.0, -1.0, 0.0):
+        brain.act(torch.tensor([[0.0, contact]]), explore=False)
+        brain._now["best_value"].fill_(0.7)
+        outcomes.append([part.item() for part in brain._outcome(torch.tensor([contact]))[:2]])
+    assert outcomes[1:] == [pytest.approx(pair) for pair in [(-1, 0), (0, 0.7), (1, 0.7)]]
 
 
 @pytest.mark.parametrize(("before", "now"), [(0.0, 0.0), (0.6, 0.5), (0.0, 0.5)])
@@ -334,23 +346,24 @@ def test_epsilon_and_learn_rate_fall_with_age():
     assert Parameters().learn_rate_at(ages) == Parameters().learn_rate
 
 
-@pytest.mark.parametrize("raw_reward", [True, False])
-def test_robots_age_by_the_share_of_the_raw_reward_they_have(raw_reward):
+@pytest.mark.parametrize(("raw_reward", "half"), [(True, 0.5), (False, 5 / 6)])
+def test_robots_age_by_half_a_step_and_half_of_their_reward(raw_reward, half):
     nose = torch.tensor([[FULL, 0.0, 5 / 6], [FULL, 0.0, 0.0]])  # a full load, nothing, a half
     brain = born(raw_reward=raw_reward)
     for signals in nose:
         brain.act(torch.stack([signals, signals], dim=1), explore=True)
         brain.learn(signals)
     age = brain.state()["learning.age"].tolist()
-    assert age == pytest.approx([2, 0, 0.5], abs=1e-6)
+    full = 1.0 if raw_reward else FULL
+    assert age == pytest.approx([1 + full, 1, 1 + half / 2], abs=1e-6)
 
 
-def test_among_walls_robots_age_by_the_steps_without_contact():
+def test_among_walls_robots_age_by_half_a_step_without_contact_and_not_in_contact():
     brain = Neurocontroller(STEADY, "creative", 2, 2, 1, Senses(SENSES.state, Signal(-1.0, 0.0)))
     for contact in torch.tensor([[0.0, -1.0], [0.0, -1.0], [-1.0, 0.0]]):
         brain.act(torch.stack([contact, contact], dim=1), explore=True)
         brain.learn(contact)
-    assert brain.state()["learning.age"].tolist() == [2, 1]
+    assert brain.state()["learning.age"].tolist() == [1, 0.5]
 
 
 def test_robots_may_age_by_the_time_of_learning():
@@ -360,19 +373,18 @@ def test_robots_may_age_by_the_time_of_learning():
 
 
 def test_who_was_not_rewarded_strays_more_and_learns_faster_than_who_was():
-    brain = born(robots=200, epsilon_youth=5.0, learn_rate_youth=5.0, epsilon=0.0, held_steps=1)
+    brain = born(robots=200, epsilon_youth=10, learn_rate_youth=10, epsilon=0.0, held_steps=1)
     rewarded_ones = torch.arange(200) < 100
     signals = torch.where(rewarded_ones, FULL, 0.0)
     proposed, strayed = watch(brain), torch.zeros(200)
     for step in range(100):
         actions = brain.act(torch.stack([signals, signals], dim=1), explore=True)
         brain.learn(signals)
-        if step >= 50:
+        if step >= 50:  # at an age of 50 and more, and of 25 and more
             strayed += ~(proposed[-1] == actions[:, None]).all(-1).any(-1)
-    assert strayed[rewarded_ones].sum() < 10
-    assert strayed[~rewarded_ones].sum() > 500
+    assert strayed[rewarded_ones].sum() < 6
+    assert strayed[~rewarded_ones].sum() > 20
     rates = brain._parameters.learn_rate_at(brain.state()["learning.age"])
-    assert (rates[~rewarded_ones] == rates[~rewarded_ones].max()).all()
     assert rates[rewarded_ones].max() < rates[~rewarded_ones].min()
 
 
