@@ -65,7 +65,7 @@ class Neurocontroller:
         self._proposer = make_proposer(proposer, parameters, self.memory, self._generator)
         self._exploration = make_exploration(parameters, robots, self._generator)
         self._rows = torch.arange(robots)
-        self._age = torch.zeros(robots, dtype=torch.float64)  # in steps of learning
+        self._age = torch.zeros(robots, dtype=torch.float64)  # in steps of learning, as counted
         # Those with a full load in a row, and all that come after once a robot is content.
         self._full_steps = torch.zeros(robots, dtype=torch.int64)
         # What was sensed, done and expected, now and a step ago. A robot whose `chained` is 0
@@ -160,7 +160,8 @@ class Neurocontroller:
         elif self.memory is not None:
             self.memory.learn(before["state"], before["best_action"], learning, rate)
         if self._parameters.ages:
-            self._age += (1 + read) / 2 if self._parameters.ages_with == "reward" else 1
+            by_time = self._parameters.ages_with == "time"
+            self._age += 1 if by_time else ((1 + read) / 2).clamp(0, 1)
         return error
 
     def _content(self) -> Tensor:
@@ -177,9 +178,10 @@ class Neurocontroller:
             now["rewarded"].fill_(1)
             learning = learning * before["rewarded"]
             change = reward - before["reward"]
-            if parameters.capped:
+            if parameters.next_value_capped:
                 lost = (change < 0) & (reward <= 0)
-                ahead = torch.where(lost, torch.minimum(ahead, before["reward"]), ahead)
+                had = before["reward"].clamp(min=0)
+                ahead = torch.where(lost, torch.minimum(ahead, had), ahead)
             if parameters.reward == "change":
                 reward = change
         if parameters.action_gap:

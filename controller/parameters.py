@@ -23,7 +23,7 @@ _CHOICES = {
     "reward": ("signal", "change"),
     "next_value": ("selected", "best"),
     "memory_goal": ("selected", "best"),
-    "ages_with": ("time", "reward"),
+    "ages_with": ("time", "time_and_reward"),
 }
 
 
@@ -33,7 +33,7 @@ class Parameters:
 
     The second part are choices beyond the paper, each of which can be made alone. "Young" is
     what a robot is when it begins to learn: from a young value to the grown-up one it goes as
-    exp(-age / youth), age and youth in control steps of learning.
+    exp(-age / youth), age and youth in control steps of learning as `ages_with` counts them.
 
     Attributes:
       evaluation_hidden: hidden neurons of the evaluation network (section 3).
@@ -57,8 +57,8 @@ class Parameters:
       raw_reward: whether a reward that saturates is taken raw, a full load as 1.
       reward: what is rewarded, the reward's "signal" (section 2) or its "change".
       next_value: V at t + 1 of Eq. 1, of the "selected" action or of the "best" proposed.
-      capped: whether a robot that has just lost all reward expects no more of the next state
-        than the reward it had.
+      next_value_capped: whether V at t + 1 is at most the reward at t, or nothing, where the
+        reward has just fallen to nothing or below.
       action_gap: share of what an action is judged worse than the best one, by which it is
         rewarded less.
       optimizer: how weights follow the gradient, "plain" (Eq. 1) or "adam".
@@ -68,8 +68,10 @@ class Parameters:
         number is rounded to the nearest, and one idea at least is the memory's own.
       held_steps: a random action is one of those proposed, for one step (0; section 3), or
         any motor pair, held for 1 to so many steps.
-      ages_with: what counts for age: "time", every step of learning, or "reward", (1 + reward) / 2
-        of each: 1 with a full load, a half with no smell or beside no wall, 0 in contact.
+      ages_with: what a step of learning counts for age: 1, with "time", or with
+        "time_and_reward" (1 + r) / 2, of the signal (raw with `raw_reward`) that is the reward r:
+        where it tells a raw smell, 1 with a full load and a half with none; where it tells
+        contact, 0 in contact and a half else.
       young_epsilon: the young epsilon; None for no other.
       epsilon_youth: how long it takes.
       young_learn_rate: the young learn rate; None for no other.
@@ -99,13 +101,13 @@ class Parameters:
     raw_reward: bool = False
     reward: Literal["signal", "change"] = "signal"
     next_value: Literal["selected", "best"] = "selected"
-    capped: bool = False
+    next_value_capped: bool = False
     action_gap: float = 0.0
     optimizer: OptimizerName = "plain"
     memory_goal: Literal["selected", "best"] = "selected"
     random_share: float = 0.0
     held_steps: int = 0
-    ages_with: Literal["time", "reward"] = "time"
+    ages_with: Literal["time", "time_and_reward"] = "time"
     young_epsilon: float | None = None
     epsilon_youth: float = 24000.0
     young_learn_rate: float | None = None
@@ -171,7 +173,7 @@ class Parameters:
     @property
     def remembers_reward(self) -> bool:
         """Whether a brain must know a step's reward in the next step."""
-        return self.capped or self.reward == "change"
+        return self.next_value_capped or self.reward == "change"
 
     @property
     def remembers_best(self) -> bool:
@@ -209,8 +211,8 @@ STEADY = Parameters(
     # What a stray action leads to is no fault of the action before.
     next_value="best",
     # "No smell" is one state for just lost and never had: it must not promise more than was lost.
-    # To have left a wall again is no merit.
-    capped=True,
+    # That a wall can be left again must not make up for touching it.
+    next_value_capped=True,
     # In 0.1 s driving and standing differ by less than the network's error: widen the gap.
     action_gap=0.8,
     # Rewards differ by a hundred times between the tasks and over a life: Adam levels the steps.
@@ -226,8 +228,8 @@ STEADY = Parameters(
     held_steps=15,
     epsilon=0.04,
     young_epsilon=0.3,
-    # Who finds the spot late is younger then, and learns and strays as others did in time.
-    ages_with="reward",
+    # Who smells nothing ages half as fast, and still learns and strays when it finds the spot.
+    ages_with="time_and_reward",
     epsilon_youth=12000,
     learn_rate_youth=31200,
 )
@@ -241,7 +243,7 @@ INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "raw_reward": ("raw_reward",),
         "change": ("reward",),
         "best": ("next_value",),
-        "cap": ("capped",),
+        "cap": ("next_value_capped",),
         "gap": ("action_gap",),
         "adam": ("optimizer", "learn_rate", "young_learn_rate"),
         "goal": ("memory_goal",),

@@ -371,9 +371,11 @@ def test_random_ideas_that_were_counted_are_read_as_their_share(name, count, tmp
 @pytest.mark.parametrize(
     ("said", "readable"),
     [
-        ({"judge_rate": 1.0, "noticed_signals": False}, True),
+        ({"judge_rate": 1.0, "noticed_signals": False, "capped": False}, True),
         ({"judge_rate": 0.02}, False),
         ({"noticed_signals": True}, False),
+        ({"capped": True}, False),
+        ({"ages_with": "reward"}, False),
     ],
 )
 def test_what_brains_no_longer_have_is_read_where_it_was_not_had(said, readable, sound):

@@ -28,7 +28,7 @@ def test_the_defaults_are_the_papers_numbers():
         "raw_reward": False,
         "reward": "signal",  # "reward is identical to specific sensor signals"
         "next_value": "selected",  # SARSA
-        "capped": False,
+        "next_value_capped": False,
         "action_gap": 0.0,
         "optimizer": "plain",
         "memory_goal": "selected",  # "trained with the state-action pair selected"
