@@ -65,7 +65,7 @@ class Neurocontroller:
         self._proposer = make_proposer(proposer, parameters, self.memory, self._generator)
         self._exploration = make_exploration(parameters, robots, self._generator)
         self._rows = torch.arange(robots)
-        self._age = torch.zeros(robots, dtype=torch.float64)  # in steps of learning, as counted
+        self._age = torch.zeros(robots, dtype=torch.float64)  # as `ages_with` counts steps
         # Those with a full load in a row, and all that come after once a robot is content.
         self._full_steps = torch.zeros(robots, dtype=torch.int64)
         # What was sensed, done and expected, now and a step ago. A robot whose `chained` is 0

@@ -397,6 +397,7 @@ def test_who_was_not_rewarded_strays_more_and_learns_faster_than_who_was():
     assert strayed[rewarded_ones].sum() < 6
     assert 20 < strayed[~rewarded_ones].sum() < 120
     rates = brain._parameters.learn_rate_at(brain.state()["learning.age"])
+    assert (rates[~rewarded_ones] == rates[~rewarded_ones].max()).all()
     assert rates[rewarded_ones].max() < rates[~rewarded_ones].min()
 
 
