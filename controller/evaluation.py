@@ -59,7 +59,7 @@ class EvaluationNetwork:
         reward: Tensor,
         next_value: Tensor,
         learning: Tensor | float = 1.0,
-        rate: Tensor | float | None = None,
+        rate: float | None = None,
     ) -> Tensor:
         """One step of TD(0), Eq. 1: w += eta [r + gamma V' - V] grad V.
 
@@ -71,7 +71,7 @@ class EvaluationNetwork:
           reward: at time t + 1, shape (B,).
           next_value: V of the state and the action selected at time t + 1, shape (B,).
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
-          rate: the learn rate, shape (B,), or everybody's; None for the parameters'.
+          rate: the learn rate; None for the parameters'.
 
         Returns:
           The TD error, shape (B,); 0 for a robot that does not learn.

@@ -13,12 +13,12 @@ from .parameters import Parameters
 class Exploration(Protocol):
     """Anything that leads robots astray."""
 
-    def stray(self, actions: Tensor, epsilon: Tensor | float) -> tuple[Tensor, Tensor]:
+    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """Decides who strays, and where to.
 
         Args:
           actions: proposed, shape (B, A, 2).
-          epsilon: probability that a robot begins to stray, shape (B,), or everybody's.
+          epsilon: probability that a robot begins to stray.
 
         Returns:
           The actions, perhaps with one more at the end, shape (B, A or A + 1, 2); and which of
@@ -38,7 +38,7 @@ class OneStep:
         """Takes the random stream to draw from."""
         self._generator = generator
 
-    def stray(self, actions: Tensor, epsilon: Tensor | float) -> tuple[Tensor, Tensor]:
+    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """See `Exploration.stray`."""
         size = actions.shape[:1]
         anything = torch.randint(actions.shape[1], size, generator=self._generator)
@@ -60,7 +60,7 @@ class HeldPair:
         self._pair = torch.zeros(robots, 2)
         self._left = torch.zeros(robots, dtype=torch.int64)
 
-    def stray(self, actions: Tensor, epsilon: Tensor | float) -> tuple[Tensor, Tensor]:
+    def stray(self, actions: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """See `Exploration.stray`; who strays goes on until its steps are over."""
         robots, count = actions.shape[:2]
         pairs = torch.rand(robots, 2, generator=self._generator) - 0.5

@@ -122,9 +122,7 @@ class CreativeMemory:
         """The main idea, without noise: motor values, shape (B, 2), for a state (B, S)."""
         return self.networks.forward(state)[1].sigmoid() - 0.5
 
-    def learn(
-        self, state: Tensor, action: Tensor, rates: Tensor, rate: Tensor | float = 1.0
-    ) -> None:
+    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: float = 1.0) -> None:
         """One step of back-propagation towards an action, down half the squared error.
 
         Args:
@@ -132,7 +130,7 @@ class CreativeMemory:
           action: the motor values to remember, shape (B, 2).
           rates: each robot's learn rate, shape (B,): towards a selected action the TD error
             (negative: to unlearn), towards the best one 1; 0 for a robot that does not learn.
-          rate: by which these are multiplied, shape (B,), or everybody's.
+          rate: everybody's, by which these are multiplied.
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()

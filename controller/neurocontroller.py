@@ -65,7 +65,7 @@ class Neurocontroller:
         self._proposer = make_proposer(proposer, parameters, self.memory, self._generator)
         self._exploration = make_exploration(parameters, robots, self._generator)
         self._rows = torch.arange(robots)
-        self._age = torch.zeros(robots, dtype=torch.float64)  # as `ages_with` counts steps
+        self._age = torch.tensor(0)  # steps of learning
         # Those with a full load in a row, and all that come after once a robot is content.
         self._full_steps = torch.zeros(robots, dtype=torch.int64)
         # What was sensed, done and expected, now and a step ago. A robot whose `chained` is 0
@@ -113,7 +113,7 @@ class Neurocontroller:
         ideas = actions.shape[1]
         epsilon = self._parameters.test_epsilon
         if explore:
-            epsilon = self._parameters.epsilon_at(self._age)
+            epsilon = self._parameters.epsilon_at(int(self._age))
         astray = None
         if explore or epsilon:
             actions, astray = self._exploration.stray(actions, epsilon)
@@ -146,9 +146,8 @@ class Neurocontroller:
         Returns:
           The TD error, shape (B,); 0 for a robot without a step to learn from.
         """
-        before, rate = self._before, self._parameters.learn_rate_at(self._age)
-        read = self._reading.reward(reward)
-        gain, ahead, learning = self._outcome(read)
+        before, rate = self._before, self._parameters.learn_rate_at(int(self._age))
+        gain, ahead, learning = self._outcome(self._reading.reward(reward))
         if self._parameters.content_steps:
             goes_on = self._reading.is_full(reward) | self._content()
             self._full_steps.copy_(torch.where(goes_on, self._full_steps + 1, 0))
@@ -159,9 +158,7 @@ class Neurocontroller:
             self.memory.learn(before["state"], before["action"], error)
         elif self.memory is not None:
             self.memory.learn(before["state"], before["best_action"], learning, rate)
-        if self._parameters.ages:
-            by_time = self._parameters.ages_with == "time"
-            self._age += 1 if by_time else ((1 + read) / 2).clamp(0, 1)
+        self._age += 1
         return error
 
     def _content(self) -> Tensor:

@@ -10,14 +10,13 @@ from torch import Tensor
 from .networks import Networks
 
 OptimizerName = Literal["plain", "adam"]
-PerRobot = Tensor | float  # shape (B,), or one number for all
 
 
 class Optimizer(Protocol):
     """Anything that moves the weights of B networks up a gradient."""
 
     def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: PerRobot, learning: PerRobot
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor | float
     ) -> None:
         """Moves every robot's weights along the gradient of its output sums.
 
@@ -25,7 +24,7 @@ class Optimizer(Protocol):
           inputs: where the networks were evaluated, shape (B, I).
           hidden: their hidden activations there, shape (B, H).
           steps: the errors of the output sums, shape (B, O); 0 for robots that do not learn.
-          rate: the learn rate, shape (B,), or everybody's.
+          rate: the learn rate.
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
         """
         ...
@@ -43,11 +42,11 @@ class Plain:
         self._networks = networks
 
     def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: PerRobot, learning: PerRobot
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor | float
     ) -> None:
         """See `Optimizer.ascend`."""
         del learning  # steps of 0 change nothing
-        self._networks.ascend(inputs, hidden, _by_robot(rate) * steps)
+        self._networks.ascend(inputs, hidden, rate * steps)
 
     def tensors(self) -> dict[str, Tensor]:
         """Nothing."""
@@ -70,7 +69,7 @@ class Adam:
         self._steps = torch.zeros(len(weights), 1)
 
     def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: PerRobot, learning: PerRobot
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor | float
     ) -> None:
         """See `Optimizer.ascend`."""
         gradient = self._networks.gradient(inputs, hidden, steps)
@@ -80,17 +79,13 @@ class Adam:
         self._square += (1 - self.SQUARE_DECAY) * on * (gradient.square_() - self._square)
         # Both begin at zero, which the powers make up for.
         count = self._steps.clamp(min=1)
-        rates = _by_robot(rate) * on / (1 - self.MEAN_DECAY**count)
+        rates = rate * on / (1 - self.MEAN_DECAY**count)
         root = (self._square / (1 - self.SQUARE_DECAY**count)).sqrt_()
         self._networks.add(rates * self._mean / root.add_(self.EPSILON))
 
     def tensors(self) -> dict[str, Tensor]:
         """The moments, and how often each robot has learnt."""
         return {"mean": self._mean, "square": self._square, "steps": self._steps}
-
-
-def _by_robot(rate: PerRobot) -> PerRobot:
-    return rate[:, None] if isinstance(rate, Tensor) else rate
 
 
 def make_optimizer(name: OptimizerName, networks: Networks) -> Optimizer:

@@ -8,9 +8,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, get_args
 
-import torch
-from torch import Tensor
-
 from .networks import ActivationName
 from .optimizers import OptimizerName
 
@@ -23,7 +20,6 @@ _CHOICES = {
     "reward": ("signal", "change"),
     "next_value": ("selected", "best"),
     "memory_goal": ("selected", "best"),
-    "ages_with": ("time", "time_and_reward"),
 }
 
 
@@ -33,7 +29,7 @@ class Parameters:
 
     The second part are choices beyond the paper, each of which can be made alone. "Young" is
     what a robot is when it begins to learn: from a young value to the grown-up one it goes as
-    exp(-age / youth), age and youth in control steps of learning as `ages_with` counts them.
+    exp(-age / youth), age and youth in control steps of learning.
 
     Attributes:
       evaluation_hidden: hidden neurons of the evaluation network (section 3).
@@ -68,10 +64,6 @@ class Parameters:
         number is rounded to the nearest, and one idea at least is the memory's own.
       held_steps: a random action is one of those proposed, for one step (0; section 3), or
         any motor pair, held for 1 to so many steps.
-      ages_with: what a step of learning counts for age: 1, with "time", or with
-        "time_and_reward" (1 + r) / 2, of the signal (raw with `raw_reward`) that is the reward r:
-        where it tells a raw smell, 1 with a full load and a half with none; where it tells
-        contact, 0 in contact and a half else.
       young_epsilon: the young epsilon; None for no other.
       epsilon_youth: how long it takes.
       young_learn_rate: the young learn rate; None for no other.
@@ -107,7 +99,6 @@ class Parameters:
     memory_goal: Literal["selected", "best"] = "selected"
     random_share: float = 0.0
     held_steps: int = 0
-    ages_with: Literal["time", "time_and_reward"] = "time"
     young_epsilon: float | None = None
     epsilon_youth: float = 24000.0
     young_learn_rate: float | None = None
@@ -180,19 +171,19 @@ class Parameters:
         """Whether a brain must know the best action, beside the selected one."""
         return self.action_gap > 0 or "best" in (self.next_value, self.memory_goal)
 
-    def epsilon_at(self, age: Tensor) -> Tensor | float:
-        """Epsilon of robots of such ages, shapes (B,); one number where it stays as it is."""
+    def epsilon_at(self, age: int) -> float:
+        """Epsilon at such an age."""
         return _aged(self.young_epsilon, self.epsilon, age, self.epsilon_youth)
 
-    def learn_rate_at(self, age: Tensor) -> Tensor | float:
-        """The learn rate of robots of such ages, likewise."""
+    def learn_rate_at(self, age: int) -> float:
+        """The learn rate at such an age."""
         return _aged(self.young_learn_rate, self.learn_rate, age, self.learn_rate_youth)
 
 
-def _aged(young: float | None, grown: float, age: Tensor, youth: float) -> Tensor | float:
+def _aged(young: float | None, grown: float, age: int, youth: float) -> float:
     if young is None:
         return grown
-    return (grown + (young - grown) * torch.exp(-age / youth)).to(torch.get_default_dtype())
+    return grown + (young - grown) * math.exp(-age / youth)
 
 
 # Ours: what it takes for both tasks to be learnt and not forgotten, each with its reason.
@@ -217,9 +208,10 @@ STEADY = Parameters(
     action_gap=0.8,
     # Rewards differ by a hundred times between the tasks and over a life: Adam levels the steps.
     optimizer="adam",
-    # A long stay rewrites little.
+    # A long stay rewrites little: after four hours a fifth of the young one is left.
     learn_rate=0.0002,
     young_learn_rate=0.002,
+    learn_rate_youth=62400,
     # The memory keeps what is best, not what happened; it need not unlearn.
     memory_goal="best",
     # A memory that has settled proposes one action in many copies: some ideas are from outside.
@@ -228,10 +220,7 @@ STEADY = Parameters(
     held_steps=15,
     epsilon=0.04,
     young_epsilon=0.3,
-    # Who smells nothing ages half as fast, and still learns and strays when it finds the spot.
-    ages_with="time_and_reward",
-    epsilon_youth=12000,
-    learn_rate_youth=31200,
+    epsilon_youth=24000,
 )
 
 # Its ingredients, to be taken away one at a time: the fields that then are the paper's again.
@@ -250,7 +239,6 @@ INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "random": ("random_share",),
         "held": ("held_steps",),
         "epsilon": ("epsilon", "young_epsilon"),
-        "patience": ("ages_with", "epsilon_youth", "learn_rate_youth"),
     }
 )
 

@@ -429,7 +429,7 @@ def load_plan(path: Path) -> Plan:
 
 
 # Of brains, and what they said where they said nothing: older runs still name them.
-_TAKEN_OUT = {"judge_rate": 1.0, "noticed_signals": False, "capped": False}
+_TAKEN_OUT = {"judge_rate": 1.0, "noticed_signals": False, "capped": False, "ages_with": "time"}
 
 
 def experiment_of(fields: dict[str, Any]) -> Experiment:

@@ -371,11 +371,12 @@ def test_random_ideas_that_were_counted_are_read_as_their_share(name, count, tmp
 @pytest.mark.parametrize(
     ("said", "readable"),
     [
-        ({"judge_rate": 1.0, "noticed_signals": False, "capped": False}, True),
+        ({"judge_rate": 1.0, "noticed_signals": False, "capped": False, "ages_with": "time"}, True),
         ({"judge_rate": 0.02}, False),
         ({"noticed_signals": True}, False),
         ({"capped": True}, False),
         ({"ages_with": "reward"}, False),
+        ({"ages_with": "time_and_reward"}, False),
     ],
 )
 def test_what_brains_no_longer_have_is_read_where_it_was_not_had(said, readable, sound):
@@ -386,14 +387,6 @@ def test_what_brains_no_longer_have_is_read_where_it_was_not_had(said, readable,
         assert load_plan(sound).experiment.brain == Parameters()
     else:
         assert_damaged(sound)
-
-
-def test_a_brain_that_does_not_say_what_it_ages_with_ages_with_the_time(sound):
-    content = json.loads(sound.read_text())
-    content["experiment"]["brain"] |= {"young_epsilon": 0.15}
-    del content["experiment"]["brain"]["ages_with"]
-    sound.write_text(json.dumps(content))
-    assert load_plan(sound).experiment.brain == Parameters(young_epsilon=0.15)
 
 
 def test_a_brain_with_a_number_changed_is_named_by_it():

@@ -56,18 +56,6 @@ def test_adam_goes_where_torchs_adam_goes_and_rests_with_a_robot_that_does_not_l
             torch.testing.assert_close(tensor[robot], w[name].detach(), atol=1e-10, rtol=0)
 
 
-@pytest.mark.parametrize("name", ["plain", "adam"])
-def test_each_robot_follows_the_gradient_at_its_own_rate(name):
-    rates = [0.0, 0.003, 0.01, 0.1]
-    together = born()
-    teach(together, make_optimizer(name, together), torch.tensor(rates))
-    for robot, rate in enumerate(rates):
-        alike = born()
-        teach(alike, make_optimizer(name, alike), rate)
-        for key, tensor in together.tensors().items():
-            assert torch.equal(tensor[robot], alike.tensors()[key][robot])
-
-
 def test_a_robot_that_never_learns_keeps_its_weights():
     networks = born()
     before = {name: tensor.clone() for name, tensor in networks.tensors().items()}

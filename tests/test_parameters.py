@@ -34,7 +34,6 @@ def test_the_defaults_are_the_papers_numbers():
         "memory_goal": "selected",  # "trained with the state-action pair selected"
         "random_share": 0.0,
         "held_steps": 0,
-        "ages_with": "time",
         "young_epsilon": None,
         "epsilon_youth": 24000.0,
         "young_learn_rate": None,
@@ -69,7 +68,6 @@ BAD = {
     "reward": ("none",),
     "next_value": ("worst",),
     "memory_goal": ("worst",),
-    "ages_with": ("never",),
     "fixed_motors": ((), (0.0, 0.6), (-0.51,), (0.0, NAN), (INFINITY,)),
 }
 

@@ -78,7 +78,7 @@ class SlowBrain:
         own = {name: tensor[robot].clone() for name, tensor in brain.networks().items()}
         self.p = parameters
         self.walls = walls
-        self.age = 0.0
+        self.age = 0
         self.q, self.memory = (
             {k.split(".")[1]: t for k, t in own.items() if k.startswith(owner)}
             for owner in ("evaluation", "memory")
@@ -110,7 +110,7 @@ class SlowBrain:
         error = torch.tensor(0.0)
         if self.before is not None:
             error = self.learn(rho, best)
-        self.age += (1 + rho.item()) / 2 if self.p.ages_with == "time_and_reward" else 1
+        self.age += 1
         self.before = (x, action, rho, idea, (best - mine).clamp(min=0))
         return error
 
@@ -146,12 +146,7 @@ def watch(brain):
 
 @pytest.mark.usefixtures("double_precision")
 @pytest.mark.parametrize(
-    "fields",
-    [
-        {"learn_rate_youth": 20.0},
-        {"action_gap": 0.3, "young_epsilon": 0.6},
-        {"ages_with": "time", "learn_rate_youth": 20.0},
-    ],
+    "fields", [{"learn_rate_youth": 20.0}, {"action_gap": 0.3, "young_epsilon": 0.6}]
 )
 @pytest.mark.parametrize("walls", [False, True])
 def test_each_step_learns_as_the_rule_is_written_down(fields, walls):
@@ -337,68 +332,35 @@ def test_a_third_of_the_ideas_are_random_and_the_others_the_memorys(count, own):
 
 
 def test_epsilon_and_learn_rate_fall_with_age():
-    ages = torch.tensor([0.0, 12000.0, 31200.0, 1e7], dtype=torch.float64)
-    epsilons, rates = STEADY.epsilon_at(ages).tolist(), STEADY.learn_rate_at(ages).tolist()
-    assert epsilons[0] == pytest.approx(0.3)
-    assert epsilons[1] == pytest.approx(0.04 + 0.26 / math.e)
-    assert epsilons[3] == pytest.approx(0.04)
-    assert rates[0] == pytest.approx(0.002)
-    assert rates[2] == pytest.approx(0.0002 + 0.0018 / math.e)
-    assert rates[3] == pytest.approx(0.0002)
-    assert Parameters().epsilon_at(ages) == Parameters().epsilon
-    assert Parameters().learn_rate_at(ages) == Parameters().learn_rate
+    assert STEADY.epsilon_at(0) == pytest.approx(0.3)
+    assert STEADY.epsilon_at(24000) == pytest.approx(0.04 + 0.26 / math.e)
+    assert STEADY.epsilon_at(10**7) == pytest.approx(0.04)
+    assert STEADY.learn_rate_at(0) == pytest.approx(0.002)
+    assert STEADY.learn_rate_at(62400) == pytest.approx(0.0002 + 0.0018 / math.e)
+    assert STEADY.learn_rate_at(10**7) == pytest.approx(0.0002)
+    assert Parameters().epsilon_at(10**7) == Parameters().epsilon
+    assert Parameters().learn_rate_at(10**7) == Parameters().learn_rate
 
 
-@pytest.mark.parametrize(("raw_reward", "half"), [(True, 0.5), (False, 5 / 6)])
-def test_robots_age_by_half_a_step_and_half_of_their_reward(raw_reward, half):
-    nose = torch.tensor([[FULL, 0.0, 5 / 6], [FULL, 0.0, 0.0]])  # a full load, nothing, a half
-    brain = born(raw_reward=raw_reward)
-    for signals in nose:
-        brain.act(torch.stack([signals, signals], dim=1), explore=True)
-        brain.learn(signals)
-    age = brain.state()["learning.age"].tolist()
-    full = 1.0 if raw_reward else FULL
-    assert age == pytest.approx([1 + full, 1, 1 + half / 2], abs=1e-6)
-
-
-def test_among_walls_robots_age_by_half_a_step_without_contact_and_not_in_contact():
-    brain = born(robots=2, senses=WALLS)
-    for contact in torch.tensor([[0.0, -1.0], [0.0, -1.0], [-1.0, 0.0]]):
-        brain.act(torch.stack([contact, contact], dim=1), explore=True)
-        brain.learn(contact)
-    assert brain.state()["learning.age"].tolist() == [1, 0.5]
-
-
-@pytest.mark.parametrize(("reward", "age"), [(0.5, 0.75), (-1.5, 0.0), (3.0, 1.0)])
-def test_ageing_alone_needs_no_senses_and_never_goes_back(reward, age):
-    parameters = Parameters(ages_with="time_and_reward", young_epsilon=0.3)
-    brain = Neurocontroller(parameters, "creative", 1, 2, 1)
-    brain.act(torch.zeros(1, 2), explore=True)
-    brain.learn(torch.tensor([reward]))
-    assert brain.state()["learning.age"].tolist() == [age]
-
-
-def test_robots_may_age_by_the_time_of_learning():
-    brain = born(ages_with="time")
+def test_robots_age_by_steps_of_learning_and_not_in_tests():
+    brain = born()
     live(brain, sensed(5))
-    assert brain.state()["learning.age"].tolist() == [5] * ROBOTS
+    brain.act(sensed(1)[0], explore=False)
+    assert torch.equal(brain.state()["learning.age"], torch.tensor(5))
 
 
-def test_who_was_not_rewarded_strays_more_and_learns_faster_than_who_was():
+def test_the_old_stray_less_and_learn_more_slowly_than_the_young():
     brain = born(robots=200, epsilon_youth=10, learn_rate_youth=10, epsilon=0.0, held_steps=1)
-    rewarded_ones = torch.arange(200) < 100
-    signals = torch.where(rewarded_ones, FULL, 0.0)
-    proposed, strayed = watch(brain), torch.zeros(200)
-    for step in range(100):
-        actions = brain.act(torch.stack([signals, signals], dim=1), explore=True)
-        brain.learn(signals)
-        if step >= 50:  # at an age of 50 and more, and of 25 and more
-            strayed += ~(proposed[-1] == actions[:, None]).all(-1).any(-1)
-    assert strayed[rewarded_ones].sum() < 6
-    assert 20 < strayed[~rewarded_ones].sum() < 120
-    rates = brain._parameters.learn_rate_at(brain.state()["learning.age"])
-    assert (rates[~rewarded_ones] == rates[~rewarded_ones].max()).all()
-    assert rates[rewarded_ones].max() < rates[~rewarded_ones].min()
+    proposed, strayed, moved = watch(brain), [], []
+    for state in sensed(100, robots=200):
+        weights = brain.networks()["evaluation.output_weights"].clone()
+        actions = brain.act(state, explore=True)
+        brain.learn(state[:, 0])
+        strayed.append(~(proposed[-1] == actions[:, None]).all(-1).any(-1))
+        moved.append((brain.networks()["evaluation.output_weights"] - weights).abs().mean())
+    assert 20 < torch.stack(strayed[:10]).sum()
+    assert torch.stack(strayed[60:]).sum() < 20
+    assert 3 * sum(moved[60:70]) < sum(moved[1:11])
 
 
 # Abandoning training
@@ -493,11 +455,8 @@ def test_a_brain_that_can_be_content_must_be_told_of_its_senses():
 
 @pytest.mark.usefixtures("double_precision")
 def test_robots_live_the_same_alone_and_among_others():
-    together = born(proposer="fixed", epsilon=0.0, young_epsilon=None, learn_rate_youth=5.0)
-    alone = [
-        born(0, "fixed", 1, epsilon=0.0, young_epsilon=None, learn_rate_youth=5.0)
-        for _ in range(ROBOTS)
-    ]
+    together = born(proposer="fixed", epsilon=0.0, young_epsilon=None)
+    alone = [born(0, "fixed", 1, epsilon=0.0, young_epsilon=None) for _ in range(ROBOTS)]
     for robot, brain in enumerate(alone):
         brain.load_networks({k: t[robot : robot + 1] for k, t in together.networks().items()})
     for state in sensed(50):
@@ -506,8 +465,6 @@ def test_robots_live_the_same_alone_and_among_others():
             row = slice(robot, robot + 1)
             assert torch.equal(brain.act(state[row], explore=True), actions[row])
             torch.testing.assert_close(brain.learn(state[row, 0]), errors[row], atol=1e-9, rtol=0)
-            ages = (one.state()["learning.age"] for one in (brain, together))
-            torch.testing.assert_close(next(ages), next(ages)[row], atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
