@@ -74,11 +74,13 @@ class EvaluationNetwork:
           rate: the learn rate; None for the parameters'.
 
         Returns:
-          The TD error, shape (B,); 0 for a robot that does not learn.
+          The TD error, shape (B,), within its limit; 0 for a robot that does not learn.
         """
         inputs = torch.cat([state, action], dim=-1)
         hidden, value = self.networks.forward(inputs)
         error = learning * (reward + self._parameters.discount * next_value - value[:, 0])
+        if (limit := self._parameters.error_limit) is not None:
+            error = error.clamp(-limit, limit)
         rate = self._parameters.learn_rate if rate is None else rate
         self.optimizer.ascend(inputs, hidden, error[:, None], rate, learning)
         return error

@@ -57,6 +57,8 @@ class Parameters:
         reward has just fallen to nothing or below.
       action_gap: share of what an action is judged worse than the best one, by which it is
         rewarded less.
+      error_limit: how far from 0 a TD error may be; a larger one is learnt from as this one (the
+        gradient of Huber's loss). None for as far as it is.
       optimizer: how weights follow the gradient, "plain" (Eq. 1) or "adam".
       memory_goal: what the memory is trained towards: the "selected" action, at the TD error
         (section 3), or the "best" proposed, at the learn rate.
@@ -95,6 +97,7 @@ class Parameters:
     next_value: Literal["selected", "best"] = "selected"
     next_value_capped: bool = False
     action_gap: float = 0.0
+    error_limit: float | None = None
     optimizer: OptimizerName = "plain"
     memory_goal: Literal["selected", "best"] = "selected"
     random_share: float = 0.0
@@ -125,9 +128,11 @@ class Parameters:
         for name in ("learn_rate", "noise", "initial_range", "action_gap", *steps):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
-        for name in ("young_epsilon", "young_learn_rate"):
+        for name in ("error_limit", "young_epsilon", "young_learn_rate"):
             if type(getattr(self, name)) not in (int, float, type(None)):
                 raise ValueError(f"{name} must be a number or none, got {getattr(self, name)!r}")
+        if self.error_limit is not None and not 0 < self.error_limit < math.inf:
+            raise ValueError(f"error_limit must be positive, got {self.error_limit}")
         if self.young_epsilon is not None and not 0 <= self.young_epsilon <= 1:
             raise ValueError(f"young_epsilon must lie in [0, 1], got {self.young_epsilon}")
         if self.young_learn_rate is not None and not 0 <= self.young_learn_rate < math.inf:

@@ -1,5 +1,7 @@
 """The evaluation network: values, and TD(0) as Eq. 1 has it, against autograd."""
 
+import math
+
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,6 +20,7 @@ def situations(draw):
         evaluation_hidden=draw(st.integers(1, 8)),
         learn_rate=draw(st.floats(0, 0.5)),
         discount=draw(st.floats(0, 1)),
+        error_limit=draw(st.none() | st.floats(0.01, 3)),
     )
     generator = torch.Generator().manual_seed(draw(st.integers(0, 2**31)))
     network = EvaluationNetwork(parameters, robots, sensors, generator)
@@ -67,15 +70,18 @@ def test_values_of_many_actions_are_those_of_one_after_the_other(robots, sensors
 
 @quick
 @given(situations())
-def test_learning_is_gradient_descent_on_half_the_squared_error_of_a_constant_target(given_):
+def test_learning_is_gradient_descent_on_half_the_squared_error_or_hubers_loss(given_):
     parameters, network = given_["parameters"], given_["network"]
+    limit = parameters.error_limit or math.inf
     wanted, errors = [], []
     for robot in range(len(given_["state"])):
         w = copies(network, robot)
         v = value(w, given_["state"][robot], given_["action"][robot])
         target = (given_["reward"] + parameters.discount * given_["next_value"])[robot].double()
-        errors.append((target - v).item())
-        wanted.append(descend(w, (target - v) ** 2 / 2, parameters.learn_rate))
+        error = abs(target - v)
+        loss = error**2 / 2 if error < limit else limit * (error - limit / 2)
+        errors.append(min(limit, max(-limit, (target - v).item())))
+        wanted.append(descend(w, loss, parameters.learn_rate))
     error = network.learn(*(given_[k] for k in ("state", "action", "reward", "next_value")))
     torch.testing.assert_close(error.double(), torch.tensor(errors).double(), atol=1e-5, rtol=0)
     for robot, after in enumerate(wanted):

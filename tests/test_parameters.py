@@ -30,6 +30,7 @@ def test_the_defaults_are_the_papers_numbers():
         "next_value": "selected",  # SARSA
         "next_value_capped": False,
         "action_gap": 0.0,
+        "error_limit": None,
         "optimizer": "plain",
         "memory_goal": "selected",  # "trained with the state-action pair selected"
         "random_share": 0.0,
@@ -56,6 +57,7 @@ BAD = {
     "noise": (-0.76, NAN),
     "initial_range": (-1.0, NAN),
     "action_gap": (-0.1, NAN, INFINITY),
+    "error_limit": (0.0, -0.1, NAN, INFINITY),
     "held_steps": (-1,),
     "content_steps": (-1, INFINITY),
     "young_epsilon": (-0.1, 1.1, NAN),
