@@ -171,6 +171,9 @@ class Neurocontroller:
         ahead = now["best_value" if parameters.next_value == "best" else "value"]
         learning = before["chained"]
         if parameters.remembers_reward:
+            if parameters.lingering:
+                left = parameters.lingering * before["reward"] * before["chained"]
+                reward = torch.where(reward < 0, reward, torch.maximum(reward, left))
             now["reward"].copy_(reward)
             now["rewarded"].fill_(1)
             learning = learning * before["rewarded"]

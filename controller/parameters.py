@@ -52,6 +52,8 @@ class Parameters:
       raw_signals: whether a signal that saturates is also read raw, as a second input.
       raw_reward: whether a reward that saturates is taken raw, a full load as 1.
       reward: what is rewarded, the reward's "signal" (section 2) or its "change".
+      lingering: share of a reward above 0 that is left of it a step later, where more than that is
+        not rewarded: what was just lost is lost little by little.
       next_value: V at t + 1 of Eq. 1, of the "selected" action or of the "best" proposed.
       next_value_capped: whether V at t + 1 is at most the reward at t, or nothing, where the
         reward has just fallen to nothing or below.
@@ -94,6 +96,7 @@ class Parameters:
     raw_signals: bool = False
     raw_reward: bool = False
     reward: Literal["signal", "change"] = "signal"
+    lingering: float = 0.0
     next_value: Literal["selected", "best"] = "selected"
     next_value_capped: bool = False
     action_gap: float = 0.0
@@ -140,8 +143,9 @@ class Parameters:
         for name in ("epsilon_youth", "learn_rate_youth"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        if not 0 <= self.random_share < 1:
-            raise ValueError(f"random_share must lie in [0, 1), got {self.random_share}")
+        for name in ("lingering", "random_share"):
+            if not 0 <= getattr(self, name) < 1:
+                raise ValueError(f"{name} must lie in [0, 1), got {getattr(self, name)}")
         if not isinstance(self.fixed_motors, tuple):
             raise ValueError(f"fixed_motors must be several numbers, got {self.fixed_motors}")
         if not self.fixed_motors or not all(abs(m) <= 0.5 for m in self.fixed_motors):
@@ -169,7 +173,7 @@ class Parameters:
     @property
     def remembers_reward(self) -> bool:
         """Whether a brain must know a step's reward in the next step."""
-        return self.next_value_capped or self.reward == "change"
+        return self.next_value_capped or self.reward == "change" or self.lingering > 0
 
     @property
     def remembers_best(self) -> bool:

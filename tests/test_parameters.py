@@ -27,6 +27,7 @@ def test_the_defaults_are_the_papers_numbers():
         "raw_signals": False,
         "raw_reward": False,
         "reward": "signal",  # "reward is identical to specific sensor signals"
+        "lingering": 0.0,
         "next_value": "selected",  # SARSA
         "next_value_capped": False,
         "action_gap": 0.0,
@@ -64,6 +65,7 @@ BAD = {
     "young_learn_rate": (-0.1, NAN, INFINITY),
     "epsilon_youth": (0.0, -1.0, NAN, INFINITY),
     "learn_rate_youth": (0.0, -1.0, NAN, INFINITY),
+    "lingering": (-0.1, 1.0, NAN),
     "random_share": (-0.1, 1.0, NAN),
     "activation": ("relu", ""),
     "optimizer": ("sgd",),

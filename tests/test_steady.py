@@ -120,7 +120,8 @@ class SlowBrain:
             best_now = torch.minimum(best_now, rho.clamp(min=0))
         target = rho_now - rho + 0.9 * best_now - self.p.action_gap * gap
         q = self.value(x, action)
-        surprise = (target - q) ** 2 / 2
+        error, limit = abs(target - q), self.p.error_limit or math.inf
+        surprise = error**2 / 2 if error < limit else limit * (error - limit / 2)
         outputs = torch.sigmoid(self.layers(self.memory, x))
         mistake = ((idea + 0.5 - outputs) ** 2 / 2).sum()
         rate = 0.0002 + 0.0018 * math.exp(-self.age / self.p.learn_rate_youth)
@@ -129,7 +130,7 @@ class SlowBrain:
             loss.backward()
             adam.param_groups[0]["lr"] = rate
             adam.step()
-        return (target - q).detach()
+        return (target - q).detach().clamp(-limit, limit)
 
 
 def watch(brain):
@@ -146,7 +147,12 @@ def watch(brain):
 
 @pytest.mark.usefixtures("double_precision")
 @pytest.mark.parametrize(
-    "fields", [{"learn_rate_youth": 20.0}, {"action_gap": 0.3, "young_epsilon": 0.6}]
+    "fields",
+    [
+        {"learn_rate_youth": 20.0},
+        {"action_gap": 0.3, "young_epsilon": 0.6},
+        {"error_limit": 0.1},
+    ],
 )
 @pytest.mark.parametrize("walls", [False, True])
 def test_each_step_learns_as_the_rule_is_written_down(fields, walls):
@@ -249,6 +255,42 @@ def test_that_a_wall_can_be_left_again_does_not_make_up_for_touching_it():
         outcomes.append([part.item() for part in brain._outcome(torch.tensor([contact]))[:2]])
     expected = (-0.3, 0), (-0.7, 0), (0, 0.7), (1, 0.7)
     assert outcomes[1:] == [pytest.approx(pair) for pair in expected]
+
+
+def gains(brain, rewards, anew=None):
+    """The r that each robot learns from, by step; before step `anew` all are placed anew."""
+    found = []
+    for step, reward in enumerate(rewards):
+        if step == anew:
+            brain.forget_step()
+        brain.act(torch.zeros(len(reward), 2), explore=False)
+        found.append(brain._outcome(torch.tensor(reward))[0].tolist())
+    return found
+
+
+def test_a_lingering_reward_is_lost_little_by_little_and_won_at_once():
+    brain = born(robots=2, lingering=0.5, action_gap=0.0)
+    noses = [[0.8, 0.0], [0.6, 0.0], [0.0, 0.4], [0.0, 0.4], [0.7, 0.1], [0.0, 0.0]]
+    expected = [[-0.2, 0.0], [-0.3, 0.4], [-0.15, 0.0], [0.55, -0.2], [-0.35, -0.1]]
+    assert gains(brain, noses)[1:] == [pytest.approx(row) for row in expected]
+
+
+def test_nothing_lingers_of_another_place():
+    brain = born(robots=1, lingering=0.5, action_gap=0.0)
+    found = gains(brain, [[0.0], [0.8], [0.0], [0.2]], anew=2)
+    assert found[1] == pytest.approx([0.8])
+    assert found[3] == pytest.approx([0.2])
+
+
+def test_a_touch_does_not_linger_and_nothing_makes_up_for_one():
+    brains = [born(senses=WALLS, lingering=share) for share in (0.0, 0.9)]
+    for state in sensed(30):
+        for brain in brains:
+            brain.act(state, explore=True)
+            brain.learn(state[:, 1])
+    assert same(*(brain.networks() for brain in brains))
+    brain = born(robots=1, lingering=0.9, action_gap=0.0)
+    assert gains(brain, [[0.8], [-1.0], [0.0]])[1:] == [pytest.approx([x]) for x in (-1.8, 1.0)]
 
 
 @pytest.mark.parametrize(("before", "now"), [(0.0, 0.0), (0.6, 0.5), (0.0, 0.5)])
