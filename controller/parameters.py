@@ -52,15 +52,16 @@ class Parameters:
       raw_signals: whether a signal that saturates is also read raw, as a second input.
       raw_reward: whether a reward that saturates is taken raw, a full load as 1.
       reward: what is rewarded, the reward's "signal" (section 2) or its "change".
-      lingering: share of a reward above 0 that is left of it a step later, where more than that is
-        not rewarded: what was just lost is lost little by little.
+      lingering: a reward above 0 falls, in a step, to no less than this share of itself, so that
+        what is lost is taken away little by little; one below 0 is felt in full. Meanwhile it
+        has not fallen to nothing, and next_value_capped does not act.
       next_value: V at t + 1 of Eq. 1, of the "selected" action or of the "best" proposed.
       next_value_capped: whether V at t + 1 is at most the reward at t, or nothing, where the
         reward has just fallen to nothing or below.
       action_gap: share of what an action is judged worse than the best one, by which it is
         rewarded less.
-      error_limit: how far from 0 a TD error may be; a larger one is learnt from as this one (the
-        gradient of Huber's loss). None for as far as it is.
+      error_limit: the largest size of a TD error: one farther from 0 is learnt from as if it
+        were there, with its sign (the gradient of Huber's loss). None for no limit.
       optimizer: how weights follow the gradient, "plain" (Eq. 1) or "adam".
       memory_goal: what the memory is trained towards: the "selected" action, at the TD error
         (section 3), or the "best" proposed, at the learn rate.

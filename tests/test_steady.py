@@ -159,7 +159,7 @@ def test_each_step_learns_as_the_rule_is_written_down(fields, walls):
     brain = born(senses=WALLS if walls else SENSES, **fields)
     slow = [SlowBrain(brain, robot, brain._parameters, walls) for robot in range(ROBOTS)]
     proposed = watch(brain)
-    strayed = lost = 0
+    strayed = lost = limited = 0
     for state in sensed(60):
         actions = brain.act(state, explore=True)
         errors = brain.learn(state[:, 1 if walls else 0])
@@ -168,9 +168,11 @@ def test_each_step_learns_as_the_rule_is_written_down(fields, walls):
             before = own.before
             error = own.arrive(state[robot], actions[robot], proposed[-1][robot])
             lost += before is not None and own.before[2] < before[2] and own.before[2] <= 0
+            limited += bool(own.p.error_limit) and abs(error) == own.p.error_limit
             torch.testing.assert_close(errors[robot], error, atol=1e-9, rtol=0)
     assert strayed > 10
     assert lost > 10
+    assert not brain._parameters.error_limit or 10 < limited < 60 * ROBOTS - 10
     for robot, own in enumerate(slow):
         for owner, weights in (("evaluation", own.q), ("memory", own.memory)):
             for name, tensor in weights.items():
@@ -257,12 +259,12 @@ def test_that_a_wall_can_be_left_again_does_not_make_up_for_touching_it():
     assert outcomes[1:] == [pytest.approx(pair) for pair in expected]
 
 
-def gains(brain, rewards, anew=None):
-    """The r that each robot learns from, by step; before step `anew` all are placed anew."""
+def gains(brain, rewards, anew=None, robots=None):
+    """The r that each robot learns from, by step; before step `anew` robots are placed anew."""
     found = []
     for step, reward in enumerate(rewards):
         if step == anew:
-            brain.forget_step()
+            brain.forget_step(robots)
         brain.act(torch.zeros(len(reward), 2), explore=False)
         found.append(brain._outcome(torch.tensor(reward))[0].tolist())
     return found
@@ -275,14 +277,36 @@ def test_a_lingering_reward_is_lost_little_by_little_and_won_at_once():
     assert gains(brain, noses)[1:] == [pytest.approx(row) for row in expected]
 
 
+def test_a_lingering_reward_can_be_all_that_is_beyond_the_paper():
+    brain = Neurocontroller(Parameters(lingering=0.5), "random", 1, 2, 1)
+    found = gains(brain, [[0.8], [0.0], [0.0], [0.4]])
+    assert found[1:] == [pytest.approx([x]) for x in (0.4, 0.2, 0.4)]
+    assert brain.state()["now.reward"].tolist() == pytest.approx([0.4])
+
+
 def test_nothing_lingers_of_another_place():
-    brain = born(robots=1, lingering=0.5, action_gap=0.0)
-    found = gains(brain, [[0.0], [0.8], [0.0], [0.2]], anew=2)
-    assert found[1] == pytest.approx([0.8])
-    assert found[3] == pytest.approx([0.2])
+    brain = born(robots=2, lingering=0.5, action_gap=0.0)
+    noses = [[0.0, 0.0], [0.8, 0.8], [0.0, 0.0], [0.2, 0.2]]
+    found = gains(brain, noses, anew=2, robots=torch.tensor([0]))
+    assert found[1] == pytest.approx([0.8, 0.8])
+    assert found[3] == pytest.approx([0.2, -0.2])
 
 
-def test_a_touch_does_not_linger_and_nothing_makes_up_for_one():
+def test_nothing_lingers_across_steps_that_are_not_learnt_from():
+    brain = born(robots=1, lingering=0.5, raw_reward=False)
+    (state,) = sensed(1, robots=1)
+    for reward in (0.8, 0.8, None, 0.1, 0.1):
+        brain.act(state, explore=False)
+        if reward is not None:
+            brain.learn(torch.tensor([reward]))
+    assert brain._before["reward"].tolist() == brain._now["reward"].tolist() == [pytest.approx(0.1)]
+
+
+def test_what_lingers_has_not_fallen_to_nothing_and_is_not_capped():
+    assert outcome(0.5, 0.0, 0.7, lingering=0.5)[:2] == pytest.approx((-0.05, 0.7))
+
+
+def test_a_touch_is_felt_in_full_though_rewards_linger():
     brains = [born(senses=WALLS, lingering=share) for share in (0.0, 0.9)]
     for state in sensed(30):
         for brain in brains:
