@@ -89,7 +89,7 @@ class Run:
         check_births(plan)
         results = engine.run(self.out, plan, self._workforce(), save_every=self.save_every)
         text = tables.markdown(plan.experiment, results)
-        write_atomically(self.out / "tables.md", text.encode())
+        write_atomically(self.out / "tables.md", f"{text}\n".encode())
         _print(text)
 
     def _plan(self, held: Plan | None) -> Plan:
