@@ -209,7 +209,7 @@ STEADY = Parameters(
     raw_reward=True,
     # Coming nearer pays, being near does not: a robot that stays has nothing to unlearn.
     reward="change",
-    # What a stray action leads to is no fault of the action before.
+    # What a stray leads to is no fault of the action before; with a gap it would feed itself.
     next_value="best",
     # "No smell" is one state for just lost and never had: it must not promise more than was lost.
     # That a wall can be left again must not make up for touching it.
