@@ -9,19 +9,20 @@ from __future__ import annotations
 import contextlib
 import logging
 import socket
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from .engine import (
     CHECKPOINTS,
     Display,
-    Work,
+    Job,
     heeding_signals,
     live,
     prepare_process,
     stopped_by,
 )
 from .errors import InputError, Interrupted
-from .experiment import CohortKey
 
 try:
     import ray
@@ -59,16 +60,17 @@ class Ray:
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             raise InputError(f"there is no Ray cluster at {address!r}") from error
 
-    def __call__(self, work: Work, display: Display) -> None:
-        """Lives a work's cohorts; see `engine.Workforce`."""
+    def __call__(self, jobs: Sequence[Job], display: Display) -> None:
+        """Lives cohorts; see `engine.Workforce`."""
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         reports = Queue(actor_options={"num_cpus": 0, "scheduling_strategy": here})
-        stop_file = work.directory / CHECKPOINTS / _STOP
-        stop_file.parent.mkdir(exist_ok=True)
-        stop_file.unlink(missing_ok=True)
+        stop_files = {_stop_file(job) for job in jobs}
+        for file in stop_files:
+            file.parent.mkdir(exist_ok=True)
+            file.unlink(missing_ok=True)
         # Retried for ever: what a lost node leaves is a checkpoint.
         task = ray.remote(num_cpus=1, max_retries=-1)(_live_there)
-        waiting = [task.remote(work, key, reports) for key in work.keys]
+        waiting = [task.remote(*job, reports) for job in enumerate(jobs)]
         whole = True
         try:
             with heeding_signals() as asked:
@@ -76,29 +78,38 @@ class Ray:
                     finished, waiting = ray.wait(waiting, timeout=0.5)
                     display.show(reports)
                     if asked.to_stop:
-                        stop_file.touch()
+                        _touch(stop_files)
                     whole = all(ray.get(finished)) and whole
                 display.show(reports)
         except (OSError, RayError) as error:
             with contextlib.suppress(OSError):
-                stop_file.touch()
+                _touch(stop_files)
             cause = getattr(error, "cause", error)
             if isinstance(error, RayTaskError) and not isinstance(cause, OSError):
                 raise  # a fault in the code of an agent, or ours: the traceback says where
             raise stopped_by(cause if isinstance(cause, OSError) else error) from error
         finally:
             reports.shutdown(force=True)
-        stop_file.unlink(missing_ok=True)
+        for file in stop_files:
+            file.unlink(missing_ok=True)
         if not whole:
             raise Interrupted
 
 
-def _live_there(work: Work, key: CohortKey, reports: Any) -> bool:
+def _stop_file(job: Job) -> Path:
+    return job.directory / CHECKPOINTS / _STOP
+
+
+def _touch(files: Iterable[Path]) -> None:
+    for file in files:
+        file.touch()
+
+
+def _live_there(number: int, job: Job, reports: Any) -> bool:
     prepare_process()
-    stop_file = work.directory / CHECKPOINTS / _STOP
 
     def report(step: int, message: str) -> None:
         with contextlib.suppress(RayError):  # nobody listens any more
-            reports.put((key, step, message))
+            reports.put((number, step, message))
 
-    return live(work, key, stop_file.exists, report)
+    return live(job, _stop_file(job).exists, report)

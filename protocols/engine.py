@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
@@ -40,27 +40,35 @@ _CHUNK = 50  # control steps between two looks at the clock
 
 
 @dataclasses.dataclass(frozen=True)
-class Work:
-    """What is still to be lived, and how.
+class Job:
+    """A cohort that is still to be lived, and how.
 
     Attributes:
-      directory: of the run, an absolute path.
-      experiment: what decides the lives.
-      keys: the cohorts to live, in the order in which to begin them.
-      save_every: seconds between two checkpoints of a cohort.
+      directory: of its run, an absolute path.
+      experiment: what decides its lives.
+      key: which cohort of the run.
+      save_every: seconds between two of its checkpoints.
     """
 
     directory: Path
     experiment: Experiment
-    keys: tuple[CohortKey, ...]
+    key: CohortKey
     save_every: float
+
+    def __str__(self) -> str:
+        return f"{self.directory.name}/{self.key}"
+
+    @property
+    def steps(self) -> int:
+        """Control steps of the whole life."""
+        return sum(self.experiment.schedule(self.key.task).steps())
 
 
 class Workforce(Protocol):
-    """Whatever lives a work's cohorts: this machine's processes, or a cluster's."""
+    """Whatever lives cohorts: this machine's processes, or a cluster's."""
 
-    def __call__(self, work: Work, display: Display) -> None:
-        """Returns when all cohorts have their finished files.
+    def __call__(self, jobs: Sequence[Job], display: Display) -> None:
+        """Begins cohorts in their order; returns when all have their finished files.
 
         Raises:
           Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
@@ -94,46 +102,98 @@ def run(
       Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
       RunError: a process died, or a file could not be written.
     """
-    with locked(directory):
+    return run_all({directory: plan}, workforce, save_every=save_every, quiet=quiet)[directory]
+
+
+def run_all(
+    plans: Mapping[Path, Plan],
+    workforce: Workforce,
+    *,
+    save_every: float = 60.0,
+    quiet: bool = False,
+) -> dict[Path, Results]:
+    """Lives several runs together, so that one of few cohorts leaves no core idle.
+
+    Args:
+      plans: which lives, by the directory of the run.
+      workforce: who lives them; see `run`, which says also what is raised.
+      save_every: seconds between two checkpoints of a cohort.
+      quiet: shows no progress.
+
+    Returns:
+      All lives of each directory.
+    """
+    with contextlib.ExitStack() as stack:
+        for directory in plans:
+            stack.enter_context(locked(directory))
+        runs = [_Run.opened(directory, plan) for directory, plan in plans.items()]
+        jobs = [Job(r.directory, r.plan.experiment, k, save_every) for r in runs for k in r.left]
+        if jobs:
+            # The longest first, so that processes end together.
+            jobs.sort(key=lambda job: -job.steps)
+            with Display(jobs, quiet) as display:
+                for sentence in [sentence for run in runs for sentence in run.damage]:
+                    display.tell(sentence)
+                workforce(jobs, display)
+        return {directory: run.gathered() for directory, run in zip(plans, runs, strict=True)}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """A run that is gone on with.
+
+    Attributes:
+      directory: an absolute path.
+      plan: which lives it will have.
+      done: what it has.
+      lived: cohorts that are finished, and not in `done` yet.
+      left: cohorts that are not finished.
+      damage: what is to be said of files that were set aside.
+    """
+
+    directory: Path
+    plan: Plan
+    done: Results
+    lived: dict[CohortKey, Lives]
+    left: list[CohortKey]
+    damage: list[str]
+
+    @classmethod
+    def opened(cls, directory: Path, plan: Plan) -> _Run:
+        """Reads what a directory holds; writes the plan where lives are still to come into it."""
         for folder in (directory, directory / CHECKPOINTS):
             remove_drafts(folder)
         if (directory / PLAN).exists():
             plan = plan.merged_with(load_plan(directory / PLAN))
-        done = load(directory)
-        known = {(r.task, r.proposer, r.cohort) for r in done.robots}
+        run = cls(directory.resolve(), plan, load(directory), {}, [], [])
+        known = {(r.task, r.proposer, r.cohort) for r in run.done.robots}
         keys = [k for k in plan.cohorts() if (k.task, k.proposer, k.index) not in known]
         if keys:
             save_plan(directory / PLAN, plan)
-            work = Work(directory.resolve(), plan.experiment, tuple(keys), save_every)
-            lives = _lived(work, workforce, quiet)
-            done = merge(done, collect(plan.experiment, lives.items()))
-            save(directory, done)
-        for file in (directory / CHECKPOINTS).glob("*"):
+        for key in keys:
+            path = finished_file(directory, key)
+            try:
+                run.lived[key] = read_lives(path)
+            except FileNotFoundError:
+                run.left.append(key)
+            except DamagedFileError as error:
+                run.left.append(key)
+                run.damage.append(_set_aside(path, key, error))
+        return run
+
+    def gathered(self) -> Results:
+        """Puts all cohorts together, and away, once none is left to live."""
+        lives = self.lived | {k: read_lives(finished_file(self.directory, k)) for k in self.left}
+        done = self.done
+        if lives:
+            done = merge(done, collect(self.plan.experiment, lives.items()))
+            save(self.directory, done)
+        for file in (self.directory / CHECKPOINTS).glob("*"):
             if file.suffix != ".damaged":
                 file.unlink()
         with contextlib.suppress(OSError):
-            (directory / CHECKPOINTS).rmdir()
+            (self.directory / CHECKPOINTS).rmdir()
         return done
-
-
-def _lived(work: Work, workforce: Workforce, quiet: bool) -> dict[CohortKey, Lives]:
-    """The lives of a work's cohorts; those that an earlier run has finished are only read."""
-    lives, damage = {}, []
-    for key in work.keys:
-        path = finished_file(work.directory, key)
-        try:
-            lives[key] = read_lives(path)
-        except FileNotFoundError:
-            continue
-        except DamagedFileError as error:
-            damage.append(_set_aside(path, key, error))
-    left = tuple(key for key in work.keys if key not in lives)
-    if left:
-        with Display(work.experiment, left, quiet) as display:
-            for sentence in damage:
-                display.tell(sentence)
-            workforce(dataclasses.replace(work, keys=left), display)
-    return lives | {key: read_lives(finished_file(work.directory, key)) for key in left}
 
 
 def open_directory(directory: Path) -> Plan | None:
@@ -218,17 +278,17 @@ class Processes:
 
     count: int
 
-    def __call__(self, work: Work, display: Display) -> None:
-        """Lives a work's cohorts; see `Workforce`."""
+    def __call__(self, jobs: Sequence[Job], display: Display) -> None:
+        """Lives cohorts; see `Workforce`."""
         context = multiprocessing.get_context("spawn")
         stop, reports = context.Event(), context.Queue()
-        count = min(self.count, len(work.keys))
+        count = min(self.count, len(jobs))
         with (
             lean_children(),
             heeding_signals() as asked,
             ProcessPoolExecutor(count, context, _prepare_process, (stop, reports)) as pool,
         ):
-            waiting = {pool.submit(_live_here, work, key) for key in work.keys}
+            waiting = {pool.submit(_live_here, *job) for job in enumerate(jobs)}
             whole = True
             try:
                 while waiting:
@@ -311,11 +371,10 @@ def heeding_signals() -> Iterator[Asked]:
 class Display:
     """Progress with time left, and what the cohorts have to say."""
 
-    def __init__(self, experiment: Experiment, keys: Sequence[CohortKey], quiet: bool) -> None:
-        self._robots = experiment.cohort_size
-        self._total = sum(sum(experiment.schedule(key.task).steps()) for key in keys)
-        self._steps: dict[CohortKey, int] = {}
-        self._first: dict[CohortKey, int] = {}  # what earlier runs lived is not this one's speed
+    def __init__(self, jobs: Sequence[Job], quiet: bool) -> None:
+        self._robots = [job.experiment.cohort_size for job in jobs]
+        self._steps: dict[int, int] = {}
+        self._first: dict[int, int] = {}  # what earlier runs lived is not this one's speed
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -328,9 +387,9 @@ class Display:
             disable=quiet,
             speed_estimate_period=300,
         )
-        hours = self._total * self._robots * CONTROL_TIMESTEP / 3600
+        total = self._lived({number: job.steps for number, job in enumerate(jobs)})
         self._bar = self._progress.add_task(
-            f"{len(keys)} cohorts, {hours:,.0f} robot-hours", total=self._total, speed=""
+            f"{len(jobs)} cohorts, {total / 3600:,.0f} robot-hours", total=total, speed=""
         )
         self._began = time.monotonic()
 
@@ -346,19 +405,23 @@ class Display:
         self._progress.console.print(f"[yellow]{sentence}[/yellow]")
 
     def show(self, reports: Any) -> None:
-        """Shows what has come into a queue of (cohort, its control step, message)."""
+        """Shows what has come into a queue of (number of a job, its control step, message)."""
         with contextlib.suppress(queue.Empty):
             while True:
-                key, steps, message = reports.get_nowait()
+                number, steps, message = reports.get_nowait()
                 if message:
                     self.tell(message)
-                self._steps[key] = steps
-                self._first.setdefault(key, steps)
-        done = sum(self._steps.values())
-        seconds = time.monotonic() - self._began
-        lived = (done - sum(self._first.values())) * self._robots * CONTROL_TIMESTEP
-        speed = f"{lived / seconds:,.0f} x real time" if lived else ""
+                self._steps[number] = steps
+                self._first.setdefault(number, steps)
+        done = self._lived(self._steps)
+        new = done - self._lived(self._first)
+        speed = f"{new / (time.monotonic() - self._began):,.0f} x real time" if new else ""
         self._progress.update(self._bar, completed=done, speed=speed)
+
+    def _lived(self, steps: Mapping[int, int]) -> float:
+        """Simulated seconds of all robots together, from the control steps of each job."""
+        robot_steps = sum(self._robots[number] * count for number, count in steps.items())
+        return robot_steps * CONTROL_TIMESTEP
 
 
 _STOP: Event
@@ -393,21 +456,18 @@ def prepare_process() -> None:
     silence_warnings()
 
 
-def _live_here(work: Work, key: CohortKey) -> bool:
+def _live_here(number: int, job: Job) -> bool:
     def stop() -> bool:
         return _ASKED.to_stop or _STOP.is_set()
 
-    return live(work, key, stop, lambda step, text: _REPORTS.put((key, step, text)))
+    return live(job, stop, lambda step, text: _REPORTS.put((number, step, text)))
 
 
-def live(
-    work: Work, key: CohortKey, stop: Callable[[], bool], report: Callable[[int, str], None]
-) -> bool:
+def live(job: Job, stop: Callable[[], bool], report: Callable[[int, str], None]) -> bool:
     """Lives a cohort from its last checkpoint to its end, or until it is asked to stop.
 
     Args:
-      work: what it is part of.
-      key: which cohort.
+      job: which cohort.
       stop: whether to stop.
       report: told the control step, and what there is to say, about twice a second.
 
@@ -419,11 +479,11 @@ def live(
     """
     if stop():
         return False
-    directory = work.directory
+    directory, key = job.directory, job.key
     if finished_file(directory, key).exists():  # by a node that was lost before it could say so
-        report(sum(work.experiment.schedule(key.task).steps()), "")
+        report(job.steps, "")
         return True
-    cohort, message = _restored(work, key)
+    cohort, message = _restored(job)
     report(cohort.step, message)
     saved = reported = time.monotonic()
     broken = int((~cohort.batch.valid).sum())
@@ -435,13 +495,13 @@ def live(
         message = ""
         if (count := int((~cohort.batch.valid).sum())) > broken:
             robots = (~cohort.batch.valid).nonzero()[0].tolist()
-            message = f"unstable simulation in {key}: robots {robots} stopped by step {cohort.step}"
+            message = f"unstable simulation in {job}: robots {robots} stopped by step {cohort.step}"
             broken = count
         now = time.monotonic()
         if message or now - reported > 0.5:
             report(cohort.step, message)
             reported = now
-        if now - saved > work.save_every:
+        if now - saved > job.save_every:
             _save_checkpoint(directory, key, cohort)
             saved = now
     _save_lives(finished_file(directory, key), cohort.lives())
@@ -455,16 +515,16 @@ def _save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
     save_arrays(checkpoint_file(directory, key), arrays, cohort=str(key), **notes)
 
 
-def _restored(work: Work, key: CohortKey) -> tuple[Cohort, str]:
+def _restored(job: Job) -> tuple[Cohort, str]:
     """The cohort as its checkpoint has it, or newborn; and what is to be said of that."""
-    path = checkpoint_file(work.directory, key)
-    cohort = Cohort(work.experiment, key)
+    path = checkpoint_file(job.directory, job.key)
+    cohort = Cohort(job.experiment, job.key)
     try:
         cohort.restore(*load_arrays(path))
     except FileNotFoundError:
         return cohort, ""
     except (DamagedFileError, ValueError, KeyError) as error:
-        return Cohort(work.experiment, key), _set_aside(path, key, error)
+        return Cohort(job.experiment, job.key), _set_aside(path, job.key, error)
     return cohort, ""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from .storage import is_draft, write_atomically
 def conduct(
     out: Path, wanted: Mapping[str, Plan], processes: int, page: str, report: Callable[[Path], str]
 ) -> None:
-    """Lives what OUT does not hold yet, one run after the other; writes and prints the page.
+    """Lives what OUT does not hold yet, all runs together; writes and prints the page.
 
     Args:
       out: folder of the series; an unfinished one goes on.
@@ -27,14 +26,13 @@ def conduct(
 
     Raises:
       InputError: a number makes no sense, or OUT cannot hold these runs, or holds something else.
-      Interrupted, RunError: see `engine.run`.
+      Interrupted, RunError: see `engine.run_all`.
     """
     if processes < 1:
         raise InputError(f"the number of processes must be at least 1, got {processes}")
     _check_folder(out, wanted, page)
-    for number, (name, plan) in enumerate(wanted.items(), 1):
-        print(f"{number} of {len(wanted)}: {name}", file=sys.stderr)
-        engine.run(out / name, plan, engine.Processes(processes))
+    plans = {out / name: plan for name, plan in wanted.items()}
+    engine.run_all(plans, engine.Processes(processes))
     text = report(out)
     write_atomically(out / page, text.encode())
     print(text)

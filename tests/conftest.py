@@ -19,9 +19,9 @@ def lived_here(monkeypatch):
         def __init__(self, count):
             assert count == 1
 
-        def __call__(self, work, display):
-            for key in work.keys:
-                assert engine.live(work, key, lambda: False, lambda step, text: None)
+        def __call__(self, jobs, display):
+            for job in jobs:
+                assert engine.live(job, lambda: False, lambda step, text: None)
 
     monkeypatch.setattr(engine, "Processes", Here)
     threads = torch.get_num_threads()

@@ -70,10 +70,10 @@ class Disk:
         return deed
 
 
-def live_here(work, display):
+def live_here(jobs, display):
     """Lives cohorts in this process, a checkpoint after each look at the clock."""
-    for key in work.keys:
-        assert engine.live(work, key, stop=lambda: False, report=lambda step, message: None)
+    for job in jobs:
+        assert engine.live(job, stop=lambda: False, report=lambda step, message: None)
 
 
 def plan(robots):

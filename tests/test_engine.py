@@ -232,14 +232,18 @@ class Here:
 
     def __init__(self, most=10**9):
         self.most = most
-        self.keys = []
+        self.jobs = []
 
-    def __call__(self, work, display):
-        for key in work.keys:
-            if len(self.keys) == self.most:
+    @property
+    def keys(self):
+        return [job.key for job in self.jobs]
+
+    def __call__(self, jobs, display):
+        for job in jobs:
+            if len(self.jobs) == self.most:
                 raise Interrupted
-            assert engine.live(work, key, lambda: False, lambda step, message: None)
-            self.keys.append(key)
+            assert engine.live(job, lambda: False, lambda step, message: None)
+            self.jobs.append(job)
 
 
 def finish(directory, monkeypatch):
@@ -278,6 +282,43 @@ def test_a_damaged_finished_cohort_is_named_set_aside_and_lived_again(whole, tmp
     assert victim.name in capfd.readouterr().err.replace("\n", "")
     assert victim.with_suffix(".damaged").exists()
     assert contents(tmp_path) == contents(whole)
+
+
+def test_runs_lived_together_are_the_runs_lived_alone_however_they_are_cut(whole, tmp_path):
+    alone, out = tmp_path / "alone", tmp_path / "together"
+    live(alone, plan(seed=2))
+    engine.run(out / "whole", plan(), Here(), quiet=True)
+    plans = {out / "whole": plan(), out / "one": plan(), out / "other": plan(seed=2)}
+    early, late = Here(most=3), Here()
+    with pytest.raises(Interrupted):
+        engine.run_all(plans, early, quiet=True)
+    results = engine.run_all(plans, late, quiet=True)
+    lived = [str(job) for job in early.jobs + late.jobs]
+    expected = {f"{run}/{key}" for run in ("one", "other") for key in plan().cohorts()}
+    assert len(lived) == len(expected) and {*lived} == expected
+    for directory, same in (("whole", whole), ("one", whole), ("other", alone)):
+        assert contents(out / directory) == contents(same)
+        assert str(results[out / directory].robots) == str(engine.load(same).robots)
+        assert not (out / directory / "checkpoints").exists()
+
+
+def test_the_longest_lives_of_all_runs_begin_first(tmp_path):
+    here = Here()
+    short, long = plan(robots=2), plan(robots=2, time_scale=0.005)
+    engine.run_all({tmp_path / "short": short, tmp_path / "long": long}, here, quiet=True)
+    steps = [job.steps for job in here.jobs]
+    assert steps == sorted(steps, reverse=True) and len({*steps}) == 4
+    assert here.jobs[0].directory == tmp_path / "long"
+
+
+def test_all_runs_are_locked_before_a_life_begins(tmp_path):
+    here = Here()
+    with (
+        engine.locked(tmp_path / "other"),
+        pytest.raises(InputError, match="another musebot is running in .*other"),
+    ):
+        engine.run_all({tmp_path / "one": plan(), tmp_path / "other": plan()}, here, quiet=True)
+    assert here.jobs == []
 
 
 def test_two_runs_in_one_directory_are_refused(tmp_path):

@@ -24,8 +24,8 @@ def report(step, message):
     assert not message, message
     peaks[min(6 * step // steps, 5) + 1] = peak_bytes() / 1e6
 
-work = engine.Work(pathlib.Path(sys.argv[1]), experiment, (key,), save_every=10.0)
-assert engine.live(work, key, lambda: False, report)
+job = engine.Job(pathlib.Path(sys.argv[1]), experiment, key, save_every=10.0)
+assert engine.live(job, lambda: False, report)
 print(json.dumps(peaks))
 """
 
