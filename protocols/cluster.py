@@ -1,6 +1,6 @@
 """Many machines: the same cohorts as Ray tasks on an existing cluster (extra `cluster`).
 
-The run's directory must be on storage that all nodes share: checkpoints are read and written
+A run's directory must be on storage that all nodes share: checkpoints are read and written
 there, so that a lost node's cohorts are taken up elsewhere. docs/scaling.md shows how.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import socket
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,56 +60,61 @@ class Ray:
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             raise InputError(f"there is no Ray cluster at {address!r}") from error
 
-    def __call__(self, jobs: Sequence[Job], display: Display) -> None:
+    def __call__(self, jobs: Sequence[Job], display: Display) -> Generator[Job]:
         """Lives cohorts; see `engine.Workforce`."""
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         reports = Queue(actor_options={"num_cpus": 0, "scheduling_strategy": here})
-        stop_files = {_stop_file(job) for job in jobs}
-        for file in stop_files:
+        for file in _stop_files(jobs):
             file.parent.mkdir(exist_ok=True)
             file.unlink(missing_ok=True)
         # Retried for ever: what a lost node leaves is a checkpoint.
         task = ray.remote(num_cpus=1, max_retries=-1)(_live_there)
-        waiting = [task.remote(*job, reports) for job in enumerate(jobs)]
+        waiting = {task.remote(*each, reports): each[1] for each in enumerate(jobs)}
         whole = True
         try:
             with heeding_signals() as asked:
                 while waiting:
-                    finished, waiting = ray.wait(waiting, timeout=0.5)
+                    finished, _ = ray.wait([*waiting], timeout=0.5)
                     display.show(reports)
                     if asked.to_stop:
-                        _touch(stop_files)
-                    whole = all(ray.get(finished)) and whole
+                        _stop(waiting.values())
+                    for result in finished:
+                        job = waiting.pop(result)
+                        if ray.get(result):
+                            yield job
+                        else:
+                            whole = False
                 display.show(reports)
         except (OSError, RayError) as error:
-            with contextlib.suppress(OSError):
-                _touch(stop_files)
             cause = getattr(error, "cause", error)
             if isinstance(error, RayTaskError) and not isinstance(cause, OSError):
                 raise  # a fault in the code of an agent, or ours: the traceback says where
             raise stopped_by(cause if isinstance(cause, OSError) else error) from error
         finally:
+            _stop(waiting.values())
             reports.shutdown(force=True)
-        for file in stop_files:
+        for file in _stop_files(jobs):
             file.unlink(missing_ok=True)
         if not whole:
             raise Interrupted
 
 
-def _stop_file(job: Job) -> Path:
-    return job.directory / CHECKPOINTS / _STOP
+def _stop_files(jobs: Iterable[Job]) -> set[Path]:
+    return {job.directory / CHECKPOINTS / _STOP for job in jobs}
 
 
-def _touch(files: Iterable[Path]) -> None:
-    for file in files:
-        file.touch()
+def _stop(jobs: Iterable[Job]) -> None:
+    for file in _stop_files(jobs):
+        with contextlib.suppress(OSError):
+            file.touch()
 
 
 def _live_there(number: int, job: Job, reports: Any) -> bool:
     prepare_process()
+    (stop_file,) = _stop_files([job])
 
     def report(step: int, message: str) -> None:
         with contextlib.suppress(RayError):  # nobody listens any more
             reports.put((number, step, message))
 
-    return live(job, _stop_file(job).exists, report)
+    return live(job, stop_file.exists, report)

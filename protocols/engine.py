@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
@@ -67,8 +67,8 @@ class Job:
 class Workforce(Protocol):
     """Whatever lives cohorts: this machine's processes, or a cluster's."""
 
-    def __call__(self, jobs: Sequence[Job], display: Display) -> None:
-        """Begins cohorts in their order; returns when all have their finished files.
+    def __call__(self, jobs: Sequence[Job], display: Display) -> Generator[Job]:
+        """Begins cohorts in their order, and yields each as soon as it has its finished file.
 
         Raises:
           Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
@@ -114,6 +114,8 @@ def run_all(
 ) -> dict[Path, Results]:
     """Lives several runs together, so that one of few cohorts leaves no core idle.
 
+    A run's lives are in its directory as soon as its own last cohort has lived.
+
     Args:
       plans: which lives, by the directory of the run.
       workforce: who lives them; see `run`, which says also what is raised.
@@ -126,19 +128,25 @@ def run_all(
     with contextlib.ExitStack() as stack:
         for directory in plans:
             stack.enter_context(locked(directory))
-        runs = [_Run.opened(directory, plan) for directory, plan in plans.items()]
-        jobs = [Job(r.directory, r.plan.experiment, k, save_every) for r in runs for k in r.left]
+        # What cannot be gone on with is refused before anything is changed.
+        runs = [_Run.read(directory, plan) for directory, plan in plans.items()]
+        damage = [sentence for run in runs for sentence in run.begin()]
+        jobs = [
+            Job(run.directory, run.plan.experiment, key, save_every)
+            for run in runs
+            for key in run.left
+        ]
         if jobs:
-            # The longest first, so that processes end together.
-            jobs.sort(key=lambda job: -job.steps)
-            with Display(jobs, quiet) as display:
-                for sentence in [sentence for run in runs for sentence in run.damage]:
-                    display.tell(sentence)
-                workforce(jobs, display)
-        return {directory: run.gathered() for directory, run in zip(plans, runs, strict=True)}
+            where = {run.directory: run for run in runs}
+            display = stack.enter_context(Display(jobs, quiet))
+            for sentence in damage:
+                display.tell(sentence)
+            for job in stack.enter_context(contextlib.closing(workforce(jobs, display))):
+                where[job.directory].has_lived(job.key)
+        return {directory: run.done for directory, run in zip(plans, runs, strict=True)}
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class _Run:
     """A run that is gone on with.
 
@@ -146,54 +154,67 @@ class _Run:
       directory: an absolute path.
       plan: which lives it will have.
       done: what it has.
-      lived: cohorts that are finished, and not in `done` yet.
       left: cohorts that are not finished.
-      damage: what is to be said of files that were set aside.
+      lived: cohorts that are finished, and wait for the others.
     """
 
     directory: Path
     plan: Plan
     done: Results
-    lived: dict[CohortKey, Lives]
     left: list[CohortKey]
-    damage: list[str]
+    lived: dict[CohortKey, Lives]
 
     @classmethod
-    def opened(cls, directory: Path, plan: Plan) -> _Run:
-        """Reads what a directory holds; writes the plan where lives are still to come into it."""
-        for folder in (directory, directory / CHECKPOINTS):
-            remove_drafts(folder)
+    def read(cls, directory: Path, plan: Plan) -> _Run:
+        """What a directory holds beside what the plan asks for; changes nothing."""
+        directory = directory.resolve()
         if (directory / PLAN).exists():
             plan = plan.merged_with(load_plan(directory / PLAN))
-        run = cls(directory.resolve(), plan, load(directory), {}, [], [])
-        known = {(r.task, r.proposer, r.cohort) for r in run.done.robots}
-        keys = [k for k in plan.cohorts() if (k.task, k.proposer, k.index) not in known]
-        if keys:
-            save_plan(directory / PLAN, plan)
-        for key in keys:
-            path = finished_file(directory, key)
-            try:
-                run.lived[key] = read_lives(path)
-            except FileNotFoundError:
-                run.left.append(key)
-            except DamagedFileError as error:
-                run.left.append(key)
-                run.damage.append(_set_aside(path, key, error))
-        return run
+        done = load(directory)
+        known = {(r.task, r.proposer, r.cohort) for r in done.robots}
+        left = [k for k in plan.cohorts() if (k.task, k.proposer, k.index) not in known]
+        return cls(directory, plan, done, left, {})
 
-    def gathered(self) -> Results:
-        """Puts all cohorts together, and away, once none is left to live."""
-        lives = self.lived | {k: read_lives(finished_file(self.directory, k)) for k in self.left}
-        done = self.done
-        if lives:
-            done = merge(done, collect(self.plan.experiment, lives.items()))
-            save(self.directory, done)
+    def begin(self) -> list[str]:
+        """Writes the plan, and reads what an earlier call has finished.
+
+        Returns:
+          What is to be said of files that had to be set aside.
+        """
+        checkpoints = self.directory / CHECKPOINTS
+        for folder in (self.directory, checkpoints):
+            remove_drafts(folder)
+        if not self.left:
+            self._clear()
+            return []
+        begun = bool(self.done.robots) or checkpoints.exists()
+        save_plan(self.directory / PLAN, self.plan, begun)
+        damage = []
+        for key in [*self.left]:
+            try:
+                self.has_lived(key)
+            except FileNotFoundError:
+                continue
+            except DamagedFileError as error:
+                damage.append(_set_aside(finished_file(self.directory, key), key, error))
+        return damage
+
+    def has_lived(self, key: CohortKey) -> None:
+        """Reads a cohort's finished file; after the last one all lives are put together."""
+        self.lived[key] = read_lives(finished_file(self.directory, key))
+        self.left.remove(key)
+        if not self.left:
+            self.done = merge(self.done, collect(self.plan.experiment, self.lived.items()))
+            save(self.directory, self.done)
+            self.lived.clear()
+            self._clear()
+
+    def _clear(self) -> None:
         for file in (self.directory / CHECKPOINTS).glob("*"):
             if file.suffix != ".damaged":
                 file.unlink()
         with contextlib.suppress(OSError):
             (self.directory / CHECKPOINTS).rmdir()
-        return done
 
 
 def open_directory(directory: Path) -> Plan | None:
@@ -278,7 +299,7 @@ class Processes:
 
     count: int
 
-    def __call__(self, jobs: Sequence[Job], display: Display) -> None:
+    def __call__(self, jobs: Sequence[Job], display: Display) -> Generator[Job]:
         """Lives cohorts; see `Workforce`."""
         context = multiprocessing.get_context("spawn")
         stop, reports = context.Event(), context.Queue()
@@ -288,23 +309,29 @@ class Processes:
             heeding_signals() as asked,
             ProcessPoolExecutor(count, context, _prepare_process, (stop, reports)) as pool,
         ):
-            waiting = {pool.submit(_live_here, *job) for job in enumerate(jobs)}
+            waiting = {pool.submit(_live_here, *each): each[1] for each in enumerate(jobs)}
             whole = True
             try:
                 while waiting:
-                    finished, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+                    finished, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
                     display.show(reports)
                     if asked.to_stop:
                         stop.set()
-                    whole = all([future.result() for future in finished]) and whole
+                    for future in finished:
+                        job = waiting.pop(future)
+                        if future.result():
+                            yield job
+                        else:
+                            whole = False
                 display.show(reports)
             except Exception as error:
-                stop.set()  # the others must end too, before the pool is waited for
                 if isinstance(error, BrokenProcessPool) and asked.to_stop:
                     raise Interrupted from error  # the signal met a process that had just begun
                 if isinstance(error, BrokenProcessPool | OSError):
                     raise stopped_by(error) from error
                 raise
+            finally:
+                stop.set()  # the others must end too, before the pool is waited for
             if not whole:
                 raise Interrupted
 

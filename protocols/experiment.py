@@ -334,7 +334,7 @@ def default_cohort_size(robots: int, most: int = 250) -> int:
     return size
 
 
-def save_plan(path: Path, plan: Plan) -> None:
+def save_plan(path: Path, plan: Plan, begun: bool = True) -> None:
     """Writes `experiment.json`: the plan, its physics, and on what it runs.
 
     `made_with` lists every set of versions and machine that lives were lived with: more than
@@ -343,6 +343,7 @@ def save_plan(path: Path, plan: Plan) -> None:
     Args:
       path: of the file.
       plan: asks for what the file that is there asks for, at least (`Plan.merged_with`).
+      begun: whether any life was begun with what the file that is there was made with.
 
     Raises:
       InputError: the file is there, of another physics.
@@ -350,7 +351,7 @@ def save_plan(path: Path, plan: Plan) -> None:
     made_with: list[Any] = []
     if path.exists():
         older = json.loads(path.read_bytes())
-        made_with = [one for one in older["made_with"] if one != machine()]
+        made_with = [one for one in older["made_with"] if begun and one != machine()]
         if not same_physics(path):
             raise InputError(
                 f"{path.parent} was lived in another physics than this version's: "

@@ -74,11 +74,14 @@ def live_here(jobs, display):
     """Lives cohorts in this process, a checkpoint after each look at the clock."""
     for job in jobs:
         assert engine.live(job, stop=lambda: False, report=lambda step, message: None)
+        yield job
+
+
+CONDITIONS = (("wall_avoidance", "creative"), ("spot_finding", "random"))
 
 
 def plan(robots):
-    conditions = (("wall_avoidance", "creative"), ("spot_finding", "random"))
-    return Plan.of(Experiment(cohort_size=1, time_scale=0.0005), conditions, robots)
+    return Plan.of(Experiment(cohort_size=1, time_scale=0.0005), CONDITIONS, robots)
 
 
 def live(directory, robots, fails_at=10**9, error=Dead):
@@ -120,6 +123,35 @@ def test_a_run_can_fail_between_any_two_deeds_and_then_again(error, lived, tmp_p
         shutil.rmtree(directory)
     # What a run can do without: that a folder is made which is there, or goes once it is empty.
     assert survived < deeds / 4 if error is OSError else not survived
+
+
+def live_both(directory, fails_at=10**9, error=Dead):
+    """Lives two runs together, a cohort each; returns what `live` does."""
+    plans = {
+        directory / name: Plan.of(Experiment(cohort_size=1, time_scale=0.0005, seed=seed), [c], 1)
+        for name, seed, c in (("one", 1, CONDITIONS[0]), ("two", 2, CONDITIONS[1]))
+    }
+    with Disk(fails_at, error).mounted() as disk:
+        try:
+            engine.run_all(plans, live_here, save_every=0, quiet=True)
+        except error:
+            return disk.done, False
+    return disk.done, True
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [Dead, OSError])
+def test_runs_that_live_together_can_fail_between_any_two_deeds(error, tmp_path):
+    deeds, ended = live_both(tmp_path / "whole")
+    assert ended
+    undisturbed = [contents(tmp_path / "whole" / name) for name in ("one", "two")]
+    for deed in range(deeds):
+        directory = tmp_path / str(deed)
+        live_both(directory, deed, error)
+        assert live_both(directory)[1]
+        both = [contents(directory / name) for name in ("one", "two")]
+        assert both == undisturbed, f"failed at deed {deed} of {deeds}"
+        shutil.rmtree(directory)
 
 
 # At any moment

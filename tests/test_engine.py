@@ -1,7 +1,9 @@
 """A run is the same run however it is cut, killed, spread over processes or added to."""
 
 import collections
+import itertools
 import os
+import queue
 import random
 import signal
 import subprocess
@@ -244,6 +246,7 @@ class Here:
                 raise Interrupted
             assert engine.live(job, lambda: False, lambda step, message: None)
             self.jobs.append(job)
+            yield job
 
 
 def finish(directory, monkeypatch):
@@ -284,31 +287,89 @@ def test_a_damaged_finished_cohort_is_named_set_aside_and_lived_again(whole, tmp
     assert contents(tmp_path) == contents(whole)
 
 
-def test_runs_lived_together_are_the_runs_lived_alone_however_they_are_cut(whole, tmp_path):
-    alone, out = tmp_path / "alone", tmp_path / "together"
-    live(alone, plan(seed=2))
-    engine.run(out / "whole", plan(), Here(), quiet=True)
-    plans = {out / "whole": plan(), out / "one": plan(), out / "other": plan(seed=2)}
-    early, late = Here(most=3), Here()
+def test_runs_lived_together_are_the_runs_lived_alone_after_whichever_cohort_they_are_cut(
+    whole, tmp_path
+):
+    live(tmp_path / "alone", plan(seed=2))
+    plans = {tmp_path / "whole": plan(), tmp_path / "one": plan(), tmp_path / "two": plan(seed=2)}
+    live(tmp_path / "whole", plan())
+    lived = []
+    for cut in itertools.count():
+        here = Here(most=1)
+        try:
+            results = engine.run_all(plans, here, quiet=True)
+        except Interrupted:
+            pass
+        lived += map(str, here.jobs)
+        # A run is there once its own lives are, whatever becomes of the others.
+        assert (tmp_path / "one" / ROBOTS).exists() == (cut >= 3)
+        assert (tmp_path / "two" / ROBOTS).exists() == (cut >= 7)
+        if cut == 7:
+            break
+    assert lived == [f"{run}/{key}" for run in ("one", "two") for key in plan().cohorts()]
+    for directory, same in (("whole", whole), ("one", whole), ("two", tmp_path / "alone")):
+        assert contents(tmp_path / directory) == contents(same)
+        assert str(results[tmp_path / directory].robots) == str(engine.load(same).robots)
+        assert not (tmp_path / directory / "checkpoints").exists()
+
+
+def test_processes_live_runs_of_several_experiments(whole, tmp_path):
+    other = plan(brain=named_brain("steady"), body="kinematic", cohort_size=4)
+    live(tmp_path / "alone", other)
+    plans = {tmp_path / "one": plan(), tmp_path / "two": other}
+    engine.run_all(plans, engine.Processes(2), quiet=True)
+    assert contents(tmp_path / "one") == contents(whole)
+    assert contents(tmp_path / "two") == contents(tmp_path / "alone")
+
+
+def test_whoever_lives_is_told_to_stop_where_lives_cannot_be_put_together(tmp_path, monkeypatch):
+    told = []
+
+    def workforce(jobs, display):
+        try:
+            yield from Here()(jobs, display)
+        finally:
+            told.append("stop")
+
+    def refuse(directory, results):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(engine, "save", refuse)
+    with pytest.raises(OSError, match="No space left"):
+        engine.run(tmp_path, plan(), workforce, quiet=True)
+    assert told == ["stop"]
+
+
+def test_progress_weighs_each_cohort_by_its_robots():
+    few, many = plan(robots=2).experiment, plan(robots=40, cohort_size=40).experiment
+    key = CohortKey(*BOTH[0], 0)
+    jobs = [engine.Job(Path("few"), few, key, 60.0), engine.Job(Path("many"), many, key, 60.0)]
+    reports = queue.Queue()
+    with engine.Display(jobs, quiet=True) as display:
+        (task,) = display._progress.tasks
+        assert task.total == pytest.approx(42 * jobs[0].steps * 0.1)
+        reports.put((1, 10, ""))
+        display.show(reports)
+        assert task.completed == pytest.approx(40 * 10 * 0.1)
+        reports.put((0, 10, ""))
+        display.show(reports)
+        assert task.completed == pytest.approx(42 * 10 * 0.1)
+
+
+def test_nothing_is_changed_where_one_of_several_runs_cannot_be_gone_on_with(tmp_path):
+    early = Here(most=1)
     with pytest.raises(Interrupted):
-        engine.run_all(plans, early, quiet=True)
-    results = engine.run_all(plans, late, quiet=True)
-    lived = [str(job) for job in early.jobs + late.jobs]
-    expected = {f"{run}/{key}" for run in ("one", "other") for key in plan().cohorts()}
-    assert len(lived) == len(expected) and {*lived} == expected
-    for directory, same in (("whole", whole), ("one", whole), ("other", alone)):
-        assert contents(out / directory) == contents(same)
-        assert str(results[out / directory].robots) == str(engine.load(same).robots)
-        assert not (out / directory / "checkpoints").exists()
-
-
-def test_the_longest_lives_of_all_runs_begin_first(tmp_path):
+        engine.run(tmp_path / "one", plan(), early, quiet=True)
+    engine.finished_file(tmp_path / "one", early.keys[0]).write_bytes(b"damaged")
+    live(tmp_path / "two", plan(conditions=BOTH[:1]))
+    (tmp_path / "two" / ROBOTS).write_text("damaged")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     here = Here()
-    short, long = plan(robots=2), plan(robots=2, time_scale=0.005)
-    engine.run_all({tmp_path / "short": short, tmp_path / "long": long}, here, quiet=True)
-    steps = [job.steps for job in here.jobs]
-    assert steps == sorted(steps, reverse=True) and len({*steps}) == 4
-    assert here.jobs[0].directory == tmp_path / "long"
+    for second in (plan(), plan(seed=2)):
+        with pytest.raises(InputError):
+            engine.run_all({tmp_path / "one": plan(), tmp_path / "two": second}, here, quiet=True)
+        after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        assert after == before and here.jobs == []
 
 
 def test_all_runs_are_locked_before_a_life_begins(tmp_path):
@@ -319,6 +380,7 @@ def test_all_runs_are_locked_before_a_life_begins(tmp_path):
     ):
         engine.run_all({tmp_path / "one": plan(), tmp_path / "other": plan()}, here, quiet=True)
     assert here.jobs == []
+    assert not (tmp_path / "one" / engine.PLAN).exists()
 
 
 def test_two_runs_in_one_directory_are_refused(tmp_path):

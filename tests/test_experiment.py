@@ -323,6 +323,9 @@ def test_experiment_json_tells_of_every_machine_that_went_on_with_it(sound, monk
         save_plan(sound, load_plan(sound))
     here, there = json.loads(sound.read_text())["made_with"]
     assert there["cores"] == 1000 != here["cores"]
+    save_plan(sound, load_plan(sound), begun=False)  # neither has lived a life of it
+    (there,) = json.loads(sound.read_text())["made_with"]
+    assert there["cores"] == 1000
 
 
 @pytest.fixture
