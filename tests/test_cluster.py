@@ -66,32 +66,54 @@ def cluster(tmp_path):
                    capture_output=True, check=False)  # fmt: skip
 
 
-@pytest.mark.slow
-def test_a_run_that_loses_a_node_leaves_the_local_runs_bytes(cluster, tmp_path):
-    address, second = cluster
+def begun(directory, address):
+    """A run on a cluster, once both nodes live a cohort."""
     run = subprocess.Popen(
         [
-            sys.executable, "-m", "musebot", "run", str(tmp_path / "there"), "--robots", "4",
+            sys.executable, "-m", "musebot", "run", str(directory), "--robots", "4",
             "--cohort-size", "2", "--time-scale", "0.03", "--task", "wall_avoidance",
             "--proposer", "fixed", "creative", "--save-every", "0.5", "--engine", "ray",
             "--address", address,
         ],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
-    checkpoints = tmp_path / "there" / "checkpoints"
-    for _ in range(3000):  # both nodes live a cohort
-        if len(list(checkpoints.glob("*[0-9].safetensors"))) >= 2:
-            break
+    for _ in range(3000):
+        if len(list((directory / "checkpoints").glob("*[0-9].safetensors"))) >= 2:
+            return run
         assert run.poll() is None, run.stdout.read()
         time.sleep(0.1)
-    else:
-        run.kill()
-        raise AssertionError(f"no two cohorts began: {run.communicate()[0]}")
+    run.kill()
+    raise AssertionError(f"no two cohorts began: {run.communicate()[0]}")
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("here") / "run"
+    engine.run(directory, PLAN, engine.Processes(2), quiet=True)
+    return contents(directory)
+
+
+@pytest.mark.slow
+def test_a_run_that_loses_a_node_leaves_the_local_runs_bytes(cluster, tmp_path, here):
+    address, second = cluster
+    run = begun(tmp_path / "there", address)
     os.killpg(second.pid, signal.SIGKILL)
     output = run.communicate(timeout=300)[0]
     assert run.returncode == 0, output
-    engine.run(tmp_path / "here", PLAN, engine.Processes(2), quiet=True)
-    assert contents(tmp_path / "there") == contents(tmp_path / "here")
+    assert contents(tmp_path / "there") == here
+
+
+@pytest.mark.slow
+def test_a_run_that_is_stopped_is_gone_on_with_elsewhere(cluster, tmp_path, here):
+    address, _ = cluster
+    run = begun(tmp_path / "there", address)
+    run.send_signal(signal.SIGINT)
+    output = run.communicate(timeout=300)[0]
+    assert run.returncode == 130, output
+    assert "the same command goes on from here" in output
+    assert {path.name for path in (tmp_path / "there").iterdir()} == {engine.PLAN, "checkpoints"}
+    engine.run(tmp_path / "there", PLAN, engine.Processes(2), quiet=True)
+    assert contents(tmp_path / "there") == here
 
 
 def test_no_cluster_is_one_sentence_and_exit_status_2(tmp_path):
