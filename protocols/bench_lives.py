@@ -29,9 +29,9 @@ from mujoco import rollout
 from ..controller import BRAINS
 from ..tasks import Batch
 from .cohort import Cohort, legs
-from .engine import prepare_process
 from .errors import RunError
 from .experiment import CohortKey, Experiment
+from .processes import prepare_process
 from .storage import save_arrays
 
 Act = Literal["live", "replay"]

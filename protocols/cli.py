@@ -143,10 +143,10 @@ class Run:
         return Plan.of(experiment, conditions, robots)
 
     def _workforce(self) -> Workforce:
-        from . import engine
+        from .processes import Processes
 
         if self.engine == "local":
-            return engine.Processes(self.processes)
+            return Processes(self.processes)
         if self.engine != "ray":
             raise InputError(f"the engine must be local or ray, got {self.engine!r}")
         from . import cluster
@@ -238,10 +238,11 @@ class Report:
 
     def __call__(self) -> None:
         """Puts a sample of the brains back into their robots, to see what they do."""
-        from . import engine, report
+        from . import report
+        from .processes import prepare_process
 
         experiment, results = _read(self.out, enact=True)
-        engine.prepare_process()
+        prepare_process()
         print(report.report(experiment, results, self.out, self.output))
 
 

@@ -13,16 +13,9 @@ from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .engine import (
-    CHECKPOINTS,
-    Display,
-    Job,
-    heeding_signals,
-    live,
-    prepare_process,
-    stopped_by,
-)
+from .engine import CHECKPOINTS, Display, Job, live
 from .errors import InputError, Interrupted
+from .processes import heeding_signals, prepare_process, stopped_by
 
 try:
     import ray

@@ -23,13 +23,14 @@ from matplotlib.figure import Figure
 
 from ..controller import Neurocontroller
 from ..models import Kinematics
-from . import engine, figures, tables
+from . import figures, tables
 from .agents import Brain, make_agent
 from .cohort import Cohort, place
 from .errors import InputError, RunError, run_module
 from .experiment import Body, CohortKey, Experiment, named_brain, told
 from .portraits import draw_values, grid
 from .probes import watch
+from .processes import prepare_process
 from .progress import bar
 from .schedules import control_steps
 from .storage import check_folder
@@ -323,7 +324,7 @@ def main(
     wanted = [dataclasses.replace(shared, brain=named_brain(name)) for name in brains]
     *_, test = shared.schedule(_TASK).steps()
     lives, tests = int(_times(shared)[-1]), len(SEEDS) * (TIMES + 1) * test
-    engine.prepare_process()
+    prepare_process()
     found = []
     with bar() as progress:
         task = progress.add_task("", total=len(brains) * robots * (lives + tests))

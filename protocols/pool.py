@@ -9,8 +9,8 @@ from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
-from .engine import follow_parent, heeding_signals, lean_children, prepare_process
 from .errors import Interrupted, RunError
+from .processes import follow_parent, heeding_signals, lean_children, prepare_process
 
 Result = TypeVar("Result")
 

@@ -9,6 +9,7 @@ from . import engine
 from .beside import Side
 from .errors import InputError
 from .experiment import Plan, differing, same_physics
+from .processes import Processes
 from .storage import is_draft, write_atomically
 
 
@@ -32,7 +33,7 @@ def conduct(
         raise InputError(f"the number of processes must be at least 1, got {processes}")
     _check_folder(out, wanted, page)
     plans = {out / name: plan for name, plan in wanted.items()}
-    engine.run_all(plans, engine.Processes(processes))
+    engine.run_all(plans, Processes(processes))
     text = report(out)
     write_atomically(out / page, text.encode())
     print(text)

@@ -15,6 +15,7 @@ from musebot.controller import BRAINS
 from musebot.models import Kinematics
 from musebot.protocols import ablation, cli, engine, robustness, sensitivity
 from musebot.protocols.experiment import Experiment, Plan, load_plan
+from musebot.protocols.processes import Processes
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +23,7 @@ def run(tmp_path_factory):
     directory = tmp_path_factory.mktemp("cli") / "run"
     conditions = (("wall_avoidance", "fixed"), ("spot_finding", "creative"))
     plan = Plan.of(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
-    engine.run(directory, plan, engine.Processes(2), quiet=True)
+    engine.run(directory, plan, Processes(2), quiet=True)
     return directory
 
 

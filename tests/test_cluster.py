@@ -12,6 +12,7 @@ import pytest
 
 from musebot.protocols import engine
 from musebot.protocols.experiment import Experiment, Plan
+from musebot.protocols.processes import Processes
 from musebot.protocols.results import BRAINS, CURVES, ROBOTS
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
@@ -89,7 +90,7 @@ def begun(directory, address):
 @pytest.fixture(scope="module")
 def here(tmp_path_factory):
     directory = tmp_path_factory.mktemp("here") / "run"
-    engine.run(directory, PLAN, engine.Processes(2), quiet=True)
+    engine.run(directory, PLAN, Processes(2), quiet=True)
     return contents(directory)
 
 
@@ -112,7 +113,7 @@ def test_a_run_that_is_stopped_is_gone_on_with_elsewhere(cluster, tmp_path, here
     assert run.returncode == 130, output
     assert "the same command goes on from here" in output
     assert {path.name for path in (tmp_path / "there").iterdir()} == {engine.PLAN, "checkpoints"}
-    engine.run(tmp_path / "there", PLAN, engine.Processes(2), quiet=True)
+    engine.run(tmp_path / "there", PLAN, Processes(2), quiet=True)
     assert contents(tmp_path / "there") == here
 
 

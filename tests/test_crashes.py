@@ -161,9 +161,9 @@ def test_runs_that_live_together_can_fail_between_any_two_deeds(error, tmp_path)
 FORKS = """
 import json, os, sys
 from multiprocessing import get_context
-from musebot.protocols import cli, engine
+from musebot.protocols import cli, processes
 
-engine.multiprocessing.get_context = lambda method: get_context("fork")
+processes.multiprocessing.get_context = lambda method: get_context("fork")
 for line in sys.stdin:
     if (child := os.fork()) == 0:
         os.setsid()

@@ -18,6 +18,7 @@ from musebot.protocols import engine, storage
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment import CohortKey, Experiment, Plan, named_brain
+from musebot.protocols.processes import Processes
 from musebot.protocols.results import BRAINS, CURVES, ROBOTS
 
 FILES = (ROBOTS, CURVES, BRAINS)
@@ -34,7 +35,7 @@ def plan(robots=4, conditions=BOTH, **changes):
 
 
 def live(directory, the_plan, processes=2):
-    return engine.run(Path(directory), the_plan, engine.Processes(processes), quiet=True)
+    return engine.run(Path(directory), the_plan, Processes(processes), quiet=True)
 
 
 @pytest.fixture(scope="module")
@@ -317,7 +318,7 @@ def test_processes_live_runs_of_several_experiments(whole, tmp_path):
     other = plan(brain=named_brain("steady"), body="kinematic", cohort_size=4)
     live(tmp_path / "alone", other)
     plans = {tmp_path / "one": plan(), tmp_path / "two": other}
-    engine.run_all(plans, engine.Processes(2), quiet=True)
+    engine.run_all(plans, Processes(2), quiet=True)
     assert contents(tmp_path / "one") == contents(whole)
     assert contents(tmp_path / "two") == contents(tmp_path / "alone")
 

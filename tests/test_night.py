@@ -10,11 +10,11 @@ import pytest
 # the peak of its memory by the end of each.
 LIFE = """
 import json, pathlib, sys
-from musebot.protocols import engine
+from musebot.protocols import engine, processes
 from musebot.protocols.bench_lives import peak_bytes
 from musebot.protocols.experiment import CohortKey, Experiment
 
-engine.prepare_process()
+processes.prepare_process()
 experiment = Experiment(cohort_size=50, time_scale=float(sys.argv[2]))
 key = CohortKey("spot_finding", "creative", 0)
 steps = sum(experiment.schedule(key.task).steps())

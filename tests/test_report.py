@@ -15,6 +15,7 @@ import pytest
 from musebot.protocols import cli, engine, report
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment import Experiment, Plan
+from musebot.protocols.processes import Processes
 
 pytestmark = pytest.mark.slow
 
@@ -29,7 +30,7 @@ CONDITIONS = (
 def out(tmp_path_factory):
     directory = tmp_path_factory.mktemp("report") / "run"
     plan = Plan.of(Experiment(cohort_size=6, time_scale=0.004), CONDITIONS, 6)
-    engine.run(directory, plan, engine.Processes(1), quiet=True)
+    engine.run(directory, plan, Processes(1), quiet=True)
     return directory
 
 

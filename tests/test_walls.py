@@ -7,6 +7,7 @@ from musebot.models import Kinematics
 from musebot.protocols import engine, explore
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.experiment import BODIES, CohortKey, Experiment, Plan
+from musebot.protocols.processes import Processes
 from musebot.protocols.replay import Candidate
 from musebot.protocols.robustness import CHANGES, Job, sit
 from musebot.protocols.schedules import COURSES, SPOT_FINDING, WALLS
@@ -19,7 +20,7 @@ SHORT = Experiment(cohort_size=2, time_scale=0.001, course="walls")
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("walls") / "run"
-    engine.run(out, Plan.of(SHORT, [(SF, "creative")], 2), engine.Processes(1))
+    engine.run(out, Plan.of(SHORT, [(SF, "creative")], 2), Processes(1))
     return engine.read_run(out)
 
 
