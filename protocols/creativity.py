@@ -3,18 +3,22 @@
     python -m musebot.protocols.creativity RUN [RUN ...]
 
 prints, for each run, by how much robots whose ideas come from the creative memory do better
-than robots of the same evaluation network whose ideas are uniformly random.
+than robots of the same evaluation network whose ideas are uniformly random; and what the best
+idea of either kind lacks by the creative robots' own judgement.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+import torch
 import tyro
 
+from ..controller.proposers import RandomActions
 from . import engine, tables
 from .beside import (
     Cell,
@@ -29,8 +33,11 @@ from .beside import (
 )
 from .errors import InputError, run_module
 from .experiment import TASKS
+from .portraits import lacking, situations
+from .replay import stored_brains
 
 _MUSE, _CHANCE = "creative", "random"
+_DRAWS = 20  # of ideas, each robot in each situation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,8 +83,40 @@ def contests(sides: Sequence[Side]) -> list[Contest]:
     return [Contest(*pair, cells) for pair, cells in zip(pairs, found, strict=True)]
 
 
-def markdown(found: Sequence[Contest]) -> str:
-    """A row a contest and cell: both values, the difference, the verdict."""
+def lacks(contest: Contest) -> dict[str, tuple[float, float]]:
+    """What the best idea lacks by the judgement of the trained creative robots.
+
+    Returns:
+      By situation, `portraits.lacking` of their own ideas and of as many uniformly random ones,
+      means over robots and draws of ideas; nothing where no life was valid.
+    """
+    experiment, results = contest.side.experiment, contest.side.results
+    rows = [i for i, row in enumerate(results.of(contest.task, _MUSE)) if row.valid]
+    if not rows:
+        return {}
+    after = [(row, "after") for row in rows]
+    brain = stored_brains(experiment, results, contest.task, _MUSE, after, seed=0).controller
+    chance = RandomActions(experiment.brain.ideas, torch.Generator().manual_seed(0))
+    found = {}
+    states = situations(experiment.batch(contest.task, 1), contest.task)
+    for name, state in states.items():
+        sensed = torch.from_numpy(state.astype(np.float32)).expand(len(rows), -1)
+        kinds = [
+            [lacking(brain, sensed, propose(sensed)).mean().item() for _ in range(_DRAWS)]
+            for propose in (brain.propose, chance.propose)
+        ]
+        own, random = np.mean(kinds, axis=1).tolist()
+        found[name] = own, random
+    return found
+
+
+def markdown(found: Sequence[Contest], lacked: Sequence[Mapping[str, tuple[float, float]]]) -> str:
+    """A row a contest and cell: both values, the difference, the verdict; and why.
+
+    Args:
+      found: the contests.
+      lacked: of each, what ideas lack (`lacks`).
+    """
     head = ["run", "ideas", "robots", "", *(_MUSE, _CHANCE), "difference", "creative is"]
     rows = [head, ["---", "---:", "---:", "---", *["---:"] * 3, "---"]]
     for contest in found:
@@ -99,8 +138,21 @@ def markdown(found: Sequence[Contest]) -> str:
         "bootstrap. Better or worse: permutation test, corrected by Holm's method over the "
         f"{2 * len(found)} rows."
     )
+    head = ["run", "ideas", "", "situation", "the best idea lacks", "the best random one"]
+    why = [head, ["---", "---:", "---", "---", "---:", "---:"]]
+    for contest, shares in zip(found, lacked, strict=True):
+        ideas = str(contest.side.experiment.brain.ideas)
+        for situation, (own, random) in shares.items():
+            where = [contest.side.name, ideas, contest.task, situation]
+            why.append([*where, f"{own:.1%}", f"{random:.1%}"])
+    judged = (
+        "By the judgement of the trained creative robots: how far the value of their best idea, or "
+        "of the best of as many random ones, falls short of the best action's, as a share of the "
+        "range of all actions' values."
+    )
     whose = dict.fromkeys(described(c.side.name, c.side.experiment) for c in found)
-    return "\n".join([*map(tables.line, rows), "", note, "", *whose])
+    lines = [*map(tables.line, rows), "", note, "", *map(tables.line, why), "", judged, ""]
+    return "\n".join([*lines, *whose])
 
 
 def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
@@ -114,7 +166,8 @@ def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
     if len({run.resolve() for run in runs}) < len(runs):
         raise InputError("a run is given twice")
     sides = [Side(n, *engine.read_run(run)) for n, run in zip(names_of(runs), runs, strict=True)]
-    print(markdown(contests(sides)))
+    found = contests(sides)
+    print(markdown(found, [lacks(contest) for contest in found]))
 
 
 if __name__ == "__main__":

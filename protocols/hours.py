@@ -28,7 +28,7 @@ from .agents import Brain, make_agent
 from .cohort import Cohort, place
 from .errors import InputError, RunError, run_module
 from .experiment import Body, CohortKey, Experiment, named_brain, told
-from .portraits import draw_values, grid
+from .portraits import draw_values, lacking
 from .probes import watch
 from .processes import prepare_process
 from .progress import bar
@@ -201,7 +201,6 @@ def asked(diary: Diary) -> tuple[np.ndarray, np.ndarray]:
     """
     times, robots = len(diary.hours), diary.robots
     spread, missing = np.zeros((2, times, len(SMELLS), robots))
-    actions = grid().expand(robots, -1, -1)
     for time in range(times):
         brain = diary.brains(np.stack([np.full(robots, time), np.arange(robots)])).controller
         for smell, state in enumerate(torch.from_numpy(smells(diary.experiment))):
@@ -209,10 +208,7 @@ def asked(diary: Diary) -> tuple[np.ndarray, np.ndarray]:
             ideas = brain.propose(sensed)
             around = ideas - ideas.mean(dim=1, keepdim=True)
             spread[time, smell] = around.norm(dim=-1).mean(dim=1)
-            values, best = brain.values(sensed, actions), brain.values(sensed, ideas).amax(dim=1)
-            lacking = (values.amax(dim=1) - best).clamp(min=0)
-            range_ = (values.amax(dim=1) - values.amin(dim=1)).clamp(min=1e-12)  # 0: all alike
-            missing[time, smell] = lacking / range_
+            missing[time, smell] = lacking(brain, sensed, ideas)
     return spread, missing
 
 
@@ -225,10 +221,10 @@ def markdown(found: Sequence[Findings]) -> str:
         sound = ~np.isnan(one.tests).any(axis=(0, 1))
         best, end = one.best[-1][sound], one.shares[-1][sound]
         cells = [tables.mean_cell(values) for values in (best, end, best - end)]
-        lacking = [f"{share:.0%}" for share in one.missing[-1].mean(axis=-1)]
+        lacks = [f"{share:.0%}" for share in one.missing[-1].mean(axis=-1)]
         left_out = one.diary.experiment.cohort_size - sound.sum()
         robots = f"{sound.sum()}" + (f" (and {left_out} invalid)" if left_out else "")
-        rows.append([one.diary.name, robots, *cells, *lacking])
+        rows.append([one.diary.name, robots, *cells, *lacks])
     note = (
         "Shares of the test after training, sat by frozen brains. Each robot's best time is chosen "
         "by one test, and judged, as the end is, by another: a robot that was best in the end has "

@@ -206,6 +206,24 @@ def grid() -> torch.Tensor:
     return torch.cartesian_prod(line, line)[None]
 
 
+@torch.inference_mode()
+def lacking(brain: Neurocontroller, sensed: torch.Tensor, ideas: torch.Tensor) -> torch.Tensor:
+    """How far ideas fall short by the brain's own judgement.
+
+    Args:
+      brain: of B robots.
+      sensed: what they sense, shape (B, S).
+      ideas: their ideas, shape (B, A, 2).
+
+    Returns:
+      What the best idea lacks to the best of all actions, as a share of the range of all actions'
+      values, shape (B,).
+    """
+    values = brain.values(sensed, grid().expand(len(sensed), -1, -1))
+    lacks = (values.amax(dim=1) - brain.values(sensed, ideas).amax(dim=1)).clamp(min=0)
+    return lacks / (values.amax(dim=1) - values.amin(dim=1)).clamp(min=1e-12)  # 0: all alike
+
+
 def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
     """Draws the value of every action, the actions proposed, and the chosen one.
 

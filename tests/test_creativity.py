@@ -5,14 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-from musebot.controller import Parameters
-from musebot.protocols import creativity
+from musebot.controller import BRAINS, Parameters
+from musebot.protocols import creativity, portraits
+from musebot.protocols.agents import make_agent
 from musebot.protocols.beside import Side, verdict
+from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment import Experiment
+from musebot.protocols.experiment import CohortKey, Experiment
 from musebot.protocols.learn_ability import category, learn_ability
-from musebot.protocols.results import Results, Robot
+from musebot.protocols.results import Results, Robot, collect
 from musebot.protocols.schedules import SCHEDULES
 
 WA, SF = "wall_avoidance", "spot_finding"
@@ -63,13 +66,60 @@ def test_the_page_says_what_each_run_is():
     times = {(SF, "creative"): 500, (SF, "random"): 200, (WA, "creative"): 10}
     among = dataclasses.replace(side(times), name="other")
     among = dataclasses.replace(among, experiment=dataclasses.replace(FEW, course="walls"))
-    page = creativity.markdown(creativity.contests([side(times), among])).splitlines()
+    lacked = [{"no smell": (0.01, 0.4)}, {"no smell": (0.125, 0.25), "inside": (0, 1)}]
+    found = creativity.contests([side(times), among])
+    page = creativity.markdown(found, lacked).splitlines()
     rows = [line.split(" | ") for line in page[2:6]]
     assert [row[0] for row in rows] == ["| run", "| run", "| other", "| other"]
     assert {(row[1], row[2]) for row in rows} == {("3", "40 and 40")}
     assert {row[-1] for row in rows} == {"better |"}
     assert "over the 4 rows" in page[7]
-    assert page[9:] == ["- run: brain paper ideas=3", "- other: brain paper ideas=3, course walls"]
+    assert page[11:14] == [
+        "| run | 3 | spot_finding | no smell | 1.0% | 40.0% |",
+        "| other | 3 | spot_finding | no smell | 12.5% | 25.0% |",
+        "| other | 3 | spot_finding | inside | 0.0% | 100.0% |",
+    ]
+    assert page[17:] == ["- run: brain paper ideas=3", "- other: brain paper ideas=3, course walls"]
+
+
+def lives(experiment, task, proposer):
+    key = CohortKey(task, proposer, 0)
+    cohort = Cohort(experiment, key)
+    cohort.advance(10**9)
+    return key, cohort.lives()
+
+
+@pytest.mark.parametrize("task", [WA, SF])
+def test_what_ideas_lack_is_told_of_either_task_and_less_of_more_random_ones(task):
+    shared = Experiment(cohort_size=20, time_scale=0.002, body="kinematic")
+    few, many = (
+        dataclasses.replace(shared, brain=dataclasses.replace(BRAINS["steady"], ideas=ideas))
+        for ideas in (3, 25)
+    )
+    results = collect(few, [lives(few, task, "creative"), lives(few, task, "random")])
+    three, five_and_twenty = (
+        creativity.lacks(creativity.Contest(Side("run", experiment, results), task, ()))
+        for experiment in (few, many)
+    )
+    assert three.keys() == five_and_twenty.keys() and len(three) == 3
+    for situation, shares in three.items():
+        assert 0 < shares[0] < 1 and 0 < five_and_twenty[situation][1] < shares[1] < 1
+    rows = [dataclasses.replace(row, category="invalid") for row in results.robots]
+    nobody = Side("run", few, Results(rows, results.curves, results.brains))
+    assert creativity.lacks(creativity.Contest(nobody, task, ())) == {}
+
+
+def test_the_best_of_all_actions_lacks_nothing_and_the_worst_all():
+    brain = make_agent(Experiment(cohort_size=4), SF, "creative", 4, 1).controller
+    sensed, actions = torch.rand(4, 1), portraits.grid().expand(4, -1, -1)
+    values = brain.values(sensed, actions)
+    for which, share in ((values.argmax(dim=1), 0.0), (values.argmin(dim=1), 1.0)):
+        one = actions[torch.arange(4), which][:, None]
+        assert portraits.lacking(brain, sensed, one).tolist() == [share] * 4
+    half = (values.amax(dim=1) + values.amin(dim=1)) / 2
+    nearest = (values - half[:, None]).abs().argmin(dim=1)
+    one = actions[torch.arange(4), nearest][:, None]
+    assert portraits.lacking(brain, sensed, one) == pytest.approx([0.5] * 4, abs=0.05)
 
 
 def test_invalid_lives_are_not_counted():
