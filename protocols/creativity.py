@@ -165,7 +165,10 @@ def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
         raise InputError("at least one run is needed")
     if len({run.resolve() for run in runs}) < len(runs):
         raise InputError("a run is given twice")
-    sides = [Side(n, *engine.read_run(run)) for n, run in zip(names_of(runs), runs, strict=True)]
+    sides = [
+        Side(n, *engine.read_run(run, enact=True))
+        for n, run in zip(names_of(runs), runs, strict=True)
+    ]
     found = contests(sides)
     print(markdown(found, [lacks(contest) for contest in found]))
 

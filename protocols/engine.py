@@ -23,7 +23,15 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from ..tasks import CONTROL_TIMESTEP
 from .cohort import Cohort, Lives
 from .errors import DamagedFileError, InputError
-from .experiment import CohortKey, Experiment, Plan, load_plan, same_physics, save_plan
+from .experiment import (
+    CohortKey,
+    Experiment,
+    Plan,
+    check_physics,
+    load_plan,
+    same_physics,
+    save_plan,
+)
 from .results import Results, collect, load, merge, save
 from .storage import check_folder, is_draft, load_arrays, remove_drafts, save_arrays
 
@@ -93,7 +101,8 @@ def run(
     Raises:
       InputError: the directory is another run's, or its experiment or physics is another.
       Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
-      RunError: a process died, or a file could not be written.
+      RunError: a process died, or a cohort's file could not be written.
+      OSError: the results could not be written; the cohorts' files are kept.
     """
     return run_all({directory: plan}, workforce, save_every=save_every, quiet=quiet)[directory]
 
@@ -166,10 +175,12 @@ class _Run:
         done = load(directory)
         known = {(r.task, r.proposer, r.cohort) for r in done.robots}
         left = [k for k in plan.cohorts() if (k.task, k.proposer, k.index) not in known]
+        if left and (directory / PLAN).exists():
+            check_physics(directory / PLAN)
         return cls(directory, plan, done, left, {})
 
     def begin(self) -> list[str]:
-        """Writes the plan, and reads what an earlier call has finished.
+        """Writes the plan, and reads what an earlier call has finished, or sets it aside.
 
         Returns:
           What is to be said of files that had to be set aside.
@@ -184,17 +195,23 @@ class _Run:
         save_plan(self.directory / PLAN, self.plan, begun)
         damage = []
         for key in [*self.left]:
+            path = finished_file(self.directory, key)
             try:
-                self.has_lived(key)
+                lives = read_lives(path)
             except FileNotFoundError:
                 continue
             except DamagedFileError as error:
-                damage.append(_set_aside(finished_file(self.directory, key), key, error))
+                damage.append(_set_aside(path, key, error))
+            else:
+                self._add(key, lives)
         return damage
 
     def has_lived(self, key: CohortKey) -> None:
         """Reads a cohort's finished file; after the last one all lives are put together."""
-        self.lived[key] = read_lives(finished_file(self.directory, key))
+        self._add(key, read_lives(finished_file(self.directory, key)))
+
+    def _add(self, key: CohortKey, lives: Lives) -> None:
+        self.lived[key] = lives
         self.left.remove(key)
         if not self.left:
             self.done = merge(self.done, collect(self.plan.experiment, self.lived.items()))

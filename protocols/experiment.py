@@ -337,8 +337,8 @@ def default_cohort_size(robots: int, most: int = 250) -> int:
 def save_plan(path: Path, plan: Plan, begun: bool = True) -> None:
     """Writes `experiment.json`: the plan, its physics, and on what it runs.
 
-    `made_with` lists every set of versions and machine that lives were lived with: more than
-    one where a run was continued or added to elsewhere.
+    `made_with` lists every set of versions and machine that the run was begun, gone on with or
+    added to with.
 
     Args:
       path: of the file.
@@ -352,11 +352,7 @@ def save_plan(path: Path, plan: Plan, begun: bool = True) -> None:
     if path.exists():
         older = json.loads(path.read_bytes())
         made_with = [one for one in older["made_with"] if begun and one != machine()]
-        if not same_physics(path):
-            raise InputError(
-                f"{path.parent} was lived in another physics than this version's: "
-                "its lives and new ones must not be mixed"
-            )
+        check_physics(path)
     rows = [
         {"task": task, "proposer": proposer, "robots": robots}
         for (task, proposer), robots in plan.robots.items()
@@ -368,6 +364,15 @@ def save_plan(path: Path, plan: Plan, begun: bool = True) -> None:
         "made_with": [*made_with, machine()],
     }
     write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
+
+
+def check_physics(path: Path) -> None:
+    """Raises InputError where an `experiment.json` was lived in another physics than this one."""
+    if not same_physics(path):
+        raise InputError(
+            f"{path.parent} was lived in another physics than this version's: "
+            "its lives and new ones must not be mixed"
+        )
 
 
 def same_physics(path: Path) -> bool:

@@ -32,7 +32,7 @@ class Processes:
     count: int
 
     def __call__(self, jobs: Sequence[Job], display: Display) -> Generator[Job]:
-        """Lives cohorts; see `Workforce`."""
+        """Lives cohorts; see `engine.Workforce`."""
         context = multiprocessing.get_context("spawn")
         stop, reports = context.Event(), context.Queue()
         count = min(self.count, len(jobs))

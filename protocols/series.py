@@ -27,7 +27,7 @@ def conduct(
 
     Raises:
       InputError: a number makes no sense, or OUT cannot hold these runs, or holds something else.
-      Interrupted, RunError: see `engine.run_all`.
+      Interrupted, RunError, OSError: see `engine.run`.
     """
     if processes < 1:
         raise InputError(f"the number of processes must be at least 1, got {processes}")

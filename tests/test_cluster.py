@@ -108,11 +108,15 @@ def test_a_run_that_loses_a_node_leaves_the_local_runs_bytes(cluster, tmp_path, 
 def test_a_run_that_is_stopped_is_gone_on_with_elsewhere(cluster, tmp_path, here):
     address, _ = cluster
     run = begun(tmp_path / "there", address)
+    signalled = time.time()
     run.send_signal(signal.SIGINT)
     output = run.communicate(timeout=300)[0]
     assert run.returncode == 130, output
     assert "the same command goes on from here" in output
     assert {path.name for path in (tmp_path / "there").iterdir()} == {engine.PLAN, "checkpoints"}
+    checkpoints = [*(tmp_path / "there" / "checkpoints").iterdir()]
+    assert len(checkpoints) >= 2 and {path.suffix for path in checkpoints} == {".safetensors"}
+    assert all(path.stat().st_mtime > signalled - 1 for path in checkpoints)
     engine.run(tmp_path / "there", PLAN, Processes(2), quiet=True)
     assert contents(tmp_path / "there") == here
 

@@ -145,13 +145,15 @@ def test_runs_that_live_together_can_fail_between_any_two_deeds(error, tmp_path)
     deeds, ended = live_both(tmp_path / "whole")
     assert ended
     undisturbed = [contents(tmp_path / "whole" / name) for name in ("one", "two")]
+    survived = 0
     for deed in range(deeds):
         directory = tmp_path / str(deed)
-        live_both(directory, deed, error)
+        survived += live_both(directory, deed, error)[1]
         assert live_both(directory)[1]
         both = [contents(directory / name) for name in ("one", "two")]
         assert both == undisturbed, f"failed at deed {deed} of {deeds}"
         shutil.rmtree(directory)
+    assert survived < deeds / 4 if error is OSError else not survived
 
 
 # At any moment

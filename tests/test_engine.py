@@ -2,6 +2,7 @@
 
 import collections
 import itertools
+import json
 import os
 import queue
 import random
@@ -324,21 +325,44 @@ def test_processes_live_runs_of_several_experiments(whole, tmp_path):
 
 
 def test_whoever_lives_is_told_to_stop_where_lives_cannot_be_put_together(tmp_path, monkeypatch):
-    told = []
+    told, kept = [], []
 
     def workforce(jobs, display):
         try:
-            yield from Here()(jobs, display)
-        finally:
-            told.append("stop")
+            for job in jobs:
+                assert engine.live(job, lambda: False, lambda step, message: None)
+                yield job
+        except GeneratorExit:
+            told.append(job)
+            raise
 
     def refuse(directory, results):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(engine, "save", refuse)
+    one = plan(robots=2, conditions=BOTH[:1])
+    plans = {tmp_path / "one": one, tmp_path / "two": one}
     with pytest.raises(OSError, match="No space left"):
-        engine.run(tmp_path, plan(), workforce, quiet=True)
-    assert told == ["stop"]
+        engine.run_all(plans, lambda *them: kept.append(workforce(*them)) or kept[0], quiet=True)
+    assert [job.directory.name for job in told] == ["one"]  # before the other began
+    monkeypatch.undo()
+    here = Here()
+    engine.run_all(plans, here, quiet=True)
+    assert [job.directory.name for job in here.jobs] == ["two"]
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+
+
+def test_a_run_that_had_not_begun_tells_nothing_of_the_machine_that_stopped(tmp_path, monkeypatch):
+    plans = {tmp_path / "one": plan(robots=2), tmp_path / "two": plan(robots=2)}
+    with pytest.raises(Interrupted):
+        engine.run_all(plans, Here(most=1), quiet=True)
+    monkeypatch.setattr(os, "cpu_count", lambda: 1000)
+    engine.run_all(plans, Here(), quiet=True)
+    cores = [
+        [made["cores"] for made in json.loads((directory / engine.PLAN).read_text())["made_with"]]
+        for directory in plans
+    ]
+    assert len(cores[0]) == 2 and cores[0][1] == 1000 and cores[1] == [1000]
 
 
 def test_progress_weighs_each_cohort_by_its_robots():
@@ -371,6 +395,22 @@ def test_nothing_is_changed_where_one_of_several_runs_cannot_be_gone_on_with(tmp
             engine.run_all({tmp_path / "one": plan(), tmp_path / "two": second}, here, quiet=True)
         after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
         assert after == before and here.jobs == []
+
+
+def test_nothing_is_changed_where_one_of_several_runs_is_of_another_physics(tmp_path):
+    early = Here(most=1)
+    with pytest.raises(Interrupted):
+        engine.run(tmp_path / "one", plan(), early, quiet=True)
+    engine.finished_file(tmp_path / "one", early.keys[0]).write_bytes(b"damaged")
+    live(tmp_path / "two", plan(conditions=BOTH[:1]))
+    file = tmp_path / "two" / engine.PLAN
+    content = json.loads(file.read_text())
+    content["physics"][0] += 1
+    file.write_text(json.dumps(content))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(InputError, match="two was lived in another physics"):
+        engine.run_all({tmp_path / "one": plan(), tmp_path / "two": plan()}, Here(), quiet=True)
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
 
 def test_all_runs_are_locked_before_a_life_begins(tmp_path):
