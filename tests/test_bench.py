@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from musebot.controller import BRAINS
-from musebot.protocols import bench, bench_lives, bench_models, cli, engine
+from musebot.protocols import bench, bench_lives, bench_models, cli
 from musebot.protocols.bench_lives import BrainCost, Comparison, Life, Setting
 from musebot.protocols.bench_models import StepCost
+from musebot.protocols.errors import RunError
 
 
 def numbers(value):
@@ -100,7 +101,7 @@ def test_a_replay_that_does_other_work_than_its_life_is_refused():
     life = Life(Setting("wall_avoidance", "random", robots=2, steps=5))
     life.live()
     life._motors[3] = -life._motors[3]
-    with pytest.raises(engine.RunError, match="did not end in the states of the life"):
+    with pytest.raises(RunError, match="did not end in the states of the life"):
         life.replay()
 
 
