@@ -101,12 +101,11 @@ def lacks(contest: Contest) -> dict[str, tuple[float, float]]:
     states = situations(experiment.batch(contest.task, 1), contest.task)
     for name, state in states.items():
         sensed = torch.from_numpy(state.astype(np.float32)).expand(len(rows), -1)
-        kinds = [
-            [lacking(brain, sensed, propose(sensed)).mean().item() for _ in range(_DRAWS)]
+        own, random = (
+            torch.stack([propose(sensed) for _ in range(_DRAWS)], dim=1)
             for propose in (brain.propose, chance.propose)
-        ]
-        own, random = np.mean(kinds, axis=1).tolist()
-        found[name] = own, random
+        )
+        found[name] = tuple(lacking(brain, sensed, ideas).mean().item() for ideas in (own, random))
     return found
 
 

@@ -208,7 +208,7 @@ def asked(diary: Diary) -> tuple[np.ndarray, np.ndarray]:
             ideas = brain.propose(sensed)
             around = ideas - ideas.mean(dim=1, keepdim=True)
             spread[time, smell] = around.norm(dim=-1).mean(dim=1)
-            missing[time, smell] = lacking(brain, sensed, ideas)
+            missing[time, smell] = lacking(brain, sensed, ideas[:, None])[:, 0]
     return spread, missing
 
 

@@ -213,15 +213,16 @@ def lacking(brain: Neurocontroller, sensed: torch.Tensor, ideas: torch.Tensor) -
     Args:
       brain: of B robots.
       sensed: what they sense, shape (B, S).
-      ideas: their ideas, shape (B, A, 2).
+      ideas: D draws of A ideas, shape (B, D, A, 2).
 
     Returns:
-      What the best idea lacks to the best of all actions, as a share of the range of all actions'
-      values, shape (B,).
+      What the best idea of a draw lacks to the best of all actions, as a share of the range of all
+      actions' values, shape (B, D).
     """
     values = brain.values(sensed, grid().expand(len(sensed), -1, -1))
-    lacks = (values.amax(dim=1) - brain.values(sensed, ideas).amax(dim=1)).clamp(min=0)
-    return lacks / (values.amax(dim=1) - values.amin(dim=1)).clamp(min=1e-12)  # 0: all alike
+    best = brain.values(sensed, ideas.flatten(1, 2)).unflatten(1, ideas.shape[1:3]).amax(dim=2)
+    most, least = values.amax(dim=1, keepdim=True), values.amin(dim=1, keepdim=True)
+    return (most - best).clamp(min=0) / (most - least).clamp(min=1e-12)  # 0: all alike
 
 
 def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:

@@ -111,15 +111,18 @@ def test_what_ideas_lack_is_told_of_either_task_and_less_of_more_random_ones(tas
 
 def test_the_best_of_all_actions_lacks_nothing_and_the_worst_all():
     brain = make_agent(Experiment(cohort_size=4), SF, "creative", 4, 1).controller
-    sensed, actions = torch.rand(4, 1), portraits.grid().expand(4, -1, -1)
+    sensed = torch.rand(4, 1, generator=torch.Generator().manual_seed(0))
+    actions = portraits.grid().expand(4, -1, -1)
+    assert portraits.lacking(brain, sensed, actions[:, None]).tolist() == [[0.0]] * 4
     values = brain.values(sensed, actions)
     for which, share in ((values.argmax(dim=1), 0.0), (values.argmin(dim=1), 1.0)):
-        one = actions[torch.arange(4), which][:, None]
-        assert portraits.lacking(brain, sensed, one).tolist() == [share] * 4
+        one = actions[torch.arange(4), which][:, None, None]
+        # Alone, an action's value is rounded otherwise than among all.
+        assert portraits.lacking(brain, sensed, one)[:, 0] == pytest.approx([share] * 4, abs=1e-5)
     half = (values.amax(dim=1) + values.amin(dim=1)) / 2
     nearest = (values - half[:, None]).abs().argmin(dim=1)
-    one = actions[torch.arange(4), nearest][:, None]
-    assert portraits.lacking(brain, sensed, one) == pytest.approx([0.5] * 4, abs=0.05)
+    one = actions[torch.arange(4), nearest][:, None, None]
+    assert portraits.lacking(brain, sensed, one)[:, 0] == pytest.approx([0.5] * 4, abs=0.05)
 
 
 def test_invalid_lives_are_not_counted():

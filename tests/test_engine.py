@@ -381,36 +381,37 @@ def test_progress_weighs_each_cohort_by_its_robots():
         assert task.completed == pytest.approx(42 * 10 * 0.1)
 
 
-def test_nothing_is_changed_where_one_of_several_runs_cannot_be_gone_on_with(tmp_path):
-    early = Here(most=1)
-    with pytest.raises(Interrupted):
-        engine.run(tmp_path / "one", plan(), early, quiet=True)
-    engine.finished_file(tmp_path / "one", early.keys[0]).write_bytes(b"damaged")
-    live(tmp_path / "two", plan(conditions=BOTH[:1]))
-    (tmp_path / "two" / ROBOTS).write_text("damaged")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    here = Here()
-    for second in (plan(), plan(seed=2)):
-        with pytest.raises(InputError):
-            engine.run_all({tmp_path / "one": plan(), tmp_path / "two": second}, here, quiet=True)
-        after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-        assert after == before and here.jobs == []
+def files(directory):
+    return {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
 
 
-def test_nothing_is_changed_where_one_of_several_runs_is_of_another_physics(tmp_path):
+@pytest.mark.parametrize(
+    ("what", "seed", "words"),
+    [
+        ("robots", 1, "damaged"),
+        ("seed", 2, "the lives of two experiments cannot be merged"),
+        ("physics", 1, "two was lived in another physics"),
+    ],
+)
+def test_nothing_is_changed_where_one_of_several_runs_cannot_be_gone_on_with(
+    what, seed, words, tmp_path
+):
+    one, two = tmp_path / "one", tmp_path / "two"
     early = Here(most=1)
     with pytest.raises(Interrupted):
-        engine.run(tmp_path / "one", plan(), early, quiet=True)
-    engine.finished_file(tmp_path / "one", early.keys[0]).write_bytes(b"damaged")
-    live(tmp_path / "two", plan(conditions=BOTH[:1]))
-    file = tmp_path / "two" / engine.PLAN
-    content = json.loads(file.read_text())
-    content["physics"][0] += 1
-    file.write_text(json.dumps(content))
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    with pytest.raises(InputError, match="two was lived in another physics"):
-        engine.run_all({tmp_path / "one": plan(), tmp_path / "two": plan()}, Here(), quiet=True)
-    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        engine.run(one, plan(), early, quiet=True)
+    engine.finished_file(one, early.keys[0]).write_bytes(b"damaged")
+    engine.run(two, plan(conditions=BOTH[:1]), Here(), quiet=True)
+    if what == "robots":
+        (two / ROBOTS).write_text("damaged")
+    if what == "physics":
+        content = json.loads((two / engine.PLAN).read_text())
+        content["physics"][0] += 1
+        (two / engine.PLAN).write_text(json.dumps(content))
+    before, here = files(tmp_path), Here()
+    with pytest.raises(InputError, match=words):
+        engine.run_all({one: plan(), two: plan(seed=seed)}, here, quiet=True)
+    assert files(tmp_path) == before and here.jobs == []
 
 
 def test_all_runs_are_locked_before_a_life_begins(tmp_path):
