@@ -1,10 +1,10 @@
 """Does creativity pay? Creative robots against random ones, in the runs that have both.
 
-    python -m musebot.protocols.creativity RUN [RUN ...]
+    python -m musebot.protocols.creativity RUN [RUN ...] [--output FIGURE]
 
 prints, for each run, by how much robots whose ideas come from the creative memory do better
 than robots of the same evaluation network whose ideas are uniformly random; and what the best
-idea of either kind lacks by the creative robots' own judgement.
+idea of either kind lacks by the creative robots' own judgement. The figure shows the times.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from typing import Annotated
 import numpy as np
 import torch
 import tyro
+from matplotlib.figure import Figure
 
 from ..controller.proposers import RandomActions
-from . import engine, tables
+from . import engine, figures, tables
 from .beside import (
     Cell,
     Match,
@@ -35,6 +36,7 @@ from .errors import InputError, run_module
 from .experiment import TASKS
 from .portraits import lacking, situations
 from .replay import stored_brains
+from .schedules import SCHEDULES
 
 _MUSE, _CHANCE = "creative", "random"
 _DRAWS = 20  # of ideas, each robot in each situation
@@ -154,12 +156,44 @@ def markdown(found: Sequence[Contest], lacked: Sequence[Mapping[str, tuple[float
     return "\n".join([*lines, *whose])
 
 
-def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
+def draw(found: Sequence[Contest]) -> Figure:
+    """A row a contest: the time after training of both kinds, the difference, its interval."""
+    figure, axes = figures.canvas(1.2 + 0.34 * len(found), 1, 2, sharey=True)
+    both, apart = axes[0]
+    for row, contest in enumerate(found):
+        time = contest.cells[1]
+        both.plot((time.ours, time.other), (row, row), color=figures.INK, linewidth=0.7)
+        for value, kind in ((time.ours, _MUSE), (time.other, _CHANCE)):
+            label = "_" + kind if row else kind  # in the key once
+            both.plot(value, row, "o", color=figures.colour(kind), label=label)
+        apart.plot(time.interval, (row, row), color=figures.INK)
+        apart.plot(time.difference, row, "D", color=figures.INK, markersize=5)
+    apart.axvline(0, color=figures.INK, linewidth=0.7, linestyle=":")
+    words = [
+        f"{c.side.name}, {c.side.experiment.brain.ideas} ideas\n" + SCHEDULES[c.task].event
+        for c in found
+    ]
+    both.set_yticks(range(len(found)), words, fontsize=8)
+    both.set(title="Share of the time after training", xlim=(0, 1))
+    apart.set(title="Creative minus random", ylim=(len(found) - 0.5, -0.5))
+    for axis in axes[0]:
+        figures.in_per_cent(axis.xaxis)
+    figure.legend(*both.get_legend_handles_labels(), loc="outside lower center", ncols=2,
+                  frameon=False, fontsize=8)  # fmt: skip
+    return figure
+
+
+def main(
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional], output: Path | None = None
+) -> None:
     """Prints by how much creative robots do better than random ones.
 
     Args:
       runs: folders of runs with both, `musebot run RUN --proposer creative random`.
+      output: a figure of their times after training, an .svg or .png.
     """
+    if output:
+        figures.check_output(output)
     if not runs:
         raise InputError("at least one run is needed")
     if len({run.resolve() for run in runs}) < len(runs):
@@ -170,6 +204,9 @@ def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional]) -> None:
     ]
     found = contests(sides)
     print(markdown(found, [lacks(contest) for contest in found]))
+    if output:
+        with figures.styled():
+            figures.write(draw(found), output)
 
 
 if __name__ == "__main__":

@@ -113,7 +113,7 @@ def draw(lived: Sequence[Day]) -> Figure:
     above[0].set(title="Share of the time in the spot", xlabel="hours of training")
     above[0].set(xlim=(0, HOURS), xticks=range(0, HOURS + 1, 4), ylim=(0, 1))
     below[0].set(title="After a jump of the spot", xlabel="minutes", xlim=(0, _JUMP))
-    figures.in_per_cent(above[0])
+    figures.in_per_cent(above[0].yaxis)
     for (first, last), style in _STYLES:
         label = f"hours {first}-{last}"
         keys.append(Line2D([], [], color=figures.INK, linestyle=style, label=label))

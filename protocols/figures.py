@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
 from . import intervals
@@ -103,9 +104,9 @@ def check_output(path: Path) -> None:
     check_place(path)
 
 
-def in_per_cent(axis: Axes) -> None:
-    """Labels a vertical axis of shares in per cent."""
-    axis.yaxis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
+def in_per_cent(axis: Axis) -> None:
+    """Labels an axis of shares in per cent."""
+    axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
 
 
 # ---- Learning curves ----
@@ -126,7 +127,7 @@ def learning_curves(experiment: Experiment, results: Results) -> Figure:
         axis.set_title(f"{NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
         axis.set_ylim(0, None)
-        in_per_cent(axis)
+        in_per_cent(axis.yaxis)
     return figure
 
 
@@ -333,7 +334,7 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
         axis.set_ylim(0, 1)
-        in_per_cent(axis)
+        in_per_cent(axis.yaxis)
         axis.set_title(NAMES[task], pad=16)
         axis.annotate(
             "hollow before, filled after training", (0, 1), xycoords="axes fraction",
@@ -356,7 +357,7 @@ def stays(found: dict[str, Stay]) -> Figure:
         axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots", color=colour(proposer))
         axis.set_xlabel("simulated minutes")
         axis.set_ylim(0, 1)
-        in_per_cent(axis)
+        in_per_cent(axis.yaxis)
     axes[0, 0].set_ylabel("of the time at the spot")
     lines = axes[0, 0].lines
     key = figure.legend(

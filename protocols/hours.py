@@ -257,7 +257,7 @@ def draw(found: Sequence[Findings]) -> Figure:
     for row, top in enumerate((1, None, None)):
         axes[row, 0].set_ylim(0, top)
     for row in (0, 2):
-        figures.in_per_cent(axes[row, 0])
+        figures.in_per_cent(axes[row, 0].yaxis)
     for row in (0, 1):
         axes[row, -1].legend(frameon=False, fontsize=8)
     return figure

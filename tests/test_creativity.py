@@ -82,6 +82,36 @@ def test_the_page_says_what_each_run_is():
     assert page[17:] == ["- run: brain paper ideas=3", "- other: brain paper ideas=3, course walls"]
 
 
+def test_the_figure_shows_both_times_and_their_difference_a_row_a_contest():
+    times = {"creative": 500, "random": 200}
+    runs = [side({(task, kind): mean for kind, mean in times.items()}) for task in (WA, SF)]
+    found = creativity.contests(runs)
+    both, apart = creativity.draw(found).axes
+    marks = [line for line in both.lines if line.get_marker() == "o"]
+    pairs = zip(found, marks[::2], marks[1::2], strict=True)
+    for row, (contest, creative, random) in enumerate(pairs):
+        time = contest.cells[1]
+        assert [*creative.get_xydata()[0]] == [time.ours, row]
+        assert [*random.get_xydata()[0]] == [time.other, row]
+        interval, difference = apart.lines[2 * row : 2 * row + 2]
+        assert tuple(interval.get_xdata()) == time.interval
+        assert difference.get_xdata() == [time.difference]
+    words = [label.get_text() for label in both.get_yticklabels()]
+    assert words == ["run, 3 ideas\nin contact", "run, 3 ideas\nin the spot"]
+
+
+def test_the_figure_is_written_and_a_bad_place_refused_before_any_work(tmp_path, monkeypatch):
+    run = side({(SF, "creative"): 500, (SF, "random"): 200})
+    monkeypatch.setattr(creativity.engine, "read_run", lambda out, enact: (FEW, run.results))
+    monkeypatch.setattr(creativity, "lacks", lambda contest: {})
+    for suffix in ("svg", "png"):
+        creativity.main((Path("run"),), tmp_path / f"figure.{suffix}")
+    assert {path.name for path in tmp_path.iterdir()} == {"figure.svg", "figure.png"}
+    monkeypatch.delattr(creativity.engine, "read_run")
+    with pytest.raises(InputError, match="the figure must be an .svg or .png"):
+        creativity.main((Path("run"),), tmp_path / "figure.pdf")
+
+
 def lives(experiment, task, proposer):
     key = CohortKey(task, proposer, 0)
     cohort = Cohort(experiment, key)
