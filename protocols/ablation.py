@@ -9,7 +9,6 @@ run in a folder of OUT, and writes `OUT/ablation.md`. The same command goes on w
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +22,7 @@ from .beside import Cell, Side
 from .errors import InputError, run_module
 from .experiment import TASKS, Body, Experiment, Plan, default_cohort_size, told
 from .schedules import NAMES
+from .workers import HERE, Workers
 
 PAGE = "ablation.md"
 WHOLE, _PROPOSER = "steady", "creative"
@@ -163,7 +163,7 @@ def main(
     body: Body = "mujoco",
     kinematics: tuple[str, ...] = (),
     time_scale: float = 1.0,
-    processes: int = len(os.sched_getaffinity(0)),
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = HERE,
 ) -> None:
     """Lives our brain without one ingredient at a time, and says what each is worth.
 
@@ -175,12 +175,12 @@ def main(
       body: mujoco, or the kinematic stand-in.
       kinematics: of the stand-in, such as lag=0.08.
       time_scale: below 1 shortens every duration, for rehearsals.
-      processes: cohorts that live at a time, one core each.
+      workers: who lives them.
     """
     shared = Experiment(
         seed=seed, body=body, kinematics=told(Kinematics(), kinematics), time_scale=time_scale
     )
-    series.conduct(out, plans(robots, task, shared), processes, PAGE, report)
+    series.conduct(out, plans(robots, task, shared), workers, PAGE, report)
 
 
 if __name__ == "__main__":

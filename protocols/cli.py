@@ -7,14 +7,14 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from .errors import InputError, complain, exit_status
+from .workers import HERE, Workers
 
 if TYPE_CHECKING:
-    from .engine import Workforce
     from .episode import Episode
     from .experiment import Experiment, Plan
     from .explore import Driver
@@ -24,54 +24,53 @@ if TYPE_CHECKING:
 # can still be chosen.
 
 
+def _option(values: str, default: str) -> Any:
+    """How help shows an option: what it takes, and what is done without it."""
+    return tyro.conf.arg(metavar=values, help_behavior_hint=f"(default: {default})")
+
+
+def _kept(default: str, values: str) -> Any:
+    """Likewise, of an option that an unfinished OUT answers by itself."""
+    return _option(values, f"{default}, or OUT's own")
+
+
 @dataclasses.dataclass
 class Run:
     """Live lives: all that OUT does not hold yet, resumable at any moment."""
 
     out: Annotated[Path, tyro.conf.Positional]
     """folder for everything the run leaves; an unfinished one goes on"""
-    task: tuple[str, ...] = ()
-    """wall_avoidance, spot_finding (default: those of the course; without task, proposer and agent
-    OUT's own)"""
-    proposer: tuple[str, ...] = ()
-    """fixed, random, creative (default: all three; without task, proposer and agent OUT's own)"""
-    agent: tuple[str, ...] = ()
+    task: Annotated[tuple[str, ...], _kept("the course's", "{wall_avoidance,spot_finding} ..")] = ()
+    """what has to be learnt"""
+    proposer: Annotated[tuple[str, ...], _kept("all three", "{fixed,random,creative} ..")] = ()
+    """who proposes actions"""
+    agent: Annotated[tuple[str, ...], _option("FACTORY ..", "none")] = ()
     """package.module:factory: agents of yours, beside the proposers or instead of them"""
-    robots: int | None = None
-    """robots in each condition (default: 60, or OUT's own)"""
-    cohort_size: int | None = None
-    """robots in lockstep on one random stream; part of the experiment's identity (default: the
-    largest divisor of ROBOTS up to 250, or OUT's own)"""
-    seed: int | None = None
-    """of every random stream (default: 1, or OUT's own)"""
-    course: str | None = None
-    """paper; or, of spot finding, day: 24 hours of training, the spot jumping every 10 minutes; or
-    walls: by robots that feel the walls, too, and smell nothing in contact (default: paper, or
-    OUT's own)"""
-    time_scale: float | None = None
-    """below 1 shortens every duration, for rehearsals (default: 1, or OUT's own)"""
-    nose: str | None = None
-    """inverse or printed: the form of Eq. 3 (default: inverse, or OUT's own)"""
-    body: str | None = None
-    """mujoco, or kinematic: an ideal differential drive instead of physics (default: mujoco, or
-    OUT's own)"""
-    kinematics: tuple[str, ...] = ()
-    """of the stand-in, such as wall=slides felt=pushed lag=0.08 (docs/results.md has all; default:
-    an ideal differential drive, or OUT's own)"""
-    brain: str | None = None
-    """paper; or paper-content: the paper's, until it was in the spot for a minute; or steady: ours,
-    for both tasks; or steady-cap and so on: ours, without an ingredient (default: paper, or OUT's
-    own)"""
-    but: tuple[str, ...] = ()
+    robots: Annotated[int | None, _kept("60", "INT")] = None
+    """robots in each condition"""
+    cohort_size: Annotated[int | None, _kept("the largest divisor of ROBOTS up to 250", "INT")] = (
+        None
+    )
+    """robots in lockstep on one random stream; part of the experiment's identity"""
+    seed: Annotated[int | None, _kept("1", "INT")] = None
+    """of every random stream"""
+    course: Annotated[str | None, _kept("paper", "{paper,day,walls}")] = None
+    """day: 24 hours, the spot jumping every 10 minutes; walls: felt, and no smell in contact"""
+    time_scale: Annotated[float | None, _kept("1", "FLOAT")] = None
+    """below 1 shortens every duration, for rehearsals"""
+    nose: Annotated[str | None, _kept("inverse", "{inverse,printed}")] = None
+    """the form of Eq. 3"""
+    body: Annotated[str | None, _kept("mujoco", "{mujoco,kinematic}")] = None
+    """kinematic: an ideal differential drive instead of physics"""
+    kinematics: Annotated[tuple[str, ...], _kept("an ideal drive", "NAME=VALUE ..")] = ()
+    """of the stand-in, such as wall=slides felt=pushed lag=0.08 (docs/results.md has all)"""
+    brain: Annotated[str | None, _kept("paper", "NAME")] = None
+    """paper; paper-content, until a minute in the spot; steady, ours; steady-cap .., without cap"""
+    but: Annotated[tuple[str, ...], _kept("none", "NAME=VALUE ..")] = ()
     """numbers of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
-    motor_speed: float | None = None
-    """of a wheel at full motor, in metres a second (default: the robot's 0.2, or OUT's own)"""
-    processes: int = len(os.sched_getaffinity(0))
-    """cohorts that live at a time, one core each"""
-    engine: str = "local"
-    """local, or ray: on an existing cluster, OUT on storage that all its nodes share"""
-    address: str = "auto"
-    """of the Ray cluster"""
+    motor_speed: Annotated[float | None, _kept("the robot's 0.2", "FLOAT")] = None
+    """of a wheel at full motor, in metres a second"""
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = HERE
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""
 
@@ -81,13 +80,11 @@ class Run:
         from .cohort import check_births
         from .storage import write_atomically
 
-        if self.processes < 1:
-            raise InputError(f"the number of processes must be at least 1, got {self.processes}")
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
         plan = self._plan(engine.open_directory(self.out))
         check_births(plan)
-        results = engine.run(self.out, plan, self._workforce(), save_every=self.save_every)
+        results = engine.run(self.out, plan, self.workers.workforce(), save_every=self.save_every)
         text = tables.markdown(plan.experiment, results)
         write_atomically(self.out / "tables.md", f"{text}\n".encode())
         _print(text)
@@ -142,17 +139,6 @@ class Run:
         robots = self.robots or (max(held.robots.values()) if held else 60)
         return Plan.of(experiment, conditions, robots)
 
-    def _workforce(self) -> Workforce:
-        from .processes import Processes
-
-        if self.engine == "local":
-            return Processes(self.processes)
-        if self.engine != "ray":
-            raise InputError(f"the engine must be local or ray, got {self.engine!r}")
-        from . import cluster
-
-        return cluster.Ray(self.address)
-
 
 @dataclasses.dataclass
 class Tables:
@@ -160,8 +146,8 @@ class Tables:
 
     out: Annotated[Path, tyro.conf.Positional]
     """folder of a run"""
-    beside: Path | None = None
-    """folder of another run to compare OUT's with, cell by cell, instead of the paper"""
+    beside: Annotated[Path | None, _option("OTHER", "the paper")] = None
+    """folder of another run to compare OUT's with, cell by cell"""
     json: bool = False
     """as JSON instead of Markdown"""
 
@@ -192,8 +178,8 @@ class Film:
     """of the run, wall_avoidance or spot_finding; or that of the policies, any (docs/tasks.md)"""
     output: Path
     """the film, an .mp4 or a small .gif"""
-    proposer: str | None = None
-    """fixed, random or creative; only of a run (default: creative)"""
+    proposer: Annotated[str | None, _option("{fixed,random,creative}", "creative")] = None
+    """whose brain, of a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
@@ -233,8 +219,8 @@ class Report:
 
     out: Annotated[Path, tyro.conf.Positional]
     """folder of a run; figures go into its figures/, films into its films/"""
-    output: Path | None = None
-    """the page, an .html (default: report.html in OUT)"""
+    output: Annotated[Path | None, _option("FILE", "report.html in OUT")] = None
+    """the page, an .html"""
 
     def __call__(self) -> None:
         """Puts a sample of the brains back into their robots, to see what they do."""
@@ -252,14 +238,14 @@ class Explore:
 
     task: Annotated[str, tyro.conf.Positional] = "wall_avoidance"
     """any of docs/tasks.md; a run's robots know wall_avoidance or spot_finding"""
-    out: Path | None = None
+    out: Annotated[Path | None, _option("OUT", "none")] = None
     """folder of a run to take a brain from"""
-    policies: Path | None = None
+    policies: Annotated[Path | None, _option("FILE", "none")] = None
     """policies of PPO's for this task, a .safetensors, to take one from"""
     keys: bool = False
     """drive with the arrow keys"""
-    proposer: str | None = None
-    """fixed, random or creative; only of a run (default: creative)"""
+    proposer: Annotated[str | None, _option("{fixed,random,creative}", "creative")] = None
+    """whose brain, of a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
@@ -296,12 +282,12 @@ class Explore:
 class Bench:
     """Measure the speed against the raw physics, on an idle machine: about 7 minutes."""
 
-    json: Path | None = None
+    json: Annotated[Path | None, _option("FILE", "none")] = None
     """keep every number in this file"""
-    figure: Path | None = None
+    figure: Annotated[Path | None, _option("FILE", "none")] = None
     """draw the cost against the number of robots, an .svg, .png or .pdf"""
-    car_xml: Path | None = None
-    """MuJoCo's own model/car/car.xml (default: looked for where MuJoCo usually is)"""
+    car_xml: Annotated[Path | None, _option("FILE", "looked for where MuJoCo usually is")] = None
+    """MuJoCo's own model/car/car.xml"""
     quick: bool = False
     """measure next to nothing, to see that everything works"""
 
@@ -368,6 +354,7 @@ def main(arguments: list[str] | None = None) -> int:
         args=arguments,
         prog="musebot",
         description="Creative robots that learn during their life, in MuJoCo.",
+        config=(tyro.conf.FlagCreatePairsOff,),
     )
     # Before the first import of mujoco: a film opens EGL itself, the rest draws nothing at all.
     if not isinstance(verb, Explore):

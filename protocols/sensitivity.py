@@ -9,7 +9,6 @@ and writes `OUT/sensitivity.md`. The same command goes on where it was stopped.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +23,7 @@ from .errors import InputError, run_module
 from .experiment import TASKS, Experiment, Plan, default_cohort_size
 from .progress import bar
 from .schedules import NAMES
+from .workers import HERE, Workers
 
 TABLE = "sensitivity.md"
 BASELINE, NOISE = "baseline", "another-seed"
@@ -197,7 +197,7 @@ def main(
     out: Annotated[Path, tyro.conf.Positional],
     robots: int = 100,
     time_scale: float = 1.0,
-    processes: int = len(os.sched_getaffinity(0)),
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = HERE,
 ) -> None:
     """Lives what the paper leaves open, chosen otherwise, in the kinematic stand-in.
 
@@ -205,9 +205,9 @@ def main(
       out: folder of the runs, a folder each, and of sensitivity.md; an unfinished one goes on.
       robots: in each condition.
       time_scale: below 1 shortens every duration, for rehearsals.
-      processes: cohorts that live at a time, one core each.
+      workers: who lives them.
     """
-    series.conduct(out, plans(robots, time_scale), processes, TABLE, report)
+    series.conduct(out, plans(robots, time_scale), workers, TABLE, report)
 
 
 if __name__ == "__main__":

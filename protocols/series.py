@@ -9,19 +9,23 @@ from . import engine
 from .beside import Side
 from .errors import InputError
 from .experiment import Plan, differing, same_physics
-from .processes import Processes
 from .storage import is_draft, write_atomically
+from .workers import Workers
 
 
 def conduct(
-    out: Path, wanted: Mapping[str, Plan], processes: int, page: str, report: Callable[[Path], str]
+    out: Path,
+    wanted: Mapping[str, Plan],
+    workers: Workers,
+    page: str,
+    report: Callable[[Path], str],
 ) -> None:
     """Lives what OUT does not hold yet, all runs together; writes and prints the page.
 
     Args:
       out: folder of the series; an unfinished one goes on.
       wanted: which lives, by the name of their folder in OUT.
-      processes: cohorts that live at a time.
+      workers: who lives it.
       page: name of the file for the page.
       report: makes it from the finished folder.
 
@@ -29,11 +33,9 @@ def conduct(
       InputError: a number makes no sense, or OUT cannot hold these runs, or holds something else.
       Interrupted, RunError, OSError: see `engine.run`.
     """
-    if processes < 1:
-        raise InputError(f"the number of processes must be at least 1, got {processes}")
     _check_folder(out, wanted, page)
     plans = {out / name: plan for name, plan in wanted.items()}
-    engine.run_all(plans, Processes(processes))
+    engine.run_all(plans, workers.workforce())
     text = report(out)
     write_atomically(out / page, text.encode())
     print(text)

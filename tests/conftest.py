@@ -13,7 +13,7 @@ def lived_here(monkeypatch):
     """Cohorts live in this process: the processes are tested elsewhere, and slow to start."""
     import torch
 
-    from musebot.protocols import engine, series
+    from musebot.protocols import engine, processes
 
     class Here:
         def __init__(self, count):
@@ -24,7 +24,7 @@ def lived_here(monkeypatch):
                 assert engine.live(job, lambda: False, lambda step, text: None)
                 yield job
 
-    monkeypatch.setattr(series, "Processes", Here)
+    monkeypatch.setattr(processes, "Processes", Here)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # as a process of lives has
     yield

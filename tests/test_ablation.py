@@ -17,6 +17,7 @@ from musebot.protocols.experiment import TASKS, CohortKey, Experiment, differing
 from musebot.protocols.learn_ability import category, learn_ability
 from musebot.protocols.results import Results, Robot
 from musebot.protocols.schedules import SCHEDULES
+from musebot.protocols.workers import Workers
 
 WA, SF = "wall_avoidance", "spot_finding"
 STEADY = Experiment(brain=named_brain(WHOLE), body="kinematic")
@@ -44,7 +45,7 @@ def verdicts(cells):
 
 
 def run(out, **options):
-    small = {"robots": 5, "time_scale": 0.001, "processes": 1, "body": "kinematic"}
+    small = {"robots": 5, "time_scale": 0.001, "workers": Workers(1), "body": "kinematic"}
     return exit_status(lambda: ablation.main(out, **(small | options)))
 
 
@@ -214,7 +215,7 @@ def test_one_task_alone_needs_no_run_of_what_cannot_matter_there(tmp_path, lived
     [
         ({"robots": 0}, "number of robots must be at least 1, got 0"),
         ({"time_scale": 2.0}, "time scale must lie in (0, 1], got 2"),
-        ({"processes": 0}, "number of processes must be at least 1, got 0"),
+        ({"workers": Workers(0)}, "number of processes must be at least 1, got 0"),
         ({"task": ("juggling",)}, "must be one of wall_avoidance, spot_finding, got 'juggling'"),
         ({"task": ()}, "at least one task is needed"),
         ({"body": "mujoco", "kinematics": ("lag=0.08",)}, "kinematic"),

@@ -121,10 +121,30 @@ def test_a_run_that_is_stopped_is_gone_on_with_elsewhere(cluster, tmp_path, here
     assert contents(tmp_path / "there") == here
 
 
-def test_no_cluster_is_one_sentence_and_exit_status_2(tmp_path):
+@pytest.mark.slow
+def test_a_study_on_a_cluster_leaves_the_local_ones_bytes(cluster, tmp_path):
+    address, _ = cluster
+    command = [
+        sys.executable, "-m", "musebot.protocols.ablation", "--robots", "2", "--task",
+        "wall_avoidance", "--body", "kinematic", "--time-scale", "0.001",
+    ]  # fmt: skip
+    workers = {"there": ["--engine", "ray", "--address", address], "here": ["--processes", "2"]}
+    for name, options in workers.items():
+        study = [*command, str(tmp_path / name), *options]
+        subprocess.run(study, check=True, capture_output=True, timeout=300)
+    here, there = tmp_path / "here", tmp_path / "there"
+    names = sorted(path.name for path in here.iterdir())
+    assert len(names) == 13 and names == sorted(path.name for path in there.iterdir())
+    assert (here / "ablation.md").read_bytes() == (there / "ablation.md").read_bytes()
+    for name in names[1:]:
+        assert contents(here / name) == contents(there / name)
+
+
+@pytest.mark.parametrize("command", ["musebot run", "musebot.protocols.ablation"])
+def test_no_cluster_is_one_sentence_and_exit_status_2(command, tmp_path):
     address = f"127.0.0.1:{free_port()}"
     run = subprocess.run(
-        [sys.executable, "-m", "musebot", "run", str(tmp_path / "run"), "--engine", "ray",
+        [sys.executable, "-m", *command.split(), str(tmp_path / "run"), "--engine", "ray",
          "--address", address],
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip

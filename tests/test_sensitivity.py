@@ -11,6 +11,7 @@ from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import exit_status
 from musebot.protocols.experiment import TASKS, CohortKey, Experiment, differing, save_plan
 from musebot.protocols.sensitivity import BASELINE, CHOICES, NOISE, Choice
+from musebot.protocols.workers import Workers
 
 EVERYWHERE = sensitivity.plans(1, 1.0)[BASELINE].conditions
 NAMES = [choice.name for choice in CHOICES]
@@ -19,7 +20,7 @@ NAMES = [choice.name for choice in CHOICES]
 def run(out, **options):
     return exit_status(
         lambda: sensitivity.main(
-            out, **({"robots": 2, "time_scale": 0.001, "processes": 1} | options)
+            out, **({"robots": 2, "time_scale": 0.001, "workers": Workers(1)} | options)
         )
     )
 
@@ -139,7 +140,7 @@ def test_a_choice_that_matters_is_seen_beside_the_noise(tmp_path, lived_here, mo
     [
         ({"robots": 0}, "number of robots must be at least 1, got 0"),
         ({"time_scale": 2.0}, "time scale must lie in (0, 1], got 2"),
-        ({"processes": 0}, "number of processes must be at least 1, got 0"),
+        ({"workers": Workers(0)}, "number of processes must be at least 1, got 0"),
     ],
 )
 def test_bad_input_is_one_sentence_and_nothing_is_made(options, words, tmp_path, capsys):
