@@ -195,8 +195,9 @@ def _fails(one: Comparison, comparisons: Sequence[Comparison]) -> float:
 
 def judge_all(evidence: Evidence) -> list[Finding]:
     """Judges every claim, in the paper's order; none where no lives are of the paper's kind."""
-    lived = evidence.results.conditions()
-    if evidence.experiment.course != "paper" or not any(one in PAPER for one in lived):
+    experiment, lived = evidence.experiment, evidence.results.conditions()
+    papers = experiment.course == "paper" and experiment.brain_name == "paper"
+    if not papers or not any(one in PAPER for one in lived):
         return []
     return [
         dataclasses.replace(judge(claim, evidence), papers=judge(claim, _PAPERS_OWN).verdict)

@@ -189,8 +189,6 @@ def claims_note(experiment: Experiment) -> str:
     )
     if experiment.time_scale != 1:
         note += " These lives were a rehearsal, and say nothing of the paper's."
-    if experiment.brain_name != "paper":
-        note += " These brains are not the paper's, and say nothing of its claims."
     return note
 
 

@@ -1,11 +1,13 @@
 """Claims: verdicts on lives made by hand, where everybody sees what they must be."""
 
+import dataclasses
 import json
 import math
 
 import numpy as np
 import pytest
 
+from musebot.controller import BRAINS
 from musebot.protocols import claims, comparisons, tables
 from musebot.protocols.claims import CLAIMS, Claim, Evidence, judge, judge_all
 from musebot.protocols.experiment import Experiment
@@ -289,6 +291,15 @@ def test_the_papers_own_numbers_bear_out_what_they_must():
     assert found["Creative has most robots with L = 1."] == "undecided"
     # Judged from the table or from the lives, counts say the same.
     assert all(f.papers == f.verdict for f in findings if "Fisher" in f.why)
+
+
+@pytest.mark.parametrize("brain", ["steady", "paper-content"])
+def test_of_lives_with_another_brain_no_claim_is_judged(brain):
+    given = three(WA, "one", 90, 80, 10)
+    assert judge_all(given)
+    other = dataclasses.replace(given.experiment, brain=BRAINS[brain])
+    assert judge_all(dataclasses.replace(given, experiment=other)) == []
+    assert "claims" not in tables.markdown(other, given.results)
 
 
 def test_beside_each_verdict_stands_the_papers_own():
