@@ -11,9 +11,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from ..controller import BRAINS, INGREDIENTS
 from ..models import Kinematics
@@ -21,8 +18,8 @@ from . import beside, series, tables
 from .beside import Cell, Side
 from .errors import InputError, run_module
 from .experiment import TASKS, Body, Experiment, Plan, default_cohort_size, told
+from .options import HERE, KinematicsTold, Out, WorkersTold
 from .schedules import NAMES
-from .workers import HERE, Workers
 
 PAGE = "ablation.md"
 WHOLE, _PROPOSER = "steady", "creative"
@@ -156,14 +153,14 @@ def report(out: Path) -> str:
 
 
 def main(
-    out: Annotated[Path, tyro.conf.Positional],
+    out: Out,
     robots: int = 60,
     task: tuple[str, ...] = TASKS,
     seed: int = 1,
     body: Body = "mujoco",
-    kinematics: tuple[str, ...] = (),
+    kinematics: KinematicsTold = (),
     time_scale: float = 1.0,
-    workers: Annotated[Workers, tyro.conf.arg(name="")] = HERE,
+    workers: WorkersTold = HERE,
 ) -> None:
     """Lives our brain without one ingredient at a time, and says what each is worth.
 

@@ -194,7 +194,11 @@ def _fails(one: Comparison, comparisons: Sequence[Comparison]) -> float:
 
 
 def judge_all(evidence: Evidence) -> list[Finding]:
-    """Judges every claim, in the paper's order; none where no lives are of the paper's kind."""
+    """Judges every claim, in the paper's order; none where no lives are of the paper's kind.
+
+    Of its kind are lives of its schedules and proposers, with its brain, no number of it changed:
+    what another does neither bears out a claim nor refutes it.
+    """
     experiment, lived = evidence.experiment, evidence.results.conditions()
     papers = experiment.course == "paper" and experiment.brain_name == "paper"
     if not papers or not any(one in PAPER for one in lived):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from .errors import InputError, complain, exit_status
-from .workers import HERE, Workers
+from .options import HERE, Out, WorkersTold, option
 
 if TYPE_CHECKING:
     from .episode import Episode
@@ -24,27 +24,28 @@ if TYPE_CHECKING:
 # can still be chosen.
 
 
-def _option(values: str, default: str) -> Any:
-    """How help shows an option: what it takes, and what is done without it."""
-    return tyro.conf.arg(metavar=values, help_behavior_hint=f"(default: {default})")
-
-
 def _kept(default: str, values: str) -> Any:
-    """Likewise, of an option that an unfinished OUT answers by itself."""
-    return _option(values, f"{default}, or OUT's own")
+    """How help shows an option that an OUT begun before answers by itself."""
+    return option(values, f"{default}, or OUT's own")
 
 
 @dataclasses.dataclass
 class Run:
-    """Live lives: all that OUT does not hold yet, resumable at any moment."""
+    """Live lives: all that OUT does not hold yet, resumable at any moment.
 
-    out: Annotated[Path, tyro.conf.Positional]
+    An OUT that was begun needs no options: what is not told stays as it is, and so do its tasks,
+    proposers and agents where none of these is told.
+    """
+
+    out: Out
     """folder for everything the run leaves; an unfinished one goes on"""
-    task: Annotated[tuple[str, ...], _kept("the course's", "{wall_avoidance,spot_finding} ..")] = ()
+    task: Annotated[
+        tuple[str, ...], option("{wall_avoidance,spot_finding} ..", "the course's")
+    ] = ()
     """what has to be learnt"""
-    proposer: Annotated[tuple[str, ...], _kept("all three", "{fixed,random,creative} ..")] = ()
-    """who proposes actions"""
-    agent: Annotated[tuple[str, ...], _option("FACTORY ..", "none")] = ()
+    proposer: Annotated[tuple[str, ...], option("{fixed,random,creative} ..", "all three")] = ()
+    """who proposes actions; nobody of these if only agents are named"""
+    agent: Annotated[tuple[str, ...], option("FACTORY ..", "none")] = ()
     """package.module:factory: agents of yours, beside the proposers or instead of them"""
     robots: Annotated[int | None, _kept("60", "INT")] = None
     """robots in each condition"""
@@ -55,7 +56,7 @@ class Run:
     seed: Annotated[int | None, _kept("1", "INT")] = None
     """of every random stream"""
     course: Annotated[str | None, _kept("paper", "{paper,day,walls}")] = None
-    """day: 24 hours, the spot jumping every 10 minutes; walls: felt, and no smell in contact"""
+    """of spot finding, day: 24 hours of training, the spot jumps; walls: felt, no smell at them"""
     time_scale: Annotated[float | None, _kept("1", "FLOAT")] = None
     """below 1 shortens every duration, for rehearsals"""
     nose: Annotated[str | None, _kept("inverse", "{inverse,printed}")] = None
@@ -64,13 +65,13 @@ class Run:
     """kinematic: an ideal differential drive instead of physics"""
     kinematics: Annotated[tuple[str, ...], _kept("an ideal drive", "NAME=VALUE ..")] = ()
     """of the stand-in, such as wall=slides felt=pushed lag=0.08 (docs/results.md has all)"""
-    brain: Annotated[str | None, _kept("paper", "NAME")] = None
-    """paper; paper-content, until a minute in the spot; steady, ours; steady-cap .., without cap"""
+    brain: Annotated[str | None, _kept("paper", "{paper,paper-content,steady,steady-X}")] = None
+    """paper-content: learns until it was a minute in the spot; steady: ours; steady-X: without X"""
     but: Annotated[tuple[str, ...], _kept("none", "NAME=VALUE ..")] = ()
     """numbers of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
     motor_speed: Annotated[float | None, _kept("the robot's 0.2", "FLOAT")] = None
     """of a wheel at full motor, in metres a second"""
-    workers: Annotated[Workers, tyro.conf.arg(name="")] = HERE
+    workers: WorkersTold = HERE
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""
 
@@ -144,9 +145,9 @@ class Run:
 class Tables:
     """Print the paper's tables, or another run's, beside ours, from OUT's robots."""
 
-    out: Annotated[Path, tyro.conf.Positional]
+    out: Out
     """folder of a run"""
-    beside: Annotated[Path | None, _option("OTHER", "the paper")] = None
+    beside: Annotated[Path | None, option("OTHER", "the paper")] = None
     """folder of another run to compare OUT's with, cell by cell"""
     json: bool = False
     """as JSON instead of Markdown"""
@@ -172,13 +173,13 @@ class Tables:
 class Film:
     """Film a robot: its stored brain sits a test again, or its policy lives an episode."""
 
-    out: Annotated[Path, tyro.conf.Positional]
+    out: Out
     """folder of a run, or a .safetensors of policies (`python -m musebot.protocols.ppo`)"""
     task: str
     """of the run, wall_avoidance or spot_finding; or that of the policies, any (docs/tasks.md)"""
     output: Path
     """the film, an .mp4 or a small .gif"""
-    proposer: Annotated[str | None, _option("{fixed,random,creative}", "creative")] = None
+    proposer: Annotated[str | None, option("{fixed,random,creative}", "creative")] = None
     """whose brain, of a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
@@ -217,9 +218,9 @@ class Film:
 class Report:
     """Write one page about OUT: tables, claims, figures and films, all inside it: a few minutes."""
 
-    out: Annotated[Path, tyro.conf.Positional]
+    out: Out
     """folder of a run; figures go into its figures/, films into its films/"""
-    output: Annotated[Path | None, _option("FILE", "report.html in OUT")] = None
+    output: Annotated[Path | None, option("FILE", "report.html in OUT")] = None
     """the page, an .html"""
 
     def __call__(self) -> None:
@@ -238,13 +239,13 @@ class Explore:
 
     task: Annotated[str, tyro.conf.Positional] = "wall_avoidance"
     """any of docs/tasks.md; a run's robots know wall_avoidance or spot_finding"""
-    out: Annotated[Path | None, _option("OUT", "none")] = None
+    out: Annotated[Path | None, option("OUT", "none")] = None
     """folder of a run to take a brain from"""
-    policies: Annotated[Path | None, _option("FILE", "none")] = None
+    policies: Annotated[Path | None, option("FILE", "none")] = None
     """policies of PPO's for this task, a .safetensors, to take one from"""
     keys: bool = False
     """drive with the arrow keys"""
-    proposer: Annotated[str | None, _option("{fixed,random,creative}", "creative")] = None
+    proposer: Annotated[str | None, option("{fixed,random,creative}", "creative")] = None
     """whose brain, of a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
@@ -282,11 +283,11 @@ class Explore:
 class Bench:
     """Measure the speed against the raw physics, on an idle machine: about 7 minutes."""
 
-    json: Annotated[Path | None, _option("FILE", "none")] = None
+    json: Annotated[Path | None, option("FILE", "none")] = None
     """keep every number in this file"""
-    figure: Annotated[Path | None, _option("FILE", "none")] = None
+    figure: Annotated[Path | None, option("FILE", "none")] = None
     """draw the cost against the number of robots, an .svg, .png or .pdf"""
-    car_xml: Annotated[Path | None, _option("FILE", "looked for where MuJoCo usually is")] = None
+    car_xml: Annotated[Path | None, option("FILE", "looked for where MuJoCo usually is")] = None
     """MuJoCo's own model/car/car.xml"""
     quick: bool = False
     """measure next to nothing, to see that everything works"""
@@ -337,10 +338,10 @@ def main(arguments: list[str] | None = None) -> int:
       reads closed the pipe.
     """
     words = sys.argv[1:] if arguments is None else arguments
-    options = [word.partition("=")[0] for word in words if word.startswith("--")]
-    for option in options:
-        if options.count(option) > 1:  # tyro would forget all but the last
-            return complain(f"{option} is given twice: once, with all its values after it", 2)
+    told = [word.partition("=")[0] for word in words if word.startswith("--")]
+    for name in told:
+        if told.count(name) > 1:  # tyro would forget all but the last
+            return complain(f"{name} is given twice: once, with all its values after it", 2)
     verb = tyro.extras.subcommand_cli_from_dict(
         {
             "run": Run,

@@ -16,7 +16,6 @@ from typing import Annotated
 
 import numpy as np
 import torch
-import tyro
 from matplotlib.figure import Figure
 
 from ..controller.proposers import RandomActions
@@ -34,6 +33,7 @@ from .beside import (
 )
 from .errors import InputError, run_module
 from .experiment import TASKS
+from .options import Runs, option
 from .portraits import lacking, situations
 from .replay import stored_brains
 from .schedules import SCHEDULES
@@ -170,12 +170,14 @@ def draw(found: Sequence[Contest]) -> Figure:
         apart.plot(time.difference, row, "D", color=figures.INK, markersize=5)
     apart.axvline(0, color=figures.INK, linewidth=0.7, linestyle=":")
     words = [
-        f"{c.side.name}, {c.side.experiment.brain.ideas} ideas\n" + SCHEDULES[c.task].event
+        f"{c.side.name}, {c.side.experiment.brain.ideas} ideas\n{schedule.event}"
+        + ("" if schedule.wanted else ": less is better")
         for c in found
+        for schedule in [SCHEDULES[c.task]]
     ]
     both.set_yticks(range(len(found)), words, fontsize=8)
-    both.set(title="Share of the time after training", xlim=(0, 1))
-    apart.set(title="Creative minus random", ylim=(len(found) - 0.5, -0.5))
+    both.set(title="Time after training", xlim=(0, 1))
+    apart.set(title="Creative - random", ylim=(len(found) - 0.5, -0.5))
     for axis in axes[0]:
         figures.in_per_cent(axis.xaxis)
     figure.legend(*both.get_legend_handles_labels(), loc="outside lower center", ncols=2,
@@ -183,9 +185,7 @@ def draw(found: Sequence[Contest]) -> Figure:
     return figure
 
 
-def main(
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional], output: Path | None = None
-) -> None:
+def main(runs: Runs, output: Annotated[Path | None, option("FIGURE", "none")] = None) -> None:
     """Prints by how much creative robots do better than random ones.
 
     Args:

@@ -11,10 +11,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -22,6 +21,7 @@ from matplotlib.lines import Line2D
 from . import engine, figures, intervals, tables
 from .beside import names_of
 from .errors import InputError, run_module
+from .options import Runs
 from .progress import bar
 from .schedules import DAY
 
@@ -138,7 +138,7 @@ def _after_a_jump(axis: Axes, day: Day, shade: str) -> None:
         axis.plot(np.arange(_JUMP) + 0.5, day.after_a_jump(hours), color=shade, linestyle=style)
 
 
-def main(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], output: Path) -> None:
+def main(runs: Runs, output: Path) -> None:
     """Prints and draws how runs of the day's course went, by the hour and after a jump.
 
     Args:

@@ -12,12 +12,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import torch
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -28,6 +25,7 @@ from .agents import Brain, make_agent
 from .cohort import Cohort, place
 from .errors import InputError, RunError, run_module
 from .experiment import Body, CohortKey, Experiment, named_brain, told
+from .options import KinematicsTold, Out
 from .portraits import draw_values, lacking
 from .probes import watch
 from .processes import prepare_process
@@ -286,12 +284,12 @@ def draw_hours(one: Findings) -> Figure:
 
 
 def main(
-    out: Annotated[Path, tyro.conf.Positional],
+    out: Out,
     brains: tuple[str, ...] = ("paper", "steady"),
     robots: int = 20,
     seed: int = 1,
     body: Body = "mujoco",
-    kinematics: tuple[str, ...] = (),
+    kinematics: KinematicsTold = (),
     time_scale: float = 1.0,
 ) -> None:
     """Prints and draws what brains know by the hour of their training in spot finding.

@@ -163,7 +163,7 @@ def _pictures(
                 "Robots that found the spot in training (there for a tenth of it or more), newborn "
                 "again, set before it, learning: how much of their time at the spot they go along "
                 "its contour (nose within 2 cm of the rim) or spin inside it. In the titles, how "
-                "many spent a tenth of the time there; the claim is judged by these.",
+                "many spent a tenth of the time there.",
                 lambda: figures.stays(behaviour.stays),
             )
         )

@@ -15,10 +15,9 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 
 from ..controller import PROPOSERS
 from ..models import Dimensions, Kinematics, enlarge
@@ -42,6 +41,7 @@ from .experiment import (
     machine,
     physics_probe,
 )
+from .options import Runs
 from .progress import bar
 from .replay import stored_brains
 from .results import Results, test_seconds
@@ -519,7 +519,7 @@ def _note(studied: Sequence[Sitter]) -> str:
 
 
 def main(
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional],
+    runs: Runs,
     out: Path,
     robots: int = 60,
     processes: int = len(os.sched_getaffinity(0)),

@@ -11,9 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from ..controller import PROPOSERS, Parameters
 from ..models import Kinematics
@@ -21,9 +19,9 @@ from . import beside, series, tables
 from .beside import Cell, Side
 from .errors import InputError, run_module
 from .experiment import TASKS, Experiment, Plan, default_cohort_size
+from .options import HERE, Out, WorkersTold
 from .progress import bar
 from .schedules import NAMES
-from .workers import HERE, Workers
 
 TABLE = "sensitivity.md"
 BASELINE, NOISE = "baseline", "another-seed"
@@ -194,10 +192,10 @@ def report(out: Path) -> str:
 
 
 def main(
-    out: Annotated[Path, tyro.conf.Positional],
+    out: Out,
     robots: int = 100,
     time_scale: float = 1.0,
-    workers: Annotated[Workers, tyro.conf.arg(name="")] = HERE,
+    workers: WorkersTold = HERE,
 ) -> None:
     """Lives what the paper leaves open, chosen otherwise, in the kinematic stand-in.
 

@@ -9,8 +9,8 @@ from . import engine
 from .beside import Side
 from .errors import InputError
 from .experiment import Plan, differing, same_physics
+from .options import Workers
 from .storage import is_draft, write_atomically
-from .workers import Workers
 
 
 def conduct(
@@ -25,12 +25,13 @@ def conduct(
     Args:
       out: folder of the series; an unfinished one goes on.
       wanted: which lives, by the name of their folder in OUT.
-      workers: who lives it.
+      workers: who lives them.
       page: name of the file for the page.
       report: makes it from the finished folder.
 
     Raises:
-      InputError: a number makes no sense, or OUT cannot hold these runs, or holds something else.
+      InputError: a number makes no sense, OUT cannot hold these runs or holds something else, or
+        there are no such workers.
       Interrupted, RunError, OSError: see `engine.run`.
     """
     _check_folder(out, wanted, page)

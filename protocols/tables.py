@@ -139,7 +139,7 @@ def variation_cells(first: Column, second: Column | None) -> tuple[str, str]:
 def markdown(experiment: Experiment, results: Results) -> str:
     """Both tables and the claims as Markdown; a condition without lives is left out.
 
-    So are the claims where nothing has lived that they are about.
+    So are the claims where nothing has lived that they are about (`claims.judge_all`).
     """
     parts = [*(_table(experiment, results, task) for task in results.tasks()), NOTE + "\n"]
     if findings := judge_all(Evidence(experiment, results)):

@@ -15,9 +15,9 @@ from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import exit_status
 from musebot.protocols.experiment import TASKS, CohortKey, Experiment, differing, named_brain
 from musebot.protocols.learn_ability import category, learn_ability
+from musebot.protocols.options import Workers
 from musebot.protocols.results import Results, Robot
 from musebot.protocols.schedules import SCHEDULES
-from musebot.protocols.workers import Workers
 
 WA, SF = "wall_avoidance", "spot_finding"
 STEADY = Experiment(brain=named_brain(WHOLE), body="kinematic")

@@ -8,14 +8,17 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
-from musebot.controller import BRAINS
+from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
 from musebot.protocols import ablation, cli, engine, robustness, sensitivity
-from musebot.protocols.experiment import Experiment, Plan, load_plan
+from musebot.protocols.experiment import BODIES, TASKS, Experiment, Plan, load_plan
 from musebot.protocols.processes import Processes
+from musebot.protocols.schedules import COURSES
+from musebot.tasks.senses import NoseForm
 
 
 @pytest.fixture(scope="module")
@@ -306,12 +309,29 @@ def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("verb", ["run", "tables", "film", "report", "explore", "doctor"])
+@pytest.mark.parametrize("verb", ["run", "tables", "film", "report", "explore", "bench", "doctor"])
 def test_every_verb_explains_itself(verb, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([verb, "--help"])
     assert stop.value.code == 0
     assert len(capsys.readouterr().out) > 100
+
+
+def test_help_names_every_value_that_a_choice_has(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["run", "--help"])
+    named = dict(re.findall(r"--(\w+) \{(.*?)\}", capsys.readouterr().out))
+    *whole, less = named.pop("brain").split(",")
+    ours = {f"steady-{ingredient}" for ingredient in INGREDIENTS}
+    assert {*whole} == BRAINS.keys() - ours and less == "steady-X"
+    assert {name: tuple(values.split(",")) for name, values in named.items()} == {
+        "task": TASKS,
+        "proposer": tuple(PROPOSERS),
+        "course": tuple(COURSES),
+        "nose": get_args(NoseForm),
+        "body": BODIES,
+        "engine": ("local", "ray"),
+    }
 
 
 def test_importing_musebot_is_light_and_writes_nothing(tmp_path):

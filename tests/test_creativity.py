@@ -97,7 +97,7 @@ def test_the_figure_shows_both_times_and_their_difference_a_row_a_contest():
         assert tuple(interval.get_xdata()) == time.interval
         assert difference.get_xdata() == [time.difference]
     words = [label.get_text() for label in both.get_yticklabels()]
-    assert words == ["run, 3 ideas\nin contact", "run, 3 ideas\nin the spot"]
+    assert words == ["run, 3 ideas\nin contact: less is better", "run, 3 ideas\nin the spot"]
 
 
 def test_the_figure_is_written_and_a_bad_place_refused_before_any_work(tmp_path, monkeypatch):

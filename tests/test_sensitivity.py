@@ -10,8 +10,8 @@ from musebot.protocols import engine, sensitivity
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.errors import exit_status
 from musebot.protocols.experiment import TASKS, CohortKey, Experiment, differing, save_plan
+from musebot.protocols.options import Workers
 from musebot.protocols.sensitivity import BASELINE, CHOICES, NOISE, Choice
-from musebot.protocols.workers import Workers
 
 EVERYWHERE = sensitivity.plans(1, 1.0)[BASELINE].conditions
 NAMES = [choice.name for choice in CHOICES]
