@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
 
 from ..controller import BRAINS, INGREDIENTS
 from ..models import Kinematics
@@ -18,7 +19,7 @@ from . import beside, series, tables
 from .beside import Cell, Side
 from .errors import InputError, run_module
 from .experiment import TASKS, Body, Experiment, Plan, default_cohort_size, told
-from .options import HERE, KinematicsTold, Out, WorkersTold
+from .options import HERE, KinematicsTold, Out, WorkersTold, option
 from .schedules import NAMES
 
 PAGE = "ablation.md"
@@ -43,7 +44,7 @@ def plans(robots: int, tasks: Sequence[str], experiment: Experiment) -> dict[str
     Args:
       robots: with each brain in each task.
       tasks: one or both.
-      experiment: what is shared, all but the brain and the size of a cohort.
+      experiment: what is shared, all but the brain.
 
     Raises:
       InputError: a number or a task makes no sense.
@@ -55,7 +56,6 @@ def plans(robots: int, tasks: Sequence[str], experiment: Experiment) -> dict[str
             raise InputError(f"the task must be one of {', '.join(TASKS)}, got {name!r}")
     if not tasks:
         raise InputError("at least one task is needed")
-    size = default_cohort_size(robots)
     wanted = {}
     for ingredient in (None, *INGREDIENTS):
         name = _without(ingredient) if ingredient else WHOLE
@@ -65,7 +65,7 @@ def plans(robots: int, tasks: Sequence[str], experiment: Experiment) -> dict[str
             if task in tasks and (ingredient is None or matters(ingredient, task))
         ]
         if conditions:
-            shared = dataclasses.replace(experiment, brain=BRAINS[name], cohort_size=size)
+            shared = dataclasses.replace(experiment, brain=BRAINS[name])
             wanted[name] = Plan.of(shared, conditions, robots)
     return wanted
 
@@ -155,6 +155,9 @@ def report(out: Path) -> str:
 def main(
     out: Out,
     robots: int = 60,
+    cohort_size: Annotated[
+        int | None, option("INT", "the largest divisor of ROBOTS up to 250")
+    ] = None,
     task: tuple[str, ...] = TASKS,
     seed: int = 1,
     body: Body = "mujoco",
@@ -167,6 +170,7 @@ def main(
     Args:
       out: folder of the runs, a folder each, and of ablation.md; an unfinished one goes on.
       robots: with each brain in each task.
+      cohort_size: robots in lockstep on one random stream.
       task: wall_avoidance, spot_finding, or both.
       seed: of every random stream.
       body: mujoco, or the kinematic stand-in.
@@ -175,7 +179,11 @@ def main(
       workers: who lives them.
     """
     shared = Experiment(
-        seed=seed, body=body, kinematics=told(Kinematics(), kinematics), time_scale=time_scale
+        cohort_size=default_cohort_size(robots) if cohort_size is None else cohort_size,
+        seed=seed,
+        body=body,
+        kinematics=told(Kinematics(), kinematics),
+        time_scale=time_scale,
     )
     series.conduct(out, plans(robots, task, shared), workers, PAGE, report)
 

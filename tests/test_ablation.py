@@ -54,10 +54,10 @@ def listing(folder):
 
 
 def test_each_run_lacks_one_ingredient_and_nothing_else():
-    wanted = ablation.plans(60, TASKS, STEADY)
+    wanted = ablation.plans(60, TASKS, dataclasses.replace(STEADY, cohort_size=20))
     whole = wanted.pop(WHOLE)
     assert whole.robots == {(task, "creative"): 60 for task in TASKS}
-    assert whole.experiment.cohort_size == 60
+    assert whole.experiment.cohort_size == 20
     assert list(wanted) == [f"steady-{ingredient}" for ingredient in INGREDIENTS]
     for plan, (ingredient, fields) in zip(wanted.values(), INGREDIENTS.items(), strict=True):
         differ = differing(plan.experiment, whole.experiment)
@@ -214,6 +214,9 @@ def test_one_task_alone_needs_no_run_of_what_cannot_matter_there(tmp_path, lived
     ("options", "words"),
     [
         ({"robots": 0}, "number of robots must be at least 1, got 0"),
+        ({"robots": 251}, "do not split into a few equal cohorts of at most 250"),
+        ({"cohort_size": 2}, "must be a multiple of the cohort size, 2, got 5"),
+        ({"cohort_size": 0}, "the cohort size must be at least 1, got 0"),
         ({"time_scale": 2.0}, "time scale must lie in (0, 1], got 2"),
         ({"workers": Workers(0)}, "number of processes must be at least 1, got 0"),
         ({"task": ("juggling",)}, "must be one of wall_avoidance, spot_finding, got 'juggling'"),
