@@ -19,7 +19,7 @@ from . import beside, series, tables
 from .beside import Cell, Side
 from .errors import InputError, run_module
 from .experiment import TASKS, Body, Experiment, Plan, default_cohort_size, told
-from .options import HERE, KinematicsTold, Out, WorkersTold, option
+from .options import COHORT_SIZE, HERE, TASKS_TOLD, KinematicsTold, Out, WorkersTold, option
 from .schedules import NAMES
 
 PAGE = "ablation.md"
@@ -155,10 +155,8 @@ def report(out: Path) -> str:
 def main(
     out: Out,
     robots: int = 60,
-    cohort_size: Annotated[
-        int | None, option("INT", "the largest divisor of ROBOTS up to 250")
-    ] = None,
-    task: tuple[str, ...] = TASKS,
+    cohort_size: Annotated[int | None, option(*COHORT_SIZE)] = None,
+    task: Annotated[tuple[str, ...], option(f"{TASKS_TOLD} ..", "both")] = TASKS,
     seed: int = 1,
     body: Body = "mujoco",
     kinematics: KinematicsTold = (),
@@ -171,7 +169,7 @@ def main(
       out: folder of the runs, a folder each, and of ablation.md; an unfinished one goes on.
       robots: with each brain in each task.
       cohort_size: robots in lockstep on one random stream.
-      task: wall_avoidance, spot_finding, or both.
+      task: what has to be learnt.
       seed: of every random stream.
       body: mujoco, or the kinematic stand-in.
       kinematics: of the stand-in, such as lag=0.08.

@@ -28,6 +28,7 @@ from .bench_lives import Act, BrainCost, Comparison, Scaling, Setting
 from .bench_models import EnvironmentCost, StepCost
 from .errors import InputError
 from .experiment import TASKS, Experiment, machine
+from .options import cores
 from .storage import check_place, write_atomically
 
 MAIN, SMALL = 250, 50  # robots in a process: a run's cohorts, and a small cohort
@@ -192,7 +193,7 @@ def run(
     # For the processes started below, as a run has it for its own.
     os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", MUJOCO_GL="off")
     here = machine() | {
-        "cores_used": lives.cores(),
+        "cores_used": cores(),
         "load_before": os.getloadavg()[0],  # 0 on an idle machine
         "timers_stopped": stop_timers(),
         "quick": quick,
@@ -244,7 +245,7 @@ def _measure(effort: Effort, car: mujoco.MjModel | None, report: _Report) -> Mea
     report.show(_timers_section(timers, main))
 
     report.begin("processes")
-    scaling = lives.scaling(main, lives.cores(), effort.turns)
+    scaling = lives.scaling(main, cores(), effort.turns)
     report.show(_scaling_section(scaling))
 
     report.begin("models")

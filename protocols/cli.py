@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from .errors import InputError, complain, exit_status
-from .options import HERE, Out, WorkersTold, option
+from .options import (
+    BODIES_TOLD,
+    COHORT_SIZE,
+    HERE,
+    KINEMATICS,
+    PROPOSERS_TOLD,
+    TASKS_TOLD,
+    Out,
+    WorkersTold,
+    option,
+)
 
 if TYPE_CHECKING:
     from .episode import Episode
@@ -24,7 +34,7 @@ if TYPE_CHECKING:
 # can still be chosen.
 
 
-def _kept(default: str, values: str) -> Any:
+def _kept(values: str, default: str) -> Any:
     """How help shows an option that an OUT begun before answers by itself."""
     return option(values, f"{default}, or OUT's own")
 
@@ -33,43 +43,40 @@ def _kept(default: str, values: str) -> Any:
 class Run:
     """Live lives: all that OUT does not hold yet, resumable at any moment.
 
-    An OUT that was begun needs no options: what is not told stays as it is, and so do its tasks,
-    proposers and agents where none of these is told.
+    An OUT that was begun knows what it is: what is not told stays as it was, and so do its tasks,
+    proposers and agents where none of these is told. How it is lived, from --save-every on, is told
+    anew.
     """
 
     out: Out
     """folder for everything the run leaves; an unfinished one goes on"""
-    task: Annotated[
-        tuple[str, ...], option("{wall_avoidance,spot_finding} ..", "the course's")
-    ] = ()
+    task: Annotated[tuple[str, ...], option(f"{TASKS_TOLD} ..", "the course's")] = ()
     """what has to be learnt"""
-    proposer: Annotated[tuple[str, ...], option("{fixed,random,creative} ..", "all three")] = ()
+    proposer: Annotated[tuple[str, ...], option(f"{PROPOSERS_TOLD} ..", "all three")] = ()
     """who proposes actions; nobody of these if only agents are named"""
     agent: Annotated[tuple[str, ...], option("FACTORY ..", "none")] = ()
     """package.module:factory: agents of yours, beside the proposers or instead of them"""
-    robots: Annotated[int | None, _kept("60", "INT")] = None
+    robots: Annotated[int | None, _kept("INT", "60")] = None
     """robots in each condition"""
-    cohort_size: Annotated[int | None, _kept("the largest divisor of ROBOTS up to 250", "INT")] = (
-        None
-    )
+    cohort_size: Annotated[int | None, _kept(*COHORT_SIZE)] = None
     """robots in lockstep on one random stream; part of the experiment's identity"""
-    seed: Annotated[int | None, _kept("1", "INT")] = None
+    seed: Annotated[int | None, _kept("INT", "1")] = None
     """of every random stream"""
-    course: Annotated[str | None, _kept("paper", "{paper,day,walls}")] = None
-    """of spot finding, day: 24 hours of training, the spot jumps; walls: felt, no smell at them"""
-    time_scale: Annotated[float | None, _kept("1", "FLOAT")] = None
+    course: Annotated[str | None, _kept("{paper,day,walls}", "paper")] = None
+    """spot finding in day: 24 hours, the spot jumps; in walls: they are felt, no smell at them"""
+    time_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
     """below 1 shortens every duration, for rehearsals"""
-    nose: Annotated[str | None, _kept("inverse", "{inverse,printed}")] = None
+    nose: Annotated[str | None, _kept("{inverse,printed}", "inverse")] = None
     """the form of Eq. 3"""
-    body: Annotated[str | None, _kept("mujoco", "{mujoco,kinematic}")] = None
+    body: Annotated[str | None, _kept(BODIES_TOLD, "mujoco")] = None
     """kinematic: an ideal differential drive instead of physics"""
-    kinematics: Annotated[tuple[str, ...], _kept("an ideal drive", "NAME=VALUE ..")] = ()
+    kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
     """of the stand-in, such as wall=slides felt=pushed lag=0.08 (docs/results.md has all)"""
-    brain: Annotated[str | None, _kept("paper", "{paper,paper-content,steady,steady-X}")] = None
-    """paper-content: learns until it was a minute in the spot; steady: ours; steady-X: without X"""
-    but: Annotated[tuple[str, ...], _kept("none", "NAME=VALUE ..")] = ()
+    brain: Annotated[str | None, _kept("{paper,paper-content,steady,steady-X}", "paper")] = None
+    """paper-content: until a minute in the spot; steady: ours; steady-X: without X (cap, gap ..)"""
+    but: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
     """numbers of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
-    motor_speed: Annotated[float | None, _kept("the robot's 0.2", "FLOAT")] = None
+    motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None
     """of a wheel at full motor, in metres a second"""
     workers: WorkersTold = HERE
     save_every: float = 60.0
@@ -175,11 +182,11 @@ class Film:
 
     out: Out
     """folder of a run, or a .safetensors of policies (`python -m musebot.protocols.ppo`)"""
-    task: str
+    task: Annotated[str, tyro.conf.arg(metavar="TASK")]
     """of the run, wall_avoidance or spot_finding; or that of the policies, any (docs/tasks.md)"""
-    output: Path
+    output: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """the film, an .mp4 or a small .gif"""
-    proposer: Annotated[str | None, option("{fixed,random,creative}", "creative")] = None
+    proposer: Annotated[str | None, option(PROPOSERS_TOLD, "creative")] = None
     """whose brain, of a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
@@ -237,7 +244,7 @@ class Report:
 class Explore:
     """Open a window on a task: random motors drive, or a brain, a policy, or the arrow keys."""
 
-    task: Annotated[str, tyro.conf.Positional] = "wall_avoidance"
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")] = "wall_avoidance"
     """any of docs/tasks.md; a run's robots know wall_avoidance or spot_finding"""
     out: Annotated[Path | None, option("OUT", "none")] = None
     """folder of a run to take a brain from"""
@@ -245,7 +252,7 @@ class Explore:
     """policies of PPO's for this task, a .safetensors, to take one from"""
     keys: bool = False
     """drive with the arrow keys"""
-    proposer: Annotated[str | None, option("{fixed,random,creative}", "creative")] = None
+    proposer: Annotated[str | None, option(PROPOSERS_TOLD, "creative")] = None
     """whose brain, of a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
@@ -342,21 +349,28 @@ def main(arguments: list[str] | None = None) -> int:
     for name in told:
         if told.count(name) > 1:  # tyro would forget all but the last
             return complain(f"{name} is given twice: once, with all its values after it", 2)
-    verb = tyro.extras.subcommand_cli_from_dict(
-        {
-            "run": Run,
-            "tables": Tables,
-            "film": Film,
-            "report": Report,
-            "explore": Explore,
-            "bench": Bench,
-            "doctor": Doctor,
-        },
-        args=arguments,
-        prog="musebot",
-        description="Creative robots that learn during their life, in MuJoCo.",
-        config=(tyro.conf.FlagCreatePairsOff,),
-    )
+    verb: Any = None
+
+    def parse() -> None:
+        nonlocal verb
+        verb = tyro.extras.subcommand_cli_from_dict(
+            {
+                "run": Run,
+                "tables": Tables,
+                "film": Film,
+                "report": Report,
+                "explore": Explore,
+                "bench": Bench,
+                "doctor": Doctor,
+            },
+            args=arguments,
+            prog="musebot",
+            description="Creative robots that learn during their life, in MuJoCo.",
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+
+    if status := exit_status(parse, check=False):  # who asks for help may read no further
+        return status
     # Before the first import of mujoco: a film opens EGL itself, the rest draws nothing at all.
     if not isinstance(verb, Explore):
         os.environ["MUJOCO_GL"] = "off"

@@ -1,6 +1,6 @@
 """Does creativity pay? Creative robots against random ones, in the runs that have both.
 
-    python -m musebot.protocols.creativity RUN [RUN ...] [--output FIGURE]
+    python -m musebot.protocols.creativity RUN [RUN ..] [--output FIGURE]
 
 prints, for each run, by how much robots whose ideas come from the creative memory do better
 than robots of the same evaluation network whose ideas are uniformly random; and what the best
@@ -156,6 +156,12 @@ def markdown(found: Sequence[Contest], lacked: Sequence[Mapping[str, tuple[float
     return "\n".join([*lines, *whose])
 
 
+def _words(contest: Contest) -> str:
+    schedule, ideas = SCHEDULES[contest.task], contest.side.experiment.brain.ideas
+    sense = "" if schedule.wanted else ": less is better"
+    return f"{contest.side.name}, {ideas} ideas\n{schedule.event}{sense}"
+
+
 def draw(found: Sequence[Contest]) -> Figure:
     """A row a contest: the time after training of both kinds, the difference, its interval."""
     figure, axes = figures.canvas(1.2 + 0.34 * len(found), 1, 2, sharey=True)
@@ -169,14 +175,8 @@ def draw(found: Sequence[Contest]) -> Figure:
         apart.plot(time.interval, (row, row), color=figures.INK)
         apart.plot(time.difference, row, "D", color=figures.INK, markersize=5)
     apart.axvline(0, color=figures.INK, linewidth=0.7, linestyle=":")
-    words = [
-        f"{c.side.name}, {c.side.experiment.brain.ideas} ideas\n{schedule.event}"
-        + ("" if schedule.wanted else ": less is better")
-        for c in found
-        for schedule in [SCHEDULES[c.task]]
-    ]
-    both.set_yticks(range(len(found)), words, fontsize=8)
-    both.set(title="Time after training", xlim=(0, 1))
+    both.set_yticks(range(len(found)), map(_words, found), fontsize=8)
+    both.set(title="Share of the time", xlim=(0, 1))
     apart.set(title="Creative - random", ylim=(len(found) - 0.5, -0.5))
     for axis in axes[0]:
         figures.in_per_cent(axis.xaxis)

@@ -11,9 +11,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -138,7 +139,7 @@ def _after_a_jump(axis: Axes, day: Day, shade: str) -> None:
         axis.plot(np.arange(_JUMP) + 0.5, day.after_a_jump(hours), color=shade, linestyle=style)
 
 
-def main(runs: Runs, output: Path) -> None:
+def main(runs: Runs, output: Annotated[Path, tyro.conf.arg(metavar="FIGURE")]) -> None:
     """Prints and draws how runs of the day's course went, by the hour and after a jump.
 
     Args:

@@ -1,9 +1,10 @@
-"""What the commands' options have in common: how help shows them, and who lives cohorts."""
+"""What several commands' options have in common, and who lives cohorts."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,10 +16,21 @@ if TYPE_CHECKING:
     from .engine import Workforce
 
 
+def cores() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
 def option(values: str, default: str) -> Any:
     """How help shows an option: what it takes, and what is done without it."""
     return tyro.conf.arg(metavar=values, help_behavior_hint=f"(default: {default})")
 
+
+TASKS_TOLD = "{wall_avoidance,spot_finding}"  # what these name a test holds them to
+PROPOSERS_TOLD = "{fixed,random,creative}"
+BODIES_TOLD = "{mujoco,kinematic}"
+COHORT_SIZE = "INT", "the largest divisor of ROBOTS up to 250"
+KINEMATICS = "NAME=VALUE ..", "an ideal drive"
 
 Out = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="OUT")]
 Runs = Annotated[
@@ -26,14 +38,14 @@ Runs = Annotated[
     tyro.conf.Positional,
     tyro.conf.arg(metavar="RUN [RUN ..]", help_behavior_hint="(required)"),
 ]
-KinematicsTold = Annotated[tuple[str, ...], option("NAME=VALUE ..", "an ideal drive")]
+KinematicsTold = Annotated[tuple[str, ...], option(*KINEMATICS)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Workers:
     """Who lives the cohorts that an engine spreads."""
 
-    processes: int = len(os.sched_getaffinity(0))
+    processes: int = cores()
     """cohorts that this machine lives at a time, one core each"""
     engine: Annotated[str, option("{local,ray}", "local")] = "local"
     """ray: on an existing cluster, OUT on storage that all its nodes share"""

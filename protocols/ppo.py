@@ -12,7 +12,6 @@ import contextlib
 import dataclasses
 import importlib.util
 import itertools
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,6 +25,7 @@ from ..tasks.suite import TASKS
 from . import pool
 from .agents import Agent
 from .errors import DamagedFileError, InputError, exit_status
+from .options import cores
 from .progress import bar
 from .storage import check_place, digest, load_arrays, save_arrays
 
@@ -187,7 +187,7 @@ def ppo(robots: int, sensors: int, seed: int) -> Agent:
 class Train:
     """Train policies by PPO, a random seed each; a file that has some goes on."""
 
-    path: Annotated[Path, tyro.conf.Positional]
+    path: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """the policies, a .safetensors"""
     task: str
     """of all tasks, see docs/tasks.md; best those with actions in [-1, 1]"""
@@ -198,7 +198,7 @@ class Train:
     finding's training has)"""
     seed: int = 0
     """of the first policy; the next has one more"""
-    processes: int = len(os.sched_getaffinity(0))
+    processes: int = cores()
     """policies in training at a time, one core each"""
 
     def __call__(self) -> None:

@@ -1,6 +1,6 @@
 """What trained brains do when robot, arena or sensors are not those they were trained with.
 
-    python -m musebot.protocols.robustness RUN [RUN ...] --out OUT --robots 60 --processes 2
+    python -m musebot.protocols.robustness RUN [RUN ..] --out OUT --robots 60 --processes 2
 
 puts the trained brains of finished runs back into robots, lets them sit the test after training
 again, neither learning nor exploring, once for every change of a table, and writes
@@ -12,12 +12,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 
 from ..controller import PROPOSERS
 from ..models import Dimensions, Kinematics, enlarge
@@ -41,7 +41,7 @@ from .experiment import (
     machine,
     physics_probe,
 )
-from .options import Runs
+from .options import BODIES_TOLD, PROPOSERS_TOLD, Runs, cores, option
 from .progress import bar
 from .replay import stored_brains
 from .results import Results, test_seconds
@@ -520,12 +520,12 @@ def _note(studied: Sequence[Sitter]) -> str:
 
 def main(
     runs: Runs,
-    out: Path,
+    out: Annotated[Path, tyro.conf.arg(metavar="OUT")],
     robots: int = 60,
-    processes: int = len(os.sched_getaffinity(0)),
-    body: Body | None = None,
+    processes: int = cores(),
+    body: Annotated[Body | None, option(BODIES_TOLD, "each run's own")] = None,
     seed: int = 0,
-    proposer: tuple[str, ...] = PROPOSERS,
+    proposer: Annotated[tuple[str, ...], option(f"{PROPOSERS_TOLD} ..", "all three")] = PROPOSERS,
 ) -> None:
     """Lets trained brains sit their test in robots and arenas that they were not trained in.
 
@@ -534,9 +534,9 @@ def main(
       out: folder of what is measured, and of robustness.md; an unfinished one goes on.
       robots: of each condition, at most.
       processes: tests at a time, one core each.
-      body: of the tests; None for each run's own.
+      body: of the tests.
       seed: of the random streams of brains and noise.
-      proposer: fixed, random, creative, or several.
+      proposer: whose brains.
     """
     for name, number in (("robots", robots), ("processes", processes)):
         if number < 1:

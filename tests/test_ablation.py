@@ -12,8 +12,16 @@ from musebot.protocols import ablation, beside
 from musebot.protocols.ablation import WHOLE
 from musebot.protocols.beside import Side
 from musebot.protocols.cohort import Cohort
+from musebot.protocols.engine import PLAN, read_run
 from musebot.protocols.errors import exit_status
-from musebot.protocols.experiment import TASKS, CohortKey, Experiment, differing, named_brain
+from musebot.protocols.experiment import (
+    TASKS,
+    CohortKey,
+    Experiment,
+    differing,
+    load_plan,
+    named_brain,
+)
 from musebot.protocols.learn_ability import category, learn_ability
 from musebot.protocols.options import Workers
 from musebot.protocols.results import Results, Robot
@@ -199,6 +207,14 @@ def test_an_ablation_keeps_every_run_and_its_page_and_goes_on_where_it_was(
     assert run(out) == 2
     assert "was lived in another physics than this version's" in capsys.readouterr().err
     assert listing(out) == before
+
+
+def test_cohorts_are_of_the_size_that_was_told(tmp_path, lived_here, monkeypatch):
+    monkeypatch.setattr(ablation, "INGREDIENTS", {"cap": INGREDIENTS["cap"]})
+    assert run(tmp_path, task=(WA,), robots=6, cohort_size=3) == 0
+    for name in ("steady", "steady-cap"):
+        assert load_plan(tmp_path / name / PLAN).experiment.cohort_size == 3
+        assert {row.cohort for row in read_run(tmp_path / name)[1].robots} == {0, 1}
 
 
 def test_one_task_alone_needs_no_run_of_what_cannot_matter_there(tmp_path, lived_here, monkeypatch):

@@ -276,12 +276,13 @@ def test_a_run_of_another_brain_goes_on_with_it_and_says_so(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["brain"] == "steady"
 
 
-def test_who_reads_no_further_is_not_complained_to(run):
+@pytest.mark.parametrize("asked", [["tables"], ["run", "--help"]], ids=" ".join)
+def test_who_reads_no_further_is_not_complained_to(run, asked):
     read, write = os.pipe()
     os.close(read)
     with open(write, "wb") as closed:
         done = subprocess.run(
-            [sys.executable, "-m", "musebot", "tables", str(run)],
+            [sys.executable, "-m", "musebot", *asked, str(run)],
             stdout=closed, stderr=subprocess.PIPE, text=True, check=False,
         )  # fmt: skip
     assert (done.returncode, done.stderr) == (141, "")
@@ -322,7 +323,8 @@ def test_every_verb_explains_itself(verb, capsys):
     assert len(capsys.readouterr().out) > 100
 
 
-def test_help_names_every_value_that_a_choice_has(capsys):
+def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     with pytest.raises(SystemExit):
         cli.main(["run", "--help"])
     named = dict(re.findall(r"--(\w+) \{(.*?)\}", capsys.readouterr().out))
