@@ -5,13 +5,17 @@
 lives a cohort for each brain, keeps what it knows at the beginning and at eight times of its
 training, lets every one of these brains sit the paper's test twice, without learning, and asks it
 at four smells which ideas occur to it and what it thinks of every action. It prints a table and
-draws, as SVG and PNG, `OUT/hours` and, of one robot of each brain, `OUT/values-BRAIN`.
+draws, as SVG and PNG, `OUT/hours` and, of one robot of each brain, `OUT/values-BRAIN`. The same
+command goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,18 +24,28 @@ from matplotlib.figure import Figure
 
 from ..controller import Neurocontroller
 from ..models import Kinematics
-from . import figures, tables
+from . import engine, figures, pool, tables
 from .agents import Brain, make_agent
 from .cohort import Cohort, place
 from .errors import InputError, RunError, run_module
-from .experiment import Body, CohortKey, Experiment, named_brain, told
-from .options import KinematicsTold, Out
+from .experiment import (
+    Body,
+    CohortKey,
+    Experiment,
+    differing,
+    experiment_of,
+    is_physics_of,
+    named_brain,
+    physics_probe,
+    told,
+)
+from .options import KinematicsTold, Out, cores
 from .portraits import draw_values, lacking
 from .probes import watch
 from .processes import prepare_process
 from .progress import bar
 from .schedules import control_steps
-from .storage import check_folder
+from .storage import check_folder, load_arrays, remove_drafts, save_arrays
 
 TIMES = 8  # of the training, and its beginning
 SEEDS = (0, 1)  # of the two tests: by the first the best time is chosen, by the other judged
@@ -40,6 +54,7 @@ SHOWN = (0, 2, 4, 8)  # times of the figure of values
 _TASK = "spot_finding"
 _STRIDE = control_steps(1)
 _TOGETHER = 250  # robots in lockstep
+_KNOWN = "known."  # names of networks in the file of a life
 
 Count = Callable[[int], None]  # told of control steps, of all robots together
 
@@ -117,32 +132,112 @@ class Findings:
         return np.take_along_axis(self.shares, np.array(times), axis=0)
 
 
-def keep(experiment: Experiment, name: str, tick: Count) -> Diary:
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """The first cohort of creative robots of an experiment, in spot finding.
+
+    Attributes:
+      out: folder of what is kept of them.
+      name: of their brain.
+      experiment: that they live.
+    """
+
+    out: Path
+    name: str
+    experiment: Experiment
+
+    @property
+    def brains(self) -> Path:
+        """The file that keeps what they know."""
+        return self.out / f"brains-{self.name}.safetensors"
+
+    def test(self, seed: int) -> Path:
+        """The file that keeps what came out of one of their tests."""
+        return self.out / f"test-{self.name}-{seed}.safetensors"
+
+    def notes(self) -> dict[str, Any]:
+        """What tells their files from others', as JSON has it."""
+        experiment = self.experiment
+        physics = physics_probe(experiment.body, experiment.kinematics)
+        fields = {"experiment": dataclasses.asdict(experiment), "physics": physics}
+        return json.loads(json.dumps(fields))
+
+    def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """One of their files.
+
+        Raises:
+          FileNotFoundError: there is none yet.
+          InputError: it is damaged, or not of these robots.
+        """
+        arrays, notes = load_arrays(path)
+        try:
+            held = experiment_of(notes["experiment"])
+            same = is_physics_of(notes["physics"], held.body, held.kinematics)
+        except (KeyError, TypeError) as error:
+            raise InputError(f"{path} is none of this command's ({error!r})") from error
+        for field, (own, asked) in differing(held, self.experiment).items():
+            raise InputError(f"{path} is of robots with {field} {own}, not {asked}")
+        if not same:
+            raise InputError(f"{path} was lived in another physics than this version's")
+        return arrays, notes
+
+
+def live(job: Job, tick: Count) -> None:
     """Lives a cohort up to the end of its training, and keeps what it knows on the way.
 
+    The file is written anew at each of the times, and the life goes on from it to the same bits.
+
     Args:
-      experiment: whose first cohort of creative robots in spot finding.
-      name: of the brain.
-      tick: told of the control steps lived.
+      job: whose.
+      tick: told of the control steps lived, in earlier calls too.
 
     Raises:
-      RunError: no life was valid.
+      InputError: see `Job.read`.
+      OSError: the file cannot be written.
     """
-    cohort = Cohort(experiment, CohortKey(_TASK, "creative", 0))
-    kept: list[dict[str, np.ndarray]] = []
-    times = _times(experiment)
-    for time in times:
+    cohort = Cohort(job.experiment, CohortKey(_TASK, "creative", 0))
+    known: dict[str, list[np.ndarray]] = {name: [] for name in cohort.agent.weights()}
+    if job.brains.exists():
+        arrays, notes = job.read(job.brains)
+        try:
+            known = {name: [*arrays.pop(_KNOWN + name)] for name in known}
+            cohort.restore(arrays, notes)
+        except (KeyError, ValueError) as error:
+            raise InputError(f"{job.brains} is another version's ({error})") from error
+        tick(cohort.step * job.experiment.cohort_size)
+    lived = len(next(iter(known.values())))
+    for time in _times(job.experiment)[lived:]:
         while cohort.step < time:
             before = cohort.step
             cohort.advance(min(_STRIDE, time - before))
-            tick((cohort.step - before) * experiment.cohort_size)
-        kept.append({key: array.copy() for key, array in cohort.agent.weights().items()})
-    valid = cohort.batch.valid
-    if not valid.any():
-        raise RunError(f"{name}: every simulation became unstable")
-    networks = {key: np.stack([weights[key][valid] for weights in kept]) for key in kept[0]}
+            tick((cohort.step - before) * job.experiment.cohort_size)
+        for name, weights in cohort.agent.weights().items():
+            known[name].append(weights.copy())
+        arrays, notes = cohort.checkpoint()
+        arrays |= {_KNOWN + name: np.stack(nets) for name, nets in known.items()}
+        save_arrays(job.brains, arrays, **job.notes(), **notes)
+
+
+def diary(job: Job) -> Diary | None:
+    """What `live` has kept; None as long as that is not all.
+
+    Raises:
+      InputError: see `Job.read`.
+      RunError: no life was valid.
+    """
+    times = _times(job.experiment)
+    try:
+        arrays, notes = job.read(job.brains)
+    except FileNotFoundError:
+        return None
+    if notes["step"] < times[-1]:
+        return None
+    if not (valid := arrays["batch.valid"]).any():
+        raise RunError(f"{job.name}: every simulation became unstable")
+    known = {k.removeprefix(_KNOWN): v for k, v in arrays.items() if k.startswith(_KNOWN)}
+    networks = {name: nets[:, valid] for name, nets in known.items()}
     hours = (times - times[0]) / control_steps(60)
-    return Diary(experiment, name, hours, networks, int((~valid).sum()))
+    return Diary(job.experiment, job.name, hours, networks, int((~valid).sum()))
 
 
 def _times(experiment: Experiment) -> np.ndarray:
@@ -177,6 +272,74 @@ def examined(diary: Diary, seed: int, tick: Count) -> np.ndarray:
         track = watch(batch, brains, steps, learning=False, tick=lambda n=minute: tick(n))
         shares.append(np.where(batch.valid, track.events.mean(axis=0), np.nan))
     return np.concatenate(shares).reshape(len(diary.hours), -1)
+
+
+def sit(job: Job, seed: int, tick: Count) -> None:
+    """Lets the brains that `live` has kept sit a test, and keeps what came out.
+
+    Args:
+      job: whose.
+      seed: of what occurs to them.
+      tick: told of the control steps lived.
+
+    Raises:
+      InputError, RunError: see `diary`.
+      OSError: the file cannot be written.
+    """
+    kept = diary(job)
+    assert kept is not None
+    save_arrays(job.test(seed), {"shares": examined(kept, seed, tick)}, **job.notes())
+
+
+def _live(job: Job) -> None:
+    live(job, pool.tick)
+
+
+def _sit(job: Job, seed: int) -> None:
+    sit(job, seed, pool.tick)
+
+
+def findings(jobs: Sequence[Job], processes: int) -> list[Findings]:
+    """Lives and tests what is not kept yet, and asks all brains.
+
+    Args:
+      jobs: whose; of as many robots each.
+      processes: lives or tests at a time, one core each.
+
+    Returns:
+      What all of it comes to, in the order of the jobs.
+
+    Raises:
+      InputError, RunError: see `diary`.
+      Interrupted, RunError: see `pool.results`.
+    """
+    asleep = [(job,) for job in jobs if diary(job) is None]
+    unsat = [(job, seed) for job in jobs for seed in SEEDS if not job.test(seed).exists()]
+    robots = jobs[0].experiment.cohort_size
+    *_, test = jobs[0].experiment.schedule(_TASK).steps()
+    life = int(_times(jobs[0].experiment)[-1])
+    _spread("lives", _live, asleep, robots * life, processes)
+    _spread("tests", _sit, unsat, robots * (TIMES + 1) * test, processes)
+    prepare_process()
+    found = []
+    for job in jobs:
+        kept = diary(job)
+        assert kept is not None
+        tests = [job.read(job.test(seed))[0]["shares"] for seed in SEEDS]
+        found.append(Findings(kept, np.array(tests), *asked(kept)))
+    return found
+
+
+def _spread(
+    what: str, work: Callable[..., None], jobs: Sequence[tuple], steps: int, processes: int
+) -> None:
+    """Does jobs of so many control steps each."""
+    if not jobs:
+        return
+    with bar() as progress:
+        task = progress.add_task(f"{len(jobs)} {what}", total=len(jobs) * steps)
+        for _ in pool.results(work, jobs, processes, lambda n: progress.update(task, completed=n)):
+            pass
 
 
 def smells(experiment: Experiment) -> np.ndarray:
@@ -288,6 +451,7 @@ def main(
     brains: tuple[str, ...] = ("paper", "steady"),
     robots: int = 20,
     seed: int = 1,
+    processes: int = cores(),
     body: Body = "mujoco",
     kinematics: KinematicsTold = (),
     time_scale: float = 1.0,
@@ -295,19 +459,20 @@ def main(
     """Prints and draws what brains know by the hour of their training in spot finding.
 
     Args:
-      out: folder for the figures.
+      out: folder for what is kept and for the figures; an unfinished one goes on.
       brains: named ones, one column each.
       robots: of each, creative ones, in one cohort.
       seed: of every random stream.
+      processes: cohorts or tests at a time, one core each.
       body: mujoco, or the kinematic stand-in.
       kinematics: of the stand-in, such as lag=0.08.
       time_scale: below 1 shortens every duration, for rehearsals.
     """
     if not 1 <= len(brains) <= 4 or len(set(brains)) < len(brains):
         raise InputError(f"a figure holds 1 to 4 different brains, got {' '.join(brains)}")
-    if robots < 1:
-        raise InputError(f"the number of robots must be at least 1, got {robots}")
-    check_folder(out)
+    for name, number in (("robots", robots), ("processes", processes)):
+        if number < 1:
+            raise InputError(f"the number of {name} must be at least 1, got {number}")
     shared = Experiment(
         seed=seed,
         cohort_size=robots,
@@ -315,29 +480,21 @@ def main(
         body=body,
         kinematics=told(Kinematics(), kinematics),
     )
-    wanted = [dataclasses.replace(shared, brain=named_brain(name)) for name in brains]
-    *_, test = shared.schedule(_TASK).steps()
-    lives, tests = int(_times(shared)[-1]), len(SEEDS) * (TIMES + 1) * test
-    prepare_process()
-    found = []
-    with bar() as progress:
-        task = progress.add_task("", total=len(brains) * robots * (lives + tests))
-
-        def tick(steps: int) -> None:
-            progress.advance(task, steps)
-
-        for experiment, name in zip(wanted, brains, strict=True):
-            progress.update(task, description=f"{name}, living")
-            diary = keep(experiment, name, tick)
-            progress.update(task, description=f"{name}, tests")
-            sat = np.array([examined(diary, seed, tick) for seed in SEEDS])
-            found.append(Findings(diary, sat, *asked(diary)))
+    wanted = {name: dataclasses.replace(shared, brain=named_brain(name)) for name in brains}
+    jobs = [Job(out, name, experiment) for name, experiment in wanted.items()]
+    check_folder(out)
+    for job in jobs:  # what cannot be gone on with is refused before anything is done
+        for path in (job.brains, *map(job.test, SEEDS)):
+            if path.exists():
+                job.read(path)
+    with engine.locked(out):
+        remove_drafts(out)
+        found = findings(jobs, processes)
+        with figures.styled():
+            figures.save(draw(found), out, "hours")
+            for one in found:
+                figures.save(draw_hours(one), out, f"values-{one.diary.name}")
     print(markdown(found))
-    out.mkdir(parents=True, exist_ok=True)
-    with figures.styled():
-        figures.save(draw(found), out, "hours")
-        for one in found:
-            figures.save(draw_hours(one), out, f"values-{one.diary.name}")
 
 
 if __name__ == "__main__":

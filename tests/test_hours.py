@@ -11,21 +11,31 @@ from musebot.controller import BRAINS
 from musebot.protocols import hours
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.experiment import CohortKey, Experiment
-from musebot.protocols.hours import TIMES, Diary, Findings
+from musebot.protocols.hours import TIMES, Diary, Findings, Job
 
 STEADY = BRAINS["steady"]
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic", brain=STEADY)
 KEY = CohortKey("spot_finding", "creative", 0)
 
 
+SMALL = {"robots": 2, "body": "kinematic", "time_scale": 0.002, "processes": 1}
+
+
 @pytest.fixture(scope="module")
-def diary():
+def job(tmp_path_factory):
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     ticks = []
-    yield hours.keep(SHORT, "steady", ticks.append)
+    job = Job(tmp_path_factory.mktemp("hours"), "steady", SHORT)
+    hours.live(job, ticks.append)
+    yield job
     torch.set_num_threads(threads)
     assert sum(ticks) == 3 * (180 + 720)
+
+
+@pytest.fixture(scope="module")
+def diary(job):
+    return hours.diary(job)
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +56,32 @@ def test_a_diary_begins_with_the_newborn_and_ends_with_the_trained_brains(diary)
         np.testing.assert_array_equal(networks[0], lives.before[name])
         np.testing.assert_array_equal(networks[-1], lives.after[name])
         assert not np.array_equal(networks[TIMES // 2], networks[-1])
+
+
+def test_a_life_killed_at_any_time_goes_on_to_the_same_bits(job, tmp_path):
+    class KilledError(Exception):
+        pass
+
+    def killed_at(step):
+        def tick(steps):
+            lived.append(steps)
+            if sum(lived) >= 3 * step:
+                raise KilledError
+
+        lived = []
+        return tick
+
+    other = Job(tmp_path, "steady", SHORT)
+    for step in (100, 181, 400, 899, 900):
+        with pytest.raises(KilledError):
+            hours.live(other, killed_at(step))
+        assert hours.diary(other) is None
+    ticks = []
+    hours.live(other, ticks.append)
+    assert ticks[0] == 3 * (180 + 7 * 90)
+    assert sum(ticks) == 3 * (180 + 720)
+    assert other.brains.read_bytes() == job.brains.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["brains-steady.safetensors"]
 
 
 def test_the_smells_are_none_weaker_stronger_and_full():
@@ -125,23 +161,66 @@ def test_the_figures_show_every_brain_and_smell(found, tmp_path):
         assert all((np.array(line) >= low).all() & (np.array(line) <= high).all() for line in lines)
 
 
-def test_it_is_a_command_and_refuses_what_makes_no_sense(tmp_path, capsys):
-    small = {"robots": 2, "body": "kinematic", "time_scale": 0.002}
-    hours.main(tmp_path / "out", ("paper", "steady"), **small)
-    assert capsys.readouterr().out.startswith("| brain | robots | in the spot, at its best time |")
-    names = [f"{name}.{end}" for name in ("hours", "values-paper", "values-steady")
+def test_it_is_a_command_that_goes_on_where_it_was_stopped(tmp_path, capsys):
+    def command():
+        hours.main(tmp_path / "out", ("paper", "steady"), **SMALL)
+        return capsys.readouterr().out
+
+    def content():
+        return {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+
+    page = command()
+    assert page.startswith("| brain | robots | in the spot, at its best time |")
+    whole = content()
+    brains = ("paper", "steady")
+    kept = [f"brains-{name}.safetensors" for name in brains]
+    kept += [f"test-{name}-{seed}.safetensors" for name in brains for seed in hours.SEEDS]
+    drawn = [f"{name}.{end}" for name in ("hours", "values-paper", "values-steady")
              for end in ("png", "svg")]  # fmt: skip
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    assert sorted(whole) == sorted(kept + drawn)
+    for lost in ("brains-paper.safetensors", "test-steady-1.safetensors", "hours.svg"):
+        (tmp_path / "out" / lost).unlink()
+    assert command() == page
+    assert content() == whole
+
+
+def test_it_refuses_what_makes_no_sense(tmp_path):
     (tmp_path / "file").touch()
     for out, brains, changes, sentence in (
         ("new", ("paper", "paper"), {}, "different brains"),
         ("new", (), {}, "different brains"),
         ("new", ("clever",), {}, "the brain must be one of"),
-        ("new", ("paper",), {"robots": 0}, "at least 1"),
+        ("new", ("paper",), {"robots": 0}, "robots must be at least 1"),
+        ("new", ("paper",), {"processes": 0}, "processes must be at least 1"),
         ("new", ("paper",), {"kinematics": ("wall=eats",)}, "wall must be one of"),
         ("file", ("paper",), {}, "is not a folder"),
         ("file/below", ("paper",), {}, "is not a folder"),
     ):
         with pytest.raises(hours.InputError, match=sentence):
-            hours.main(tmp_path / out, brains, **small | changes)
+            hours.main(tmp_path / out, brains, **SMALL | changes)
     assert not (tmp_path / "new").exists()
+
+
+def test_it_goes_on_with_nothing_but_its_own(job, tmp_path, monkeypatch):
+    monkeypatch.setattr(hours.pool, "results", None)  # refused before anything is done
+    brains = tmp_path / job.brains.name
+    test = tmp_path / job.test(0).name
+
+    def refused(sentence, **changes):
+        own = {"robots": 3, "body": "kinematic", "time_scale": 0.005, "seed": SHORT.seed}
+        held = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        with pytest.raises(hours.InputError, match=sentence):
+            hours.main(tmp_path, ("steady",), **own | changes)
+        assert held == {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    brains.write_bytes(job.brains.read_bytes())
+    refused(r"brains-steady.safetensors is of robots with seed \d, not 7", seed=7)
+    refused("is of robots with cohort_size 3, not 4", robots=4)
+    arrays, notes = hours.load_arrays(brains)
+    hours.save_arrays(brains, arrays, **notes | {"physics": [1.0] * len(notes["physics"])})
+    refused("was lived in another physics")
+    brains.unlink()
+    hours.save_arrays(test, {"shares": np.zeros((TIMES + 1, 3))})
+    refused("test-steady-0.safetensors is none of this command's")
+    test.write_bytes(b"not ours")
+    refused("test-steady-0.safetensors is damaged")
