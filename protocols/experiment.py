@@ -162,6 +162,18 @@ def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
 
+def check_same(what: str, held: Experiment, asked: Experiment) -> None:
+    """Raises InputError where an experiment is not the one that is asked for.
+
+    Args:
+      what: begins the sentence that says so.
+      held: the experiment that there is.
+      asked: the experiment that is asked for.
+    """
+    for field, (own, other) in differing(held, asked).items():
+        raise InputError(f"{what} with {field} {own}, not {other}")
+
+
 def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for name, value in fields.items():

@@ -12,7 +12,7 @@ command goes on where it was stopped.
 from __future__ import annotations
 
 import dataclasses
-import json
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from .experiment import (
     Body,
     CohortKey,
     Experiment,
-    differing,
+    check_same,
     experiment_of,
     is_physics_of,
     named_brain,
@@ -41,11 +41,10 @@ from .experiment import (
 )
 from .options import KinematicsTold, Out, cores
 from .portraits import draw_values, lacking
-from .probes import watch
+from .probes import minutes_of, watch
 from .processes import prepare_process
-from .progress import bar
-from .schedules import control_steps
-from .storage import check_folder, load_arrays, remove_drafts, save_arrays
+from .schedules import Phase, control_steps
+from .storage import check_folder, digest, load_arrays, remove_drafts, save_arrays
 
 TIMES = 8  # of the training, and its beginning
 SEEDS = (0, 1)  # of the two tests: by the first the best time is chosen, by the other judged
@@ -56,7 +55,7 @@ _STRIDE = control_steps(1)
 _TOGETHER = 250  # robots in lockstep
 _KNOWN = "known."  # names of networks in the file of a life
 
-Count = Callable[[int], None]  # told of control steps, of all robots together
+Count = Callable[[int], None]  # told of what was simulated, of all robots together
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,6 +146,12 @@ class Job:
     experiment: Experiment
 
     @property
+    def times(self) -> list[int]:
+        """Control steps of a life at which what they know is kept, of length T."""
+        before, training, _ = self.experiment.schedule(_TASK).steps()
+        return (before + np.linspace(0, training, TIMES + 1).round().astype(int)).tolist()
+
+    @property
     def brains(self) -> Path:
         """The file that keeps what they know."""
         return self.out / f"brains-{self.name}.safetensors"
@@ -156,30 +161,101 @@ class Job:
         return self.out / f"test-{self.name}-{seed}.safetensors"
 
     def notes(self) -> dict[str, Any]:
-        """What tells their files from others', as JSON has it."""
+        """What tells their files from others', for JSON."""
         experiment = self.experiment
-        physics = physics_probe(experiment.body, experiment.kinematics)
-        fields = {"experiment": dataclasses.asdict(experiment), "physics": physics}
-        return json.loads(json.dumps(fields))
+        return {
+            "experiment": dataclasses.asdict(experiment),
+            "physics": physics_probe(experiment.body, experiment.kinematics),
+            "times": self.times,
+        }
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """One of their files.
 
         Raises:
-          FileNotFoundError: there is none yet.
-          InputError: it is damaged, or not of these robots.
+          InputError: it is damaged, not of these robots, or not of this version.
         """
         arrays, notes = load_arrays(path)
         try:
             held = experiment_of(notes["experiment"])
             same = is_physics_of(notes["physics"], held.body, held.kinematics)
-        except (KeyError, TypeError) as error:
-            raise InputError(f"{path} is none of this command's ({error!r})") from error
-        for field, (own, asked) in differing(held, self.experiment).items():
-            raise InputError(f"{path} is of robots with {field} {own}, not {asked}")
-        if not same:
-            raise InputError(f"{path} was lived in another physics than this version's")
+            times = notes["times"]
+        except (KeyError, TypeError, ValueError, AttributeError, InputError) as error:
+            raise _foreign(path, error) from error
+        check_same(f"{path} is of robots", held, self.experiment)
+        if not same or times != self.times:
+            raise InputError(
+                f"{path} was lived in another physics, or kept at other times, than this version's"
+            )
         return arrays, notes
+
+    def restored(self) -> tuple[Cohort, dict[str, list[np.ndarray]]]:
+        """The robots as their file has them, or newborn.
+
+        Returns:
+          The cohort, and each of its networks at the times so far, of shape (B, ...) each.
+
+        Raises:
+          InputError: see `read`.
+        """
+        cohort = Cohort(self.experiment, CohortKey(_TASK, "creative", 0))
+        known: dict[str, list[np.ndarray]] = {name: [] for name in cohort.agent.weights()}
+        if self.brains.exists():
+            arrays, notes = self.read(self.brains)
+            try:
+                known = {name: [*arrays.pop(_KNOWN + name)] for name in known}
+                cohort.restore(arrays, notes)
+            except (KeyError, ValueError) as error:
+                raise _foreign(self.brains, error) from error
+        return cohort, known
+
+    def lived(self) -> int:
+        """How many control steps, of all robots together.
+
+        Raises:
+          InputError: see `read`.
+        """
+        return self.restored()[0].step * self.experiment.cohort_size
+
+    def diary(self) -> Diary | None:
+        """What they knew at all times; None as long as these are not over.
+
+        Raises:
+          InputError: see `read`.
+        """
+        cohort, known = self.restored()
+        if any(len(networks) < len(self.times) for networks in known.values()):
+            return None
+        valid = cohort.batch.valid
+        networks = {name: np.stack(kept)[:, valid] for name, kept in known.items()}
+        hours = (np.array(self.times) - self.times[0]) / control_steps(60)
+        return Diary(self.experiment, self.name, hours, networks, int((~valid).sum()))
+
+    def shares(self, seed: int, kept: Diary | None) -> np.ndarray | None:
+        """What `examined` gave; None where it was not kept, or was that of other brains.
+
+        Lived anew, brains may come out otherwise: on another machine, or in another version.
+
+        Args:
+          seed: of the test.
+          kept: see `diary`.
+
+        Raises:
+          InputError: see `read`.
+        """
+        if not self.test(seed).exists():
+            return None
+        arrays, notes = self.read(self.test(seed))
+        return arrays["shares"] if kept and notes.get("sat") == _sat(kept, seed) else None
+
+
+def _sat(kept: Diary, seed: int) -> dict[str, Any]:
+    """What tells a test from others."""
+    return {"seed": seed, "brains": digest(kept.networks)}
+
+
+def _foreign(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path} is another version's, or none of this command's ({error!r})")
 
 
 def live(job: Job, tick: Count) -> None:
@@ -189,61 +265,25 @@ def live(job: Job, tick: Count) -> None:
 
     Args:
       job: whose.
-      tick: told of the control steps lived, in earlier calls too.
+      tick: told of the control steps lived.
 
     Raises:
       InputError: see `Job.read`.
       OSError: the file cannot be written.
     """
-    cohort = Cohort(job.experiment, CohortKey(_TASK, "creative", 0))
-    known: dict[str, list[np.ndarray]] = {name: [] for name in cohort.agent.weights()}
-    if job.brains.exists():
-        arrays, notes = job.read(job.brains)
-        try:
-            known = {name: [*arrays.pop(_KNOWN + name)] for name in known}
-            cohort.restore(arrays, notes)
-        except (KeyError, ValueError) as error:
-            raise InputError(f"{job.brains} is another version's ({error})") from error
-        tick(cohort.step * job.experiment.cohort_size)
-    lived = len(next(iter(known.values())))
-    for time in _times(job.experiment)[lived:]:
+    cohort, known = job.restored()
+    robots = job.experiment.cohort_size
+    kept = min(map(len, known.values()))
+    for time in job.times[kept:]:
         while cohort.step < time:
             before = cohort.step
             cohort.advance(min(_STRIDE, time - before))
-            tick((cohort.step - before) * job.experiment.cohort_size)
+            tick((cohort.step - before) * robots)
         for name, weights in cohort.agent.weights().items():
             known[name].append(weights.copy())
         arrays, notes = cohort.checkpoint()
-        arrays |= {_KNOWN + name: np.stack(nets) for name, nets in known.items()}
+        arrays |= {_KNOWN + name: np.stack(networks) for name, networks in known.items()}
         save_arrays(job.brains, arrays, **job.notes(), **notes)
-
-
-def diary(job: Job) -> Diary | None:
-    """What `live` has kept; None as long as that is not all.
-
-    Raises:
-      InputError: see `Job.read`.
-      RunError: no life was valid.
-    """
-    times = _times(job.experiment)
-    try:
-        arrays, notes = job.read(job.brains)
-    except FileNotFoundError:
-        return None
-    if notes["step"] < times[-1]:
-        return None
-    if not (valid := arrays["batch.valid"]).any():
-        raise RunError(f"{job.name}: every simulation became unstable")
-    known = {k.removeprefix(_KNOWN): v for k, v in arrays.items() if k.startswith(_KNOWN)}
-    networks = {name: nets[:, valid] for name, nets in known.items()}
-    hours = (times - times[0]) / control_steps(60)
-    return Diary(job.experiment, job.name, hours, networks, int((~valid).sum()))
-
-
-def _times(experiment: Experiment) -> np.ndarray:
-    """Control steps of a life at which its brains are kept, shape (TIMES + 1,)."""
-    before, training, _ = experiment.schedule(_TASK).steps()
-    return before + np.linspace(0, training, TIMES + 1).round().astype(int)
 
 
 def examined(diary: Diary, seed: int, tick: Count) -> np.ndarray:
@@ -252,14 +292,13 @@ def examined(diary: Diary, seed: int, tick: Count) -> np.ndarray:
     Args:
       diary: whose brains.
       seed: of what occurs to them.
-      tick: told of the control steps lived.
+      tick: told of the simulated minutes of all robots.
 
     Returns:
       The share of it that each was in the spot, shape (T, R); NaN where the simulation became
       unstable.
     """
-    experiment = diary.experiment
-    test = experiment.schedule(_TASK).phases[-1]
+    experiment, test = diary.experiment, _test(diary.experiment)
     steps = control_steps(test.minutes)
     everyone = np.indices((len(diary.hours), diary.robots)).reshape(2, -1)
     shares = []
@@ -267,79 +306,66 @@ def examined(diary: Diary, seed: int, tick: Count) -> np.ndarray:
         which = everyone[:, first : first + _TOGETHER]
         batch = experiment.batch(_TASK, which.shape[1])
         place(batch, test, np.random.default_rng(0))
-        minute = batch.robots * min(control_steps(1), steps)
         brains = diary.brains(which, seed)
-        track = watch(batch, brains, steps, learning=False, tick=lambda n=minute: tick(n))
+        track = watch(batch, brains, steps, learning=False, tick=lambda n=batch.robots: tick(n))
         shares.append(np.where(batch.valid, track.events.mean(axis=0), np.nan))
     return np.concatenate(shares).reshape(len(diary.hours), -1)
 
 
-def sit(job: Job, seed: int, tick: Count) -> None:
-    """Lets the brains that `live` has kept sit a test, and keeps what came out.
-
-    Args:
-      job: whose.
-      seed: of what occurs to them.
-      tick: told of the control steps lived.
-
-    Raises:
-      InputError, RunError: see `diary`.
-      OSError: the file cannot be written.
-    """
-    kept = diary(job)
-    assert kept is not None
-    save_arrays(job.test(seed), {"shares": examined(kept, seed, tick)}, **job.notes())
-
-
-def _live(job: Job) -> None:
-    live(job, pool.tick)
-
-
-def _sit(job: Job, seed: int) -> None:
-    sit(job, seed, pool.tick)
+def _test(experiment: Experiment) -> Phase:
+    return experiment.schedule(_TASK).phases[-1]
 
 
 def findings(jobs: Sequence[Job], processes: int) -> list[Findings]:
     """Lives and tests what is not kept yet, and asks all brains.
 
     Args:
-      jobs: whose; of as many robots each.
-      processes: lives or tests at a time, one core each.
+      jobs: whose; of schedules of one time scale.
+      processes: lives, and then tests, at a time, one core each.
 
     Returns:
       What all of it comes to, in the order of the jobs.
 
     Raises:
-      InputError, RunError: see `diary`.
-      Interrupted, RunError: see `pool.results`.
+      InputError: a file cannot be gone on with; nothing was done then.
+      RunError: no life with a brain was valid, or see `pool.work_off`.
+      Interrupted, OSError: see `pool.work_off`.
     """
-    asleep = [(job,) for job in jobs if diary(job) is None]
-    unsat = [(job, seed) for job in jobs for seed in SEEDS if not job.test(seed).exists()]
-    robots = jobs[0].experiment.cohort_size
-    *_, test = jobs[0].experiment.schedule(_TASK).steps()
-    life = int(_times(jobs[0].experiment)[-1])
-    _spread("lives", _live, asleep, robots * life, processes)
-    _spread("tests", _sit, unsat, robots * (TIMES + 1) * test, processes)
+    # What cannot be gone on with is refused before anything is done.
+    begun = {job: job.diary() for job in jobs}
+    for (job, kept), seed in itertools.product(begun.items(), SEEDS):
+        job.shares(seed, kept)
+    asleep = [job for job, kept in begun.items() if kept is None]
+    total = sum(job.times[-1] * job.experiment.cohort_size for job in asleep)
+    done = sum(job.lived() for job in asleep)
+    pool.work_off("lives", _live, [(job,) for job in asleep], processes, total, done)
+    diaries = {job: kept for job in jobs if (kept := job.diary())}
+    for kept in diaries.values():
+        if not kept.robots:
+            raise RunError(f"{kept.name}: every simulation became unstable")
+    unsat = [
+        (job, kept, seed)
+        for (job, kept), seed in itertools.product(diaries.items(), SEEDS)
+        if job.shares(seed, kept) is None
+    ]
+    brains = sum(kept.robots * len(kept.hours) for _, kept, _ in unsat)
+    total = brains * minutes_of(_test(jobs[0].experiment).minutes)
+    pool.work_off("tests", _sit, unsat, processes, total)
     prepare_process()
     found = []
-    for job in jobs:
-        kept = diary(job)
-        assert kept is not None
-        tests = [job.read(job.test(seed))[0]["shares"] for seed in SEEDS]
-        found.append(Findings(kept, np.array(tests), *asked(kept)))
+    for job, kept in diaries.items():
+        shares = [job.shares(seed, kept) for seed in SEEDS]
+        found.append(Findings(kept, np.array(shares), *asked(kept)))
     return found
 
 
-def _spread(
-    what: str, work: Callable[..., None], jobs: Sequence[tuple], steps: int, processes: int
-) -> None:
-    """Does jobs of so many control steps each."""
-    if not jobs:
-        return
-    with bar() as progress:
-        task = progress.add_task(f"{len(jobs)} {what}", total=len(jobs) * steps)
-        for _ in pool.results(work, jobs, processes, lambda n: progress.update(task, completed=n)):
-            pass
+def _live(job: Job) -> None:
+    live(job, pool.tick)
+
+
+def _sit(job: Job, kept: Diary, seed: int) -> None:
+    shares = examined(kept, seed, pool.tick)
+    save_arrays(job.test(seed), {"shares": shares}, sat=_sat(kept, seed), **job.notes())
 
 
 def smells(experiment: Experiment) -> np.ndarray:
@@ -483,10 +509,6 @@ def main(
     wanted = {name: dataclasses.replace(shared, brain=named_brain(name)) for name in brains}
     jobs = [Job(out, name, experiment) for name, experiment in wanted.items()]
     check_folder(out)
-    for job in jobs:  # what cannot be gone on with is refused before anything is done
-        for path in (job.brains, *map(job.test, SEEDS)):
-            if path.exists():
-                job.read(path)
     with engine.locked(out):
         remove_drafts(out)
         found = findings(jobs, processes)

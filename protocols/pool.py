@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from .errors import Interrupted, RunError
 from .processes import follow_parent, heeding_signals, lean_children, prepare_process
+from .progress import bar
 
 Result = TypeVar("Result")
 
@@ -40,6 +41,7 @@ def results(
     Raises:
       Interrupted: by Ctrl-C or SIGTERM; whatever was in work is given up.
       RunError: a process died.
+      Exception: whatever a job raises.
     """
     context = multiprocessing.get_context("spawn")  # torch does not like to be forked
     ticks = context.Value("q", 0)
@@ -63,6 +65,36 @@ def results(
             for process in multiprocessing.active_children():
                 process.terminate()
             pool.shutdown(cancel_futures=True)
+
+
+def work_off(
+    what: str,
+    work: Callable[..., None],
+    jobs: Sequence[tuple],
+    processes: int,
+    total: int,
+    done: int = 0,
+) -> None:
+    """Does jobs that keep what they come to themselves, with progress and the time left.
+
+    Args:
+      what: the jobs are, in a word.
+      work: does one; see `results`, which says also what is raised.
+      jobs: its arguments, one tuple a job.
+      processes: jobs at a time, one core each.
+      total: ticks of all jobs.
+      done: ticks of earlier calls.
+    """
+    if not jobs:
+        return
+    with bar() as progress:
+        task = progress.add_task(f"{len(jobs)} {what}", total=total, completed=done)
+
+        def show(ticks: int) -> None:
+            progress.update(task, completed=done + ticks)
+
+        for _ in results(work, jobs, processes, show):
+            pass
 
 
 def _prepare(ticks: Any) -> None:

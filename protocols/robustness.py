@@ -35,14 +35,13 @@ from .experiment import (
     Body,
     CohortKey,
     Experiment,
-    differing,
+    check_same,
     experiment_of,
     is_physics_of,
     machine,
     physics_probe,
 )
 from .options import BODIES_TOLD, PROPOSERS_TOLD, Runs, cores, option
-from .progress import bar
 from .replay import stored_brains
 from .results import Results, test_seconds
 from .schedules import NAMES, SCHEDULES, UPPER_LEFT, Phase, Schedule, control_steps
@@ -373,10 +372,7 @@ def check_study(out: Path, wanted: Sequence[Sitter]) -> None:
     if names[0] != names[1]:
         raise InputError(f"{out} holds a study of {names[0]}, not of {names[1]}")
     for own, asked in zip(held, wanted, strict=True):
-        for field, values in differing(own.experiment, asked.experiment).items():
-            raise InputError(
-                f"{out} holds a study of {own.name} with {field} {values[0]}, not {values[1]}"
-            )
+        check_same(f"{out} holds a study of {own.name}", own.experiment, asked.experiment)
         if own.robots != asked.robots:
             counts = [", ".join(map(str, one.robots.values())) for one in (own, asked)]
             raise InputError(
@@ -420,18 +416,11 @@ def measure(wanted: Sequence[Job], processes: int) -> None:
 
     Raises:
       InputError: see `kept`.
-      Interrupted, RunError: see `pool.results`.
+      Interrupted, RunError, OSError: see `pool.work_off`.
     """
     left = [job for job in wanted if kept(job.path, job.change) is None]
-    with bar() as progress:
-        total = sum(job.minutes for job in left)
-        task = progress.add_task(f"{len(left)} tests", total=total)
-
-        def show(minutes: int) -> None:
-            progress.update(task, completed=minutes)
-
-        for _ in pool.results(keep, [(job,) for job in left], processes, show):
-            pass
+    minutes = sum(job.minutes for job in left)
+    pool.work_off("tests", keep, [(job,) for job in left], processes, minutes)
 
 
 def shares(out: Path, sitter: Sitter, condition: tuple[str, str], change: Change) -> np.ndarray:

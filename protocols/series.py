@@ -8,7 +8,7 @@ from pathlib import Path
 from . import engine
 from .beside import Side
 from .errors import InputError
-from .experiment import Plan, differing, same_physics
+from .experiment import Plan, check_same, same_physics
 from .options import Workers
 from .storage import is_draft, write_atomically
 
@@ -53,8 +53,7 @@ def _check_folder(out: Path, wanted: Mapping[str, Plan], page: str) -> None:
         run = out / name
         if (held := engine.open_directory(run)) is None:
             continue
-        for field, (own, asked) in differing(held.experiment, plan.experiment).items():
-            raise InputError(f"{run} holds an experiment with {field} {own}, not {asked}")
+        check_same(f"{run} holds an experiment", held.experiment, plan.experiment)
         for condition, robots in held.robots.items():
             if robots > (asked := plan.robots.get(condition, 0)):
                 lives = " ".join(condition)

@@ -1,6 +1,10 @@
 """What brains know by the hour: diaries, frozen tests, ideas, and the figures of them."""
 
 import dataclasses
+import signal
+import subprocess
+import sys
+import time
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -33,16 +37,33 @@ def job(tmp_path_factory):
     assert sum(ticks) == 3 * (180 + 720)
 
 
+@pytest.fixture
+def done(monkeypatch):
+    """What is handed over to the pool, and then done in this process."""
+
+    def work_off(what, work, jobs, processes, total, begun=0):
+        ticks = []
+        monkeypatch.setattr(hours.pool, "tick", ticks.append)
+        for job, *rest in jobs:
+            handed_over.append((what, job.name, *rest[1:]))
+            work(job, *rest)
+        assert sum(ticks) == total - begun
+
+    handed_over = []
+    monkeypatch.setattr(hours.pool, "work_off", work_off)
+    return handed_over
+
+
 @pytest.fixture(scope="module")
 def diary(job):
-    return hours.diary(job)
+    return job.diary()
 
 
 @pytest.fixture(scope="module")
 def found(diary):
     ticks = []
     tests = np.array([hours.examined(diary, seed, ticks.append) for seed in (0, 1)])
-    assert sum(ticks) == 2 * 3 * (TIMES + 1) * 180
+    assert sum(ticks) == 2 * 3 * (TIMES + 1)
     return Findings(diary, tests, *hours.asked(diary))
 
 
@@ -68,18 +89,19 @@ def test_a_life_killed_at_any_time_goes_on_to_the_same_bits(job, tmp_path):
             if sum(lived) >= 3 * step:
                 raise KilledError
 
-        lived = []
+        lived = [other.lived()]
         return tick
 
     other = Job(tmp_path, "steady", SHORT)
     for step in (100, 181, 400, 899, 900):
         with pytest.raises(KilledError):
             hours.live(other, killed_at(step))
-        assert hours.diary(other) is None
+        assert other.diary() is None
     ticks = []
+    assert other.lived() == 3 * (180 + 7 * 90)
     hours.live(other, ticks.append)
-    assert ticks[0] == 3 * (180 + 7 * 90)
-    assert sum(ticks) == 3 * (180 + 720)
+    assert sum(ticks) == 3 * 90
+    assert other.lived() == 3 * (180 + 720)
     assert other.brains.read_bytes() == job.brains.read_bytes()
     assert [path.name for path in tmp_path.iterdir()] == ["brains-steady.safetensors"]
 
@@ -142,8 +164,8 @@ def test_frozen_brains_stand_in_their_own_time_and_robot(diary):
     which = np.array([[0, TIMES, 2], [2, 0, 1]])
     networks = diary.brains(which).controller.networks()
     for name, tensor in networks.items():
-        for row, (time, robot) in enumerate(which.T):
-            np.testing.assert_array_equal(tensor[row].numpy(), diary.networks[name][time, robot])
+        for row, (when, robot) in enumerate(which.T):
+            np.testing.assert_array_equal(tensor[row].numpy(), diary.networks[name][when, robot])
 
 
 def test_the_figures_show_every_brain_and_smell(found, tmp_path):
@@ -161,27 +183,95 @@ def test_the_figures_show_every_brain_and_smell(found, tmp_path):
         assert all((np.array(line) >= low).all() & (np.array(line) <= high).all() for line in lines)
 
 
-def test_it_is_a_command_that_goes_on_where_it_was_stopped(tmp_path, capsys):
-    def command():
-        hours.main(tmp_path / "out", ("paper", "steady"), **SMALL)
-        return capsys.readouterr().out
+def content(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
-    def content():
-        return {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+
+def test_it_is_a_command_that_does_anew_what_is_lost_and_no_more(tmp_path, capsys, done):
+    def command():
+        done.clear()
+        hours.main(tmp_path, ("paper", "steady"), **SMALL)
+        return capsys.readouterr().out
 
     page = command()
     assert page.startswith("| brain | robots | in the spot, at its best time |")
-    whole = content()
-    brains = ("paper", "steady")
-    kept = [f"brains-{name}.safetensors" for name in brains]
-    kept += [f"test-{name}-{seed}.safetensors" for name in brains for seed in hours.SEEDS]
+    tests = [("tests", name, seed) for name in ("paper", "steady") for seed in (0, 1)]
+    assert done == [("lives", "paper"), ("lives", "steady"), *tests]
+    whole = content(tmp_path)
+    kept = [f"brains-{name}.safetensors" for name in ("paper", "steady")]
+    kept += [f"test-{name}-{seed}.safetensors" for _, name, seed in tests]
     drawn = [f"{name}.{end}" for name in ("hours", "values-paper", "values-steady")
              for end in ("png", "svg")]  # fmt: skip
     assert sorted(whole) == sorted(kept + drawn)
-    for lost in ("brains-paper.safetensors", "test-steady-1.safetensors", "hours.svg"):
-        (tmp_path / "out" / lost).unlink()
-    assert command() == page
-    assert content() == whole
+    for lost, anew in (
+        ("hours.svg", []),
+        ("brains-paper.safetensors", [("lives", "paper")]),
+        ("test-steady-1.safetensors", [("tests", "steady", 1)]),
+    ):
+        (tmp_path / lost).unlink()
+        (tmp_path / f".{lost}.1.draft").touch()  # of a writer that was killed
+        assert command() == page
+        assert done == anew
+        assert content(tmp_path) == whole
+
+
+def test_a_test_is_kept_as_it_was_sat_and_sat_again_by_other_brains(
+    job, diary, tmp_path, monkeypatch, done
+):
+    def examined(kept, seed, tick):
+        tick(kept.robots * len(kept.hours))
+        return kept.networks["memory.output_biases"][..., 0] + seed
+
+    def tests():
+        (found,) = hours.findings([own], 1)
+        return found.tests
+
+    monkeypatch.setattr(hours, "examined", examined)
+    own = Job(tmp_path, "steady", SHORT)
+    own.brains.write_bytes(job.brains.read_bytes())
+    first = tests()
+    assert (np.diff(first, axis=0) > 0.9).all()
+    assert done == [("tests", "steady", 0), ("tests", "steady", 1)]
+    np.testing.assert_array_equal(tests(), first)
+    own.test(0).write_bytes(own.test(1).read_bytes())  # of another seed
+    np.testing.assert_array_equal(tests(), first)
+    assert done[2:] == [("tests", "steady", 0)]
+    arrays, notes = hours.load_arrays(own.brains)
+    arrays["known.memory.output_biases"] *= 2
+    hours.save_arrays(own.brains, arrays, **notes)
+    np.testing.assert_allclose(tests()[0], 2 * first[0])
+    assert done[3:] == [("tests", "steady", 0), ("tests", "steady", 1)]
+
+
+def test_that_no_life_was_valid_is_said_once_all_are_kept(job, tmp_path, monkeypatch):
+    monkeypatch.setattr(hours.pool, "results", None)
+    own = Job(tmp_path, "steady", SHORT)
+    arrays, notes = hours.load_arrays(job.brains)
+    arrays["batch.valid"][:] = False
+    hours.save_arrays(own.brains, arrays, **notes)
+    with pytest.raises(hours.RunError, match="steady: every simulation became unstable"):
+        hours.findings([own], 1)
+
+
+def test_stopped_it_goes_on_to_the_same_bytes(tmp_path):
+    line = [sys.executable, "-m", "musebot.protocols.hours", str(tmp_path / "stopped")]
+    line += ["--brains", "steady", "--robots", "2", "--body", "kinematic", "--seed", "2"]
+    line += ["--time-scale", "0.02", "--processes", "1"]
+    stopped = subprocess.Popen(line, stderr=subprocess.PIPE, text=True)
+    try:
+        while stopped.poll() is None and not [*tmp_path.glob("stopped/brains-*")]:
+            time.sleep(0.001)
+        stopped.send_signal(signal.SIGTERM)
+        _, said = stopped.communicate(timeout=60)
+    finally:
+        stopped.kill()
+    assert stopped.returncode == 130, said
+    assert "the same command goes on from here" in said
+    assert [path.name for path in tmp_path.glob("stopped/*")] == ["brains-steady.safetensors"]
+    for out in ("stopped", "whole"):
+        small = SMALL | {"time_scale": 0.02, "seed": 2}
+        hours.main(tmp_path / out, ("steady",), **small)
+    assert content(tmp_path / "stopped") == content(tmp_path / "whole")
 
 
 def test_it_refuses_what_makes_no_sense(tmp_path):
@@ -203,24 +293,35 @@ def test_it_refuses_what_makes_no_sense(tmp_path):
 
 def test_it_goes_on_with_nothing_but_its_own(job, tmp_path, monkeypatch):
     monkeypatch.setattr(hours.pool, "results", None)  # refused before anything is done
-    brains = tmp_path / job.brains.name
-    test = tmp_path / job.test(0).name
+    brains, test = tmp_path / job.brains.name, tmp_path / job.test(0).name
 
     def refused(sentence, **changes):
         own = {"robots": 3, "body": "kinematic", "time_scale": 0.005, "seed": SHORT.seed}
-        held = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        held = content(tmp_path)
         with pytest.raises(hours.InputError, match=sentence):
             hours.main(tmp_path, ("steady",), **own | changes)
-        assert held == {path: path.read_bytes() for path in tmp_path.iterdir()}
+        assert held == content(tmp_path)
 
     brains.write_bytes(job.brains.read_bytes())
     refused(r"brains-steady.safetensors is of robots with seed \d, not 7", seed=7)
     refused("is of robots with cohort_size 3, not 4", robots=4)
+    with hours.engine.locked(tmp_path):
+        refused("another musebot is running")
     arrays, notes = hours.load_arrays(brains)
-    hours.save_arrays(brains, arrays, **notes | {"physics": [1.0] * len(notes["physics"])})
-    refused("was lived in another physics")
+    for changed, sentence in (
+        ({"physics": [1.0] * len(notes["physics"])}, "was lived in another physics"),
+        ({"times": notes["times"][::2]}, "kept at other times"),
+        ({"experiment": notes["experiment"] | {"mood": 1}}, "is another version's"),
+        ({"experiment": notes["experiment"] | {"seed": -1}}, "is another version's"),
+    ):
+        hours.save_arrays(brains, arrays, **notes | changed)
+        refused(f"brains-steady.safetensors .*{sentence}")
+    for lost in ("known.memory.output_biases", "batch.valid"):
+        fewer = {name: array for name, array in arrays.items() if name != lost}
+        hours.save_arrays(brains, fewer, **notes)
+        refused("brains-steady.safetensors is another version's")
     brains.unlink()
     hours.save_arrays(test, {"shares": np.zeros((TIMES + 1, 3))})
-    refused("test-steady-0.safetensors is none of this command's")
+    refused("test-steady-0.safetensors is another version's")
     test.write_bytes(b"not ours")
     refused("test-steady-0.safetensors is damaged")
