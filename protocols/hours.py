@@ -12,6 +12,7 @@ command goes on where it was stopped.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -55,7 +56,7 @@ _STRIDE = control_steps(1)
 _TOGETHER = 250  # robots in lockstep
 _KNOWN = "known."  # names of networks in the file of a life
 
-Count = Callable[[int], None]  # told of what was simulated, of all robots together
+Count = Callable[[int], None]  # told of control steps, or minutes, of all robots together
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,40 +174,48 @@ class Job:
         """One of their files.
 
         Raises:
-          InputError: it is damaged, not of these robots, or not of this version.
+          InputError: it is damaged, none of these robots', of another physics, or kept at other
+            times.
         """
         arrays, notes = load_arrays(path)
+        asked = self.experiment
         try:
-            held = experiment_of(notes["experiment"])
-            same = is_physics_of(notes["physics"], held.body, held.kinematics)
-            times = notes["times"]
-        except (KeyError, TypeError, ValueError, AttributeError, InputError) as error:
+            held, times = experiment_of(notes["experiment"]), notes["times"]
+            check_same(f"{path} is of robots", held, asked)
+            same = is_physics_of(notes["physics"], asked.body, asked.kinematics)
+        except (KeyError, TypeError, ValueError) as error:
             raise _foreign(path, error) from error
-        check_same(f"{path} is of robots", held, self.experiment)
-        if not same or times != self.times:
-            raise InputError(
-                f"{path} was lived in another physics, or kept at other times, than this version's"
-            )
+        if not same:
+            raise InputError(f"{path} was lived in another physics than this version's")
+        if times != self.times:
+            raise InputError(f"{path} was kept at other times than this version's")
         return arrays, notes
 
-    def restored(self) -> tuple[Cohort, dict[str, list[np.ndarray]]]:
+    def restored(self) -> tuple[Cohort, dict[str, np.ndarray]]:
         """The robots as their file has them, or newborn.
 
         Returns:
-          The cohort, and each of its networks at the times so far, of shape (B, ...) each.
+          The cohort, and its networks at the t times so far, each of shape (t, B, ...).
 
         Raises:
           InputError: see `read`.
         """
         cohort = Cohort(self.experiment, CohortKey(_TASK, "creative", 0))
-        known: dict[str, list[np.ndarray]] = {name: [] for name in cohort.agent.weights()}
-        if self.brains.exists():
-            arrays, notes = self.read(self.brains)
-            try:
-                known = {name: [*arrays.pop(_KNOWN + name)] for name in known}
-                cohort.restore(arrays, notes)
-            except (KeyError, ValueError) as error:
-                raise _foreign(self.brains, error) from error
+        born = cohort.agent.weights()
+        if not self.brains.exists():
+            return cohort, {name: np.empty((0, *array.shape)) for name, array in born.items()}
+        arrays, notes = self.read(self.brains)
+        try:
+            known = {name: arrays.pop(_KNOWN + name) for name in born}
+            cohort.restore(arrays, notes)
+            count = len(known[next(iter(known))])
+            shapes = {name: (count, *array.shape) for name, array in born.items()}
+            if shapes != {name: array.shape for name, array in known.items()}:
+                raise ValueError(f"networks must have shapes {shapes}")
+            if not count or cohort.step != self.times[count - 1]:
+                raise ValueError(f"{count} networks are not those of step {cohort.step}")
+        except (KeyError, ValueError, TypeError) as error:
+            raise _foreign(self.brains, error) from error
         return cohort, known
 
     def lived(self) -> int:
@@ -227,12 +236,12 @@ class Job:
         if any(len(networks) < len(self.times) for networks in known.values()):
             return None
         valid = cohort.batch.valid
-        networks = {name: np.stack(kept)[:, valid] for name, kept in known.items()}
+        networks = {name: array[:, valid] for name, array in known.items()}
         hours = (np.array(self.times) - self.times[0]) / control_steps(60)
         return Diary(self.experiment, self.name, hours, networks, int((~valid).sum()))
 
-    def shares(self, seed: int, kept: Diary | None) -> np.ndarray | None:
-        """What `examined` gave; None where it was not kept, or was that of other brains.
+    def shares(self, seed: int, kept: Diary) -> np.ndarray | None:
+        """What `examined` gave, where these brains have sat this test, or else None.
 
         Lived anew, brains may come out otherwise: on another machine, or in another version.
 
@@ -246,7 +255,7 @@ class Job:
         if not self.test(seed).exists():
             return None
         arrays, notes = self.read(self.test(seed))
-        return arrays["shares"] if kept and notes.get("sat") == _sat(kept, seed) else None
+        return arrays["shares"] if notes.get("sat") == _sat(kept, seed) else None
 
 
 def _sat(kept: Diary, seed: int) -> dict[str, Any]:
@@ -273,16 +282,15 @@ def live(job: Job, tick: Count) -> None:
     """
     cohort, known = job.restored()
     robots = job.experiment.cohort_size
-    kept = min(map(len, known.values()))
-    for time in job.times[kept:]:
+    for time in job.times[len(known[next(iter(known))]) :]:
         while cohort.step < time:
             before = cohort.step
             cohort.advance(min(_STRIDE, time - before))
             tick((cohort.step - before) * robots)
         for name, weights in cohort.agent.weights().items():
-            known[name].append(weights.copy())
+            known[name] = np.concatenate([known[name], weights[None]], dtype=weights.dtype)
         arrays, notes = cohort.checkpoint()
-        arrays |= {_KNOWN + name: np.stack(networks) for name, networks in known.items()}
+        arrays |= {_KNOWN + name: array for name, array in known.items()}
         save_arrays(job.brains, arrays, **job.notes(), **notes)
 
 
@@ -307,7 +315,8 @@ def examined(diary: Diary, seed: int, tick: Count) -> np.ndarray:
         batch = experiment.batch(_TASK, which.shape[1])
         place(batch, test, np.random.default_rng(0))
         brains = diary.brains(which, seed)
-        track = watch(batch, brains, steps, learning=False, tick=lambda n=batch.robots: tick(n))
+        minute = functools.partial(tick, batch.robots)
+        track = watch(batch, brains, steps, learning=False, tick=minute)
         shares.append(np.where(batch.valid, track.events.mean(axis=0), np.nan))
     return np.concatenate(shares).reshape(len(diary.hours), -1)
 
@@ -320,7 +329,7 @@ def findings(jobs: Sequence[Job], processes: int) -> list[Findings]:
     """Lives and tests what is not kept yet, and asks all brains.
 
     Args:
-      jobs: whose; of schedules of one time scale.
+      jobs: whose.
       processes: lives, and then tests, at a time, one core each.
 
     Returns:
@@ -333,23 +342,28 @@ def findings(jobs: Sequence[Job], processes: int) -> list[Findings]:
     """
     # What cannot be gone on with is refused before anything is done.
     begun = {job: job.diary() for job in jobs}
-    for (job, kept), seed in itertools.product(begun.items(), SEEDS):
-        job.shares(seed, kept)
+    for job, seed in itertools.product(jobs, SEEDS):
+        if job.test(seed).exists():
+            job.read(job.test(seed))
     asleep = [job for job, kept in begun.items() if kept is None]
     total = sum(job.times[-1] * job.experiment.cohort_size for job in asleep)
     done = sum(job.lived() for job in asleep)
     pool.work_off("lives", _live, [(job,) for job in asleep], processes, total, done)
-    diaries = {job: kept for job in jobs if (kept := job.diary())}
-    for kept in diaries.values():
-        if not kept.robots:
-            raise RunError(f"{kept.name}: every simulation became unstable")
+    diaries = {}
+    for job in jobs:
+        kept = job.diary()
+        if not (kept and kept.robots):
+            raise RunError(f"{job.name}: every simulation became unstable")
+        diaries[job] = kept
     unsat = [
         (job, kept, seed)
         for (job, kept), seed in itertools.product(diaries.items(), SEEDS)
         if job.shares(seed, kept) is None
     ]
-    brains = sum(kept.robots * len(kept.hours) for _, kept, _ in unsat)
-    total = brains * minutes_of(_test(jobs[0].experiment).minutes)
+    total = sum(
+        kept.robots * len(kept.hours) * minutes_of(_test(kept.experiment).minutes)
+        for _, kept, _ in unsat
+    )
     pool.work_off("tests", _sit, unsat, processes, total)
     prepare_process()
     found = []

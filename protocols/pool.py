@@ -79,11 +79,14 @@ def work_off(
 
     Args:
       what: the jobs are, in a word.
-      work: does one; see `results`, which says also what is raised.
+      work: does one; see `results`.
       jobs: its arguments, one tuple a job.
       processes: jobs at a time, one core each.
       total: ticks of all jobs.
       done: ticks of earlier calls.
+
+    Raises:
+      Interrupted, RunError, Exception: see `results`.
     """
     if not jobs:
         return

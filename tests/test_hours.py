@@ -16,12 +16,14 @@ from musebot.protocols import hours
 from musebot.protocols.cohort import Cohort
 from musebot.protocols.experiment import CohortKey, Experiment
 from musebot.protocols.hours import TIMES, Diary, Findings, Job
+from musebot.protocols.storage import is_draft
 
 STEADY = BRAINS["steady"]
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic", brain=STEADY)
 KEY = CohortKey("spot_finding", "creative", 0)
 
 
+PAPER = dataclasses.replace(SHORT, brain=BRAINS["paper"])
 SMALL = {"robots": 2, "body": "kinematic", "time_scale": 0.002, "processes": 1}
 
 
@@ -216,7 +218,7 @@ def test_it_is_a_command_that_does_anew_what_is_lost_and_no_more(tmp_path, capsy
 
 
 def test_a_test_is_kept_as_it_was_sat_and_sat_again_by_other_brains(
-    job, diary, tmp_path, monkeypatch, done
+    job, tmp_path, monkeypatch, done
 ):
     def examined(kept, seed, tick):
         tick(kept.robots * len(kept.hours))
@@ -243,14 +245,34 @@ def test_a_test_is_kept_as_it_was_sat_and_sat_again_by_other_brains(
     assert done[3:] == [("tests", "steady", 0), ("tests", "steady", 1)]
 
 
-def test_that_no_life_was_valid_is_said_once_all_are_kept(job, tmp_path, monkeypatch):
-    monkeypatch.setattr(hours.pool, "results", None)
-    own = Job(tmp_path, "steady", SHORT)
+def test_that_no_life_was_valid_is_said_when_the_other_brains_have_lived(job, tmp_path, done):
+    bad, good = Job(tmp_path, "steady", SHORT), Job(tmp_path, "paper", PAPER)
     arrays, notes = hours.load_arrays(job.brains)
     arrays["batch.valid"][:] = False
-    hours.save_arrays(own.brains, arrays, **notes)
+    hours.save_arrays(bad.brains, arrays, **notes)
     with pytest.raises(hours.RunError, match="steady: every simulation became unstable"):
-        hours.findings([own], 1)
+        hours.findings([bad, good], 1)
+    assert done == [("lives", "paper")]
+    assert good.diary() is not None
+
+
+def test_who_has_half_lived_lives_the_other_half(job, tmp_path, monkeypatch, done):
+    half = Job(tmp_path, "steady", SHORT)
+    real = hours.save_arrays
+
+    def killed_after_half(path, arrays, **notes):
+        real(path, arrays, **notes)
+        if notes["step"] == 180 + 360:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(hours, "save_arrays", killed_after_half)
+    with pytest.raises(KeyboardInterrupt):
+        hours.live(half, lambda steps: None)
+    monkeypatch.setattr(hours, "save_arrays", real)
+    assert half.lived() == 3 * 540
+    hours.findings([half], 1)  # where what is done anew is held against what was left
+    assert done == [("lives", "steady"), ("tests", "steady", 0), ("tests", "steady", 1)]
+    assert half.brains.read_bytes() == job.brains.read_bytes()
 
 
 def test_stopped_it_goes_on_to_the_same_bytes(tmp_path):
@@ -267,7 +289,8 @@ def test_stopped_it_goes_on_to_the_same_bytes(tmp_path):
         stopped.kill()
     assert stopped.returncode == 130, said
     assert "the same command goes on from here" in said
-    assert [path.name for path in tmp_path.glob("stopped/*")] == ["brains-steady.safetensors"]
+    kept = [path.name for path in tmp_path.glob("stopped/*") if not is_draft(path)]
+    assert kept == ["brains-steady.safetensors"]
     for out in ("stopped", "whole"):
         small = SMALL | {"time_scale": 0.02, "seed": 2}
         hours.main(tmp_path / out, ("steady",), **small)
@@ -305,20 +328,32 @@ def test_it_goes_on_with_nothing_but_its_own(job, tmp_path, monkeypatch):
     brains.write_bytes(job.brains.read_bytes())
     refused(r"brains-steady.safetensors is of robots with seed \d, not 7", seed=7)
     refused("is of robots with cohort_size 3, not 4", robots=4)
+    arrays, notes = hours.load_arrays(brains)
+    brains.write_bytes(b"not ours")
     with hours.engine.locked(tmp_path):
         refused("another musebot is running")
-    arrays, notes = hours.load_arrays(brains)
+    refused("brains-steady.safetensors is damaged")
     for changed, sentence in (
         ({"physics": [1.0] * len(notes["physics"])}, "was lived in another physics"),
         ({"times": notes["times"][::2]}, "kept at other times"),
         ({"experiment": notes["experiment"] | {"mood": 1}}, "is another version's"),
-        ({"experiment": notes["experiment"] | {"seed": -1}}, "is another version's"),
+        ({"experiment": notes["experiment"] | {"kinematics": {"lag": -1}}}, "another version's"),
+        ({"experiment": []}, "is another version's"),
+        ({"step": 333}, "is another version's.*9 networks are not those of step 333"),
+        ({"random": []}, "is another version's"),
     ):
         hours.save_arrays(brains, arrays, **notes | changed)
         refused(f"brains-steady.safetensors .*{sentence}")
     for lost in ("known.memory.output_biases", "batch.valid"):
         fewer = {name: array for name, array in arrays.items() if name != lost}
         hours.save_arrays(brains, fewer, **notes)
+        refused("brains-steady.safetensors is another version's")
+    for name, networks in (
+        ("memory.output_biases", arrays["known.memory.output_biases"][:-1]),
+        ("memory.output_biases", arrays["known.memory.output_biases"][:, :-1]),
+        ("memory.output_biases", np.float32(0)),
+    ):
+        hours.save_arrays(brains, arrays | {f"known.{name}": networks}, **notes)
         refused("brains-steady.safetensors is another version's")
     brains.unlink()
     hours.save_arrays(test, {"shares": np.zeros((TIMES + 1, 3))})
