@@ -1,7 +1,7 @@
 """The day: is a spot that jumps every ten minutes found again and again, for 24 hours?
 
     musebot run RUN --course day --brain steady
-    python -m musebot.protocols.day RUN --output FIGURE
+    python -m musebot.protocols.day RUN [--output FIGURE]
 
 prints how much of the time robots were in the spot, early and late in their day, and draws it.
 """
@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from . import engine, figures, intervals, tables
-from .beside import names_of
+from .beside import described, names_of
 from .errors import InputError, run_module
-from .options import Runs
+from .options import Runs, option
 from .progress import bar
 from .schedules import DAY
 
@@ -41,10 +40,12 @@ class Day:
       name: of the run and the proposer.
       minutes: share of each minute of the training that a robot was in the spot, shape
         (robots, 1440).
+      run: what the run is, in a line of Markdown.
     """
 
     name: str
     minutes: np.ndarray
+    run: str = ""
 
     def share(self, hours: tuple[int, int]) -> np.ndarray:
         """Each robot's share of the time in the spot, from one hour to another, shape (robots,)."""
@@ -83,7 +84,7 @@ def days(runs: Sequence[Path]) -> list[Day]:
             if not len(curves):
                 raise InputError(f"{run} has no valid robot of {proposer}")
             training = curves[:, _TRAINING].astype(float)
-            found.append(Day(f"{name}, {proposer}", training))
+            found.append(Day(f"{name}, {proposer}", training, described(name, experiment)))
     if not 1 <= len(found) <= len(figures.PALETTE):
         raise InputError(f"a figure holds 1 to {len(figures.PALETTE)} conditions, got {len(found)}")
     return found
@@ -98,7 +99,8 @@ def markdown(lived: Sequence[Day]) -> str:
         values = [*(day.share(span) for span in (EARLY, MIDDLE, LATE)), day.found()]
         rows.append([day.name, f"{len(day.minutes)}", *map(tables.mean_cell, values)])
     note = "In brackets 95 % intervals, BCa bootstrap over robots; none where all are alike."
-    return "\n".join([*map(tables.line, rows), "", note])
+    whose = dict.fromkeys(day.run for day in lived)
+    return "\n".join([*map(tables.line, rows), "", note, "", *whose])
 
 
 def draw(lived: Sequence[Day]) -> Figure:
@@ -139,18 +141,20 @@ def _after_a_jump(axis: Axes, day: Day, shade: str) -> None:
         axis.plot(np.arange(_JUMP) + 0.5, day.after_a_jump(hours), color=shade, linestyle=style)
 
 
-def main(runs: Runs, output: Annotated[Path, tyro.conf.arg(metavar="FIGURE")]) -> None:
-    """Prints and draws how runs of the day's course went, by the hour and after a jump.
+def main(runs: Runs, output: Annotated[Path | None, option("FIGURE", "none")] = None) -> None:
+    """Prints how runs of the day's course went, by the hour and after a jump.
 
     Args:
       runs: folders of runs of `musebot run RUN --course day`.
-      output: the figure, an .svg or .png.
+      output: a figure of it by the hour, an .svg or .png.
     """
-    figures.check_output(output)
+    if output:
+        figures.check_output(output)
     lived = days(runs)
     print(markdown(lived))
-    with figures.styled():
-        figures.write(draw(lived), output)
+    if output:
+        with figures.styled():
+            figures.write(draw(lived), output)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import pytest
 
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
-from musebot.protocols import ablation, cli, creativity, engine, robustness, sensitivity
+from musebot.protocols import ablation, cli, creativity, day, engine, robustness, sensitivity
 from musebot.protocols.experiment import BODIES, TASKS, Experiment, Plan, load_plan
 from musebot.protocols.processes import Processes
 from musebot.protocols.schedules import COURSES
@@ -64,10 +64,10 @@ def made_again(page, capsys):
         return ablation.report(page.parent)
     if page.name == "robustness.md":
         return robustness.report(page.parent)
-    if page.name == "creativity.md":  # which names its runs, in their order
-        creativity.main(
-            tuple(map(RESULTS.joinpath, re.findall(r"(?m)^- (\S+): ", page.read_text())))
-        )
+    contests = {"creativity.md": creativity, "day.md": day}
+    if page.name in contests:  # they name their runs, in their order
+        names = re.findall(r"(?m)^- (\S+): ", page.read_text())
+        contests[page.name].main(tuple(map(RESULTS.joinpath, names)))
         return capsys.readouterr().out
     arguments = [str(page.parent)]
     if page.name.startswith("beside-"):

@@ -194,6 +194,12 @@ def test_days_are_printed_and_drawn(tmp_path, capsys):
         assert "| late, creative | 5 | 0.8" in text
         last = [line for line in text.splitlines() if line.startswith("| late")][0]
         assert float(last.split("|")[5]) < 0.1
+        assert text.endswith(
+            "\n\n- early: brain paper, cohort_size 6, course day"
+            "\n- late: brain paper, cohort_size 6, course day\n"
+        )
+    assert run_command([str(early), str(late)]) == 0
+    assert capsys.readouterr().out == text
     assert ElementTree.parse(tmp_path / "day.svg").getroot().tag.endswith("svg")
     assert np.asarray(Image.open(tmp_path / "day.png"))[..., 3].max() == 255
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
