@@ -16,6 +16,7 @@ from musebot.protocols.processes import Processes
 from musebot.protocols.results import BRAINS, CURVES, ROBOTS
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
+RAY = shutil.which("ray", path=os.path.dirname(sys.executable))
 
 PLAN = Plan.of(
     Experiment(cohort_size=2, time_scale=0.03),
@@ -35,36 +36,34 @@ def free_port():
 
 
 def node(*arguments):
-    """A node of a cluster in a process group of its own, so that it can be killed whole."""
-    command = [shutil.which("ray", path=os.path.dirname(sys.executable)), "start", "--block"]
+    """A node that has joined its cluster, in a process group of its own, to be killed whole."""
     settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
-    return subprocess.Popen(
-        [*command, *settings],
+    process = subprocess.Popen(
+        [RAY, "start", "--block", *settings],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-        env=os.environ | {"RAY_DISABLE_IMPORT_WARNING": "1", "RAY_USAGE_STATS_ENABLED": "0"},
+        env=os.environ | {"PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0"},
     )  # fmt: skip
+    said = []
+    for line in process.stdout:
+        said.append(line)
+        if "Ray runtime started" in line:  # said once the cluster knows the node
+            return process
+    raise AssertionError(f"no node: {''.join(said)}")
 
 
 @pytest.fixture
-def cluster(tmp_path):
+def cluster():
     port = free_port()
     address = f"127.0.0.1:{port}"
-    head = node("--head", "--port", str(port), "--include-dashboard", "false")
-    for _ in range(240):
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        assert head.poll() is None, head.stdout.read()
-        time.sleep(0.25)
-    time.sleep(2)
-    second = node("--address", address)
-    yield address, second
-    for process in (second, head):
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-    subprocess.run([shutil.which("ray", path=os.path.dirname(sys.executable)), "stop", "--force"],
-                   capture_output=True, check=False)  # fmt: skip
+    nodes = [node("--head", "--port", str(port), "--include-dashboard", "false")]
+    try:
+        nodes.append(node("--address", address))
+        yield address, nodes[1]
+    finally:
+        for process in reversed(nodes):
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
 
 
 def begun(directory, address):
