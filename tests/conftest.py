@@ -1,6 +1,9 @@
 """Settings of all tests, and what many of them need."""
 
 import os
+import signal
+import subprocess
+import time
 
 import pytest
 
@@ -29,3 +32,21 @@ def lived_here(monkeypatch):
     torch.set_num_threads(1)  # as a process of lives has
     yield
     torch.set_num_threads(threads)
+
+
+@pytest.fixture
+def stopped():
+    """Starts a command, stops it once a file is there: its exit status and what it said."""
+
+    def stopped(line, folder, pattern):
+        process = subprocess.Popen(line, stderr=subprocess.PIPE, text=True)
+        try:
+            while process.poll() is None and not [*folder.glob(pattern)]:
+                time.sleep(0.001)
+            process.send_signal(signal.SIGTERM)
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+        return process.returncode, said
+
+    return stopped

@@ -1,10 +1,7 @@
 """What brains know by the hour: diaries, frozen tests, ideas, and the figures of them."""
 
 import dataclasses
-import signal
-import subprocess
 import sys
-import time
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -275,19 +272,12 @@ def test_who_has_half_lived_lives_the_other_half(job, tmp_path, monkeypatch, don
     assert half.brains.read_bytes() == job.brains.read_bytes()
 
 
-def test_stopped_it_goes_on_to_the_same_bytes(tmp_path):
+def test_stopped_it_goes_on_to_the_same_bytes(tmp_path, stopped):
     line = [sys.executable, "-m", "musebot.protocols.hours", str(tmp_path / "stopped")]
     line += ["--brains", "steady", "--robots", "2", "--body", "kinematic", "--seed", "2"]
     line += ["--time-scale", "0.02", "--processes", "1"]
-    stopped = subprocess.Popen(line, stderr=subprocess.PIPE, text=True)
-    try:
-        while stopped.poll() is None and not [*tmp_path.glob("stopped/brains-*")]:
-            time.sleep(0.001)
-        stopped.send_signal(signal.SIGTERM)
-        _, said = stopped.communicate(timeout=60)
-    finally:
-        stopped.kill()
-    assert stopped.returncode == 130, said
+    status, said = stopped(line, tmp_path, "stopped/brains-*")
+    assert status == 130, said
     assert "the same command goes on from here" in said
     kept = [path.name for path in tmp_path.glob("stopped/*") if not is_draft(path)]
     assert kept == ["brains-steady.safetensors"]

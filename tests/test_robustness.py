@@ -2,11 +2,8 @@
 
 import dataclasses
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -469,24 +466,15 @@ def test_what_a_study_lacks_or_was_measured_otherwise_is_named(
         robustness.report(tmp_path)
 
 
-def test_a_study_that_was_stopped_goes_on_to_the_same_bytes(tmp_path, here):
+def test_a_study_that_was_stopped_goes_on_to_the_same_bytes(tmp_path, here, stopped):
     run = live(tmp_path / "run", dataclasses.replace(EXPERIMENT, time_scale=0.01))
     assert study(tmp_path / "whole", run) == 0
     out = tmp_path / "stopped"
     line = [sys.executable, "-m", "musebot.protocols.robustness", str(run)]
     line += ["--out", str(out), "--processes", "1"]
-    stopped = subprocess.Popen(
-        line, stderr=subprocess.PIPE, text=True, env=os.environ | {"MUJOCO_GL": "off"}
-    )
-    try:
-        while stopped.poll() is None and not [*out.glob("*/*.safetensors")]:
-            time.sleep(0.001)
-        stopped.send_signal(signal.SIGTERM)
-        _, said = stopped.communicate(timeout=60)
-    finally:
-        stopped.kill()
+    status, said = stopped(line, out, "*/*.safetensors")
     kept = len([*out.glob("*/*.safetensors")])
-    assert (stopped.returncode, 0 < kept < 15) == (130, True), said
+    assert (status, 0 < kept < 15) == (130, True), said
     assert "the same command goes on from here" in said
     assert study(out, run) == 0
     assert listing(out) == listing(tmp_path / "whole")
