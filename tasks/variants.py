@@ -98,7 +98,7 @@ class TwoNosesRules(SpotFindingRules):
 
 
 class SpotAmongWallsRules(SpotFindingRules):
-    """Spot finding by a robot that also feels the walls, and smells nothing in contact."""
+    """Spot finding by a robot that feels walls, too: what it smells in contact earns nothing."""
 
     shapes: ClassVar = {**SpotFindingRules.shapes, **WallAvoidanceRules.shapes}
 

@@ -35,19 +35,20 @@ def free_port():
         return listener.getsockname()[1]
 
 
-def node(*arguments):
-    """A node that has joined its cluster, in a process group of its own, to be killed whole."""
+def join(nodes, *arguments):
+    """A node more, once its cluster knows it; a process group of its own, to be killed whole."""
     settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
     process = subprocess.Popen(
         [RAY, "start", "--block", *settings],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0"},
     )  # fmt: skip
+    nodes.append(process)
     said = []
     for line in process.stdout:
         said.append(line)
-        if "Ray runtime started" in line:  # said once the cluster knows the node
-            return process
+        if "Ray runtime started" in line:
+            return
     raise AssertionError(f"no node: {''.join(said)}")
 
 
@@ -55,9 +56,10 @@ def node(*arguments):
 def cluster():
     port = free_port()
     address = f"127.0.0.1:{port}"
-    nodes = [node("--head", "--port", str(port), "--include-dashboard", "false")]
+    nodes = []
     try:
-        nodes.append(node("--address", address))
+        join(nodes, "--head", "--port", str(port), "--include-dashboard", "false")
+        join(nodes, "--address", address)
         yield address, nodes[1]
     finally:
         for process in reversed(nodes):
