@@ -63,7 +63,7 @@ class Run:
     seed: Annotated[int | None, _kept("INT", "1")] = None
     """of every random stream"""
     course: Annotated[str | None, _kept("{paper,day,walls}", "paper")] = None
-    """spot finding in day: 24 hours, the spot jumps; in walls: they are felt, no smell at them"""
+    """spot finding in day: 24 hours, the spot jumps; in walls: they are felt, contact earns 0"""
     time_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
     """below 1 shortens every duration, for rehearsals"""
     nose: Annotated[str | None, _kept("{inverse,printed}", "inverse")] = None

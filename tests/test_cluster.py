@@ -36,7 +36,7 @@ def free_port():
 
 
 def join(nodes, *arguments):
-    """A node more, once its cluster knows it; a process group of its own, to be killed whole."""
+    """Starts a node, a process group to be killed whole; returns once its cluster knows it."""
     settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
     process = subprocess.Popen(
         [RAY, "start", "--block", *settings],
