@@ -10,8 +10,8 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
+from .edits import add_noses, add_obstacles, add_velocity, enlarge, hide_spot
 from .kinematic import Kinematics
-from .variants import add_noses, add_obstacles, add_velocity, enlarge, hide_spot
 
 __all__ = [
     "ARENA_XML",

@@ -25,10 +25,10 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from .episode import Episode
-    from .experiment import Experiment, Plan
-    from .explore import Driver
-    from .results import Results
+    from .experiment.experiment import Experiment, Plan
+    from .playback.episode import Episode
+    from .playback.viewer import Driver
+    from .results.results import Results
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help is at once, and MUJOCO_GL
 # can still be chosen.
@@ -84,8 +84,9 @@ class Run:
 
     def __call__(self) -> None:
         """Checks everything, then lives."""
-        from . import engine, tables
-        from .cohort import check_births
+        from .reporting import tables
+        from .simulation import engine
+        from .simulation.cohort import check_births
         from .storage import write_atomically
 
         if not self.save_every > 0:
@@ -99,7 +100,7 @@ class Run:
 
     def _plan(self, held: Plan | None) -> Plan:
         """What was asked for; for what was not, what OUT holds, or the defaults."""
-        from .experiment import (
+        from .experiment.experiment import (
             PROPOSERS,
             Experiment,
             Kinematics,
@@ -161,7 +162,8 @@ class Tables:
 
     def __call__(self) -> None:
         """Reads and prints; changes nothing."""
-        from . import beside, tables
+        from .analysis import comparison as beside
+        from .reporting import tables
 
         if self.beside:
             outs = self.out, self.beside
@@ -201,15 +203,15 @@ class Film:
 
     def __call__(self) -> None:
         """Renders headless, through EGL."""
-        from . import film
+        from .playback import film
 
         film.film(self._episode(), self.output, seconds=self.seconds, speed=self.speed)
         print(self.output)
 
     def _episode(self) -> Episode:
-        from .episode import Episode
-        from .ppo import Policies
-        from .replay import Candidate
+        from .agents.ppo import Policies
+        from .playback.episode import Episode
+        from .playback.stored_brains import Candidate
 
         if not (self.out.is_file() or self.out.suffix == ".safetensors"):
             run = _read(self.out, enact=True)
@@ -232,8 +234,8 @@ class Report:
 
     def __call__(self) -> None:
         """Puts a sample of the brains back into their robots, to see what they do."""
-        from . import report
-        from .processes import prepare_process
+        from .reporting import report
+        from .simulation.local import prepare_process
 
         experiment, results = _read(self.out, enact=True)
         prepare_process()
@@ -261,7 +263,7 @@ class Explore:
 
     def __call__(self) -> None:
         """Needs a display."""
-        from . import explore
+        from .playback import viewer as explore
 
         if sum((self.out is not None, self.policies is not None, self.keys)) > 1:
             raise InputError("only one can drive: a brain of OUT, one of the policies, or the keys")
@@ -271,9 +273,9 @@ class Explore:
 
     def _driver(self) -> Driver | None:
         """Who drives; None for random motors."""
-        from .explore import ArrowKeys, Driver
-        from .ppo import Policies
-        from .replay import Candidate
+        from .agents.ppo import Policies
+        from .playback.stored_brains import Candidate
+        from .playback.viewer import ArrowKeys, Driver
 
         if self.keys:
             return Driver("arrow keys", ArrowKeys())
@@ -304,7 +306,7 @@ class Bench:
         from ..models import check_versions
 
         check_versions()
-        from . import bench
+        from .bench import bench
 
         bench.run(self.json, self.figure, self.car_xml, self.quick)
 
@@ -321,7 +323,7 @@ class Doctor:
 
 
 def _read(out: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
-    from . import engine
+    from .simulation import engine
 
     return engine.read_run(out, enact=enact)
 

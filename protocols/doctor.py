@@ -133,11 +133,11 @@ def _egl() -> str:
     if sys.platform != "linux":
         raise _Missing(f"no EGL on {sys.platform}", "make films on Linux")
     # In a process of its own: a driver's crash must not be ours.
-    package = __name__.rpartition(".")[0]
+    package = f"{__package__}.playback"
     environment = os.environ | {"MUJOCO_GL": "off"}
     try:
         done = subprocess.run(
-            [sys.executable, "-m", f"{package}.headless"],
+            [sys.executable, "-m", f"{package}.offscreen"],
             env=environment,
             capture_output=True,
             text=True,

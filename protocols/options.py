@@ -13,7 +13,7 @@ import tyro
 from .errors import InputError
 
 if TYPE_CHECKING:
-    from .engine import Workforce
+    from .simulation.engine import Workforce
 
 
 def cores() -> int:
@@ -61,12 +61,12 @@ class Workers:
         if self.processes < 1:
             raise InputError(f"the number of processes must be at least 1, got {self.processes}")
         if self.engine == "ray":
-            from . import cluster
+            from .simulation import ray_cluster as cluster
 
             return cluster.Ray(self.address)
         if self.engine != "local":
             raise InputError(f"the engine must be local or ray, got {self.engine!r}")
-        from .processes import Processes
+        from .simulation.local import Processes
 
         return Processes(self.processes)
 

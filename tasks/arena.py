@@ -21,7 +21,7 @@ from dm_control.suite import base
 from dm_env import specs
 
 from ..models import Dimensions, arena_spec, half_size, robot_pose, robot_qpos
-from .senses import Nose, NoseForm, contact_signal, distance_signal
+from .sensors import Nose, NoseForm, contact_signal, distance_signal
 
 CONTROL_TIMESTEP = 0.1  # seconds; the cycle time of section 3
 RANGEFINDERS = ("front", "back", "left", "right")

@@ -10,7 +10,7 @@ from ..models import Dimensions, Kinematics, hide_spot
 from ..models.kinematic import catch_up, distances, drive, gaps, seen_from_nose
 from .arena import CONTROL_TIMESTEP, Rules
 from .batch import Robots
-from .senses import NoseForm
+from .sensors import NoseForm
 from .suite import Edit, row_of
 
 

@@ -31,7 +31,7 @@ from .arena import (
     WallAvoidanceRules,
 )
 from .batch import Batch
-from .senses import NoseForm
+from .sensors import NoseForm
 from .variants import DrivingRules, SpotAmongWallsRules, TwoNosesRules, UnitWallAvoidanceRules
 
 DOMAIN = "arena"

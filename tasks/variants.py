@@ -10,7 +10,7 @@ import numpy as np
 
 from ..models import Dimensions
 from .arena import SensorLayout, SpotFindingRules, WallAvoidanceRules
-from .senses import Nose, NoseForm, contact_signal, distance_signal
+from .sensors import Nose, NoseForm, contact_signal, distance_signal
 
 
 class UnitWallAvoidanceRules(WallAvoidanceRules):

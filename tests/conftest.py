@@ -16,7 +16,8 @@ def lived_here(monkeypatch):
     """Cohorts live in this process: the processes are tested elsewhere, and slow to start."""
     import torch
 
-    from musebot.protocols import engine, processes
+    from musebot.protocols.simulation import engine
+    from musebot.protocols.simulation import local as processes
 
     class Here:
         def __init__(self, count):

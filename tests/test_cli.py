@@ -14,11 +14,14 @@ import pytest
 
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
-from musebot.protocols import ablation, cli, creativity, day, engine, robustness, sensitivity
-from musebot.protocols.experiment import BODIES, TASKS, Experiment, Plan, load_plan
-from musebot.protocols.processes import Processes
-from musebot.protocols.schedules import COURSES
-from musebot.tasks.senses import NoseForm
+from musebot.protocols import cli
+from musebot.protocols.experiment.experiment import BODIES, TASKS, Experiment, Plan, load_plan
+from musebot.protocols.experiment.schedules import COURSES
+from musebot.protocols.simulation import engine
+from musebot.protocols.simulation.local import Processes
+from musebot.protocols.studies import ablation, creativity, robustness, sensitivity
+from musebot.protocols.studies import continual as day
+from musebot.tasks.sensors import NoseForm
 
 
 @pytest.fixture(scope="module")

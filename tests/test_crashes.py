@@ -14,9 +14,9 @@ import time
 
 import pytest
 
-from musebot.protocols import engine
-from musebot.protocols.experiment import Experiment, Plan
-from musebot.protocols.results import BRAINS, CURVES, ROBOTS
+from musebot.protocols.experiment.experiment import Experiment, Plan
+from musebot.protocols.results.results import BRAINS, CURVES, ROBOTS
+from musebot.protocols.simulation import engine
 
 FILES = {ROBOTS, CURVES, BRAINS}
 
@@ -163,7 +163,8 @@ def test_runs_that_live_together_can_fail_between_any_two_deeds(error, tmp_path)
 FORKS = """
 import json, os, sys
 from multiprocessing import get_context
-from musebot.protocols import cli, processes
+from musebot.protocols import cli
+from musebot.protocols.simulation import local as processes
 
 processes.multiprocessing.get_context = lambda method: get_context("fork")
 for line in sys.stdin:

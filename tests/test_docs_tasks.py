@@ -52,7 +52,7 @@ def test_the_example_of_stable_baselines_runs(tmp_path):
 @pytest.mark.slow
 def test_the_example_of_a_policy_runs(tmp_path):
     pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
-    (training,) = re.findall(r"^python (-m musebot.protocols.ppo .*)", TEXT, re.MULTILINE)
+    (training,) = re.findall(r"^python (-m musebot.protocols.agents.ppo .*)", TEXT, re.MULTILINE)
     assert "--steps 327680" in training
     command = training.replace("327680", "1").split()
     subprocess.run([sys.executable, *command], cwd=tmp_path, check=True)

@@ -10,9 +10,10 @@ import pytest
 # the peak of its memory by the end of each.
 LIFE = """
 import json, pathlib, sys
-from musebot.protocols import engine, processes
-from musebot.protocols.bench_lives import peak_bytes
-from musebot.protocols.experiment import CohortKey, Experiment
+from musebot.protocols.simulation import engine
+from musebot.protocols.simulation import local as processes
+from musebot.protocols.bench.lives import peak_bytes
+from musebot.protocols.experiment.experiment import CohortKey, Experiment
 
 processes.prepare_process()
 experiment = Experiment(cohort_size=50, time_scale=float(sys.argv[2]))

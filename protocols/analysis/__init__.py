@@ -1,0 +1,1 @@
+"""Numbers only: intervals, hypothesis tests, comparisons of runs, and the paper's claims."""

@@ -1,0 +1,173 @@
+"""How sure a number is: 95 % intervals of means, deviations and shares. SciPy computes them all."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from scipy import stats
+
+from ..results.learn_ability import Summary
+
+LEVEL = 0.95
+
+Interval = tuple[float, float]
+"""Lower and upper end; both NaN where the data say nothing about it."""
+
+UNKNOWN: Interval = (float("nan"), float("nan"))
+
+FEWEST = 5  # with fewer robots, neither a bootstrap nor a test of means is worth its name
+
+_RESAMPLES = 4999
+_SEED = 1  # the same lives give the same table, to the last digit
+
+
+def share(count: int, robots: int) -> Interval:
+    """Wilson's interval of a share.
+
+    Args:
+      count: robots that have the property.
+      robots: all of them.
+
+    Returns:
+      Ends in [0, 1]; unknown without robots.
+    """
+    if not robots:
+        return UNKNOWN
+    found = stats.binomtest(count, robots).proportion_ci(LEVEL, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def mean(values: np.ndarray) -> Interval:
+    """The BCa bootstrap interval of a mean; unknown for very few robots, or all alike; (n,)."""
+    return _bootstrap(values, np.mean)
+
+
+def deviation(values: np.ndarray) -> Interval:
+    """The BCa bootstrap interval of the sample's standard deviation; values (n,)."""
+
+    def statistic(samples: np.ndarray, axis: int) -> np.ndarray:
+        return np.std(samples, axis=axis, ddof=1)
+
+    return _bootstrap(values, statistic)
+
+
+def mean_from(summary: Summary) -> Interval:
+    """Student's interval of a mean of which only size and deviation are known, as the paper's."""
+    measured = summary.robots - summary.counts[-1]
+    if measured < 2 or not summary.deviation > 0:
+        return UNKNOWN
+    scale = summary.deviation / measured**0.5
+    low, high = stats.t.interval(LEVEL, measured - 1, loc=summary.mean, scale=scale)
+    return float(low), float(high)
+
+
+def chance_variation(first: Summary, second: Summary) -> float:
+    """The total variation that sampling alone exceeds once in twenty.
+
+    Drawn from the two columns' common shares: what two groups as large as these would be apart
+    if their robots were of one kind.
+
+    Args:
+      first: a column of table 1 or 2.
+      second: another.
+
+    Returns:
+      The 95th percentile, in [0, 1]; NaN where a column has no robots.
+    """
+    if not first.robots or not second.robots:
+        return float("nan")
+    counts = np.array(first.counts) + second.counts
+    common = counts / counts.sum()
+    random = np.random.default_rng(_SEED)
+    ours, theirs = (
+        random.multinomial(column.robots, common, _RESAMPLES) / column.robots
+        for column in (first, second)
+    )
+    return float(np.quantile(np.abs(ours - theirs).sum(axis=1) / 2, LEVEL))
+
+
+def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) -> Interval:
+    """Newcombe's hybrid score interval of a difference of two shares.
+
+    Method 10 of both his papers (Statistics in Medicine 17, 1998): Wilson's two intervals,
+    joined by the correlation of the pairs, which is 0 between groups that are no pairs.
+
+    Args:
+      first: which robots have the property, shape (n,).
+      second: likewise in the other group, shape (m,).
+      paired: whether robots of the same index are pairs; then n = m.
+
+    Returns:
+      Ends of first minus second, in [-1, 1]; unknown where a group has no robots.
+    """
+    if not len(first) or not len(second):
+        return UNKNOWN
+    p, q = float(np.mean(first)), float(np.mean(second))
+    (p_low, p_high), (q_low, q_high) = (share(int(x.sum()), len(x)) for x in (first, second))
+    correlation = _correlation(first, second) if paired else 0.0
+
+    def reach(a: float, b: float) -> float:
+        return max(0.0, a * a - 2 * correlation * a * b + b * b) ** 0.5
+
+    return p - q - reach(p - p_low, q_high - q), p - q + reach(p_high - p, q - q_low)
+
+
+def _correlation(first: np.ndarray, second: np.ndarray) -> float:
+    """Of a property in pairs, phi, with Newcombe's correction for continuity where positive."""
+    n, both = len(first), int((first & second).sum())
+    a, b = int(first.sum()), int(second.sum())
+    scale = float(a * (n - a) * b * (n - b)) ** 0.5
+    excess = both * n - a * b  # of the table: both times neither, less one times the other
+    return (max(excess - n / 2, 0.0) if excess > 0 else excess) / scale if scale else 0.0
+
+
+def difference(
+    first: np.ndarray, second: np.ndarray, statistic: Callable[..., np.ndarray], paired: bool
+) -> Interval:
+    """The BCa bootstrap interval of a difference of two groups' statistics.
+
+    Args:
+      first: values, NaN for a robot that has none, shape (n,).
+      second: likewise, shape (m,).
+      statistic: of values along an axis, without the NaN, as `numpy.nanmean`.
+      paired: whether robots of the same index are pairs, drawn together; then n = m.
+
+    Returns:
+      Ends of first minus second; unknown for very few values, or so few that a resample may
+      be without any.
+    """
+    if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
+        return UNKNOWN
+
+    def apart(first: np.ndarray, second: np.ndarray, axis: int) -> np.ndarray:
+        return statistic(first, axis=axis) - statistic(second, axis=axis)
+
+    return _resampled((first, second), apart, paired)
+
+
+def _bootstrap(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> Interval:
+    values = np.asarray(values, dtype=float)
+    # All alike: resampling shows no spread, which is not certainty.
+    if len(values) < FEWEST or np.ptp(values) == 0:
+        return UNKNOWN
+    return _resampled((values,), statistic)
+
+
+def _resampled(
+    samples: tuple[np.ndarray, ...], statistic: Callable[..., np.ndarray], paired: bool = False
+) -> Interval:
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")  # a degenerate sample comes back as NaN
+        found = stats.bootstrap(
+            samples,
+            statistic,
+            paired=paired,
+            n_resamples=_RESAMPLES,
+            batch=500,
+            confidence_level=LEVEL,
+            method="BCa",
+            rng=np.random.default_rng(_SEED),
+        ).confidence_interval
+    return float(found.low), float(found.high)

@@ -1,0 +1,292 @@
+"""A step of our model beside a small car's, and a step of our environments beside point_mass's.
+
+What `protocols/bench.py` measures, without what it prints.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from statistics import mean, median
+
+import mujoco
+import numpy as np
+from dm_control.rl.control import Environment
+from dm_control.suite import point_mass
+
+from ... import tasks
+from ...models import arena_spec
+from ...tasks import CONTROL_TIMESTEP
+from ..errors import RunError
+
+# Like MuJoCo's model/car/car.xml in structure and degrees of freedom, not in its numbers: a
+# free chassis (a mesh) with a ball in front, two cylinder wheels on damped hinges, motors on
+# the tendons "forward" and "turn", two joint torque sensors, two lights, four ornaments, an
+# endless floor; timestep, integrator, solver and flags are MuJoCo's defaults.
+CAR = """
+<mujoco model="car-like">
+  <compiler autolimits="true"/>
+  <asset>
+    <texture name="floor" type="2d" builtin="checker" rgb1=".8 .8 .75" rgb2=".7 .7 .65" width="256" height="256"/>
+    <material name="floor" texture="floor" texrepeat="2 2" texuniform="true" reflectance=".1"/>
+    <mesh name="wedge" vertex="-.11 .05 -.012  -.11 -.05 -.012  -.10 .06 .014  -.10 -.06 .014  -.04 0 .034
+                               .10 .02 -.013  .10 -.02 -.013  .095 .012 .004  .095 -.012 .004"/>
+  </asset>
+  <default>
+    <joint damping=".025" actuatorfrcrange="-.5 .5"/>
+    <geom rgba=".85 .55 .15 1"/>
+    <default class="wheel">
+      <geom type="cylinder" size=".032 .009" rgba=".15 .15 .17 1"/>
+      <site type="box" rgba=".9 .9 .85 1"/>
+    </default>
+  </default>
+  <worldbody>
+    <geom name="floor" type="plane" size="4 4 .02" material="floor"/>
+    <body name="chassis" pos="0 0 .032">
+      <freejoint name="chassis"/>
+      <light name="above" pos="0 0 1.5" mode="trackcom" diffuse=".5 .5 .5"/>
+      <light name="headlight" pos=".11 0 .015" dir="3 0 -1" diffuse=".8 .8 .7"/>
+      <geom name="wedge" type="mesh" mesh="wedge"/>
+      <geom name="ball" type="sphere" size=".014" pos=".085 0 -.018" condim="1" priority="1"/>
+      <body name="left" pos="-.065 .065 0" zaxis="0 1 0" childclass="wheel">
+        <joint name="left"/>
+        <geom name="left"/>
+        <site name="left_spoke" size=".005 .026 .0105"/>
+        <site name="left_cross" size=".026 .005 .0105"/>
+      </body>
+      <body name="right" pos="-.065 -.065 0" zaxis="0 1 0" childclass="wheel">
+        <joint name="right"/>
+        <geom name="right"/>
+        <site name="right_spoke" size=".005 .026 .0105"/>
+        <site name="right_cross" size=".026 .005 .0105"/>
+      </body>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="forward"><joint joint="left" coef=".5"/><joint joint="right" coef=".5"/></fixed>
+    <fixed name="turn"><joint joint="left" coef="-.5"/><joint joint="right" coef=".5"/></fixed>
+  </tendon>
+  <actuator>
+    <motor name="forward" tendon="forward" ctrlrange="-1 1"/>
+    <motor name="turn" tendon="turn" ctrlrange="-1 1"/>
+  </actuator>
+  <sensor>
+    <jointactuatorfrc name="left" joint="left"/>
+    <jointactuatorfrc name="right" joint="right"/>
+  </sensor>
+</mujoco>
+"""  # noqa: E501
+
+_ENDLESS = 10**9  # seconds
+OURS, SENSELESS, LIKE_CAR, CAR_XML = "ours", "ours, sensors off", "car-like", "MuJoCo's car.xml"
+
+
+def car_xml(path: Path | None) -> mujoco.MjModel | None:
+    """MuJoCo's own car: from a path, or where MuJoCo is usually unpacked; None if nowhere.
+
+    Raises:
+      ValueError: the file at the path cannot be read or compiled.
+    """
+    if path is not None:
+        return mujoco.MjModel.from_xml_path(str(path))
+    places = [Path(mujoco.__file__).parent, Path("/usr/share/mujoco"), Path("/usr/local/mujoco")]
+    places += sorted(Path("/opt").glob("mujoco*")) + sorted(Path.home().glob(".mujoco/mujoco*"))
+    for place in places:
+        if (found := place / "model" / "car" / "car.xml").exists():
+            return mujoco.MjModel.from_xml_path(str(found))
+    return None
+
+
+@dataclasses.dataclass(frozen=True)
+class StepCost:
+    """What a physics step of a model costs.
+
+    Attributes:
+      name: of the model.
+      timestep: in seconds.
+      freedoms: its degrees of freedom.
+      geoms: that it has.
+      sensors: that are evaluated at a step.
+      contacts: mean number over the measurement.
+      rows: of constraints, mean number.
+      seconds: of a step, for each round.
+    """
+
+    name: str
+    timestep: float
+    freedoms: int
+    geoms: int
+    sensors: int
+    contacts: float
+    rows: float
+    seconds: tuple[float, ...]
+
+    def ratio(self, other: StepCost) -> float:
+        """This cost over another's: the rounds' median."""
+        return median(a / b for a, b in zip(self.seconds, other.seconds, strict=True))
+
+
+class Drive:
+    """A model under random controls, drawn anew for every control step of 0.1 s."""
+
+    def __init__(self, name: str, model: mujoco.MjModel, *, sensors: bool = True) -> None:
+        """Puts the model at its start, everything driven by one seed."""
+        self._name, self._model = name, model
+        if not sensors:
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR.value
+        self._sensors = model.nsensor if sensors else 0
+        self._data = mujoco.MjData(model)
+        self._random = np.random.default_rng(1)
+        self._substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
+        self._seconds: list[float] = []
+        self._contacts: list[tuple[int, int]] = []
+
+    def go(self, steps: int) -> None:
+        """Times at least so many physics steps."""
+        count = -(-steps // self._substeps)
+        low, high = self._model.actuator_ctrlrange.T
+        controls = self._random.uniform(low, high, (count, self._model.nu))
+        total = 0.0
+        for control in controls:
+            self._data.ctrl[:] = control
+            began = time.perf_counter()
+            mujoco.mj_step(self._model, self._data, self._substeps)
+            total += time.perf_counter() - began
+            self._contacts.append((self._data.ncon, self._data.nefc))
+        self._seconds.append(total / (count * self._substeps))
+
+    def cost(self) -> StepCost:
+        """What was measured, less a first round to warm up."""
+        contacts, rows = map(mean, zip(*self._contacts, strict=True))
+        model = self._model
+        return StepCost(
+            self._name,
+            model.opt.timestep,
+            model.nv,
+            model.ngeom,
+            self._sensors,
+            contacts,
+            rows,
+            tuple(self._seconds[1:]),
+        )
+
+
+def step_costs(own_car: mujoco.MjModel | None, rounds: int, steps: int) -> dict[str, StepCost]:
+    """Our model, with and without sensors, and the car-like one (and MuJoCo's own), in turns."""
+    drives = [
+        Drive(OURS, arena_spec().compile()),
+        Drive(SENSELESS, arena_spec().compile(), sensors=False),
+        Drive(LIKE_CAR, mujoco.MjModel.from_xml_string(CAR)),
+    ]
+    if own_car is not None:
+        drives.append(Drive(CAR_XML, own_car))
+    for _ in range(rounds + 1):
+        for drive in drives:
+            drive.go(steps)
+    costs = [drive.cost() for drive in drives]
+    return {cost.name: cost for cost in costs}
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvironmentCost:
+    """What `env.step` costs beside the physics steps that it contains.
+
+    Attributes:
+      name: of the environment.
+      substeps: physics steps in `env.step`.
+      step: seconds of `env.step`, for each round.
+      bare: seconds of its physics steps alone, for each round.
+    """
+
+    name: str
+    substeps: int
+    step: tuple[float, ...]
+    bare: tuple[float, ...]
+
+    @property
+    def overhead_us(self) -> float:
+        """Microseconds of `env.step` outside the physics: the rounds' median."""
+        return 1e6 * median(a - b for a, b in zip(self.step, self.bare, strict=True))
+
+
+class Twins:
+    """An environment under random actions, and bare MuJoCo data that follow it."""
+
+    def __init__(self, name: str, environment: Environment) -> None:
+        """Begins an endless episode."""
+        self.name = name
+        self._environment = environment
+        environment.reset()
+        physics = environment.physics
+        self._model, self._data = physics.model.ptr, physics.data.ptr
+        self._twin = mujoco.MjData(self._model)
+        self.substeps = round(environment.control_timestep() / self._model.opt.timestep)
+        self._advance = _physics_steps(physics.legacy_step, self.substeps)
+        self._random = np.random.default_rng(1)
+        self._actions = np.empty((0, self._model.nu))
+
+    def step(self, count: int) -> float:
+        """Seconds of an `env.step`, mean of so many."""
+        spec = self._environment.action_spec()
+        self._actions = self._random.uniform(spec.minimum, spec.maximum, (count, *spec.shape))
+        mujoco.mj_copyData(self._twin, self._model, self._data)
+        total = 0.0
+        for action in self._actions:
+            began = time.perf_counter()
+            self._environment.step(action)
+            total += time.perf_counter() - began
+        return total / count
+
+    def bare(self) -> float:
+        """Seconds of the same physics steps without the environment, mean of as many.
+
+        Raises:
+          RunError: the twin did not arrive where the environment did, to the bit.
+        """
+        model, twin = self._model, self._twin
+        total = 0.0
+        for action in self._actions:
+            twin.ctrl[:] = action
+            began = time.perf_counter()
+            self._advance(model, twin)
+            total += time.perf_counter() - began
+        if not np.array_equal(twin.qpos, self._data.qpos):
+            raise RunError(f"the bare physics did not follow {self.name}")
+        return total / len(self._actions)
+
+
+def _physics_steps(legacy: bool, substeps: int) -> Callable[[mujoco.MjModel, mujoco.MjData], None]:
+    if not legacy:
+        return lambda model, data: mujoco.mj_step(model, data, substeps)
+    if substeps > 1:
+        raise ValueError(f"a legacy step of one substep is known, got {substeps}")
+
+    def steps(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        mujoco.mj_step2(model, data)
+        mujoco.mj_step1(model, data)
+
+    return steps
+
+
+def environment_costs(rounds: int, steps: int) -> list[EnvironmentCost]:
+    """Our tasks and dm_control's point_mass, `env.step` and bare physics in turns."""
+    twins = [
+        Twins(task, tasks.load("arena", task, task_kwargs={"random": 1})) for _, task in tasks.PAPER
+    ]
+    twins.append(Twins("point_mass", point_mass.easy(time_limit=_ENDLESS, random=1)))
+    seconds: dict[str, list[tuple[float, float]]] = {twin.name: [] for twin in twins}
+    for turn, twin in itertools.product(range(rounds + 1), twins):
+        pair = twin.step(steps), twin.bare()
+        if turn:  # a first round warms up
+            seconds[twin.name].append(pair)
+    return [
+        EnvironmentCost(twin.name, twin.substeps, *_columns(seconds[twin.name])) for twin in twins
+    ]
+
+
+def _columns(rows: Iterable[tuple[float, float]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    first, second = zip(*rows, strict=True)
+    return first, second

@@ -1,0 +1,1 @@
+"""What is simulated, as data: schedules, conditions, experiments, plans."""

@@ -1,0 +1,1 @@
+"""Text and pictures made from results: tables, figures and the report page."""

@@ -1,0 +1,1 @@
+"""What a run leaves: Learn Ability, the results of every robot, and the run's files."""

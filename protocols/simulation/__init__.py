@@ -1,0 +1,1 @@
+"""Executes plans: cohorts of robots, their checkpoints, and the processes that run them."""

@@ -1,0 +1,240 @@
+"""The body drives as commanded, stays where it stands, and feels walls and nothing else."""
+
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+from musebot.models import ARENA_XML, ROBOT_XML, Dimensions, arena_spec, check_versions
+from musebot.protocols.studies.timestep import drive, random_motors
+
+SUBSTEPS = round(0.1 / arena_spec().compile().opt.timestep)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return arena_spec().compile()
+
+
+@pytest.fixture(scope="module")
+def size(model):
+    return Dimensions.of(model)
+
+
+def test_dimensions_are_those_of_the_issue_and_the_paper(model, size):
+    assert (size.half_length, size.half_width) == (0.525, 0.35)
+    assert size.radius == 0.0275
+    assert size.spot_radius == 0.06
+    assert size.motor_speed == pytest.approx(0.2)
+    assert model.body("robot").subtreemass[0] == pytest.approx(0.080)
+
+
+def test_wheels_stay_within_the_outline(model, size):
+    half_width, radius = model.geom("left_wheel").size[1], model.geom("left_wheel").size[0]
+    corner = np.hypot(radius, size.wheel_base / 2 + half_width)
+    assert corner < size.radius
+    assert corner > size.radius - 0.001  # and as far apart as fits
+
+
+def test_straight_speed_is_within_one_percent_of_the_commanded(size):
+    poses = drive(SUBSTEPS, np.full((1, 20, 2), 0.5), (-0.45, 0, 0)).poses[0]
+    speed = poses[-1, 0] - poses[9, 0]  # metres in the second second
+    assert speed == pytest.approx(size.motor_speed, rel=0.01)
+
+
+def test_half_the_motor_value_is_half_the_speed(size):
+    poses = drive(SUBSTEPS, np.full((1, 20, 2), 0.25), (-0.45, 0, 0)).poses[0]
+    assert poses[-1, 0] - poses[9, 0] == pytest.approx(size.motor_speed / 2, rel=0.01)
+
+
+def test_spinning_speed_is_within_two_percent_of_the_commanded(size):
+    headings = drive(SUBSTEPS, np.tile([-0.5, 0.5], (1, 40, 1)), (0, 0, 0)).poses[0, :, 2]
+    rate = np.diff(np.unwrap(headings))[20:].mean() / 0.1
+    assert rate == pytest.approx(2 * size.motor_speed / size.wheel_base, rel=0.02)
+
+
+def test_ten_minutes_of_spinning_drift_less_than_a_millimetre():
+    poses = drive(SUBSTEPS, np.tile([-0.5, 0.5], (1, 6000, 1)), (0, 0, 0)).poses[0]
+    assert np.hypot(poses[:, 0], poses[:, 1]).max() < 0.001
+
+
+def test_at_rest_nothing_moves():
+    poses = drive(SUBSTEPS, np.zeros((1, 6000, 2)), (0, 0, 0)).poses[0]
+    assert np.hypot(poses[:, 0], poses[:, 1]).max() < 1e-6
+
+
+@pytest.fixture(scope="module")
+def crash():
+    motors = random_motors(20, 6000, full_speed=True)
+    return drive(SUBSTEPS, motors, (-0.425, 0.25, 3 * np.pi / 4))
+
+
+def test_driving_into_walls_for_ten_minutes_never_tilts_over_five_degrees(crash):
+    assert crash.tilt < 5
+
+
+def test_driving_into_walls_never_penetrates_by_over_a_millimetre(crash):
+    assert crash.deepest > -0.001
+
+
+def test_driving_into_walls_never_leaves_the_arena(crash, size):
+    assert np.abs(crash.poses[..., 0]).max() < size.half_length
+    assert np.abs(crash.poses[..., 1]).max() < size.half_width
+
+
+def test_contact_equals_geometry_in_99_percent_of_steps(crash, size):
+    touching, near = crash.touch > 0, crash.gap <= size.contact_margin
+    assert size.contact_margin == 0.0005
+    assert near.mean() > 0.02  # there is something to agree on
+    assert (touching == near).mean() >= 0.99
+
+
+@pytest.mark.parametrize("motor", [0.5, 0.1])
+@pytest.mark.parametrize("forwards", [True, False])
+def test_a_robot_pushed_against_a_wall_feels_it_without_flicker(forwards, motor):
+    motors = np.full((1, 600, 2), motor if forwards else -motor)
+    start = (0.525 - 0.0275 - 0.0002, 0.0, 0.0 if forwards else np.pi)
+    assert (drive(SUBSTEPS, motors, start).touch > 0).all()
+
+
+@pytest.mark.parametrize("motors", [(0.5, 0.3), (0.5, 0.1), (0.3, 0.1), (0.2, 0.1), (0.5, -0.1)])
+def test_a_robot_pressed_against_a_wall_is_free_to_turn(motors, size):
+    headings = drive(SUBSTEPS, np.tile(motors, (1, 50, 1)), (0.4970, 0, 0)).poses[0, :, 2]
+    turned = np.abs(np.unwrap(headings)[-1])
+    commanded = (motors[0] - motors[1]) * 2 * size.motor_speed / size.wheel_base * 5
+    assert turned > 0.8 * commanded
+
+
+@pytest.mark.parametrize("degrees", [0, 15, 30, 45])
+@pytest.mark.parametrize("motors", [(0.5, 0.5), (0.45, 0.43), (0.43, 0.45)])
+def test_a_robot_pressed_against_a_wall_turns_as_told_and_not_to_face_it(motors, degrees, size):
+    start = (0.525 - 0.0275 - 0.001, 0, np.radians(degrees))
+    headings = drive(SUBSTEPS, np.tile(motors, (1, 10, 1)), start).poses[0, :, 2]
+    commanded = (motors[1] - motors[0]) * 2 * size.motor_speed / size.wheel_base
+    assert headings[-1] - start[2] == pytest.approx(commanded, abs=0.05)
+
+
+def test_touch_reads_nothing_of_floor_wheels_or_castors():
+    touch = drive(SUBSTEPS, random_motors(5, 20, full_speed=True), (0, 0, 0)).touch
+    assert (touch == 0).all()
+
+
+@pytest.mark.parametrize("degrees", range(0, 360, 15))
+def test_touch_feels_a_wall_from_any_side(degrees):
+    model = arena_spec().compile()
+    data = mujoco.MjData(model)
+    data.qpos[:2] = 0.525 - 0.0275 + 0.0001, 0
+    data.qpos[3], data.qpos[6] = np.cos(np.radians(degrees) / 2), np.sin(np.radians(degrees) / 2)
+    mujoco.mj_forward(model, data)
+    assert data.sensor("touch").data[0] > 0
+
+
+def wall_distance(x, y, direction):
+    """From a point inside the arena to the walls, along a direction."""
+    dx, dy = np.cos(direction), np.sin(direction)
+    along_x = (np.copysign(0.525, dx) - x) / dx if abs(dx) > 1e-12 else np.inf
+    along_y = (np.copysign(0.35, dy) - y) / dy if abs(dy) > 1e-12 else np.inf
+    return min(along_x, along_y)
+
+
+def test_rangefinders_read_the_analytic_distance_over_1000_poses(model, size):
+    random = np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    offsets = {"front": 0, "back": np.pi, "left": np.pi / 2, "right": -np.pi / 2}
+    worst = 0.0
+    for _ in range(1000):
+        x, y = random.uniform(-1, 1, 2) * [0.525 - size.radius, 0.35 - size.radius]
+        heading = random.uniform(-np.pi, np.pi)
+        data.qpos[:7] = x, y, 0, np.cos(heading / 2), 0, 0, np.sin(heading / 2)
+        mujoco.mj_forward(model, data)
+        for name, offset in offsets.items():
+            expected = wall_distance(x, y, heading + offset) - size.radius
+            worst = max(worst, abs(data.sensor(name).data[0] - expected))
+    assert worst < 0.0005
+
+
+@pytest.mark.parametrize("gap", [0.0, -0.0002, -0.0008])
+@pytest.mark.parametrize(("name", "heading"), [("front", 0), ("back", np.pi), ("left", -np.pi / 2)])
+def test_an_eye_that_dips_into_a_wall_still_sees_it(model, size, name, heading, gap):
+    data = mujoco.MjData(model)
+    data.qpos[0] = size.half_length - size.radius - gap
+    data.qpos[3], data.qpos[6] = np.cos(heading / 2), np.sin(heading / 2)
+    mujoco.mj_forward(model, data)
+    assert 0 <= data.sensor(name).data[0] <= 0.001 + 1e-9
+
+
+def test_the_spot_touches_nothing_and_moves_without_recompiling(model):
+    data = mujoco.MjData(model)
+    data.mocap_pos[0, :2] = 0, 0
+    mujoco.mj_step(model, data, 10)
+    assert data.sensor("touch").data[0] == 0
+    assert model.body("spot").geomnum[0] == 0
+    assert data.site("spot").xpos[:2] == pytest.approx([0, 0])
+
+
+def test_the_robot_attaches_to_somebody_elses_arena_and_feels_its_walls():
+    spec = mujoco.MjSpec.from_string("""
+        <mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody>
+          <geom type="plane" size="1 1 .1"/><geom type="box" pos=".3 0 .05" size=".02 1 .05"/>
+          <frame name="here" pos="0.1 0 0"/>
+        </worldbody></mujoco>""")
+    robot = mujoco.MjSpec.from_file(str(ROBOT_XML))
+    spec.attach(robot, frame=spec.frame("here"), prefix="a_")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 0.5
+    mujoco.mj_step(model, data, 100)
+    mujoco.mj_forward(model, data)  # a step leaves the sensors of its start
+    assert data.sensor("a_touch").data[0] == 0
+    assert data.sensor("a_front").data[0] == pytest.approx(0.28 - data.qpos[0] - 0.0275, abs=5e-4)
+    mujoco.mj_step(model, data, 300)
+    assert data.sensor("a_touch").data[0] > 0
+    assert data.qpos[0] == pytest.approx(0.28 - 0.0275, abs=0.001)
+
+
+def test_the_robot_can_be_included_by_an_arena(tmp_path):
+    path = tmp_path / "mine.xml"
+    path.write_text(f'<mujoco><include file="{ROBOT_XML}"/></mujoco>')
+    assert mujoco.MjModel.from_xml_path(str(path)).body("robot").id > 0
+    assert ARENA_XML.exists()
+
+
+def test_half_the_motor_speed_is_half_the_speed_with_the_same_torque():
+    slow, ours = arena_spec(motor_speed=0.1).compile(), arena_spec().compile()
+    assert Dimensions.of(slow).motor_speed == pytest.approx(0.1)
+
+    def stall(model):
+        return 0.5 * model.actuator_gainprm[0, 0] * model.actuator_gear[0, 0]
+
+    assert stall(slow) == pytest.approx(stall(ours))
+    with pytest.raises(ValueError, match="motor_speed must be positive, got 0"):
+        arena_spec(motor_speed=0)
+
+
+def test_everything_has_a_name_and_there_are_cameras(model):
+    kinds = ("body", "jnt", "geom", "site", "cam", "actuator", "sensor", "light", "mat")
+    for kind in kinds:
+        count = getattr(model, {"actuator": "nu"}.get(kind, f"n{kind}"))
+        for index in range(count):
+            accessor = {"jnt": "joint", "mat": "material"}.get(kind, kind)
+            assert getattr(model, accessor)(index).name, f"{kind} {index} has no name"
+    cameras = {model.camera(i).name for i in range(model.ncam)}
+    assert {"overhead", "follow", "eye"} <= cameras
+
+
+def test_a_wrong_mujoco_is_refused_in_one_sentence(monkeypatch):
+    monkeypatch.setattr(mujoco, "__version__", "4.0.0")
+    with pytest.raises(ImportError, match=r"musebot needs MuJoCo 3\.17\.x.*got 4\.0\.0"):
+        check_versions()
+
+
+def test_this_mujoco_goes_with_this_dm_control():
+    """Fails in one sentence when MuJoCo and dm_control part company again."""
+    code = (
+        "from dm_control import mujoco; "
+        "mujoco.Physics.from_xml_string('<mujoco><worldbody/></mujoco>')"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, "dm_control cannot read this MuJoCo's models: pin mujoco"

@@ -1,0 +1,154 @@
+"""Cohorts on a Ray cluster leave the local run's bytes, even when a node is lost."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from musebot.protocols.experiment.experiment import Experiment, Plan
+from musebot.protocols.results.results import BRAINS, CURVES, ROBOTS
+from musebot.protocols.simulation import engine
+from musebot.protocols.simulation.local import Processes
+
+ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
+RAY = shutil.which("ray", path=os.path.dirname(sys.executable))
+
+PLAN = Plan.of(
+    Experiment(cohort_size=2, time_scale=0.03),
+    (("wall_avoidance", "fixed"), ("wall_avoidance", "creative")),
+    4,
+)
+
+
+def contents(directory):
+    return {name: (directory / name).read_bytes() for name in (ROBOTS, CURVES, BRAINS)}
+
+
+def free_port():
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+def join(nodes, *arguments):
+    """Starts a node, a process group to be killed whole; returns once its cluster knows it."""
+    settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
+    process = subprocess.Popen(
+        [RAY, "start", "--block", *settings],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0"},
+    )  # fmt: skip
+    nodes.append(process)
+    said = []
+    for line in process.stdout:
+        said.append(line)
+        if "Ray runtime started" in line:
+            return
+    raise AssertionError(f"no node: {''.join(said)}")
+
+
+@pytest.fixture
+def cluster():
+    port = free_port()
+    address = f"127.0.0.1:{port}"
+    nodes = []
+    try:
+        join(nodes, "--head", "--port", str(port), "--include-dashboard", "false")
+        join(nodes, "--address", address)
+        yield address, nodes[1]
+    finally:
+        for process in reversed(nodes):
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+
+
+def begun(directory, address):
+    """A run on a cluster, once both nodes live a cohort."""
+    run = subprocess.Popen(
+        [
+            sys.executable, "-m", "musebot", "run", str(directory), "--robots", "4",
+            "--cohort-size", "2", "--time-scale", "0.03", "--task", "wall_avoidance",
+            "--proposer", "fixed", "creative", "--save-every", "0.5", "--engine", "ray",
+            "--address", address,
+        ],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    for _ in range(3000):
+        if len(list((directory / "checkpoints").glob("*[0-9].safetensors"))) >= 2:
+            return run
+        assert run.poll() is None, run.stdout.read()
+        time.sleep(0.1)
+    run.kill()
+    raise AssertionError(f"no two cohorts began: {run.communicate()[0]}")
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("here") / "run"
+    engine.run(directory, PLAN, Processes(2), quiet=True)
+    return contents(directory)
+
+
+@pytest.mark.slow
+def test_a_run_that_loses_a_node_leaves_the_local_runs_bytes(cluster, tmp_path, here):
+    address, second = cluster
+    run = begun(tmp_path / "there", address)
+    os.killpg(second.pid, signal.SIGKILL)
+    output = run.communicate(timeout=300)[0]
+    assert run.returncode == 0, output
+    assert contents(tmp_path / "there") == here
+
+
+@pytest.mark.slow
+def test_a_run_that_is_stopped_is_gone_on_with_elsewhere(cluster, tmp_path, here):
+    address, _ = cluster
+    run = begun(tmp_path / "there", address)
+    signalled = time.time()
+    run.send_signal(signal.SIGINT)
+    output = run.communicate(timeout=300)[0]
+    assert run.returncode == 130, output
+    assert "the same command goes on from here" in output
+    assert {path.name for path in (tmp_path / "there").iterdir()} == {engine.PLAN, "checkpoints"}
+    checkpoints = [*(tmp_path / "there" / "checkpoints").iterdir()]
+    assert len(checkpoints) >= 2 and {path.suffix for path in checkpoints} == {".safetensors"}
+    assert all(path.stat().st_mtime > signalled - 1 for path in checkpoints)
+    engine.run(tmp_path / "there", PLAN, Processes(2), quiet=True)
+    assert contents(tmp_path / "there") == here
+
+
+@pytest.mark.slow
+def test_a_study_on_a_cluster_leaves_the_local_ones_bytes(cluster, tmp_path):
+    address, _ = cluster
+    command = [
+        sys.executable, "-m", "musebot.protocols.studies.ablation", "--robots", "2", "--task",
+        "wall_avoidance", "--body", "kinematic", "--time-scale", "0.001",
+    ]  # fmt: skip
+    workers = {"there": ["--engine", "ray", "--address", address], "here": ["--processes", "2"]}
+    for name, options in workers.items():
+        study = [*command, str(tmp_path / name), *options]
+        subprocess.run(study, check=True, capture_output=True, timeout=300)
+    here, there = tmp_path / "here", tmp_path / "there"
+    names = sorted(path.name for path in here.iterdir())
+    assert len(names) == 13 and names == sorted(path.name for path in there.iterdir())
+    assert (here / "ablation.md").read_bytes() == (there / "ablation.md").read_bytes()
+    for name in names[1:]:
+        assert contents(here / name) == contents(there / name)
+
+
+@pytest.mark.parametrize("command", ["musebot run", "musebot.protocols.studies.ablation"])
+def test_no_cluster_is_one_sentence_and_exit_status_2(command, tmp_path):
+    address = f"127.0.0.1:{free_port()}"
+    run = subprocess.run(
+        [sys.executable, "-m", *command.split(), str(tmp_path / "run"), "--engine", "ray",
+         "--address", address],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert run.returncode == 2, run.stderr
+    assert f"there is no Ray cluster at '{address}'" in run.stderr
+    assert list(tmp_path.iterdir()) == []

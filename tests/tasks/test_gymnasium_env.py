@@ -1,0 +1,275 @@
+"""The Gymnasium doors: they keep its contract, and the batch is as many single robots."""
+
+import subprocess
+import sys
+import types
+import warnings
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+
+from dm_control.rl.control import PhysicsError  # noqa: E402
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from gymnasium.vector import SyncVectorEnv  # noqa: E402
+
+import musebot  # noqa: E402
+from musebot.tasks.gymnasium_env import ArenaVectorEnv  # noqa: E402
+from musebot.tasks.suite import TASKS  # noqa: E402
+
+IDS = [f"musebot/{name}" for name in musebot.GYMNASIUM_TASKS]
+PAPER_IDS = [i for i in IDS if ("arena", gymnasium.spec(i).kwargs["task"]) in musebot.PAPER]
+UNIT_IDS = [i for i in IDS if i not in PAPER_IDS]
+
+
+@pytest.fixture(params=IDS)
+def name(request):
+    return request.param
+
+
+def test_every_task_has_an_id_and_every_id_a_task():
+    assert sorted(musebot.GYMNASIUM_TASKS.values()) == sorted(TASKS)
+    assert all(gymnasium.spec(i).max_episode_steps == 1000 for i in IDS)
+
+
+@pytest.mark.parametrize(
+    "imports", ["import gymnasium, musebot", "import musebot, gymnasium", "import gymnasium"]
+)
+def test_gymnasium_finds_the_tasks_once_musebot_is_imported(imports):
+    prefix = "" if "musebot" in imports else "musebot:"
+    code = f"{imports}; print(gymnasium.make('{prefix}musebot/SpotFinding-v0').spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "musebot/SpotFinding-v0\n", done.stderr
+
+
+@pytest.mark.filterwarnings("error")
+def test_gymnasium_has_nothing_to_complain_about(name):
+    check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("unit", UNIT_IDS)
+def test_stable_baselines_has_nothing_to_complain_about(unit):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gymnasium.make(unit).unwrapped)
+
+
+@pytest.mark.parametrize("paper", PAPER_IDS)
+def test_stable_baselines_complains_of_nothing_but_the_papers_actions(paper):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        checker.check_env(gymnasium.make(paper).unwrapped)
+    assert len(caught) == 1
+    assert "symmetric and normalized Box action space" in str(caught[0].message)
+
+
+@pytest.mark.parametrize("task", musebot.ALL_TASKS, ids="/".join)
+def test_shimmy_wraps_what_load_returns(task):
+    shimmy = pytest.importorskip("shimmy.dm_control_compatibility")
+    wrapped = shimmy.DmControlCompatibilityV0(musebot.load(*task))
+    first, _ = wrapped.reset(seed=3)
+    again, _ = wrapped.reset(seed=3)
+    other, _ = wrapped.reset(seed=4)
+    assert wrapped.observation_space.contains(first)
+    flat = [np.concatenate(list(o.values())) for o in (first, again, other)]
+    np.testing.assert_array_equal(flat[0], flat[1])
+    assert not np.array_equal(flat[0], flat[2])
+    observation, reward, terminated, truncated, _ = wrapped.step(wrapped.action_space.sample())
+    assert wrapped.observation_space.contains(observation)
+    assert np.isfinite(reward) and not terminated and not truncated
+
+
+def test_the_single_env_is_the_dm_control_environment(name):
+    env = gymnasium.make(name, robot=(0.1, 0.2, 1.0), spot=(0.3, 0.2))
+    task = gymnasium.spec(name).kwargs["task"]
+    twin = musebot.load("arena", task, {"robot": (0.1, 0.2, 1.0), "spot": (0.3, 0.2)})
+    observation, _ = env.reset(seed=0)
+    timestep = twin.reset()
+    env.action_space.seed(0)
+    for _ in range(50):
+        np.testing.assert_array_equal(
+            observation, np.concatenate(list(timestep.observation.values())).astype(np.float32)
+        )
+        action = env.action_space.sample()
+        observation, reward, _, _, _ = env.step(action)
+        timestep = twin.step(action)
+        assert reward == timestep.reward
+
+
+def make_pair(name, robots, mode, **kwargs):
+    batch = gymnasium.make_vec(name, robots, autoreset_mode=mode, threads=2, **kwargs)
+    single = gymnasium.make_vec(
+        name,
+        robots,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": mode},
+        **kwargs,
+    )
+    assert isinstance(single, SyncVectorEnv) and not isinstance(batch, SyncVectorEnv)
+    return batch, single
+
+
+def assert_same(ours, theirs):
+    assert ours.dtype == theirs.dtype
+    np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_the_batch_equals_single_envs_to_the_bit_autoreset_included(name, mode):
+    jumps = TASKS[gymnasium.spec(name).kwargs["task"]].spot_steps
+    length = jumps + 30  # control steps of an episode
+    batch, single = make_pair(name, 5, mode, max_episode_steps=length)
+    assert batch.metadata["autoreset_mode"] == single.metadata["autoreset_mode"]
+    assert batch.observation_space == single.observation_space
+    assert batch.action_space == single.action_space
+    random, ends = np.random.default_rng(0), 0
+    for seed in (7, [3, None, 1, 4, 1], None):
+        assert_same(batch.reset(seed=seed)[0], single.reset(seed=seed)[0])
+        for step in range(2 * length + 10):
+            if step % 40 < 25:  # long straight drives, into walls and beyond the limits
+                actions = np.tile(random.uniform(0.5, 1.2, (5, 1)), 2).astype(np.float32)
+            else:
+                actions = random.uniform(-1.2, 1.2, (5, 2)).astype(np.float32)
+            ours, theirs = batch.step(actions), single.step(actions)
+            for mine, its in zip(ours[:4], theirs[:4], strict=True):
+                assert_same(mine, its)
+            assert ours[4].keys() == theirs[4].keys()
+            if "final_obs" in ours[4]:
+                for key in ("_final_obs", "_final_info"):
+                    assert_same(ours[4][key], theirs[4][key])
+                for mine, its in zip(ours[4]["final_obs"], theirs[4]["final_obs"], strict=True):
+                    assert_same(mine, its)
+            ends += ours[3].sum()
+    assert ends == 3 * 2 * 5
+    assert len(set(batch.np_random_seed)) == 4  # 1 was given twice
+    assert batch.np_random_seed == single.np_random_seed
+
+
+def test_placements_and_noses_pass_to_the_batch_as_to_the_single_env():
+    kwargs = {"robot": "upper_left", "spot": (0.1, -0.2), "nose": "printed"}
+    batch, single = make_pair("musebot/SpotFinding-v0", 3, "NextStep", **kwargs)
+    assert_same(batch.reset(seed=0)[0], single.reset(seed=0)[0])
+    spun = np.tile(np.float32([[-0.2, 0.2]]), (3, 1))
+    for _ in range(30):
+        rewards = batch.step(spun)[1]
+        assert_same(rewards, single.step(spun)[1])
+    assert rewards.max() > 0
+
+
+def test_robots_with_different_seeds_live_different_lives():
+    batch = gymnasium.make_vec("musebot/SpotFindingUnit-v0", 50)
+    observations, _ = batch.reset(seed=0)
+    assert len(np.unique(batch.unwrapped._batch.pose[:, 0])) == 50
+    assert observations.shape == (50, 1)
+
+
+def test_observations_of_the_batch_share_no_memory():
+    batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 4)
+    first, _ = batch.reset(seed=0)
+    kept = first.copy()
+    for _ in range(20):
+        batch.step(np.full((4, 2), 0.5, np.float32))
+    np.testing.assert_array_equal(first, kept)
+
+
+BAD = [np.full(2, np.nan), np.zeros(3), np.array([np.inf, 0.0])]
+
+
+@pytest.mark.parametrize("action", BAD, ids=str)
+def test_a_nonsense_action_is_refused_by_both_doors(name, action):
+    env, batch = gymnasium.make(name, disable_env_checker=True), gymnasium.make_vec(name, 3)
+    env.reset(seed=0)
+    batch.reset(seed=0)
+    with pytest.raises(ValueError, match="two finite motor values.*got"):
+        env.step(action)
+    with pytest.raises(ValueError, match="two finite motor values.*got"):
+        batch.step(np.tile(action, (3, 1)))
+
+
+def test_unknown_names_and_keywords_are_refused_naming_what_there_is():
+    with pytest.raises(gymnasium.error.NameNotFound, match="Dancing"):
+        gymnasium.make("musebot/Dancing-v0")
+    with pytest.raises(gymnasium.error.VersionNotFound, match="v9.*v0"):
+        gymnasium.make("musebot/WallAvoidance-v9")
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(TypeError, match=r"\['robot', 'spot'\], got \['nose'\]"):
+            make("musebot/WallAvoidance-v0", nose="printed")
+        with pytest.raises(TypeError, match=r"\['nose', 'robot', 'spot'\], got \['colour'\]"):
+            make("musebot/SpotFinding-v0", colour="red")
+        with pytest.raises(ValueError, match="nose|form must be 'inverse' or 'printed'"):
+            make("musebot/SpotFinding-v0", nose="long")
+    with pytest.raises(ValueError, match="render_mode must be None for a batch, got 'human'"):
+        gymnasium.make_vec("musebot/WallAvoidance-v0", render_mode="human")
+    with pytest.raises(ValueError, match="'NextStep' or 'SameStep', got 'Disabled'"):
+        gymnasium.make_vec("musebot/WallAvoidance-v0", autoreset_mode="Disabled")
+    batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 3)
+    with pytest.raises(ValueError, match="there must be 3 seeds, got 2"):
+        batch.reset(seed=[1, 2])
+
+
+def test_an_unstable_robot_is_an_error_and_not_a_number():
+    batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 3)
+    batch.reset(seed=0)
+    batch.unwrapped._batch.arrays()["state"][1, 10:] = np.inf
+    with pytest.raises(Exception, match=r"robots \[1\] became unstable"):
+        batch.step(np.zeros((3, 2), np.float32))
+
+
+def test_a_window_is_shown_at_every_step_and_closed(monkeypatch):
+    seen = []
+
+    class Window:
+        def __init__(self, model, data, **kwargs):
+            seen.append(kwargs["camera_name"])
+
+        def render(self, mode):
+            seen.append(mode)
+
+        def close(self):
+            seen.append("closed")
+
+    module = types.ModuleType("gymnasium.envs.mujoco.mujoco_rendering")
+    module.MujocoRenderer = Window
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    env = gymnasium.make("musebot/WallAvoidance-v0", render_mode="human")
+    env.reset(seed=0)
+    env.step(np.zeros(2, np.float32))
+    env.close()
+    assert seen == ["overhead", "human", "human", "closed"]
+
+
+DRAW = """
+import gymnasium, musebot, numpy as np
+from gymnasium.utils.env_checker import check_env
+env = gymnasium.make("musebot/SpotFindingWalls-v0", render_mode="rgb_array", width=96, height=64)
+env.reset(seed=0)
+first = env.render()
+env.step(np.ones(2, np.float32))
+assert first.shape == (64, 96, 3) and first.dtype == np.uint8 and first.std() > 0
+assert (env.render() != first).any()
+env.close()
+env.close()
+print("drawn")
+"""
+
+
+@pytest.mark.slow
+def test_pictures_are_drawn(monkeypatch):
+    headless = subprocess.run([sys.executable, "-m", "musebot.protocols.playback.offscreen"])
+    if headless.returncode:
+        pytest.skip("nothing draws here")
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    done = subprocess.run([sys.executable, "-c", DRAW], capture_output=True, text=True)
+    assert done.stdout == "drawn\n", done.stderr
+
+
+def test_a_batch_with_a_lost_robot_starts_anew():
+    robots = ArenaVectorEnv("wall_avoidance", 2)
+    robots.reset(seed=1)
+    robots._batch.stop(np.array([0]))
+    with pytest.raises(PhysicsError):
+        robots.step(np.zeros((2, 2), np.float32))
+    robots.reset(seed=1)
+    robots.step(np.zeros((2, 2), np.float32))

@@ -1,0 +1,211 @@
+"""Sensor signals: Eqs. 2 and 3 against plain-Python oracles, one number at a time."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from musebot.tasks.sensors import Nose, contact_signal, distance_signal
+
+quick = settings(deadline=None, max_examples=300)
+FORMS = ("inverse", "printed")
+forms = pytest.mark.parametrize("form", FORMS)
+
+
+# Distances, Eq. 2
+
+
+@quick
+@given(st.floats(0, 1e6))
+@example(0.0)
+def test_the_distance_signal_is_equation_2(distance):
+    signal = distance_signal(np.array([distance]))[0]
+    assert signal == pytest.approx(1 / (1 + distance) ** 10, rel=1e-12)
+    assert 0 <= signal <= 1
+
+
+def test_the_distance_signal_is_one_at_a_wall_and_zero_far_away():
+    assert distance_signal(np.array([0.0, np.inf])).tolist() == [1.0, 0.0]
+
+
+@quick
+@given(st.floats(max_value=0, exclude_max=True))
+@example(-1.0)
+def test_a_ray_that_meets_nothing_signals_nothing(distance):
+    assert distance_signal(np.array([distance]))[0] == 0
+
+
+@quick
+@given(st.floats(0, 1.3), st.floats(0, 1.3))
+def test_a_nearer_wall_signals_more(first, second):
+    assume(abs(first - second) > 1e-9)
+    near, far = distance_signal(np.array(sorted([first, second])))
+    assert near > far
+
+
+def test_distance_signals_keep_their_shape():
+    distances = np.linspace(-1, 2, 24).reshape(2, 3, 4)
+    signals = distance_signal(distances)
+    assert signals.shape == (2, 3, 4)
+    for index in np.ndindex(2, 3, 4):
+        assert signals[index] == distance_signal(distances[index])
+
+
+# Contact
+
+
+@pytest.mark.parametrize(("force", "signal"), [(0.0, 0), (5e-324, -1), (0.3, -1), (1e9, -1)])
+def test_a_contact_signals_minus_one_and_no_contact_zero(force, signal):
+    assert contact_signal(np.array([force])).tolist() == [signal]
+
+
+def test_contact_signals_keep_their_shape():
+    forces = np.array([[0.0, 1.0, 0.0], [2.0, 0.0, 3.0]])
+    assert contact_signal(forces).tolist() == [[0, -1, 0], [-1, 0, -1]]
+
+
+# The nose, Eq. 3
+
+
+def smell(x, y, odour, alpha, r, form):
+    """Section 3 and Eq. 3 in scalars, the spot's centre x ahead and y to the left."""
+    d = math.hypot(x, y)
+    beta = abs(math.atan2(y, x))
+    if d < r:
+        raw = odour  # "the full load"
+    elif beta > alpha / 2:
+        raw = 0.0  # "it does not smell anything"
+    elif form == "printed":
+        raw = odour * (d / r) * (1 - 2 * beta / alpha)
+    else:
+        raw = odour * (r / d) * (1 - 2 * beta / alpha)
+    return raw / (1 + raw)
+
+
+noses = st.builds(
+    Nose,
+    odour=st.floats(0.01, 20),
+    frustum=st.floats(0.1, 2 * math.pi),
+    spot_radius=st.floats(0.03, 0.3),
+    form=st.sampled_from(FORMS),
+)
+metres = st.floats(-1.3, 1.3)
+
+
+def signal(nose, x, y):
+    return float(nose.signal(np.array([x, y])))
+
+
+@quick
+@given(noses, metres, metres)
+@example(Nose(), 0.0, 0.0)
+@example(Nose(form="printed"), 0.0, 0.0)
+@example(Nose(), -0.5, 0.0)
+@example(Nose(), -0.5, -0.0)
+@example(Nose(), 0.3, 0.3)  # beta = alpha / 2
+@example(Nose(form="printed"), 0.3, -0.3)
+@example(Nose(), 1e-300, -1e-300)
+def test_the_nose_is_equation_3(nose, x, y):
+    assume(abs(math.hypot(x, y) - nose.spot_radius) > 1e-12)  # the edge has tests of its own
+    wanted = smell(x, y, nose.odour, nose.frustum, nose.spot_radius, nose.form)
+    assert signal(nose, x, y) == pytest.approx(wanted, abs=1e-12)
+    assert 0 <= signal(nose, x, y) < 1
+
+
+@quick
+@given(noses, st.floats(0, 1.3), st.floats(-math.pi, math.pi))
+def test_the_nose_is_equation_3_in_every_direction(nose, distance, beta):
+    x, y = distance * math.cos(beta), distance * math.sin(beta)
+    assume(abs(math.hypot(x, y) - nose.spot_radius) > 1e-12)
+    wanted = smell(x, y, nose.odour, nose.frustum, nose.spot_radius, nose.form)
+    assert signal(nose, x, y) == pytest.approx(wanted, abs=1e-12)
+    assert bool(nose.inside(np.array([x, y]))) == (math.hypot(x, y) < nose.spot_radius)
+
+
+@forms
+@pytest.mark.parametrize(("x", "y"), [(0.06, 0.0), (0.0, 0.06), (0.0, -0.06), (-0.06, 0.0)])
+def test_the_edge_of_the_spot_belongs_to_the_outside(form, x, y):
+    nose = Nose(form=form)
+    assert not nose.inside(np.array([x, y]))
+    assert signal(nose, x, y) == pytest.approx(smell(x, y, 10, math.pi / 2, 0.06, form), abs=1e-12)
+    assert signal(nose, x, y) == pytest.approx(10 / 11 if x > 0 else 0, abs=1e-12)
+
+
+@forms
+@given(st.floats(0, 0.0599), st.floats(-math.pi, math.pi))
+@quick
+def test_inside_the_spot_the_nose_smells_ten_elevenths_whatever_the_direction(form, d, beta):
+    nose = Nose(form=form)
+    assert nose.inside(np.array([d * math.cos(beta), d * math.sin(beta)]))
+    assert signal(nose, d * math.cos(beta), d * math.sin(beta)) == pytest.approx(10 / 11, abs=1e-12)
+
+
+@forms
+@pytest.mark.parametrize("degrees", [46, 90, 135, 180, -46, -90, -179])
+def test_outside_the_frustum_of_90_degrees_the_nose_smells_nothing(form, degrees):
+    beta = math.radians(degrees)
+    assert signal(Nose(form=form), 0.3 * math.cos(beta), 0.3 * math.sin(beta)) == 0
+
+
+@quick
+@given(noses, st.floats(0.31, 1.3), st.floats(0.31, 1.3), st.floats(0, 0.95))
+def test_the_inverse_form_falls_with_the_distance_and_the_printed_form_grows(nose, a, b, share):
+    assume(abs(a - b) > 1e-3)
+    beta = share * min(nose.frustum / 2, math.pi)
+    near, far = (signal(nose, d * math.cos(beta), d * math.sin(beta)) for d in sorted([a, b]))
+    assert (near > far) == (nose.form == "inverse")
+    assert near != far
+
+
+@quick
+@given(noses, st.floats(0.31, 1.3), st.floats(0, 1), st.floats(0, 1))
+def test_a_spot_nearer_to_the_front_smells_more(nose, distance, a, b):
+    assume(abs(a - b) > 1e-3)
+    ahead, aside = (
+        signal(nose, distance * math.cos(beta), distance * math.sin(beta))
+        for beta in (share * min(nose.frustum / 2, math.pi) for share in sorted([a, b]))
+    )
+    assert ahead > aside
+
+
+@quick
+@given(noses, metres, metres)
+def test_left_and_right_smell_alike(nose, x, y):
+    assert signal(nose, x, y) == signal(nose, x, -y)
+
+
+@quick
+@given(noses, metres, metres, st.floats(-1, 1))
+def test_the_height_of_the_spot_is_not_looked_at(nose, x, y, z):
+    assert float(nose.signal(np.array([x, y, z]))) == signal(nose, x, y)
+    assert nose.inside(np.array([x, y, z])) == nose.inside(np.array([x, y]))
+
+
+@forms
+def test_many_spots_are_smelled_as_one_by_one(form):
+    nose = Nose(form=form)
+    spots = np.random.default_rng(0).uniform(-0.2, 0.2, (4, 50, 3))
+    signals, inside = nose.signal(spots), nose.inside(spots)
+    assert signals.shape == inside.shape == (4, 50)
+    assert 0 < inside.mean() < 1
+    for index in np.ndindex(4, 50):
+        assert signals[index] == nose.signal(spots[index])
+        assert inside[index] == nose.inside(spots[index])
+
+
+def test_the_defaults_are_the_papers_nose():
+    assert Nose() == Nose(odour=10.0, frustum=math.radians(90), spot_radius=0.06, form="inverse")
+
+
+@pytest.mark.parametrize("name", ["odour", "frustum", "spot_radius"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
+def test_a_nose_that_makes_no_sense_is_refused_by_name(name, value):
+    with pytest.raises(ValueError, match=f"^{name} must be positive, got "):
+        Nose(**{name: value})
+
+
+def test_an_unknown_form_is_refused():
+    with pytest.raises(ValueError, match="^form must be 'inverse' or 'printed', got 'upright'"):
+        Nose(form="upright")
