@@ -1,4 +1,4 @@
-"""The command `musebot`: its verbs, their options, and one sentence for what is wrong."""
+"""The command `musebot`: its verbs and their options."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,196 +14,210 @@ import tyro
 
 from .errors import InputError, complain, exit_status
 from .options import (
-    BODIES_TOLD,
+    BODY_CHOICES,
     COHORT_SIZE,
     HERE,
     KINEMATICS,
-    PROPOSERS_TOLD,
-    TASKS_TOLD,
+    PROPOSER_CHOICES,
+    TASK_CHOICES,
     Out,
-    WorkersTold,
+    WorkersOption,
     option,
 )
+from .studies import STUDIES, study_class
 
 if TYPE_CHECKING:
-    from .experiment.experiment import Experiment, Plan
+    from .experiment.plan import Plan
     from .playback.episode import Episode
     from .playback.viewer import Driver
-    from .results.results import Results
 
-# Heavy imports (MuJoCo, torch) wait until a verb needs them: help is at once, and MUJOCO_GL
+# Heavy imports (MuJoCo, torch) wait until a verb needs them: help appears at once, and MUJOCO_GL
 # can still be chosen.
 
 
 def _kept(values: str, default: str) -> Any:
-    """How help shows an option that an OUT begun before answers by itself."""
-    return option(values, f"{default}, or OUT's own")
+    """Returns how help shows an option whose default is the value stored in OUT."""
+    return option(values, f"{default}, or the value stored in OUT")
 
 
 @dataclasses.dataclass
-class Run:
-    """Live lives: all that OUT does not hold yet, resumable at any moment.
+class RunCommand:
+    """Simulate robots' lives: all that OUT does not hold yet. Can be stopped and continued.
 
-    An OUT that was begun knows what it is: what is not told stays as it was, and so do its tasks,
-    proposers and agents where none of these is told. How it is lived, from --save-every on, is told
-    anew.
+    Options that are not given keep the values stored in OUT, tasks, proposers and agents included.
+    --save-every and the options of the workers are not stored.
     """
 
     out: Out
-    """folder for everything the run leaves; an unfinished one goes on"""
-    task: Annotated[tuple[str, ...], option(f"{TASKS_TOLD} ..", "the course's")] = ()
-    """what has to be learnt"""
-    proposer: Annotated[tuple[str, ...], option(f"{PROPOSERS_TOLD} ..", "all three")] = ()
-    """who proposes actions; nobody of these if only agents are named"""
-    agent: Annotated[tuple[str, ...], option("FACTORY ..", "none")] = ()
-    """package.module:factory: agents of yours, beside the proposers or instead of them"""
+    """folder for everything that the run leaves; an unfinished run continues"""
+    task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "those of the protocol")] = ()
+    """tasks to learn"""
+    proposer: Annotated[tuple[str, ...], option(f"{PROPOSER_CHOICES} ..", "all three")] = ()
+    """how actions are proposed; none of these if only agents are given"""
+    agent: Annotated[tuple[str, ...], option("AGENT ..", "none")] = ()
+    """q_learner, hand_coded, ppo, or a factory of yours as package.module:factory"""
     robots: Annotated[int | None, _kept("INT", "60")] = None
-    """robots in each condition"""
+    """number of robots in each condition"""
     cohort_size: Annotated[int | None, _kept(*COHORT_SIZE)] = None
-    """robots in lockstep on one random stream; part of the experiment's identity"""
+    """number of robots in lockstep on one random stream; part of the experiment's identity"""
     seed: Annotated[int | None, _kept("INT", "1")] = None
-    """of every random stream"""
-    course: Annotated[str | None, _kept("{paper,day,walls}", "paper")] = None
-    """spot finding in day: 24 hours, the spot jumps; in walls: they are felt, contact earns 0"""
+    """seed from which all random streams derive"""
+    protocol: Annotated[str | None, _kept("{paper,continual,walls}", "paper")] = None
+    """continual: 24 hours of spot finding, the spot moves; walls: spot finding with walls sensed"""
     time_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
-    """below 1 shortens every duration, for rehearsals"""
+    """factor on every duration, in (0, 1], for rehearsals"""
     nose: Annotated[str | None, _kept("{inverse,printed}", "inverse")] = None
-    """the form of Eq. 3"""
-    body: Annotated[str | None, _kept(BODIES_TOLD, "mujoco")] = None
-    """kinematic: an ideal differential drive instead of physics"""
+    """form of Eq. 3"""
+    body: Annotated[str | None, _kept(BODY_CHOICES, "mujoco")] = None
+    """mujoco, or kinematic for an ideal differential drive without physics"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
-    """of the stand-in, such as wall=slides felt=pushed lag=0.08 (docs/results.md has all)"""
-    brain: Annotated[str | None, _kept("{paper,paper-content,steady,steady-X}", "paper")] = None
-    """paper-content: until a minute in the spot; steady: ours; steady-X: without X (cap, gap ..)"""
-    but: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
-    """numbers of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
+    """parameters of the kinematic simulator, such as wall=slides felt=pushed lag=0.08"""
+    brain: Annotated[str | None, _kept("{paper,paper-stopping,steady,steady-X}", "paper")] = None
+    """paper-stopping: training ends after a minute in the spot; steady-X: steady without X"""
+    set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
+    """parameters of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
     motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None
-    """of a wheel at full motor, in metres a second"""
-    workers: WorkersTold = HERE
+    """speed of a wheel at motor value 0.5, in metres per second"""
+    workers: WorkersOption = HERE
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""
 
     def __call__(self) -> None:
-        """Checks everything, then lives."""
+        """Checks all input, then simulates and prints the tables."""
         from .reporting import tables
-        from .simulation import engine
-        from .simulation.cohort import check_births
+        from .results.run_files import planned
+        from .simulation.cohort import check_agents
+        from .simulation.engine import simulate
         from .storage import write_atomically
 
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
-        plan = self._plan(engine.open_directory(self.out))
-        check_births(plan)
-        results = engine.run(self.out, plan, self.workers.workforce(), save_every=self.save_every)
-        text = tables.markdown(plan.experiment, results)
+        plan = self._plan(planned(self.out))
+        check_agents(plan)
+        run = simulate(self.out, plan, self.workers.executor(), save_every=self.save_every)
+        text = tables.markdown(run)
         write_atomically(self.out / "tables.md", f"{text}\n".encode())
         _print(text)
 
     def _plan(self, held: Plan | None) -> Plan:
-        """What was asked for; for what was not, what OUT holds, or the defaults."""
-        from .experiment.experiment import (
-            PROPOSERS,
-            Experiment,
-            Kinematics,
-            Parameters,
-            Plan,
-            brief,
-            default_cohort_size,
-            named_brain,
-            told,
-        )
+        """Returns the plan asked for, completed by what OUT holds or by the defaults."""
+        from ..controller import PROPOSERS
+        from .agents.factory import recorded_name
+        from .experiment.conditions import Condition
+        from .experiment.experiment import Experiment
+        from .experiment.plan import Plan, default_cohort_size
 
-        settings = (
-            "seed", "cohort_size", "course", "time_scale", "nose", "body", "motor_speed", "brain"
-        )  # fmt: skip
-        asked = {name: x for name in settings if (x := getattr(self, name)) is not None}
-        if "brain" in asked:
-            asked["brain"] = named_brain(asked["brain"])
-        if self.kinematics:
-            own = held.experiment.kinematics if held else Kinematics()
-            asked["kinematics"] = told(own, self.kinematics)
-        if self.but:
-            own = held.experiment.brain if held else Parameters()
-            asked["brain"] = told(asked.get("brain", own), self.but)
+        wanted = self._wanted(held)
         if self.robots is not None and self.robots < 1:
-            raise InputError(f"the number of robots must be at least 1, got {self.robots}")
+            raise InputError(f"robots must be at least 1, got {self.robots}")
         if held:
             experiment = held.experiment
-            for name, value in asked.items():
-                if value != (own := getattr(experiment, name)):
-                    if name == "brain":
-                        named = [self.brain, *self.but]
-                        own, value = experiment.brain_name, " ".join(filter(None, named))
-                    if name == "kinematics":
-                        own, value = brief(experiment.kinematics), " ".join(self.kinematics)
-                    raise InputError(
-                        f"{self.out} holds an experiment with {name} {own}, not {value}"
-                    )
+            self._check_held(experiment, wanted)
         else:
-            asked.setdefault("cohort_size", default_cohort_size(self.robots or 60))
-            experiment = Experiment(**asked)
-        chosen = (*self.proposer, *self.agent)
+            wanted.setdefault("cohort_size", default_cohort_size(self.robots or 60))
+            experiment = Experiment(**wanted)
+        chosen = (*self.proposer, *map(recorded_name, self.agent))
         if held and not self.task and not chosen:
             return Plan.of(experiment, held.robots, self.robots) if self.robots else held
-        conditions = [(t, p) for t in self.task or experiment.tasks for p in chosen or PROPOSERS]
+        tasks = self.task or experiment.tasks
+        conditions = [Condition(t, p) for t in tasks for p in chosen or PROPOSERS]
         robots = self.robots or (max(held.robots.values()) if held else 60)
         return Plan.of(experiment, conditions, robots)
 
+    def _wanted(self, held: Plan | None) -> dict[str, Any]:
+        """Returns the fields of the experiment that were given."""
+        from ..controller import Parameters
+        from ..models import Kinematics
+        from .experiment.overrides import named_brain, with_overrides
+
+        settings = (
+            "seed", "cohort_size", "protocol", "time_scale", "nose", "body", "motor_speed", "brain"
+        )  # fmt: skip
+        wanted = {name: x for name in settings if (x := getattr(self, name)) is not None}
+        if "brain" in wanted:
+            wanted["brain"] = named_brain(wanted["brain"])
+        if self.kinematics:
+            own = held.experiment.kinematics if held else Kinematics()
+            wanted["kinematics"] = with_overrides(own, self.kinematics)
+        if self.set:
+            own = held.experiment.brain if held else Parameters()
+            wanted["brain"] = with_overrides(wanted.get("brain", own), self.set)
+        return wanted
+
+    def _check_held(self, held: Any, wanted: dict[str, Any]) -> None:
+        """Raises InputError where a given field differs from that of the experiment in OUT."""
+        from ..models import Kinematics
+        from .experiment.overrides import overrides_of
+
+        for name, value in wanted.items():
+            if value == (own := getattr(held, name)):
+                continue
+            if name == "brain":
+                own, value = held.brain_name, " ".join(filter(None, [self.brain, *self.set]))
+            if name == "kinematics":
+                own, value = overrides_of(own, Kinematics()), self.kinematics
+                own, value = " ".join(own), " ".join(value)
+            raise InputError(f"{self.out} holds an experiment with {name} {own}, not {value}")
+
 
 @dataclasses.dataclass
-class Tables:
-    """Print the paper's tables, or another run's, beside ours, from OUT's robots."""
+class TablesCommand:
+    """Print the paper's tables, or another run's, next to those of OUT's robots."""
 
     out: Out
     """folder of a run"""
-    beside: Annotated[Path | None, option("OTHER", "the paper")] = None
-    """folder of another run to compare OUT's with, cell by cell"""
+    compare: Annotated[Path | None, option("OTHER", "the paper")] = None
+    """folder of another run to compare with, cell by cell"""
     json: bool = False
-    """as JSON instead of Markdown"""
+    """print JSON instead of Markdown"""
 
     def __call__(self) -> None:
         """Reads and prints; changes nothing."""
-        from .analysis import comparison as beside
-        from .reporting import tables
+        from .results.run_files import read_run
 
-        if self.beside:
-            outs = self.out, self.beside
-            named = zip(beside.names_of(outs), outs, strict=True)
-            sides = [beside.Side(name, *_read(out)) for name, out in named]
-            shown, lives = beside, (*sides, beside.all_cells(*sides))
+        text: Any
+        if self.compare:
+            from .analysis.comparison import compare_runs
+            from .reporting import comparison_tables as reporting
+
+            names = _names(self.out, self.compare)
+            runs = [read_run(*pair) for pair in zip((self.out, self.compare), names, strict=True)]
+            shown: tuple[Any, ...] = (*runs, compare_runs(*runs))
         else:
-            shown, lives = tables, _read(self.out)
+            from .reporting import tables as reporting
+
+            shown = (read_run(self.out),)
         if self.json:
-            print(json.dumps(shown.as_json(*lives), indent=2))
+            print(json.dumps(reporting.as_json(*shown), indent=2))
         else:
-            _print(shown.markdown(*lives))
+            _print(reporting.markdown(*shown))
 
 
 @dataclasses.dataclass
-class Film:
-    """Film a robot: its stored brain sits a test again, or its policy lives an episode."""
+class FilmCommand:
+    """Film a robot: its stored brain in a test, or a policy in an episode."""
 
     out: Out
-    """folder of a run, or a .safetensors of policies (`python -m musebot.protocols.ppo`)"""
+    """folder of a run, or a .safetensors of policies (`musebot study ppo`)"""
     task: Annotated[str, tyro.conf.arg(metavar="TASK")]
-    """of the run, wall_avoidance or spot_finding; or that of the policies, any (docs/tasks.md)"""
+    """task of the run, wall_avoidance or spot_finding; or that of the policies (docs/tasks.md)"""
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")]
-    """the film, an .mp4 or a small .gif"""
-    proposer: Annotated[str | None, option(PROPOSERS_TOLD, "creative")] = None
-    """whose brain, of a run"""
+    """film to write, an .mp4 or a small .gif"""
+    proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
+    """proposer of the robot, in a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
     """before or after training"""
     seconds: float = 30.0
-    """length of the film, in seconds of the viewer's time"""
+    """length of the film in seconds"""
     speed: float = 4.0
-    """simulated seconds in a second of the film"""
+    """simulated seconds per second of the film"""
     seed: int = 0
-    """of the noise in the brain, or of where a policy's episode starts"""
+    """seed of the brain's noise, or of the start of a policy's episode"""
 
     def __call__(self) -> None:
-        """Renders headless, through EGL."""
+        """Renders without a display, through EGL."""
         from .playback import film
 
         film.film(self._episode(), self.output, seconds=self.seconds, speed=self.speed)
@@ -210,122 +225,218 @@ class Film:
 
     def _episode(self) -> Episode:
         from .agents.ppo import Policies
+        from .experiment.conditions import Condition
         from .playback.episode import Episode
-        from .playback.stored_brains import Candidate
+        from .playback.stored_brains import StoredRobot
+        from .results.run_files import read_run
 
         if not (self.out.is_file() or self.out.suffix == ".safetensors"):
-            run = _read(self.out, enact=True)
-            who = self.proposer or "creative", self.robot, self.phase, self.seed
-            return Candidate(*run, self.task, *who).episode()
+            run = read_run(self.out, replay=True)
+            condition = Condition(self.task, self.proposer or "creative")
+            return StoredRobot(run, condition, self.robot, self.phase, self.seed).episode()
         if self.proposer:
-            raise InputError(f"{self.out} holds policies, and only brains have a proposer")
+            raise InputError(f"{self.out} holds policies, which have no proposer")
         policies = Policies.load(self.out, self.task)
         return Episode.of_policy(policies, self.robot, self.phase, self.seed)
 
 
 @dataclasses.dataclass
-class Report:
-    """Write one page about OUT: tables, claims, figures and films, all inside it: a few minutes."""
+class ReportCommand:
+    """Write one page about OUT with tables, claims, figures and films: takes a few minutes."""
 
     out: Out
-    """folder of a run; figures go into its figures/, films into its films/"""
+    """folder of a run; figures are written into its figures/, films into its films/"""
     output: Annotated[Path | None, option("FILE", "report.html in OUT")] = None
-    """the page, an .html"""
+    """page to write, an .html"""
 
     def __call__(self) -> None:
-        """Puts a sample of the brains back into their robots, to see what they do."""
+        """Puts a sample of the brains back into robots to measure what they do."""
         from .reporting import report
-        from .simulation.local import prepare_process
+        from .results.run_files import read_run
+        from .simulation.worker import prepare_process
 
-        experiment, results = _read(self.out, enact=True)
+        run = read_run(self.out, replay=True)
         prepare_process()
-        print(report.report(experiment, results, self.out, self.output))
+        print(report.report(run, self.out, self.output))
 
 
 @dataclasses.dataclass
-class Explore:
-    """Open a window on a task: random motors drive, or a brain, a policy, or the arrow keys."""
+class ExploreCommand:
+    """Open a window on a task, driven at random, by a brain, a policy or the arrow keys."""
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")] = "wall_avoidance"
-    """any of docs/tasks.md; a run's robots know wall_avoidance or spot_finding"""
+    """any task of docs/tasks.md; brains of a run know wall_avoidance or spot_finding"""
     out: Annotated[Path | None, option("OUT", "none")] = None
     """folder of a run to take a brain from"""
     policies: Annotated[Path | None, option("FILE", "none")] = None
-    """policies of PPO's for this task, a .safetensors, to take one from"""
+    """file of PPO's policies for this task, a .safetensors"""
     keys: bool = False
     """drive with the arrow keys"""
-    proposer: Annotated[str | None, option(PROPOSERS_TOLD, "creative")] = None
-    """whose brain, of a run"""
+    proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
+    """proposer of the robot, in a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
-    """the brain or the policy before or after training"""
+    """before or after training"""
 
     def __call__(self) -> None:
         """Needs a display."""
-        from .playback import viewer as explore
+        from .playback import viewer
 
         if sum((self.out is not None, self.policies is not None, self.keys)) > 1:
-            raise InputError("only one can drive: a brain of OUT, one of the policies, or the keys")
+            raise InputError("only one of --out, --policies and --keys can drive")
         if self.proposer and not self.out:
-            raise InputError("only brains have a proposer: name the run to take one from by --out")
-        explore.explore(self.task, self._driver())
+            raise InputError("--proposer needs --out, the run to take a brain from")
+        viewer.explore(self.task, self._driver())
 
     def _driver(self) -> Driver | None:
-        """Who drives; None for random motors."""
+        """Returns what drives; None for random motor values."""
         from .agents.ppo import Policies
-        from .playback.stored_brains import Candidate
+        from .experiment.conditions import Condition
+        from .playback.stored_brains import StoredRobot
         from .playback.viewer import ArrowKeys, Driver
+        from .results.run_files import read_run
 
         if self.keys:
             return Driver("arrow keys", ArrowKeys())
         if self.policies:
             return Driver.of_policy(Policies.load(self.policies, self.task), self.robot, self.phase)
         if self.out:
-            run = _read(self.out, enact=True)
-            who = self.proposer or "creative", self.robot, self.phase
-            return Driver.of_candidate(Candidate(*run, self.task, *who))
+            run = read_run(self.out, replay=True)
+            condition = Condition(self.task, self.proposer or "creative")
+            return Driver.of_robot(StoredRobot(run, condition, self.robot, self.phase))
         return None
 
 
 @dataclasses.dataclass
-class Bench:
-    """Measure the speed against the raw physics, on an idle machine: about 7 minutes."""
+class BenchCommand:
+    """Measure the speed compared with the raw physics, on an idle machine: about 7 minutes."""
 
     json: Annotated[Path | None, option("FILE", "none")] = None
-    """keep every number in this file"""
+    """file for every number"""
     figure: Annotated[Path | None, option("FILE", "none")] = None
-    """draw the cost against the number of robots, an .svg, .png or .pdf"""
+    """figure of the cost against the number of robots, an .svg, .png or .pdf"""
     car_xml: Annotated[Path | None, option("FILE", "looked for where MuJoCo usually is")] = None
     """MuJoCo's own model/car/car.xml"""
     quick: bool = False
     """measure next to nothing, to see that everything works"""
+    interfaces: bool = False
+    """measure the cost of the Gymnasium interfaces instead"""
 
     def __call__(self) -> None:
-        """Prints Markdown, a section as soon as it is known."""
-        from ..models import check_versions
-
-        check_versions()
+        """Prints Markdown, each section as soon as it is measured."""
         from .bench import bench
 
-        bench.run(self.json, self.figure, self.car_xml, self.quick)
+        bench.run(self.json, self.figure, self.car_xml, self.quick, interfaces=self.interfaces)
 
 
 @dataclasses.dataclass
-class Doctor:
-    """Say what is installed, what renders, and what is missing and how to get it."""
+class DoctorCommand:
+    """Report what is installed, what renders, and what is missing and how to get it."""
 
     def __call__(self) -> None:
-        """Exits 1 where something is missing."""
+        """Exits with 1 where something is missing."""
         from . import doctor
 
         raise SystemExit(doctor.report())
 
 
-def _read(out: Path, *, enact: bool = False) -> tuple[Experiment, Results]:
-    from .simulation import engine
+@dataclasses.dataclass
+class ListStudies:
+    """List the studies; `musebot study NAME OUT` runs or continues one."""
 
-    return engine.read_run(out, enact=enact)
+    def __call__(self) -> None:
+        """Prints a line for each study."""
+        width = max(map(len, STUDIES))
+        for name, (_, _, line) in STUDIES.items():
+            print(f"{name:{width}}  {line}")
+
+
+def _study_command(name: str) -> type:
+    """Returns the command that conducts a study, with the study's fields as options."""
+    from .studies.study import conduct
+
+    cls = study_class(name)
+
+    def call(self: Any) -> None:
+        page = conduct(self.study, self.out, self.workers.executor())
+        _print(page.markdown)
+
+    command = dataclasses.make_dataclass(
+        "StudyCommand",
+        [
+            ("out", Out),
+            ("study", Annotated[cls, tyro.conf.arg(name="")]),
+            ("workers", WorkersOption, HERE),
+        ],
+        namespace={"__call__": call},
+    )
+    command.__doc__ = cls.__doc__
+    return command
+
+
+VERBS: dict[str, type] = {
+    "run": RunCommand,
+    "tables": TablesCommand,
+    "film": FilmCommand,
+    "report": ReportCommand,
+    "study": ListStudies,
+    "explore": ExploreCommand,
+    "bench": BenchCommand,
+    "doctor": DoctorCommand,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command.
+
+    Args:
+      arguments: Words of the command line; None for those of this process.
+
+    Returns:
+      The exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
+    """
+    words = [*(sys.argv[1:] if arguments is None else arguments)]
+    given = [word.partition("=")[0] for word in words if word.startswith("--")]
+    for name in given:
+        if given.count(name) > 1:  # tyro would use the last one only
+            return complain(f"{name} is given twice: give it once, followed by all its values", 2)
+    verb: Any = None
+
+    def parse() -> None:
+        nonlocal verb
+        verb = _parse(words)
+
+    if status := exit_status(parse, check=False):  # a reader of help may close the pipe early
+        return status
+    # Before the first import of mujoco: a film opens EGL itself, the other verbs draw nothing.
+    if not isinstance(verb, ExploreCommand):
+        os.environ["MUJOCO_GL"] = "off"
+    return exit_status(verb, check=not isinstance(verb, DoctorCommand))  # which checks them itself
+
+
+def _parse(words: list[str]) -> Any:
+    config = (tyro.conf.FlagCreatePairsOff,)
+    if words[:1] == ["study"] and len(words) > 1 and not words[1].startswith("-"):
+        name = words[1]
+        if name not in STUDIES:
+            raise InputError(f"the study must be one of {', '.join(STUDIES)}, got {name!r}")
+        os.environ.setdefault("MUJOCO_GL", "off")
+        command = _study_command(name)
+        return tyro.cli(command, args=words[2:], prog=f"musebot study {name}", config=config)
+    return tyro.extras.subcommand_cli_from_dict(
+        VERBS,
+        args=words,
+        prog="musebot",
+        description="Creative robots that learn during their lives, in MuJoCo.",
+        config=config,
+    )
+
+
+def _names(*outs: Path) -> list[str]:
+    from .results.run_files import run_names
+
+    return run_names(outs)
 
 
 def _print(text: str) -> None:
@@ -337,43 +448,3 @@ def _print(text: str) -> None:
         console.print(Markdown(text))
     else:
         print(text)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Runs a verb.
-
-    Returns:
-      The exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 where whoever
-      reads closed the pipe.
-    """
-    words = sys.argv[1:] if arguments is None else arguments
-    told = [word.partition("=")[0] for word in words if word.startswith("--")]
-    for name in told:
-        if told.count(name) > 1:  # tyro would forget all but the last
-            return complain(f"{name} is given twice: once, with all its values after it", 2)
-    verb: Any = None
-
-    def parse() -> None:
-        nonlocal verb
-        verb = tyro.extras.subcommand_cli_from_dict(
-            {
-                "run": Run,
-                "tables": Tables,
-                "film": Film,
-                "report": Report,
-                "explore": Explore,
-                "bench": Bench,
-                "doctor": Doctor,
-            },
-            args=arguments,
-            prog="musebot",
-            description="Creative robots that learn during their life, in MuJoCo.",
-            config=(tyro.conf.FlagCreatePairsOff,),
-        )
-
-    if status := exit_status(parse, check=False):  # who asks for help may read no further
-        return status
-    # Before the first import of mujoco: a film opens EGL itself, the rest draws nothing at all.
-    if not isinstance(verb, Explore):
-        os.environ["MUJOCO_GL"] = "off"
-    return exit_status(verb, check=not isinstance(verb, Doctor))  # who says himself what is wrong

@@ -1,4 +1,4 @@
-"""What several commands' options have in common, and who lives cohorts."""
+"""Options that several commands share, and what runs their jobs."""
 
 from __future__ import annotations
 
@@ -6,70 +6,67 @@ import dataclasses
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from .errors import InputError
 
 if TYPE_CHECKING:
-    from .simulation.engine import Workforce
+    from .simulation.jobs import Executor
 
 
 def cores() -> int:
-    """Those that this process may use."""
+    """Returns the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def option(values: str, default: str) -> Any:
-    """How help shows an option: what it takes, and what is done without it."""
+    """Returns how help shows an option: the values it takes, and its default."""
     return tyro.conf.arg(metavar=values, help_behavior_hint=f"(default: {default})")
 
 
-TASKS_TOLD = "{wall_avoidance,spot_finding}"  # what these name a test holds them to
-PROPOSERS_TOLD = "{fixed,random,creative}"
-BODIES_TOLD = "{mujoco,kinematic}"
+# Names as help shows them, without the imports that define them; a test compares the two.
+TASK_CHOICES = "{wall_avoidance,spot_finding}"
+PROPOSER_CHOICES = "{fixed,random,creative}"
+BODY_CHOICES = "{mujoco,kinematic}"
 COHORT_SIZE = "INT", "the largest divisor of ROBOTS up to 250"
-KINEMATICS = "NAME=VALUE ..", "an ideal drive"
+KINEMATICS = "NAME=VALUE ..", "an ideal differential drive"
 
 Out = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="OUT")]
 Runs = Annotated[
-    tuple[Path, ...],
-    tyro.conf.Positional,
-    tyro.conf.arg(metavar="RUN [RUN ..]", help_behavior_hint="(required)"),
+    tuple[Path, ...], tyro.conf.arg(metavar="RUN [RUN ..]", help_behavior_hint="(required)")
 ]
-KinematicsTold = Annotated[tuple[str, ...], option(*KINEMATICS)]
+KinematicsOption = Annotated[tuple[str, ...], option(*KINEMATICS)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Workers:
-    """Who lives the cohorts that an engine spreads."""
+    """What runs the jobs of a run or a study."""
 
     processes: int = cores()
-    """cohorts that this machine lives at a time, one core each"""
-    engine: Annotated[str, option("{local,ray}", "local")] = "local"
-    """ray: on an existing cluster, OUT on storage that all its nodes share"""
+    """number of jobs that this machine runs at a time, one core each"""
+    engine: Literal["local", "ray"] = "local"
+    """ray: on an existing cluster, with OUT on storage that all its nodes share"""
     address: str = "auto"
-    """of the Ray cluster"""
+    """address of the Ray cluster, as host:port"""
 
-    def workforce(self) -> Workforce:
-        """These workers, connected.
+    def executor(self) -> Executor:
+        """Returns the executor, connected.
 
         Raises:
-          InputError: a number or a name makes no sense, there is no such cluster, or no Ray here.
+          InputError: a value is invalid, there is no such cluster, or Ray is not installed.
         """
         if self.processes < 1:
-            raise InputError(f"the number of processes must be at least 1, got {self.processes}")
+            raise InputError(f"processes must be at least 1, got {self.processes}")
         if self.engine == "ray":
-            from .simulation import ray_cluster as cluster
+            from .simulation import ray_cluster
 
-            return cluster.Ray(self.address)
-        if self.engine != "local":
-            raise InputError(f"the engine must be local or ray, got {self.engine!r}")
-        from .simulation.local import Processes
+            return ray_cluster.RayCluster(self.address)
+        from .simulation.local import Local
 
-        return Processes(self.processes)
+        return Local(self.processes)
 
 
-HERE = Workers()  # as many as this machine has cores
-WorkersTold = Annotated[Workers, tyro.conf.arg(name="")]
+HERE = Workers()  # as many processes as this machine has cores
+WorkersOption = Annotated[Workers, tyro.conf.arg(name="")]

@@ -1,12 +1,14 @@
-"""Files that are whole or not there: atomic writes, and arrays with a digest. No pickle."""
+"""Files that are whole or absent: atomic writes, arrays with a digest, locked folders. No pickle."""
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ _DRAFT = re.compile(r"\..*\.\d+\.draft")
 
 
 def check_place(path: Path) -> None:
-    """Raises InputError where no file could be written, before the work that it is to hold."""
+    """Raises InputError where no file could be written, before the work whose result it holds."""
     if path.is_dir():
         raise InputError(f"{path} is a folder")
     if not path.parent.is_dir():
@@ -39,11 +41,30 @@ def check_folder(path: Path) -> None:
         raise InputError(f"{path} cannot be written")
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Writes a file so that a reader, or a crash, meets the old one or the new, whole.
+@contextlib.contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """Makes a folder and keeps other processes of musebot from working in it.
 
     Raises:
-      OSError: it cannot be written; the old file is untouched.
+      InputError: another process works in it.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(f"another musebot is running in {directory}") from error
+        yield
+    finally:
+        os.close(handle)
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Writes a file so that a reader, or a crash, meets the old file or the new one, whole.
+
+    Raises:
+      OSError: the file cannot be written; the old one is untouched.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
@@ -55,7 +76,7 @@ def write_atomically(path: Path, content: bytes) -> None:
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
-    # The rename too must outlast a power failure, before anything older is removed.
+    # The rename too must survive a power failure, before anything older is removed.
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
@@ -64,12 +85,12 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def is_draft(path: Path) -> bool:
-    """Whether it is what a writer that was killed has left."""
+    """Returns whether a path is the temporary file of an interrupted write."""
     return _DRAFT.fullmatch(path.name) is not None
 
 
 def remove_drafts(folder: Path) -> None:
-    """Removes what writers that were killed have left in a folder."""
+    """Removes the temporary files of interrupted writes from a folder."""
     for path in folder.glob(".*"):
         if is_draft(path):
             path.unlink(missing_ok=True)
@@ -78,13 +99,18 @@ def remove_drafts(folder: Path) -> None:
 def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> None:
     """Writes arrays and JSON notes into one safetensors file, atomically, with a digest.
 
+    Args:
+      path: File to write.
+      arrays: Arrays by name, of any shape and dtype that safetensors knows.
+      **notes: Values that JSON can represent.
+
     Raises:
-      OSError: it cannot be written.
+      OSError: the file cannot be written.
     """
-    # Not ascontiguousarray, which would make a number, shape (), an array of shape (1,).
+    # Not ascontiguousarray, which would turn an array of shape () into one of shape (1,).
     contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
     text = json.dumps(notes, sort_keys=True)
-    # One entry: safetensors writes several in no particular order, and equal runs leave equal
+    # One entry: safetensors writes several in no fixed order, and equal runs must leave equal
     # bytes.
     metadata = {"musebot": json.dumps({"notes": text, "digest": digest(contiguous, text)})}
     write_atomically(path, save(contiguous, metadata=metadata))
@@ -95,7 +121,7 @@ def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: it is truncated, altered or not one of ours.
+      DamagedFileError: the file is truncated, altered or foreign.
     """
     if not path.exists():
         raise FileNotFoundError(f"there is no file {path}")
@@ -110,12 +136,12 @@ def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     ) as error:  # fmt: skip
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     if not sound:
-        raise DamagedFileError(f"{path} is damaged (its content does not fit its digest)")
+        raise DamagedFileError(f"{path} is damaged (its content does not match its digest)")
     return arrays, notes
 
 
 def digest(arrays: Mapping[str, np.ndarray], notes: str = "") -> str:
-    """Tells arrays and notes from any others, 32 hexadecimal digits."""
+    """Returns 32 hexadecimal digits that identify arrays and notes."""
     content = hashlib.blake2b(notes.encode(), digest_size=16)
     for name, array in sorted(arrays.items()):
         content.update(f"{name} {array.dtype.str} {array.shape}".encode())

@@ -1,7 +1,4 @@
-"""Agents to stand beside the paper's: see `protocols.agents` for what an agent is.
-
-musebot run OUT --agent musebot.protocols.baselines:q_learner
-"""
+"""Plain online Q-learning, as an agent to compare the paper's robots with."""
 
 from __future__ import annotations
 
@@ -11,18 +8,16 @@ import numpy as np
 import torch
 
 from ...controller.networks import Networks, load_into
-from ..errors import InputError
-from .base import Agent, senses_of
+from .base import Agent
 
 
 class QLearner(Agent):
-    """Plain online Q-learning: one network a robot, a value for each of 25 fixed actions.
+    """Q-learning with one network a robot that outputs the values of 25 fixed actions.
 
-    The update of Watkins: Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], down the
-    gradient of one hidden layer, one step at a time, without replay and without a second
-    network. Actions, discount and the number of weights' updates are those of the paper's
-    fixed proposer; what differs is that the best next action counts, not the selected one,
-    and that actions are outputs, not inputs.
+    The update of Watkins, Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], follows the gradient
+    of one hidden layer, one step at a time, without replay and without a target network. Actions,
+    discount and number of updates are those of the paper's fixed proposer. Two things differ: the
+    target is that of the best next action, and actions are outputs, not inputs.
     """
 
     MOTORS = (-0.5, -0.25, 0.0, 0.25, 0.5)
@@ -32,14 +27,20 @@ class QLearner(Agent):
     EPSILON = 0.05
 
     def __init__(self, robots: int, sensors: int, seed: int) -> None:
-        """Draws B newborn networks for states of S sensors."""
+        """Draws newborn networks.
+
+        Args:
+          robots: Number of robots, B.
+          sensors: Number of sensor signals, S.
+          seed: Seed of the random stream.
+        """
         self._generator = torch.Generator().manual_seed(seed)
         motors = torch.tensor(self.MOTORS)
         self._actions = torch.cartesian_prod(motors, motors)
         count = len(self._actions)
         self._networks = Networks(robots, sensors, self.HIDDEN, count, 0.1, self._generator)
         self._rows = torch.arange(robots)
-        # The step before: what was sensed and chosen, and whether it led here. And now.
+        # Observation and action of the previous step, whether it led here, and of this step.
         self._before = torch.zeros(robots, sensors)
         self._chosen_before = torch.zeros(robots, dtype=torch.int64)
         self._chained = torch.zeros(1)
@@ -62,9 +63,9 @@ class QLearner(Agent):
         self._chosen.copy_(self._networks.forward(self._now)[1].argmax(dim=1))
         if learning:
             size = self._chosen.shape
-            anything = torch.randint(len(self._actions), size, generator=self._generator)
-            strays = torch.rand(size, generator=self._generator) < self.EPSILON
-            self._chosen.copy_(torch.where(strays, anything, self._chosen))
+            uniform = torch.randint(len(self._actions), size, generator=self._generator)
+            exploratory = torch.rand(size, generator=self._generator) < self.EPSILON
+            self._chosen.copy_(torch.where(exploratory, uniform, self._chosen))
         return self._actions[self._chosen].numpy()
 
     @torch.inference_mode()
@@ -104,50 +105,6 @@ class QLearner(Agent):
         }
 
 
-class HandCoded(Agent):
-    """What a person would tell the robot: turn until it smells, go there, stand in the spot.
-
-    Nothing is learnt: it acts in the tests as in the training.
-    """
-
-    # It goes in a slight curve, the way it turns: straight ahead, it is held for ever by a wall at
-    # which it smells the spot aside.
-    TURN, GO, STAND = (0.5, -0.5), (0.5, 0.45), (0.0, 0.0)
-
-    def __init__(self) -> None:
-        """Looks up what the nose signals inside the spot, Eq. 3."""
-        self._full = np.float32(senses_of("spot_finding").reward.saturated)
-
-    def reset(self) -> None:
-        """See `Agent.reset`."""
-
-    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`."""
-        return np.where(state >= self._full, self.STAND, np.where(state > 0, self.GO, self.TURN))
-
-    def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`."""
-
-    def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
-        return {}
-
-    def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
-
-
-def hand_coded(robots: int, sensors: int, seed: int) -> Agent:
-    """Robots that are told what to do about one signal, the nose's.
-
-    Raises:
-      InputError: there are other signals.
-    """
-    del robots, seed
-    if sensors != 1:
-        raise InputError(f"hand_coded knows one signal, that of spot_finding, got {sensors}")
-    return HandCoded()
-
-
 def q_learner(robots: int, sensors: int, seed: int) -> Agent:
-    """Plain online Q-learners, one a robot."""
+    """Makes one Q-learner a robot; see `QLearner`."""
     return QLearner(robots, sensors, seed)

@@ -1,7 +1,4 @@
-"""The experiments as data: who is placed where, for how long, learning or not (section 3).
-
-The paper's two, and two beyond them.
-"""
+"""Schedules as data: phases, placements, minutes, learning on or off (sections 3.1 and 3.2)."""
 
 from __future__ import annotations
 
@@ -11,31 +8,30 @@ from types import MappingProxyType
 from typing import Literal, get_args
 
 from ...tasks import CONTROL_TIMESTEP
-from ...tasks.arena import CORNERS
+from ...tasks.starts import CORNERS
 
-NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
+TASK_NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
 Part = Literal["pre", "training", "post"]
 PARTS: tuple[Part, ...] = get_args(Part)
-Course = Literal["paper", "day", "walls"]
+ProtocolName = Literal["paper", "continual", "walls"]
 
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Phase:
-    """A stretch of a life under one regime.
+    """A stretch of a life with one rule of placement and learning.
 
     Attributes:
-      part: of the life: "pre" and "post" are measured, "training" is not.
-      minutes: how long, in simulated minutes.
-      learning: whether the robot learns, and explores.
-      robot: where it is placed at the start: x, y in metres and heading in radians; "random"
-        draws a pose; None leaves it where it is.
-      spot: where the odorous spot is put at the start: x, y in metres; "random" draws a
-        place; None leaves it where it is.
-      every_minutes: robot and spot are placed as at the start again and again, after so many
-        simulated minutes; None places them once.
+      part: Part of the life: "pre" and "post" are the tests, between them is "training".
+      minutes: Duration in simulated minutes.
+      learning: Whether the robot learns and explores.
+      robot: Pose at the start, x, y in [m] and heading in [rad]; "random" draws it; None leaves
+        the robot where it is.
+      spot: Centre of the spot at the start, x, y in [m]; "random" draws it; None leaves it.
+      every_minutes: Period in simulated minutes after which robot and spot are placed again; None
+        places them once.
     """
 
     part: Part
@@ -51,11 +47,11 @@ class Schedule:
     """A life: one task and its phases, in order.
 
     Attributes:
-      task: of the domain "arena", in which it is lived.
-      phases: in order.
-      wanted: whether the measured event is good (in the spot) or bad (in contact), the sign
-        of Learn Ability.
-      unmeasured: what a robot is called that never met the event in either test.
+      task: Task of the domain "arena".
+      phases: Phases in order.
+      wanted: Whether the measured event is good (in the spot) or bad (in contact): the sign of
+        Learn Ability.
+      unmeasured: Class of a robot for which the event happens in neither test.
     """
 
     task: str
@@ -64,7 +60,7 @@ class Schedule:
     unmeasured: Literal["genius", "ignorant"]
 
     def scaled(self, factor: float) -> Schedule:
-        """Returns the schedule with every duration times a factor."""
+        """Returns the schedule with every duration multiplied by a factor."""
         return dataclasses.replace(
             self,
             phases=tuple(
@@ -78,7 +74,7 @@ class Schedule:
         )
 
     def turned(self, angle: float) -> Schedule:
-        """Returns the schedule with every robot that is put at a fixed place turned by radians."""
+        """Returns the schedule with every fixed pose of the robot turned by an angle in [rad]."""
         return dataclasses.replace(
             self,
             phases=tuple(
@@ -90,18 +86,18 @@ class Schedule:
         )
 
     def steps(self) -> list[int]:
-        """Control steps of each phase, at least one."""
+        """Returns the number of control steps of each phase, at least one."""
         return [control_steps(phase.minutes) for phase in self.phases]
 
     def steps_of(self, part: Part) -> int:
-        """Control steps of a part of the life."""
+        """Returns the number of control steps of a part of the life."""
         pairs = zip(self.phases, self.steps(), strict=True)
         return sum(steps for phase, steps in pairs if phase.part == part)
 
     def minutes_of(self, part: Part) -> slice:
-        """Where a part of the life lies in a curve with a value a minute.
+        """Returns the slice of a part of the life in a curve with one value a minute.
 
-        In a rehearsal parts may share a minute, which then is in both.
+        With a small time scale two parts may share a minute, which then is in both.
         """
         first = sum(self.steps_of(before) for before in PARTS[: PARTS.index(part)])
         last, minute = first + self.steps_of(part), control_steps(1)
@@ -109,12 +105,12 @@ class Schedule:
 
     @property
     def event(self) -> str:
-        """What is measured, in words."""
+        """The measured event, in words."""
         return "in the spot" if self.wanted else "in contact"
 
 
 def control_steps(minutes: float) -> int:
-    """Simulated minutes in control steps, to the nearest, at least one."""
+    """Converts simulated minutes to control steps, rounded to the nearest, at least one."""
     return max(1, round(minutes * 60 / CONTROL_TIMESTEP))
 
 
@@ -148,8 +144,8 @@ SPOT_FINDING = Schedule(
     unmeasured="ignorant",
 )
 
-# Beyond the paper: is a spot found again and again, for a whole day of learning?
-DAY = dataclasses.replace(
+# Beyond the paper: 24 hours of training in which the spot moves every ten minutes.
+CONTINUAL = dataclasses.replace(
     SPOT_FINDING,
     phases=(
         _search("pre"),
@@ -158,14 +154,14 @@ DAY = dataclasses.replace(
     ),
 )
 
-# Beyond the paper: is a spot found by a robot that has its walls to think of, too?
-WALLS = dataclasses.replace(SPOT_FINDING, task="spot_finding_walls")
+# Beyond the paper: the robot also senses walls, and contact earns nothing.
+WALLS_SENSED = dataclasses.replace(SPOT_FINDING, task="spot_finding_walls")
 
 SCHEDULES = {schedule.task: schedule for schedule in (WALL_AVOIDANCE, SPOT_FINDING)}
-COURSES: Mapping[Course, Mapping[str, Schedule]] = MappingProxyType(
+PROTOCOLS: Mapping[ProtocolName, Mapping[str, Schedule]] = MappingProxyType(
     {
         "paper": SCHEDULES,
-        "day": {SPOT_FINDING.task: DAY},
-        "walls": {SPOT_FINDING.task: WALLS},
+        "continual": {SPOT_FINDING.task: CONTINUAL},
+        "walls": {SPOT_FINDING.task: WALLS_SENSED},
     }
 )

@@ -2,112 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
 from ..analysis import intervals
-from ..errors import InputError
+from .style import CATEGORY_COLOURS, INK, canvas, colour, in_per_cent
 from ..experiment.experiment import Experiment
 from ..experiment.schedules import NAMES, PARTS, SCHEDULES, control_steps
 from ..playback.observation import Behaviour, Stay
 from ..results.learn_ability import CATEGORIES, Summary
 from ..results.results import Results
-from ..storage import check_place, write_atomically
 from .tables import papers
-
-FORMATS = ("svg", "png")
-WIDTH = 5.6  # inches: on a telephone's screen 9 point are still read
-
-# Every colour stands out from white and from near-black alike; the background is neither's.
-INK = "#76808c"
-_PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
-_OTHERS = ("#b264a0", "#8a8420", "#6a6fc9", "#c2565b")
-PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # where a colour stands for something else
-_CATEGORIES = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
-_STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "axes.titlecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.7,
-    "lines.linewidth": 1.6,
-    "figure.facecolor": "none",
-    "axes.facecolor": "none",
-    "savefig.facecolor": "none",
-    "svg.hashsalt": "musebot",  # the same figure, the same bytes
-}
-
-
-def colour(proposer: str) -> str:
-    """A proposer's colour, the same in every figure."""
-    if proposer in _PROPOSERS:
-        return _PROPOSERS[proposer]
-    return _OTHERS[sum(proposer.encode()) % len(_OTHERS)]
-
-
-def styled() -> Any:
-    """The style, as a context in which figures are made and saved."""
-    return matplotlib.rc_context(_STYLE)
-
-
-def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figure, np.ndarray]:
-    """A figure `height` inches high, and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
-
-
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Writes a figure in every format.
-
-    Raises:
-      OSError: it cannot be written.
-    """
-    paths = [folder / f"{name}.{suffix}" for suffix in FORMATS]
-    for path in paths:
-        write(figure, path)
-    return paths
-
-
-def write(figure: Figure, path: Path) -> None:
-    """Writes a figure, in the format of the path's suffix.
-
-    Raises:
-      OSError: it cannot be written; a file that was there is untouched.
-    """
-    suffix, buffer = path.suffix[1:].lower(), io.BytesIO()
-    metadata = {"Date": None} if suffix == "svg" else None
-    figure.savefig(buffer, format=suffix, dpi=200, metadata=metadata)
-    write_atomically(path, buffer.getvalue())
-
-
-def check_output(path: Path) -> None:
-    """Raises InputError where no figure could be written, before the work that it is to show."""
-    if path.suffix[1:].lower() not in FORMATS:
-        raise InputError(f"the figure must be an .{' or .'.join(FORMATS)}, got {path}")
-    check_place(path)
-
-
-def in_per_cent(axis: Axis) -> None:
-    """Labels an axis of shares in per cent."""
-    axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
-
 
 # ---- Learning curves ----
 
@@ -213,10 +121,10 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
         if index and rows[index - 1][0] != proposer:
             y += 0.35
         left = 0.0
-        for share, shade in zip(summary.shares, _CATEGORIES, strict=True):
+        for share, shade in zip(summary.shares, CATEGORY_COLOURS, strict=True):
             axis.barh(y, share, left=left, height=0.86, color=shade, linewidth=0)
             if share >= 0.06:
-                dark = shade in _CATEGORIES[1:3]
+                dark = shade in CATEGORY_COLOURS[1:3]
                 text = f"{100 * share:.0f}"
                 axis.text(
                     left + share / 2,
@@ -247,7 +155,7 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
 def _key(axis: Axes, names: list[str]) -> None:
     """Names the colours above the bars, in the bars' order."""
     x = 0.2
-    for name, shade in zip(names, _CATEGORIES, strict=True):
+    for name, shade in zip(names, CATEGORY_COLOURS, strict=True):
         axis.annotate(
             "\N{BLACK SQUARE}", (x, 1), xycoords="axes fraction", xytext=(0, 4),
             textcoords="offset points", color=shade, fontsize=10,

@@ -1,4 +1,4 @@
-"""Learn Ability (Eq. 4), the categories of tables 1 and 2, and their summaries."""
+"""Learn Ability (Eq. 4), the classes of tables 1 and 2, and a table's column."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ INVALID = "invalid"
 
 
 def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray:
-    """Eq. 4, L = (t_pre - t_post) / (t_pre + t_post); the other sign where time is wanted.
+    """Computes Eq. 4, L = (t_pre - t_post) / (t_pre + t_post), or -L where time is wanted.
 
     Args:
-      pre: time before training, in any unit, shape (n,).
-      post: time after training, in the same unit, shape (n,).
+      pre: Time before training, in any unit, shape (n,).
+      post: Time after training, in the same unit, shape (n,).
       wanted: False for wall contact, True for time in the spot.
 
     Returns:
@@ -29,7 +29,7 @@ def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray
 
 
 def category(ability: float) -> str:
-    """The row of tables 1 and 2 that a Learn Ability stands in; NaN is "unmeasured"."""
+    """Returns the class of a Learn Ability, a row of tables 1 and 2; "unmeasured" for NaN."""
     if np.isnan(ability):
         return "unmeasured"
     if ability == 1:
@@ -44,11 +44,11 @@ class Summary:
     """A column of table 1 or 2.
 
     Attributes:
-      counts: robots in each of `CATEGORIES`.
-      mean: of L, without the unmeasured; NaN if nobody was measured.
-      deviation: standard deviation of L, likewise.
-      post_share: mean share of the test time after training, over all robots.
-      invalid: lives that ended in an unstable simulation, counted nowhere else.
+      counts: Number of robots in each of `CATEGORIES`.
+      mean: Mean L of the measured robots; NaN without any.
+      deviation: Standard deviation of L of the measured robots.
+      post_share: Mean share of the test after training, over all robots.
+      invalid: Number of robots whose simulation became unstable; they count nowhere else.
     """
 
     counts: tuple[int, int, int, int, int]
@@ -59,12 +59,12 @@ class Summary:
 
     @property
     def robots(self) -> int:
-        """How many valid lives the column rests on."""
+        """Number of valid robots."""
         return sum(self.counts)
 
     @property
     def shares(self) -> np.ndarray:
-        """The share of the robots in each category, shape (5,)."""
+        """Share of the robots in each class, shape (5,)."""
         return np.array(self.counts) / max(self.robots, 1)
 
 
@@ -74,13 +74,13 @@ def summarise(
     test_time: float,
     invalid: int = 0,
 ) -> Summary:
-    """Summarises valid lives as tables 1 and 2 do.
+    """Summarises valid robots as tables 1 and 2 do.
 
     Args:
       abilities: L of each robot, NaN for the unmeasured.
-      post_times: of each robot, in seconds.
-      test_time: how long the test after training lasts, in seconds.
-      invalid: lives left out.
+      post_times: Time of each robot after training, in [s].
+      test_time: Duration of the test after training, in [s].
+      invalid: Number of robots left out.
     """
     rows = [category(ability) for ability in abilities]
     measured = np.array([ability for ability in abilities if not np.isnan(ability)])
@@ -94,17 +94,5 @@ def summarise(
 
 
 def total_variation(first: Summary, second: Summary) -> float:
-    """Half the summed difference of two columns' category shares, in [0, 1]."""
+    """Returns half the summed difference of two columns' class shares, in [0, 1]."""
     return float(np.abs(first.shares - second.shares).sum() / 2)
-
-
-PAPER: dict[tuple[str, str], Summary] = {
-    # Table 1, 500 robots a column.
-    ("wall_avoidance", "fixed"): Summary((260, 12, 13, 19, 196), 0.8232, 0.4959, 0.0584),
-    ("wall_avoidance", "random"): Summary((196, 215, 1, 51, 37), 0.7150, 0.5137, 0.0160),
-    ("wall_avoidance", "creative"): Summary((282, 65, 0, 80, 73), 0.6109, 0.7068, 0.0402),
-    # Table 2, likewise.
-    ("spot_finding", "fixed"): Summary((22, 2, 1, 20, 455), 0.0800, 0.9681, 0.0440),
-    ("spot_finding", "random"): Summary((20, 16, 0, 323, 141), -0.8064, 0.5631, 0.0296),
-    ("spot_finding", "creative"): Summary((109, 63, 1, 170, 157), 0.0045, 0.8829, 0.2581),
-}

@@ -1,7 +1,7 @@
-"""Many machines: the same cohorts as Ray tasks on an existing cluster (extra `cluster`).
+"""Runs jobs as Ray tasks on an existing cluster (extra `cluster`).
 
-A run's directory must be on storage that all nodes share: checkpoints are read and written
-there, so that a lost node's cohorts are taken up elsewhere. docs/scaling.md shows how.
+The jobs' folders must be on storage that all nodes share: jobs read and write there, so that the
+jobs of a lost node continue elsewhere (docs/scaling.md).
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Interrupted
-from .engine import CHECKPOINTS, Display, Job, live
-from .local import heeding_signals, prepare_process, stopped_by
+from ..terminal import JobProgress
+from .jobs import Job
+from .worker import prepare_process, stop_on_signals, stopped_by
 
 try:
     import ray
@@ -25,23 +26,23 @@ try:
 except ImportError as error:
     raise InputError("Ray is not installed; pip install 'musebot[cluster]' gets it") from error
 
-_STOP = "stop"  # a file in the checkpoints' folder; a node need not reach the driver to see it
+_STOP = "stop"  # a file beside a job's: a node need not reach the driver to see it
 
 
-class Ray:
-    """A Ray cluster's cores, a cohort each at a time."""
+class RayCluster:
+    """The cores of a Ray cluster."""
 
     def __init__(self, address: str) -> None:
         """Connects to an existing cluster.
 
         Args:
-          address: "host:port", or "auto" for the one this machine is part of.
+          address: Address as "host:port", or "auto" for the cluster that this machine is part of.
 
         Raises:
-          InputError: there is none.
+          InputError: there is no such cluster.
         """
         try:
-            if ":" in address:  # Ray itself would go on trying for minutes
+            if ":" in address:  # Ray itself would retry for minutes
                 host, _, port = address.rpartition(":")
                 socket.create_connection((host, int(port)), timeout=10).close()
             ray.init(
@@ -53,31 +54,31 @@ class Ray:
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             raise InputError(f"there is no Ray cluster at {address!r}") from error
 
-    def __call__(self, jobs: Sequence[Job], display: Display) -> Generator[Job]:
-        """Lives cohorts; see `engine.Workforce`."""
+    def __call__(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
+        """Runs jobs; see `jobs.Executor`."""
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         reports = Queue(actor_options={"num_cpus": 0, "scheduling_strategy": here})
         for file in _stop_files(jobs):
             file.parent.mkdir(exist_ok=True)
             file.unlink(missing_ok=True)
-        # Retried for ever: what a lost node leaves is a checkpoint.
-        task = ray.remote(num_cpus=1, max_retries=-1)(_live_there)
+        # Retried without limit: a lost node leaves a checkpoint.
+        task = ray.remote(num_cpus=1, max_retries=-1)(_run)
         waiting = {task.remote(*each, reports): each[1] for each in enumerate(jobs)}
-        whole = True
+        complete = True
         try:
-            with heeding_signals() as asked:
+            with stop_on_signals() as request:
                 while waiting:
-                    finished, _ = ray.wait([*waiting], timeout=0.5)
-                    display.show(reports)
-                    if asked.to_stop:
+                    done, _ = ray.wait([*waiting], timeout=0.5)
+                    progress.show(reports)
+                    if request.stop:
                         _stop(waiting.values())
-                    for result in finished:
+                    for result in done:
                         job = waiting.pop(result)
                         if ray.get(result):
                             yield job
                         else:
-                            whole = False
-                display.show(reports)
+                            complete = False
+                progress.show(reports)
         except (OSError, RayError) as error:
             cause = getattr(error, "cause", error)
             if isinstance(error, RayTaskError) and not isinstance(cause, OSError):
@@ -88,12 +89,12 @@ class Ray:
             reports.shutdown(force=True)
         for file in _stop_files(jobs):
             file.unlink(missing_ok=True)
-        if not whole:
+        if not complete:
             raise Interrupted
 
 
 def _stop_files(jobs: Iterable[Job]) -> set[Path]:
-    return {job.directory / CHECKPOINTS / _STOP for job in jobs}
+    return {job.path.parent / _STOP for job in jobs}
 
 
 def _stop(jobs: Iterable[Job]) -> None:
@@ -102,12 +103,12 @@ def _stop(jobs: Iterable[Job]) -> None:
             file.touch()
 
 
-def _live_there(number: int, job: Job, reports: Any) -> bool:
+def _run(number: int, job: Job, reports: Any) -> bool:
     prepare_process()
     (stop_file,) = _stop_files([job])
 
-    def report(step: int, message: str) -> None:
-        with contextlib.suppress(RayError):  # nobody listens any more
-            reports.put((number, step, message))
+    def report(done: float, message: str) -> None:
+        with contextlib.suppress(RayError):  # the driver is gone
+            reports.put((number, done, message))
 
-    return live(job, stop_file.exists, report)
+    return job.run(stop_file.exists, report)

@@ -1,0 +1,56 @@
+"""The paper's neurocontroller as an agent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+
+from ...controller import Neurocontroller
+from .base import Agent
+
+
+class NeurocontrollerAgent(Agent):
+    """Robots driven by the neurocontroller.
+
+    Attributes:
+      controller: Brains of the B robots.
+    """
+
+    def __init__(self, controller: Neurocontroller, learn_across_placement: bool = False) -> None:
+        """Wraps a controller.
+
+        Args:
+          controller: Brains of B robots.
+          learn_across_placement: Whether robots learn from a step that spans a `reset`.
+        """
+        self.controller = controller
+        self._across = learn_across_placement
+
+    def reset(self) -> None:
+        """See `Agent.reset`."""
+        if not self._across:
+            self.controller.forget_step()
+
+    @torch.inference_mode()
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        """See `Agent.act`."""
+        return self.controller.act(torch.from_numpy(state), explore=learning).numpy()
+
+    @torch.inference_mode()
+    def learn(self, reward: np.ndarray) -> None:
+        """See `Agent.learn`."""
+        self.controller.learn(torch.from_numpy(reward))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """See `Agent.state`."""
+        return {name: tensor.numpy() for name, tensor in self.controller.state().items()}
+
+    def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_state`."""
+        self.controller.load_state({k: torch.from_numpy(v) for k, v in arrays.items()})
+
+    def weights(self) -> dict[str, np.ndarray]:
+        """See `Agent.weights`."""
+        return {name: tensor.numpy() for name, tensor in self.controller.networks().items()}

@@ -1,0 +1,79 @@
+"""Conditions and cohorts: which robots are simulated, named and ordered as in the paper's tables."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+from ...controller import PROPOSERS
+from ..errors import InputError
+from .schedules import SCHEDULES
+
+PAPER_TASKS = tuple(SCHEDULES)
+_FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+
+
+@dataclasses.dataclass(frozen=True)
+class Condition:
+    """A column of table 1 or 2: a task and how actions are proposed in it.
+
+    Conditions sort as the paper's tables do, agents by name after the paper's proposers.
+
+    Attributes:
+      task: "wall_avoidance" or "spot_finding".
+      proposer: "fixed", "random" or "creative", or the factory of an agent as
+        "package.module:factory".
+    """
+
+    task: str
+    proposer: str
+
+    def __post_init__(self) -> None:
+        """Raises InputError where there is no such task, or no such name of a proposer."""
+        if self.task not in PAPER_TASKS:
+            raise InputError(f"the task must be one of {', '.join(PAPER_TASKS)}, got {self.task!r}")
+        check_proposer(self.proposer)
+
+    def __str__(self) -> str:
+        """Returns "task/proposer", the name of the condition in files and random streams."""
+        return f"{self.task}/{self.proposer}"
+
+    def __lt__(self, other: Condition) -> bool:
+        """Compares by the order of the tables."""
+        return self._order < other._order
+
+    @property
+    def has_brain(self) -> bool:
+        """Whether a neurocontroller drives the robots, not an agent of a user's."""
+        return self.proposer in PROPOSERS
+
+    @property
+    def _order(self) -> tuple[int, int, str]:
+        names = [*map(str, PROPOSERS), self.proposer]
+        return PAPER_TASKS.index(self.task), names.index(self.proposer), self.proposer
+
+
+@dataclasses.dataclass(frozen=True)
+class CohortKey:
+    """Which robots are simulated in lockstep: a condition and the cohort's number in it."""
+
+    condition: Condition
+    index: int
+
+    def __str__(self) -> str:
+        """Returns the name of the cohort's files."""
+        condition = self.condition
+        return f"{condition.task}-{condition.proposer.replace(':', '.')}-{self.index:04d}"
+
+    def __lt__(self, other: CohortKey) -> bool:
+        """Compares by condition, then by number."""
+        return (self.condition, self.index) < (other.condition, other.index)
+
+
+def check_proposer(name: str) -> None:
+    """Raises InputError where a name is neither a proposer nor the form of an agent's factory."""
+    if name not in PROPOSERS and not _FACTORY.fullmatch(name):
+        raise InputError(
+            f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
+            f"package.module:factory, got {name!r}"
+        )

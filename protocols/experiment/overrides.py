@@ -1,0 +1,76 @@
+"""Named brains, and words such as "epsilon=0.1" that override single parameters."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+from ...controller import BRAINS, Parameters
+from ...models import Kinematics
+from ..errors import InputError
+
+Numbers = TypeVar("Numbers", Parameters, Kinematics)
+
+
+def named_brain(name: str) -> Parameters:
+    """Returns the parameters of a named brain.
+
+    Raises:
+      InputError: there is no brain of that name.
+    """
+    if name not in BRAINS:
+        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}")
+    return BRAINS[name]
+
+
+def brain_name(brain: Parameters) -> str:
+    """Returns the name of the nearest named brain, and the overrides that lead from it."""
+    overrides = {name: overrides_of(brain, named) for name, named in BRAINS.items()}
+    nearest = min(overrides, key=lambda name: len(overrides[name]))
+    return " ".join([nearest, *overrides[nearest]])
+
+
+def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
+    """Returns parameters of a brain or of the kinematic simulator with some of them replaced.
+
+    Args:
+      numbers: Parameters to start from.
+      words: Overrides such as "epsilon=0.1" or "wall=slides"; lists as JSON.
+
+    Raises:
+      InputError: a name is unknown or given twice, or a value is invalid.
+    """
+    fields: dict[str, Any] = {}
+    known = [field.name for field in dataclasses.fields(numbers)]
+    for word in words:
+        name, given, text = word.partition("=")
+        if name not in known or not given:
+            raise InputError(f"an override is NAME=VALUE for one of {', '.join(known)}, got {word!r}")
+        if name in fields:
+            raise InputError(f"{name} is given twice")
+        fields[name] = _value(text)
+    try:
+        return dataclasses.replace(numbers, **fields)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{' '.join(words)} is invalid: {error}") from error
+
+
+def overrides_of(numbers: Numbers, reference: Numbers) -> list[str]:
+    """Returns the overrides that turn a reference into the given parameters."""
+    theirs = dataclasses.asdict(reference)
+    return [
+        f"{name}={value if isinstance(value, str) else json.dumps(value, separators=(',', ':'))}"
+        for name, value in dataclasses.asdict(numbers).items()
+        if value != theirs[name]
+    ]
+
+
+def _value(text: str) -> Any:
+    for read in (json.loads, float):
+        with contextlib.suppress(ValueError):
+            value = read(text)
+            return tuple(value) if isinstance(value, list) else value
+    return text

@@ -1,0 +1,93 @@
+"""Plans: which robots of an experiment are wanted, and into which cohorts they split."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+from ..errors import InputError
+from .conditions import CohortKey, Condition
+from .experiment import Experiment
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """The robots of an experiment that are wanted.
+
+    Attributes:
+      experiment: What decides the robots' lives.
+      robots: Number of robots in each condition, a multiple of the cohort size.
+    """
+
+    experiment: Experiment
+    robots: Mapping[Condition, int]
+
+    @classmethod
+    def of(cls, experiment: Experiment, conditions: Iterable[Condition], robots: int) -> Plan:
+        """Returns the plan of equally many robots in several conditions."""
+        return cls(experiment, dict.fromkeys(conditions, robots))
+
+    def __post_init__(self) -> None:
+        """Raises InputError where the plan is invalid."""
+        if not self.robots:
+            raise InputError("at least one task and one proposer are needed")
+        size = self.experiment.cohort_size
+        for condition, robots in self.robots.items():
+            if condition.task not in self.experiment.tasks:
+                raise InputError(
+                    f"the protocol {self.experiment.protocol} has only "
+                    f"{', '.join(self.experiment.tasks)}, got {condition.task}"
+                )
+            if not isinstance(robots, int):
+                raise InputError(f"the number of robots must be a whole number, got {robots}")
+            if robots < 1:
+                raise InputError(f"robots must be at least 1, got {robots}")
+            if robots % size:
+                raise InputError(
+                    f"robots must be a multiple of the cohort size, {size}, got {robots}"
+                )
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions that have robots."""
+        return tuple(self.robots)
+
+    def cohorts(self) -> list[CohortKey]:
+        """Returns all cohorts, the longest lives first, so that processes end together."""
+        keys = [
+            CohortKey(condition, index)
+            for condition, robots in self.robots.items()
+            for index in range(robots // self.experiment.cohort_size)
+        ]
+        return sorted(keys, key=lambda key: -self.steps(key))
+
+    def steps(self, key: CohortKey) -> int:
+        """Returns the number of control steps in the life of a cohort."""
+        return sum(self.experiment.schedule(key.condition.task).steps())
+
+    def merged_with(self, older: Plan) -> Plan:
+        """Returns the plan that asks for the robots of both.
+
+        Raises:
+          InputError: the experiments differ.
+        """
+        if self.experiment != older.experiment:
+            raise InputError("the robots of two experiments cannot be merged")
+        conditions = sorted({*older.robots, *self.robots})
+        robots = {c: max(self.robots.get(c, 0), older.robots.get(c, 0)) for c in conditions}
+        return Plan(self.experiment, robots)
+
+
+def default_cohort_size(robots: int, most: int = 250) -> int:
+    """Returns the largest divisor of a number of robots that is at most `most`.
+
+    Raises:
+      InputError: the robots only split into many small cohorts, which are simulated slowly.
+    """
+    size = max(size for size in range(1, min(most, max(robots, 1)) + 1) if robots % size == 0)
+    if robots > most and size < most / 10:
+        raise InputError(
+            f"{robots} robots do not split into a few equal cohorts of at most {most}; "
+            f"take {round(robots / most) * most} robots, or name a cohort size"
+        )
+    return size

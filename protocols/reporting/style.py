@@ -1,0 +1,100 @@
+"""The style of all figures, their canvas and their files: legible on light and on dark."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+
+from ..errors import InputError
+from ..storage import check_place, write_atomically
+
+FORMATS = ("svg", "png")
+WIDTH = 5.6  # inches: 9 point remain legible on a telephone's screen
+
+# Every colour is legible on white and on near-black; the background is transparent.
+INK = "#76808c"
+_PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
+_OTHERS = ("#b264a0", "#8a8420", "#6a6fc9", "#c2565b")
+PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # for anything but proposers
+CATEGORY_COLOURS = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
+_STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "axes.titlecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "lines.linewidth": 1.6,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.hashsalt": "musebot",  # the same figure, the same bytes
+}
+
+
+def colour(proposer: str) -> str:
+    """Returns the colour of a proposer, the same in every figure."""
+    if proposer in _PROPOSERS:
+        return _PROPOSERS[proposer]
+    return _OTHERS[sum(proposer.encode()) % len(_OTHERS)]
+
+
+def styled() -> Any:
+    """Returns a context manager with the style, in which figures are made and saved."""
+    return matplotlib.rc_context(_STYLE)
+
+
+def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figure, np.ndarray]:
+    """Returns a figure of a height in inches, and its axes, shape (rows, columns)."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Writes a figure in every format.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    paths = [folder / f"{name}.{suffix}" for suffix in FORMATS]
+    for path in paths:
+        write(figure, path)
+    return paths
+
+
+def write(figure: Figure, path: Path) -> None:
+    """Writes a figure, in the format of the path's suffix.
+
+    Raises:
+      OSError: it cannot be written; a file that was there is untouched.
+    """
+    suffix, buffer = path.suffix[1:].lower(), io.BytesIO()
+    metadata = {"Date": None} if suffix == "svg" else None
+    figure.savefig(buffer, format=suffix, dpi=200, metadata=metadata)
+    write_atomically(path, buffer.getvalue())
+
+
+def check_output(path: Path) -> None:
+    """Raises InputError where no figure could be written, before the work that it shows."""
+    if path.suffix[1:].lower() not in FORMATS:
+        raise InputError(f"the figure must be an .{' or .'.join(FORMATS)}, got {path}")
+    check_place(path)
+
+
+def in_per_cent(axis: Axis) -> None:
+    """Labels an axis of shares in per cent."""
+    axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]

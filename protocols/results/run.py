@@ -1,0 +1,94 @@
+"""A run as a value: its name, its experiment and its results."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+
+from ...tasks import CONTROL_TIMESTEP
+from ..experiment.conditions import Condition
+from ..experiment.experiment import Experiment
+from .learn_ability import Summary, summarise
+from .results import Networks, Results, Robot, When
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A run, as everybody who reads results receives it.
+
+    Attributes:
+      name: Name of its folder.
+      experiment: What decided the robots' lives.
+      results: What the robots did.
+    """
+
+    name: str
+    experiment: Experiment
+    results: Results
+
+    def conditions(self) -> list[Condition]:
+        """Returns the conditions that have robots, in the order of the tables."""
+        return [*self.results]
+
+    def tasks(self) -> list[str]:
+        """Returns the tasks that have robots, in the order of the tables."""
+        return list(dict.fromkeys(condition.task for condition in self.results))
+
+    def proposers(self, task: str) -> list[str]:
+        """Returns the proposers of a task, in the order of the tables."""
+        return [condition.proposer for condition in self.results if condition.task == task]
+
+    def robots(self, condition: Condition) -> list[Robot]:
+        """Returns the rows of a condition, invalid robots included; none if it has no robots."""
+        return self.results[condition].robots if condition in self.results else []
+
+    def valid(self, condition: Condition) -> list[Robot]:
+        """Returns the rows of a condition's valid robots."""
+        return [row for row in self.robots(condition) if row.valid]
+
+    def valid_rows(self, condition: Condition) -> list[int]:
+        """Returns the indices of a condition's valid robots."""
+        return [index for index, row in enumerate(self.robots(condition)) if row.valid]
+
+    def curves(self, condition: Condition) -> np.ndarray:
+        """Returns each valid robot's share of each minute with the event, shape (n, M)."""
+        return self.results[condition].curves[self.valid_rows(condition)]
+
+    def networks(self, condition: Condition, when: When) -> Networks:
+        """Returns the networks of all robots before or after training, each (N, ...)."""
+        return self.results[condition].networks[when] if condition in self.results else {}
+
+    def abilities(self, condition: Condition) -> np.ndarray:
+        """Returns L of each valid robot, NaN for the unmeasured, shape (n,)."""
+        return abilities(self.valid(condition))
+
+    def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
+        """Returns each valid robot's share of the test before or after training, shape (n,)."""
+        return shares(self.valid(condition), self.test_seconds(condition.task), part)
+
+    def summary(self, condition: Condition) -> Summary:
+        """Returns the column of table 1 or 2 that a condition fills."""
+        rows = self.valid(condition)
+        return summarise(
+            abilities(rows),
+            [row.t_post_s for row in rows],
+            self.test_seconds(condition.task),
+            invalid=len(self.robots(condition)) - len(rows),
+        )
+
+    def test_seconds(self, task: str) -> float:
+        """Returns the duration of the test after training, in simulated seconds."""
+        return self.experiment.schedule(task).steps_of("post") * CONTROL_TIMESTEP
+
+
+def abilities(rows: list[Robot]) -> np.ndarray:
+    """Returns L of each robot, NaN for the unmeasured, shape (n,)."""
+    return np.array([row.learn_ability for row in rows], dtype=float)
+
+
+def shares(rows: list[Robot], test_seconds: float, part: Literal["pre", "post"]) -> np.ndarray:
+    """Returns each robot's share of the test before or after training, in [0, 1], shape (n,)."""
+    times = [row.t_pre_s if part == "pre" else row.t_post_s for row in rows]
+    return np.array(times, dtype=float) / test_seconds

@@ -1,0 +1,179 @@
+"""Jobs: pieces of work that leave one file each, and can stop and continue at any moment."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from ...tasks import CONTROL_TIMESTEP
+from ..experiment.conditions import CohortKey
+from ..experiment.experiment import Experiment
+from ..terminal import JobProgress
+from .checkpoints import (
+    checkpoint_file,
+    finished_file,
+    restored_cohort,
+    save_checkpoint,
+    save_lives,
+)
+
+Stop = Callable[[], bool]
+Report = Callable[[float, str], None]
+
+_CHUNK = 50  # control steps between two looks at the clock
+
+
+class Job(Protocol):
+    """A piece of work that runs in a process of its own and leaves exactly one file."""
+
+    @property
+    def path(self) -> Path:
+        """The file that it leaves, in an existing folder."""
+        ...
+
+    @property
+    def cost(self) -> float:
+        """Simulated seconds of all its robots together."""
+        ...
+
+    def done(self) -> bool:
+        """Returns whether its file is there."""
+        ...
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """Does the work from where it was stopped.
+
+        Args:
+          stop: Returns whether to stop.
+          report: Receives the cost done so far and a message, about twice a second.
+
+        Returns:
+          Whether the work is done and its file is written.
+
+        Raises:
+          OSError: a file cannot be written.
+        """
+        ...
+
+
+class Executor(Protocol):
+    """Whatever runs jobs: the processes of this machine, or those of a cluster."""
+
+    def __call__(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
+        """Starts jobs in their order, and yields each as soon as it is done.
+
+        Raises:
+          Interrupted: by Ctrl-C or SIGTERM, after the jobs have stopped.
+          RunError: a process died, or a file could not be written.
+        """
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class CohortJob:
+    """Simulates a cohort from its last checkpoint to its end.
+
+    Attributes:
+      directory: Folder of the run, an absolute path.
+      experiment: Experiment that decides the robots' lives.
+      key: Condition and number of the cohort.
+      save_every: Seconds between two checkpoints.
+    """
+
+    directory: Path
+    experiment: Experiment
+    key: CohortKey
+    save_every: float
+
+    def __str__(self) -> str:
+        return f"{self.directory.name}/{self.key}"
+
+    @property
+    def path(self) -> Path:
+        """See `Job.path`."""
+        return finished_file(self.directory, self.key)
+
+    @property
+    def cost(self) -> float:
+        """See `Job.cost`."""
+        return self._seconds(sum(self.experiment.schedule(self.key.condition.task).steps()))
+
+    def done(self) -> bool:
+        """See `Job.done`."""
+        return self.path.exists()
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """See `Job.run`; also reports robots whose simulation becomes unstable."""
+        if stop():
+            return False
+        if self.done():  # by a node that was lost before it could say so
+            report(self.cost, "")
+            return True
+        cohort, message = restored_cohort(self.directory, self.experiment, self.key)
+        report(self._seconds(cohort.step), message)
+        saved = reported = time.monotonic()
+        broken = int((~cohort.batch.valid).sum())
+        while not cohort.finished:
+            if stop():
+                save_checkpoint(self.directory, self.key, cohort)
+                return False
+            cohort.advance(_CHUNK)
+            message = ""
+            if (count := int((~cohort.batch.valid).sum())) > broken:
+                robots = (~cohort.batch.valid).nonzero()[0].tolist()
+                message = (
+                    f"unstable simulation in {self}: robots {robots} stopped by step {cohort.step}"
+                )
+                broken = count
+            now = time.monotonic()
+            if message or now - reported > 0.5:
+                report(self._seconds(cohort.step), message)
+                reported = now
+            if now - saved > self.save_every:
+                save_checkpoint(self.directory, self.key, cohort)
+                saved = now
+        save_lives(self.path, cohort.lives())
+        checkpoint_file(self.directory, self.key).unlink(missing_ok=True)
+        report(self._seconds(cohort.step), "")
+        return True
+
+    def _seconds(self, steps: int) -> float:
+        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
+
+
+def execute(
+    what: str,
+    jobs: Sequence[Job],
+    executor: Executor,
+    finished: Callable[[Job], None] = lambda job: None,
+    *,
+    messages: Sequence[str] = (),
+    quiet: bool = False,
+) -> None:
+    """Runs jobs with progress and the remaining time.
+
+    Args:
+      what: Description of the jobs.
+      jobs: Jobs to run, the longest first.
+      executor: What runs them.
+      finished: Receives each job as soon as it is done.
+      messages: Sentences to show first.
+      quiet: Whether to show nothing.
+
+    Raises:
+      Interrupted, RunError: see `Executor`.
+    """
+    if not jobs:
+        return
+    with JobProgress(what, [job.cost for job in jobs], quiet) as progress:
+        for sentence in messages:
+            progress.tell(sentence)
+        running = executor(jobs, progress)
+        try:
+            for job in running:
+                finished(job)
+        finally:
+            running.close()

@@ -1,0 +1,92 @@
+"""What a process that runs jobs needs: one thread, no OpenGL, polite reactions to signals."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import torch
+
+from ...tasks import silence_warnings, stop_timers
+from ..errors import RunError
+
+
+def prepare_process() -> None:
+    """Gives this process one torch thread, no MuJoCo timers and no MuJoCo log."""
+    torch.set_num_threads(1)
+    stop_timers()
+    silence_warnings()
+
+
+@contextlib.contextmanager
+def single_threaded_children() -> Iterator[None]:
+    """Sets the environment so that processes started within have one thread and no OpenGL.
+
+    Several threads only slow down tensors as small as these, and nothing is drawn.
+    """
+    settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+class StopRequest:
+    """What signals have requested.
+
+    A handler only sets a plain flag: an Event has a lock that the interrupted thread may hold.
+
+    Attributes:
+      stop: Whether Ctrl-C or SIGTERM has asked to stop.
+    """
+
+    stop = False
+
+
+@contextlib.contextmanager
+def stop_on_signals() -> Iterator[StopRequest]:
+    """Turns Ctrl-C and SIGTERM into a request to stop."""
+    request = StopRequest()
+
+    def handler(number: int, frame: Any) -> None:
+        del number, frame
+        request.stop = True
+
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield request
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def follow_parent() -> None:
+    """Ends this process as soon as the one that started it ends."""
+
+    def follow() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+def stopped_by(error: Exception) -> RunError:
+    """Returns the error that says in one sentence what stopped a simulation."""
+    what = (
+        f"a file could not be written ({error})"
+        if isinstance(error, OSError)
+        else "a process died, perhaps for want of memory"
+    )
+    return RunError(f"{what}; the same command continues from the last checkpoints")

@@ -1,0 +1,185 @@
+"""Studies: jobs kept as files, and a page made from them. Resume, lock and refusal are here."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from matplotlib.figure import Figure
+
+from ..errors import DamagedFileError, InputError
+from ..experiment.experiment import Experiment, check_same
+from ..experiment.manifest import experiment_from
+from ..experiment.physics_probe import is_physics_of, physics_probe
+from ..experiment.provenance import machine
+from ..reporting import style
+from ..simulation.jobs import Executor, Job, execute
+from ..storage import check_folder, is_draft, locked, remove_drafts, write_atomically
+
+MANIFEST = "study.json"
+
+
+@dataclasses.dataclass(frozen=True)
+class Page:
+    """What a study reports.
+
+    Attributes:
+      markdown: Text, with tables.
+      figures: Figures by name.
+    """
+
+    markdown: str
+    figures: Mapping[str, Figure] = dataclasses.field(default_factory=dict)
+
+
+class Study(abc.ABC):
+    """A question, the jobs that answer it, and the page of the answer.
+
+    A subclass is a dataclass whose fields are the options of `musebot study NAME`; the first line
+    of its docstring says in the list of studies what it asks.
+
+    Attributes:
+      name: Name on the command line, of the page and of its figures.
+    """
+
+    name: ClassVar[str]
+
+    @abc.abstractmethod
+    def experiments(self) -> Mapping[str, Experiment]:
+        """Returns what is simulated, by name: what identifies the study, with its physics.
+
+        Raises:
+          InputError: an option is invalid.
+        """
+
+    def details(self) -> Mapping[str, Any]:
+        """Returns whatever else identifies the study, as JSON has it."""
+        return {}
+
+    def folders(self, out: Path) -> Sequence[Path]:
+        """Returns the folders of the study's files below OUT."""
+        del out
+        return []
+
+    def check(self, out: Path) -> None:
+        """Raises InputError where the study's own files in OUT cannot be continued."""
+        del out
+
+    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
+        """Yields groups of jobs; the jobs of a group run after all jobs of the one before."""
+        del out
+        yield from ()
+
+    def finished(self, job: Job) -> None:
+        """Receives each job as soon as it is done."""
+        del job
+
+    @abc.abstractmethod
+    def page(self, out: Path) -> Page:
+        """Returns the page made from the finished files; changes nothing.
+
+        Raises:
+          InputError: a file is missing or damaged.
+        """
+
+
+def page_file(study: Study, out: Path) -> Path:
+    """Returns the file of a study's page."""
+    return out / f"{study.name}.md"
+
+
+def conduct(study: Study, out: Path, executor: Executor) -> Page:
+    """Runs all jobs of a study that are not done yet, and writes its page and figures.
+
+    Args:
+      study: Study to run or to continue.
+      out: Folder of the study's files.
+      executor: What runs the jobs.
+
+    Returns:
+      The page.
+
+    Raises:
+      InputError: OUT holds something else, another study, or another physics; nothing was done.
+      Interrupted, RunError: see `simulation.jobs.Executor`; the same study continues.
+      OSError: a file could not be written.
+    """
+    experiments = study.experiments()
+    made_with = _check(study, experiments, out)
+    study.check(out)
+    with locked(out):
+        for folder in (out, *study.folders(out)):
+            folder.mkdir(exist_ok=True)
+            remove_drafts(folder)
+        _write_manifest(study, experiments, out, made_with)
+        for jobs in study.stages(out):
+            left = [job for job in jobs if not job.done()]
+            execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)
+        page = study.page(out)
+        write_atomically(page_file(study, out), page.markdown.encode())
+        with style.styled():
+            for name, figure in page.figures.items():
+                style.save(figure, out, name)
+    return page
+
+
+def check_robots(**numbers: int) -> None:
+    """Raises InputError where a number of something is less than 1."""
+    for name, number in numbers.items():
+        if number < 1:
+            raise InputError(f"{name} must be at least 1, got {number}")
+
+
+def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> list[Any]:
+    """Checks that OUT can hold a study; returns what its files were made with."""
+    check_folder(out)
+    path = out / MANIFEST
+    if not path.is_file():
+        if out.is_dir() and not all(map(is_draft, out.iterdir())):
+            raise InputError(f"{out} is not empty and holds no study of musebot's")
+        return []
+    try:
+        held = json.loads(path.read_bytes())
+        name, details, made_with = held["study"], held["details"], [*held["made_with"]]
+        known = {n: experiment_from(fields) for n, fields in held["experiments"].items()}
+        probes = {n: tuple(map(float, held["physics"][n])) for n in known}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DamagedFileError(f"{path} is no study of musebot's ({error!r})") from error
+    if name != study.name:
+        raise InputError(f"{out} holds the study {name}, not {study.name}")
+    if known.keys() != experiments.keys():
+        names = [", ".join(one) for one in (known, experiments)]
+        raise InputError(f"{out} holds a study of {names[0]}, not of {names[1]}")
+    for one, experiment in experiments.items():
+        check_same(f"{out} holds a study of {one}", known[one], experiment)
+    for detail, wanted in _plain(study.details()).items():
+        if details.get(detail) != wanted:
+            raise InputError(
+                f"{out} holds a study with {detail} {details.get(detail)}, not {wanted}"
+            )
+    for one, experiment in experiments.items():
+        if not is_physics_of(probes[one], experiment):
+            raise InputError(f"{out} was simulated in another physics than this version's")
+    return made_with
+
+
+def _write_manifest(
+    study: Study, experiments: Mapping[str, Experiment], out: Path, made_with: list[Any]
+) -> None:
+    content = {
+        "study": study.name,
+        "experiments": {n: dataclasses.asdict(one) for n, one in experiments.items()},
+        "physics": {n: physics_probe(one.body, one.kinematics) for n, one in experiments.items()},
+        "details": study.details(),
+        "made_with": [*(one for one in made_with if one != machine()), machine()],
+    }
+    write_atomically(out / MANIFEST, (json.dumps(content, indent=2) + "\n").encode())
+
+
+def _plain(details: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns details as JSON has them: lists for tuples, for example."""
+    return json.loads(json.dumps(details))
