@@ -175,7 +175,6 @@ class TablesCommand:
         """Reads and prints; changes nothing."""
         from .results.run_files import read_run
 
-        text: Any
         if self.compare:
             from .analysis.comparison import compare_runs
             from .reporting import comparison_tables as reporting

@@ -1,4 +1,4 @@
-"""Files that are whole or absent: atomic writes, arrays with a digest, locked folders. No pickle."""
+"""Files that are whole or absent: atomic writes, arrays with a digest, locks. No pickle."""
 
 from __future__ import annotations
 

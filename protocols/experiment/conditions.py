@@ -1,4 +1,4 @@
-"""Conditions and cohorts: which robots are simulated, named and ordered as in the paper's tables."""
+"""Conditions and cohorts: which robots are simulated, ordered as in the paper's tables."""
 
 from __future__ import annotations
 

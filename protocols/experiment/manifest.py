@@ -123,7 +123,9 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
       KeyError, TypeError: the fields are not those of an experiment.
       InputError: a value is invalid.
     """
-    brain = dict(fields["brain"]) | {"fixed_motors": tuple(fields["brain"]["fixed_motors"])}
+    brain: dict[str, Any] = dict(fields["brain"]) | {
+        "fixed_motors": tuple(fields["brain"]["fixed_motors"])
+    }
     if "random_ideas" in brain:  # a number of ideas before it became a share of them
         brain["random_share"] = brain.pop("random_ideas") / brain["ideas"]
     for name, neutral in _REMOVED.items():

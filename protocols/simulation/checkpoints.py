@@ -1,4 +1,4 @@
-"""The files of cohorts in `OUT/checkpoints`: where a life continues, and what a finished one left."""
+"""The files of cohorts in `OUT/checkpoints`: unfinished ones continue, finished ones wait."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulates runs: their cohorts as jobs, continued where they stopped, collected when all are done."""
+"""Simulates runs: their cohorts as jobs, continued where they stopped, collected at the end."""
 
 from __future__ import annotations
 
