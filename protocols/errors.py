@@ -11,6 +11,8 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
+EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
+
 
 class InputError(Exception):
     """What the user asked for cannot be done; the text says why."""
