@@ -14,8 +14,7 @@ import time
 import mujoco
 import numpy as np
 
-from ..doctor import EGL_REMEDY
-from ..errors import InputError
+from ..errors import EGL_REMEDY, InputError
 
 
 class Canvas:
