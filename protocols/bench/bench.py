@@ -21,7 +21,7 @@ from rich.markdown import Markdown
 
 from ...tasks import stop_timers
 from ..errors import InputError
-from ..experiment.experiment import machine
+from ..experiment.provenance import machine
 from ..options import cores
 from ..storage import check_place, write_atomically
 from . import lives, models, sections, workers
@@ -29,10 +29,10 @@ from .lives import PairedTiming, Setting, TimedCohort
 from .measurements import (
     MAIN,
     PAPER,
+    PAPER_TASKS,
     PROPOSERS,
     SMALL,
     STEADY,
-    TASKS,
     Measurements,
     as_json,
     draw,
@@ -166,7 +166,7 @@ def _measure(effort: Effort, car: mujoco.MjModel | None, printer: _Printer) -> M
     printer.show(sections.sizes_section(sizes))
 
     brains = {}
-    for task in TASKS:
+    for task in PAPER_TASKS:
         printer.begin(f"brains, {task}")
         setting = effort.setting(task, "creative", MAIN)
         cohorts = [
