@@ -172,11 +172,6 @@ class Parameters:
         return self.raw_signals or self.raw_reward or self.content_steps > 0
 
     @property
-    def needs_senses(self) -> bool:
-        """SHIM."""
-        return self.knows_full_load
-
-    @property
     def remembers_reward(self) -> bool:
         """Whether a brain must know a step's reward in the next step."""
         return self.next_value_capped or self.reward == "change" or self.lingering > 0

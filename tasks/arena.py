@@ -116,7 +116,7 @@ class Rules(abc.ABC):
       layout: where each sensor's numbers stand.
       shapes: of each observation, how many numbers, their minimum and their maximum.
       rewards: the smallest and the largest.
-      maximal: of the signals that saturate as s = s' / (1 + s') in Eq. 3, by name, "reward" too:
+      full: of the signals that saturate as s = s' / (1 + s') in Eq. 3, by name, "reward" too:
         the raw s' at a full load.
     """
 
@@ -124,7 +124,7 @@ class Rules(abc.ABC):
 
     shapes: ClassVar[Mapping[str, tuple[int, float, float]]]
     rewards: ClassVar[tuple[float, float]]
-    maximal: ClassVar[Mapping[str, float]] = {}
+    full: ClassVar[Mapping[str, float]] = {}
 
     @classmethod
     def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:
@@ -187,7 +187,7 @@ class SpotFindingRules(Rules):
 
     shapes: ClassVar = {"nose": (1, 0.0, 1.0)}
     rewards: ClassVar = (0.0, 1.0)
-    maximal: ClassVar = {"nose": Nose.odour, "reward": Nose.odour}
+    full: ClassVar = {"nose": Nose.odour, "reward": Nose.odour}
 
     @classmethod
     def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:

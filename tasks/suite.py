@@ -246,9 +246,6 @@ def row_of(task_name: str) -> Row:
     return TASKS[task_name]
 
 
-task_definition = row_of
-
-
 def _environment_keywords() -> list[str]:
     return [
         name

@@ -77,7 +77,7 @@ class TwoNosesRules(SpotFindingRules):
     right: slice
 
     shapes: ClassVar = {"noses": (2, 0.0, 1.0)}
-    maximal: ClassVar = {"noses": Nose.odour, "reward": Nose.odour}
+    full: ClassVar = {"noses": Nose.odour, "reward": Nose.odour}
 
     @classmethod
     def of(cls, model: mj.MjModel, nose: NoseForm = "inverse") -> Self:

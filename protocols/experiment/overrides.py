@@ -48,9 +48,7 @@ def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
     for word in words:
         name, given, text = word.partition("=")
         if name not in known or not given:
-            raise InputError(
-                f"an override is NAME=VALUE for one of {', '.join(known)}, got {word!r}"
-            )
+            raise InputError(f"an override is NAME=VALUE for one of {', '.join(known)}, got {word!r}")
         if name in fields:
             raise InputError(f"{name} is given twice")
         fields[name] = _value(text)
