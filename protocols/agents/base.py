@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from ...controller import PROPOSERS, Neurocontroller, Senses, Signal
-from ...tasks.suite import row_of
+from ...tasks.suite import task_definition
 from ..errors import InputError
 from ..experiment.experiment import Experiment, check_agent
 
@@ -136,13 +136,13 @@ def senses_of(task: str) -> Senses:
     Raises:
       ValueError: there is no such task.
     """
-    rules = row_of(task).rules
+    rules = task_definition(task).rules
     signals = [
-        Signal(low, high, rules.full.get(name))
+        Signal(low, high, rules.maximal.get(name))
         for name, (length, low, high) in rules.shapes.items()
         for _ in range(length)
     ]
-    return Senses(tuple(signals), Signal(*rules.rewards, rules.full.get("reward")))
+    return Senses(tuple(signals), Signal(*rules.rewards, rules.maximal.get("reward")))
 
 
 def make_agent(experiment: Experiment, task: str, proposer: str, robots: int, seed: int) -> Agent:

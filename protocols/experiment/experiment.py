@@ -23,9 +23,9 @@ from ... import __version__
 from ...controller import BRAINS, PROPOSERS, Parameters
 from ...models import Kinematics
 from ...tasks import Robots, make_batch, make_kinematic_batch
-from ...tasks.arena import FROM_WALLS
+from ...tasks.arena import Edit
 from ...tasks.sensors import NoseForm
-from ...tasks.suite import Edit
+from ...tasks.starts import FROM_WALLS
 from ..errors import DamagedFileError, InputError
 from ..storage import write_atomically
 from .schedules import COURSES, SCHEDULES, Course, Schedule

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Literal, get_args
 
 from ...tasks import CONTROL_TIMESTEP
-from ...tasks.arena import CORNERS
+from ...tasks.starts import CORNERS
 
 NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 

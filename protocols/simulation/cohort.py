@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...controller import PROPOSERS
-from ...tasks.arena import random_poses, random_spots
 from ...tasks.batch import Robots
+from ...tasks.starts import random_poses, random_spots
 from ..agents.base import make_agent
 from ..errors import InputError
 from ..experiment.experiment import CohortKey, Experiment, Plan
