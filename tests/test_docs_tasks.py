@@ -10,7 +10,7 @@ import tyro
 from PIL import Image
 
 import musebot
-from musebot.protocols.cli import Film
+from musebot.protocols.cli import FilmCommand
 from musebot.tasks.arena import CONTROL_TIMESTEP
 from musebot.tasks.suite import TASKS
 
@@ -78,7 +78,7 @@ def test_every_variant_has_a_small_film_and_its_command(name):
         assert gif.n_frames == 64
     assert (PAGE.parent / film).stat().st_size < 300_000
     (words,) = re.findall(r"^Reproduce: `musebot film (.*)`$", SECTIONS[name], re.MULTILINE)
-    made = tyro.cli(Film, args=words.split())
+    made = tyro.cli(FilmCommand, args=words.split())
     assert made.task == made.out.parent.name == made.output.stem == name
     assert made.out.name == "policies.safetensors"
     assert made.output.name == film.name

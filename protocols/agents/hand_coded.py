@@ -30,7 +30,8 @@ class HandCoded(Agent):
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
         """See `Agent.act`."""
-        return np.where(state >= self._maximal, self.STAND, np.where(state > 0, self.DRIVE, self.TURN))
+        outside = np.where(state > 0, self.DRIVE, self.TURN)
+        return np.where(state >= self._maximal, self.STAND, outside)
 
     def learn(self, reward: np.ndarray) -> None:
         """See `Agent.learn`."""

@@ -48,7 +48,8 @@ def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
     for word in words:
         name, given, text = word.partition("=")
         if name not in known or not given:
-            raise InputError(f"an override is NAME=VALUE for one of {', '.join(known)}, got {word!r}")
+            names = ", ".join(known)
+            raise InputError(f"a parameter is set as NAME=VALUE, NAME one of {names}, got {word!r}")
         if name in fields:
             raise InputError(f"{name} is given twice")
         fields[name] = _value(text)

@@ -34,9 +34,7 @@ def save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
     save_arrays(checkpoint_file(directory, key), arrays, cohort=str(key), **notes)
 
 
-def restored_cohort(
-    directory: Path, experiment: Experiment, key: CohortKey
-) -> tuple[Cohort, str]:
+def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> tuple[Cohort, str]:
     """Returns a cohort as its checkpoint has it, or newborn, and a message about a damaged file."""
     path = checkpoint_file(directory, key)
     cohort = Cohort(experiment, key)
