@@ -132,10 +132,6 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
         if brain.get(name) == neutral:
             del brain[name]
     kinematics = Kinematics(**fields.get("kinematics", {}))
-    if "centred" in Parameters.__dataclass_fields__:
-        return Experiment(
-            **(_renamed(fields) | {"brain": Parameters(**brain), "kinematics": kinematics})
-        )
     parts = {"brain": Parameters(**_renamed(brain)), "kinematics": kinematics}
     return Experiment(**(_renamed(fields) | parts))
 
