@@ -22,7 +22,7 @@ import tyro
 from ...controller import PROPOSERS
 from ...models import Dimensions, Kinematics, enlarge
 from ...tasks import CONTROL_TIMESTEP, Robots
-from ...tasks.arena import RANGEFINDERS
+from ...tasks.rules import RANGEFINDERS
 from ...tasks.sensors import distance_signal
 from ..agents.base import Brain, senses_of
 from ..analysis import intervals
