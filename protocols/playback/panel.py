@@ -9,7 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ...tasks import CONTROL_TIMESTEP
-from ...tasks.arena import RANGEFINDERS, SpotFindingRules
+from ...tasks.rules import RANGEFINDERS
+from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from . import scene
 from .scene import AMBER, BLUE, GREEN, RED, Colour, Shot, heat

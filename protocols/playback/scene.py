@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from ...models import robot_qpos
-from ...tasks.arena import RANGEFINDERS, SpotFindingRules
+from ...tasks.rules import RANGEFINDERS
+from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from .offscreen import Canvas
 
