@@ -22,6 +22,8 @@ from ..storage import check_folder, is_draft, locked, remove_drafts, write_atomi
 
 MANIFEST = "study.json"
 
+_DEFAULT = {"default": Experiment()}  # whose physics a study without experiments is checked by
+
 
 @dataclasses.dataclass(frozen=True)
 class Page:
@@ -52,8 +54,10 @@ class Study(abc.ABC):
     def experiments(self) -> Mapping[str, Experiment]:
         """Returns what is simulated, by name: what identifies the study, with its physics.
 
+        A study of no experiment is identified by its `details` and by the default robot's physics.
+
         Raises:
-          InputError: an option is invalid.
+          InputError: an option is invalid, or something that the study needs is missing.
         """
 
     def details(self) -> Mapping[str, Any]:
@@ -70,7 +74,7 @@ class Study(abc.ABC):
         del out
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """Yields groups of jobs; the jobs of a group run after all jobs of the one before."""
+        """Yields groups of jobs; all jobs of a group are done when the next group is asked for."""
         del out
         yield from ()
 
@@ -127,8 +131,8 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     return page
 
 
-def check_robots(**numbers: int) -> None:
-    """Raises InputError where a number of something is less than 1."""
+def check_positive(**numbers: int) -> None:
+    """Raises InputError where an option that counts something is less than 1."""
     for name, number in numbers.items():
         if number < 1:
             raise InputError(f"{name} must be at least 1, got {number}")
@@ -146,7 +150,7 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
         held = json.loads(path.read_bytes())
         name, details, made_with = held["study"], held["details"], [*held["made_with"]]
         known = {n: experiment_from(fields) for n, fields in held["experiments"].items()}
-        probes = {n: tuple(map(float, held["physics"][n])) for n in known}
+        probes = {n: tuple(map(float, held["physics"][n])) for n in known or _DEFAULT}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DamagedFileError(f"{path} is no study of musebot's ({error!r})") from error
     if name != study.name:
@@ -161,7 +165,7 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
             raise InputError(
                 f"{out} holds a study with {detail} {details.get(detail)}, not {wanted}"
             )
-    for one, experiment in experiments.items():
+    for one, experiment in (experiments or _DEFAULT).items():
         if not is_physics_of(probes[one], experiment):
             raise InputError(f"{out} was simulated in another physics than this version's")
     return made_with
@@ -170,10 +174,11 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
 def _write_manifest(
     study: Study, experiments: Mapping[str, Experiment], out: Path, made_with: list[Any]
 ) -> None:
+    probed = (experiments or _DEFAULT).items()
     content = {
         "study": study.name,
         "experiments": {n: dataclasses.asdict(one) for n, one in experiments.items()},
-        "physics": {n: physics_probe(one.body, one.kinematics) for n, one in experiments.items()},
+        "physics": {n: physics_probe(one.body, one.kinematics) for n, one in probed},
         "details": study.details(),
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }
