@@ -1,11 +1,13 @@
-"""The brain: an evaluation network that judges, a creative memory that proposes. Torch only."""
+"""The robot's brain: an evaluation network and a creative memory. Depends on torch only."""
 
+from .brains import BRAINS, INGREDIENTS
 from .evaluation import EvaluationNetwork
 from .memory import CreativeMemory, NoisePatterns
 from .networks import Networks
 from .neurocontroller import Neurocontroller
-from .parameters import BRAINS, INGREDIENTS, PROPOSERS, Parameters, Proposer
-from .reading import Senses, Signal
+from .parameters import Parameters
+from .proposers import PROPOSERS, Proposer, RandomActions
+from .senses import Senses, Signal
 
 __all__ = [
     "BRAINS",
@@ -18,6 +20,7 @@ __all__ = [
     "NoisePatterns",
     "Parameters",
     "Proposer",
+    "RandomActions",
     "Senses",
     "Signal",
 ]

@@ -1,23 +1,45 @@
-"""The creative memory: past actions recalled, and new ideas from noise in its connections."""
+"""The creative memory: recalled actions, and ideas by noise in its connections (section 3)."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
-from .networks import Networks
-from .optimizers import make_optimizer
+from .networks import ACTIVATIONS, Networks
+from .optimizers import SGD, Optimizer
 from .parameters import Parameters
+from .step import Step
+
+# From a step, its TD error, who learns and the learn rate of the evaluation network to the
+# memory's target action, the learn rate of each robot and a common factor of these rates.
+Lesson = Callable[[Step, Tensor, Tensor, float], tuple[Tensor, Tensor, float]]
+
+
+def selected_action(
+    before: Step, error: Tensor, learning: Tensor, rate: float
+) -> tuple[Tensor, Tensor, float]:
+    """Returns the paper's lesson: the selected action, at the TD error as learn rate.
+
+    Args:
+      before: Step at time t.
+      error: TD error of the step, shape (B,).
+      learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
+      rate: Learn rate of the evaluation network.
+    """
+    del learning, rate  # the TD error is 0 for a robot that does not learn
+    return before.action, error, 1.0
 
 
 class NoisePatterns:
-    """Which connections of an idea are noisy, and with which sign.
+    """The noise of ideas: which connections are noisy, and the sign of their noise.
 
-    A pattern has exactly n = round(share * N) of N connections at +noise or -noise, and 0
-    elsewhere; positions and signs are uniform. A large pool of patterns is drawn at once,
-    every idea takes one of it at random, and the pool is drawn anew every `LIFETIME` steps.
-    Each idea has the distribution of a draw of its own, at a tenth of the cost; two ideas are
-    the same with a probability of one in 16384, which a draw of their own would not grant.
+    A pattern has exactly n = round(share * N) of N connections at +noise or -noise, and the
+    others at 0; positions and signs are uniform. A pool of `POOL` patterns is drawn at once,
+    every idea takes one of them at random, and the pool is redrawn every `LIFETIME` steps. Each
+    idea has the distribution of an individual draw, at a tenth of the cost. Two ideas are equal
+    with a probability of 1 in `POOL`, more often than individual draws would be.
     """
 
     POOL = 16384
@@ -26,7 +48,14 @@ class NoisePatterns:
     def __init__(
         self, connections: int, share: float, noise: float, generator: torch.Generator
     ) -> None:
-        """Prepares patterns for N connections; the pool is drawn at the first `draw`."""
+        """Prepares patterns; the first `draw` fills the pool.
+
+        Args:
+          connections: Number N of connections.
+          share: Share of noisy connections, in [0, 1].
+          noise: Magnitude of the noise.
+          generator: Random stream of the draws.
+        """
         self.noisy = round(share * connections)
         self.noise = noise
         self._generator = generator
@@ -34,7 +63,7 @@ class NoisePatterns:
         self._age = torch.tensor([self.LIFETIME])
 
     def draw(self, count: int) -> Tensor:
-        """Returns patterns, shape (count, N)."""
+        """Draws patterns, shape (count, N)."""
         if self._age >= self.LIFETIME:
             self._refill()
         self._age += 1
@@ -49,62 +78,70 @@ class NoisePatterns:
         self._age.zero_()
 
     def tensors(self) -> dict[str, Tensor]:
-        """The pool and its age, for a checkpoint."""
+        """Returns the pool and its age in steps, for a checkpoint."""
         return {"pool": self._pool, "age": self._age}
 
 
 class CreativeMemory:
-    """Sensors in, one layer of hidden neurons, two logistic outputs: the motors (section 3)."""
+    """Networks from a state to two logistic outputs, the motor values (section 3).
+
+    Attributes:
+      networks: The networks, one for each of B robots.
+      optimizer: Optimizer of the networks.
+      patterns: Noise of the ideas.
+    """
 
     def __init__(
-        self, parameters: Parameters, robots: int, sensors: int, generator: torch.Generator
+        self,
+        parameters: Parameters,
+        robots: int,
+        inputs: int,
+        generator: torch.Generator,
+        optimizer: Callable[[Networks], Optimizer] = SGD,
     ) -> None:
-        """Draws B networks for states of S sensors."""
+        """Draws the initial networks.
+
+        Args:
+          parameters: Parameters of the brain.
+          robots: Number B of robots.
+          inputs: Number I of network inputs.
+          generator: Random stream of the initial weights and of the noise.
+          optimizer: Class of the optimizer.
+        """
         self._parameters = parameters
-        hidden = parameters.memory_hidden
-        self.networks = Networks(
-            robots,
-            sensors,
-            hidden,
-            2,
-            parameters.initial_range,
-            generator,
-            parameters.activation,
-        )
-        # A TD error says how far to go: Adam, which levels the steps, would not hear it.
-        towards_best = parameters.memory_goal == "best"
-        self.optimizer = make_optimizer(
-            parameters.optimizer if towards_best else "plain", self.networks
-        )
+        hidden, initial_range = parameters.memory_hidden, parameters.initial_range
+        self.networks = Networks(robots, inputs, hidden, 2, initial_range, generator)
+        self.networks.activation = ACTIVATIONS[parameters.activation]
+        self.optimizer = optimizer(self.networks)
         # Connections of an idea side by side: sensor weights, motor weights (and biases).
-        self._sizes = [hidden * sensors, 2 * hidden]
+        self._sizes = [hidden * inputs, 2 * hidden]
         if parameters.noise_on_biases:
             self._sizes += [hidden, 2]
         self.patterns = NoisePatterns(
             sum(self._sizes), parameters.noisy_share, parameters.noise, generator
         )
 
-    def ideas(self, state: Tensor) -> Tensor:
-        """Actions that the memory proposes in a state, each under noise of its own.
+    def ideas(self, state: Tensor, count: int) -> Tensor:
+        """Returns ideas: the memory's actions under individual noise.
 
         Args:
-          state: sensor signals, shape (B, S).
+          state: Network inputs, shape (B, I).
+          count: Number A of ideas per robot.
 
         Returns:
           Motor values in [-0.5, 0.5], shape (B, A, 2).
         """
-        robots, sensors = state.shape
+        robots, inputs = state.shape
         hidden_size = self._parameters.memory_hidden
-        count = self._parameters.ideas - self._parameters.random_ideas
         patterns = self.patterns.draw(robots * count).view(robots, count, -1)
         if self._parameters.keep_main_idea:
             patterns[:, 0] = 0
         noise = patterns.split(self._sizes, dim=-1)
         net = self.networks
 
-        # Noise and weights add: (W + N) x = W x + N x, so no noisy network is ever built.
+        # (W + N) x = W x + N x: adding the sums avoids building the noisy networks.
         main = torch.baddbmm(net.hidden_biases[..., None], net.hidden_weights, state[..., None])
-        noise_in = noise[0].reshape(robots, count * hidden_size, sensors)
+        noise_in = noise[0].reshape(robots, count * hidden_size, inputs)
         sums = torch.bmm(noise_in, state[..., None]).view(robots, count, hidden_size)
         sums += main.mT
         if self._parameters.noise_on_biases:
@@ -119,18 +156,25 @@ class CreativeMemory:
         return outputs.sigmoid_() - 0.5
 
     def recall(self, state: Tensor) -> Tensor:
-        """The main idea, without noise: motor values, shape (B, 2), for a state (B, S)."""
+        """Returns the main idea, the action without noise.
+
+        Args:
+          state: Network inputs, shape (B, I).
+
+        Returns:
+          Motor values in [-0.5, 0.5], shape (B, 2).
+        """
         return self.networks.forward(state)[1].sigmoid() - 0.5
 
     def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: float = 1.0) -> None:
-        """One step of back-propagation towards an action, down half the squared error.
+        """Learns an action by one step of back-propagation on half the squared error.
 
         Args:
-          state: sensor signals, shape (B, S).
-          action: the motor values to remember, shape (B, 2).
-          rates: each robot's learn rate, shape (B,): towards a selected action the TD error
-            (negative: to unlearn), towards the best one 1; 0 for a robot that does not learn.
-          rate: everybody's, by which these are multiplied.
+          state: Network inputs, shape (B, I).
+          action: Motor values to learn, shape (B, 2).
+          rates: Learn rate of each robot, shape (B,); negative to unlearn the action, 0 for a
+            robot that does not learn.
+          rate: Common factor of the learn rates.
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()

@@ -1,32 +1,29 @@
-"""One-hidden-layer networks, one for each of B robots, and their gradient by hand."""
+"""One-hidden-layer networks, one for each of B robots, and their gradients (section 3)."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor
 
-ActivationName = Literal["logistic", "tanh"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Activation:
-    """What hidden neurons do with their sums.
+    """An activation function of hidden neurons.
 
     Attributes:
-      apply: turns sums into activations, in place.
-      back: an error at the activations (first) times their slope there, from the activations
-        themselves (second).
+      apply: Function that turns sums into activations, in place.
+      back: Function of an error at the activations and of the activations, which returns the
+        error at the sums.
     """
 
     apply: Callable[[Tensor], Tensor]
     back: Callable[[Tensor, Tensor], Tensor]
 
 
-ACTIVATIONS: dict[ActivationName, Activation] = {
+ACTIVATIONS: Mapping[str, Activation] = {
     "logistic": Activation(Tensor.sigmoid_, lambda error, hidden: error * hidden * (1 - hidden)),
     "tanh": Activation(Tensor.tanh_, lambda error, hidden: error * (1 - hidden * hidden)),
 }
@@ -35,15 +32,15 @@ ACTIVATIONS: dict[ActivationName, Activation] = {
 class Networks:
     """B feed-forward networks of equal shape: one layer of hidden neurons, linear output sums.
 
-    What follows the output sums (identity in the evaluation network, a logistic function in
-    the creative memory) is its owner's.
+    The owner applies the output function: the identity in the evaluation network, the logistic
+    function in the creative memory.
 
     Attributes:
-      hidden_weights: shape (B, H, I).
-      hidden_biases: shape (B, H).
-      output_weights: shape (B, O, H).
-      output_biases: shape (B, O).
-      activation: of the hidden neurons.
+      hidden_weights: Weights from inputs to hidden neurons, shape (B, H, I).
+      hidden_biases: Biases of the hidden neurons, shape (B, H).
+      output_weights: Weights from hidden to output neurons, shape (B, O, H).
+      output_biases: Biases of the output neurons, shape (B, O).
+      activation: Activation function of the hidden neurons; logistic unless replaced.
     """
 
     NAMES = ("hidden_weights", "hidden_biases", "output_weights", "output_biases")
@@ -56,14 +53,22 @@ class Networks:
         outputs: int,
         initial_range: float,
         generator: torch.Generator,
-        activation: ActivationName = "logistic",
     ) -> None:
-        """Draws all weights and biases uniformly from [-initial_range, initial_range]."""
+        """Draws all weights and biases uniformly from [-initial_range, initial_range].
+
+        Args:
+          robots: Number B of networks.
+          inputs: Number I of inputs.
+          hidden: Number H of hidden neurons.
+          outputs: Number O of outputs.
+          initial_range: Half-width of the interval of the initial weights.
+          generator: Random stream of the initial weights.
+        """
 
         def draw(*shape: int) -> Tensor:
             return (torch.rand(robots, *shape, generator=generator) * 2 - 1) * initial_range
 
-        self.activation = ACTIVATIONS[activation]
+        self.activation = ACTIVATIONS["logistic"]
         self.hidden_weights = draw(hidden, inputs)
         self.hidden_biases = draw(hidden)
         self.output_weights = draw(outputs, hidden)
@@ -73,7 +78,7 @@ class Networks:
         """Evaluates each robot's network at one input.
 
         Args:
-          inputs: shape (B, I).
+          inputs: Network inputs, shape (B, I).
 
         Returns:
           The hidden activations, shape (B, H), and the output sums, shape (B, O).
@@ -84,12 +89,12 @@ class Networks:
         return hidden[..., 0], output[..., 0]
 
     def ascend(self, inputs: Tensor, hidden: Tensor, steps: Tensor) -> None:
-        """Adds to every weight w: sum over outputs o of steps_o * d(output sum o) / dw.
+        """Adds to every weight w the sum over outputs o of steps_o * d(output sum o) / dw.
 
         Args:
-          inputs: where the networks were evaluated, shape (B, I).
-          hidden: their hidden activations there, shape (B, H).
-          steps: how far to go for each output sum, shape (B, O).
+          inputs: Network inputs, shape (B, I).
+          hidden: Hidden activations at these inputs, shape (B, H).
+          steps: Factor of the gradient of each output sum, shape (B, O).
         """
         back = self._back(hidden, steps)
         self.output_weights.baddbmm_(steps[..., None], hidden[:, None])
@@ -98,15 +103,15 @@ class Networks:
         self.hidden_biases += back
 
     def gradient(self, inputs: Tensor, hidden: Tensor, steps: Tensor) -> Tensor:
-        """What `ascend` adds, all weights of a robot side by side in the order of `NAMES`.
+        """Returns what `ascend` adds, as one vector per robot in the order of `NAMES`.
 
         Args:
-          inputs: see `ascend`.
-          hidden: see `ascend`.
-          steps: see `ascend`.
+          inputs: Network inputs, shape (B, I).
+          hidden: Hidden activations at these inputs, shape (B, H).
+          steps: Factor of the gradient of each output sum, shape (B, O).
 
         Returns:
-          Shape (B, P), of P weights and biases a robot.
+          The gradient with respect to the P weights and biases of a robot, shape (B, P).
         """
         back = self._back(hidden, steps)
         to_hidden = (back[..., None] * inputs[:, None]).flatten(1)
@@ -114,35 +119,43 @@ class Networks:
         return torch.cat([to_hidden, back, to_output, steps], dim=1)
 
     def add(self, steps: Tensor) -> None:
-        """Adds to every weight its step, shape (B, P), side by side as in `gradient`."""
+        """Adds to every weight its step.
+
+        Args:
+          steps: Steps in the order of `gradient`, shape (B, P).
+        """
         tensors = list(self.tensors().values())
         parts = steps.split([tensor[0].numel() for tensor in tensors], dim=1)
         for tensor, part in zip(tensors, parts, strict=True):
             tensor += part.view(tensor.shape)
 
     def _back(self, hidden: Tensor, steps: Tensor) -> Tensor:
-        """The steps of the output sums, carried back to the hidden sums, shape (B, H)."""
+        """Propagates steps of the output sums back to the hidden sums, shape (B, H)."""
         error = torch.bmm(steps[:, None], self.output_weights)[:, 0]
         return self.activation.back(error, hidden)
 
     def tensors(self) -> dict[str, Tensor]:
-        """The weights and biases themselves, by name."""
+        """Returns the weights and biases themselves, by name."""
         return {name: getattr(self, name) for name in self.NAMES}
 
     def load(self, tensors: dict[str, Tensor]) -> None:
-        """Overwrites weights and biases.
+        """Overwrites the weights and biases.
 
         Raises:
-          ValueError: one is missing, or its shape is another.
+          ValueError: A tensor is missing or has the wrong shape.
         """
         load_into(self.tensors(), tensors)
 
 
-def load_into(targets: dict[str, Tensor], tensors: dict[str, Tensor]) -> None:
+def load_into(targets: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:
     """Copies tensors into targets of the same names and shapes: all of them, or none.
 
+    Args:
+      targets: Tensors to overwrite, by name.
+      tensors: Tensors to copy, by name.
+
     Raises:
-      ValueError: one is missing, or its shape is another.
+      ValueError: A tensor is missing or has the wrong shape.
     """
     for name, target in targets.items():
         if name not in tensors:

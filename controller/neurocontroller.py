@@ -1,32 +1,30 @@
-"""The modular neurocontroller: evaluation network, creative memory, proposer (section 2)."""
+"""The modular neurocontroller: evaluation network, creative memory, action proposer (section 2)."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from .evaluation import EvaluationNetwork
-from .exploration import make_exploration
-from .memory import CreativeMemory
+from .brains import assemble
 from .networks import load_into
 from .parameters import Parameters
-from .proposers import make_proposer
-from .reading import Reading, Senses
+from .senses import Senses
+from .step import Step
 
 
 class Neurocontroller:
     """The brains of B robots; a single robot is a batch of one.
 
-    At every control step call `act` with what the robots sense, then, where they learn,
-    `learn` with the reward that came along with it:
+    In every control step, call `act` with the sensed state and then, during training, `learn`
+    with the reward sensed in the same step:
 
-        motors = brain.act(state, explore=learning)
-        if learning:
+        motors = brain.act(state, explore=training)
+        if training:
             brain.learn(reward)
 
     Attributes:
-      evaluation: judges actions.
-      memory: proposes them; None for proposers that need none.
+      evaluation: Evaluation network, which computes the values of actions.
+      memory: Creative memory, which proposes actions; None for the fixed and random proposers.
     """
 
     def __init__(
@@ -38,211 +36,157 @@ class Neurocontroller:
         seed: int,
         senses: Senses | None = None,
     ) -> None:
-        """Draws B newborn brains.
+        """Draws the initial brains.
 
         Args:
-          parameters: every number.
-          proposer: "fixed", "random" or "creative".
-          robots: B.
-          sensors: S, numbers in a state.
-          seed: of the brains' one random stream.
-          senses: what the numbers in a state, and the reward, are; brains that read them as
-            they are, as the paper's do, need not be told.
+          parameters: Parameters of the brains.
+          proposer: Action proposer, "fixed", "random" or "creative".
+          robots: Number B of robots.
+          sensors: Number S of sensor signals in a state.
+          seed: Seed of the brains' random stream.
+          senses: Ranges of the signals; not needed by encodings that pass signals through
+            unchanged, such as the paper's.
 
         Raises:
-          ValueError: there is no such proposer, or the brains must be told of their senses.
+          ValueError: The proposer is unknown, or the parameters need senses that are not given.
         """
-        self._parameters = parameters
         self._generator = torch.Generator().manual_seed(seed)
-        self._reading = Reading(parameters, sensors, senses)
-        inputs = self._reading.inputs
-        self.evaluation = EvaluationNetwork(parameters, robots, inputs, self._generator)
-        self.memory = (
-            CreativeMemory(parameters, robots, inputs, self._generator)
-            if proposer == "creative"
-            else None
-        )
-        self._proposer = make_proposer(proposer, parameters, self.memory, self._generator)
-        self._exploration = make_exploration(parameters, robots, self._generator)
-        self._rows = torch.arange(robots)
-        self._age = torch.tensor(0)  # steps of learning
-        # Those with a full load in a row, and all that come after once a robot is content.
-        self._full_steps = torch.zeros(robots, dtype=torch.int64)
-        # What was sensed, done and expected, now and a step ago. A robot whose `chained` is 0
-        # has no step ago: it was born or placed anew, and has nothing to learn from yet.
-        self._now = self._blank(robots, inputs)
-        self._before = self._blank(robots, inputs)
-
-    def _blank(self, robots: int, inputs: int) -> dict[str, Tensor]:
-        blank = {
-            "state": torch.zeros(robots, inputs),
-            "action": torch.zeros(robots, 2),
-            "value": torch.zeros(robots),
-            "chained": torch.zeros(robots),
-        }
-        if self._parameters.remembers_best:
-            blank |= {"best_action": torch.zeros(robots, 2), "best_value": torch.zeros(robots)}
-        if self._parameters.remembers_reward:  # 0 where it is not known: it was not learnt from
-            blank |= {"reward": torch.zeros(robots), "rewarded": torch.zeros(robots)}
-        return blank
-
-    def propose(self, state: Tensor) -> Tensor:
-        """The actions to choose from, shape (B, A, 2), in a state (B, S); other ones every time."""
-        return self._proposer.propose(self._reading.state(state))
-
-    def values(self, state: Tensor, actions: Tensor) -> Tensor:
-        """What it thinks of actions, shape (B, A), for (B, A, 2), in a state (B, S)."""
-        return self._judged(self._reading.state(state), actions)
-
-    def _judged(self, inputs: Tensor, actions: Tensor) -> Tensor:
-        return self.evaluation.values(inputs, self._reading.motors(actions))
+        parts = assemble(parameters, proposer, robots, sensors, self._generator, senses)
+        self.evaluation = parts.evaluation
+        self.memory = parts.memory
+        self._encoding = parts.encoding
+        self._proposer = parts.proposer
+        self._exploration = parts.exploration
+        self._target = parts.target
+        self._lesson = parts.lesson
+        self._epsilon = parts.epsilon
+        self._test_epsilon = parameters.test_epsilon
+        self._learn_rate = parts.learn_rate
+        self._age = torch.tensor(0)  # steps of training
+        self._before = self._now = Step.blank(robots, self._encoding.inputs)
 
     def act(self, state: Tensor, explore: bool) -> Tensor:
-        """Chooses each robot's best proposed action, or with epsilon any of them.
+        """Selects each robot's action, epsilon-greedily (section 2).
 
         Args:
-          state: sensor signals, shape (B, S).
-          explore: whether epsilon-greedy as in training, or as in the tests: greedy, unless
-            there is a `test_epsilon`.
+          state: Sensor signals, shape (B, S).
+          explore: Whether epsilon is that of training; otherwise it is `test_epsilon`.
 
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
         """
-        inputs = self._reading.state(state)
-        actions = self._proposer.propose(inputs)
-        ideas = actions.shape[1]
-        epsilon = self._parameters.test_epsilon
-        if explore:
-            epsilon = self._parameters.epsilon_at(int(self._age))
-        astray = None
-        if explore or epsilon:
-            actions, astray = self._exploration.stray(actions, epsilon)
-            if self._parameters.content_steps:
-                astray = torch.where(self._content(), -1, astray)
-        values = self._judged(inputs, actions)
-        best = chosen = values[:, :ideas].argmax(dim=1)
-        if astray is not None:
-            chosen = torch.where(astray < 0, best, astray)
-        self._before, self._now = self._now, self._before
-        now, rows = self._now, self._rows
-        now["state"].copy_(inputs)
-        now["action"].copy_(actions[rows, chosen])
-        now["value"].copy_(values[rows, chosen])
-        now["chained"].fill_(1)
-        if self._parameters.remembers_best:
-            now["best_action"].copy_(actions[rows, best])
-            now["best_value"].copy_(values[rows, best])
-        if self._parameters.remembers_reward:
-            now["reward"].zero_()
-            now["rewarded"].zero_()
-        return now["action"].clone()
+        inputs = self._encoding.state(state)
+        ideas = actions = self._proposer.propose(inputs)
+        exploratory = None
+        if explore or self._test_epsilon:
+            epsilon = self._epsilon(self._age) if explore else self._test_epsilon
+            actions, exploratory = self._exploration.draw(ideas, epsilon)
+        values = self._values(inputs, actions)
+        best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
+        if exploratory is not None:
+            selected = torch.where(exploratory < 0, best, exploratory)
+        self._before, self._now = self._now, Step(inputs, actions, values, selected, best)
+        return self._now.action.clone()
 
     def learn(self, reward: Tensor) -> Tensor:
-        """Learns from the step that led to what `act` was last told.
+        """Learns from the previous step and from the reward for its action (Eq. 1, section 3).
 
         Args:
-          reward: sensed along with the state last given to `act`, shape (B,).
+          reward: Reward sensed with the state last given to `act`, shape (B,).
 
         Returns:
-          The TD error, shape (B,); 0 for a robot without a step to learn from.
+          The TD error, shape (B,); 0 for a robot without a previous step.
         """
-        before, rate = self._before, self._parameters.learn_rate_at(int(self._age))
-        gain, ahead, learning = self._outcome(self._reading.reward(reward))
-        if self._parameters.content_steps:
-            goes_on = self._reading.is_full(reward) | self._content()
-            self._full_steps.copy_(torch.where(goes_on, self._full_steps + 1, 0))
-            learning = learning * ~self._content()
-        action = self._reading.motors(before["action"])
-        error = self.evaluation.learn(before["state"], action, gain, ahead, learning, rate)
-        if self.memory is not None and self._parameters.memory_goal == "selected":
-            self.memory.learn(before["state"], before["action"], error)
-        elif self.memory is not None:
-            self.memory.learn(before["state"], before["best_action"], learning, rate)
+        before, rate = self._before, self._learn_rate(self._age)
+        target, learning = self._target(reward, before, self._now)
+        action = self._encoding.motors(before.action)
+        error = self.evaluation.learn(before.state, action, target, learning, rate)
+        if self.memory is not None:
+            self.memory.learn(before.state, *self._lesson(before, error, learning, rate))
         self._age += 1
         return error
 
-    def _content(self) -> Tensor:
-        """Who has had a full load for so long that it learns and explores no more, shape (B,)."""
-        return self._full_steps >= self._parameters.content_steps
-
-    def _outcome(self, reward: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What is learnt from a step: r and V' of Eq. 1, and who learns, each of shape (B,)."""
-        parameters, now, before = self._parameters, self._now, self._before
-        ahead = now["best_value" if parameters.next_value == "best" else "value"]
-        learning = before["chained"]
-        if parameters.remembers_reward:
-            if parameters.lingering:
-                left = parameters.lingering * before["reward"] * before["chained"]
-                reward = torch.where(reward < 0, reward, torch.maximum(reward, left))
-            now["reward"].copy_(reward)
-            now["rewarded"].fill_(1)
-            learning = learning * before["rewarded"]
-            change = reward - before["reward"]
-            if parameters.next_value_capped:
-                lost = (change < 0) & (reward <= 0)
-                had = before["reward"].clamp(min=0)
-                ahead = torch.where(lost, torch.minimum(ahead, had), ahead)
-            if parameters.reward == "change":
-                reward = change
-        if parameters.action_gap:
-            worse = (before["best_value"] - before["value"]).clamp(min=0)
-            reward = reward - parameters.action_gap * worse
-        return reward, ahead, learning
-
     def forget_step(self, robots: Tensor | None = None) -> None:
-        """Breaks the chain of steps, as when robots (indices; None: all) are placed anew."""
-        self._now["chained"][slice(None) if robots is None else robots] = 0
+        """Prevents learning across the next step, for robots that are placed elsewhere.
+
+        Args:
+          robots: Indices of the robots concerned; None for all.
+        """
+        self._now.forget(robots)
+
+    def propose(self, state: Tensor) -> Tensor:
+        """Returns newly proposed actions, motor values of shape (B, A, 2).
+
+        Args:
+          state: Sensor signals, shape (B, S).
+        """
+        return self._proposer.propose(self._encoding.state(state))
+
+    def values(self, state: Tensor, actions: Tensor) -> Tensor:
+        """Returns the values of actions, shape (B, A).
+
+        Args:
+          state: Sensor signals, shape (B, S).
+          actions: Motor values, shape (B, A, 2).
+        """
+        return self._values(self._encoding.state(state), actions)
+
+    def _values(self, inputs: Tensor, actions: Tensor) -> Tensor:
+        return self.evaluation.values(inputs, self._encoding.motors(actions))
 
     def networks(self) -> dict[str, Tensor]:
-        """All weights and biases, "evaluation.*" and so on, each of shape (B, ...)."""
-        owners = {"evaluation": self.evaluation.networks}
+        """Returns all weights and biases, "evaluation.hidden_weights" etc., shapes (B, ...)."""
+        tensors = _prefixed("evaluation", self.evaluation.networks.tensors())
         if self.memory is not None:
-            owners["memory"] = self.memory.networks
-        return {
-            f"{owner}.{name}": tensor
-            for owner, networks in owners.items()
-            for name, tensor in networks.tensors().items()
-        }
+            tensors |= _prefixed("memory", self.memory.networks.tensors())
+        return tensors
 
     def load_networks(self, tensors: dict[str, Tensor]) -> None:
-        """Puts other brains, as `networks` gave them, into the robots.
+        """Overwrites all weights and biases.
+
+        Args:
+          tensors: Weights and biases, named as by `networks`.
 
         Raises:
-          ValueError: a tensor is missing, or its shape is another.
+          ValueError: A tensor is missing or has the wrong shape.
         """
         load_into(self.networks(), tensors)
 
     def state(self) -> dict[str, Tensor]:
-        """Everything that the next steps depend on, for a checkpoint between two steps.
+        """Returns everything on which the next steps depend, for a checkpoint between two steps.
 
-        These are the tensors themselves: clone what is to outlive the next step.
+        The tensors may change in the next step: clone them to keep them.
         """
-        state = self.networks() | {"generator": self._generator.get_state()}
-        parts = {
-            "now": self._now,
-            "evaluation.optimizer": self.evaluation.optimizer.tensors(),
-            "exploration": self._exploration.tensors(),
-        }
-        if self._parameters.ages:
-            parts["learning"] = {"age": self._age}
-        if self._parameters.content_steps:
-            parts["contentment"] = {"full_steps": self._full_steps}
-        if self.memory is not None:
-            parts["noise"] = self.memory.patterns.tensors()
-            parts["memory.optimizer"] = self.memory.optimizer.tensors()
-        return state | {
-            f"{part}.{name}": tensor
-            for part, tensors in parts.items()
-            for name, tensor in tensors.items()
-        }
+        return self._state_in_place() | self._state_by_value()
 
     def load_state(self, tensors: dict[str, Tensor]) -> None:
-        """Goes on from a `state`, to the bit.
+        """Continues from a checkpoint, bit-exactly.
+
+        Args:
+          tensors: Tensors that `state` returned.
 
         Raises:
-          ValueError: a tensor is missing, or its shape is another.
+          ValueError: A tensor is missing or has the wrong shape.
         """
-        state = self.state()
-        generator = state.pop("generator").clone()
-        load_into(state | {"generator": generator}, tensors)
-        self._generator.set_state(generator)
+        by_value = self._state_by_value()
+        load_into(self._state_in_place() | by_value, tensors)
+        self._generator.set_state(by_value.pop("generator"))
+        self._now = Step.from_tensors({n.removeprefix("now."): t for n, t in by_value.items()})
+
+    def _state_in_place(self) -> dict[str, Tensor]:
+        """Returns the tensors that the parts of the brain overwrite in each step."""
+        state = self.networks() | {"age": self._age}
+        state |= _prefixed("evaluation.optimizer", self.evaluation.optimizer.tensors())
+        state |= _prefixed("exploration", self._exploration.tensors())
+        if self.memory is not None:
+            state |= _prefixed("memory.optimizer", self.memory.optimizer.tensors())
+            state |= _prefixed("noise", self.memory.patterns.tensors())
+        return state
+
+    def _state_by_value(self) -> dict[str, Tensor]:
+        """Returns copies of the state that each step replaces."""
+        return {"generator": self._generator.get_state()} | _prefixed("now", self._now.tensors())
+
+
+def _prefixed(owner: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {f"{owner}.{name}": tensor for name, tensor in tensors.items()}

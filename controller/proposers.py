@@ -1,79 +1,64 @@
-"""Action proposers: the actions among which the evaluation network chooses (section 3)."""
+"""Action proposers: the actions among which the evaluation network selects (section 3)."""
 
 from __future__ import annotations
 
 import itertools
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import torch
 from torch import Tensor
 
 from .memory import CreativeMemory
-from .parameters import PROPOSERS, Parameters
+
+Proposer = Literal["fixed", "random", "creative"]
+PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
 
 
 class ActionProposer(Protocol):
-    """Anything that proposes A actions a robot."""
+    """Proposes A actions to each robot."""
 
     def propose(self, state: Tensor) -> Tensor:
-        """Motor values in [-0.5, 0.5], shape (B, A, 2), for states of shape (B, S)."""
+        """Returns motor values in [-0.5, 0.5], shape (B, A, 2).
+
+        Args:
+          state: Network inputs, shape (B, I).
+        """
         ...
 
 
 class FixedActions:
-    """All pairs of a few motor values, the same 25 actions for ever."""
+    """Proposes all pairs of some motor values in every step."""
 
     def __init__(self, motors: tuple[float, ...]) -> None:
-        """Makes the pairs of these motor values."""
+        """Forms the pairs of these motor values."""
         self._actions = torch.tensor(list(itertools.product(motors, repeat=2)))
 
     def propose(self, state: Tensor) -> Tensor:
-        """Motor values, shape (B, A, 2), for states of shape (B, S)."""
+        """See `ActionProposer.propose`."""
         return self._actions.expand(len(state), -1, -1)
 
 
 class RandomActions:
-    """Actions drawn uniformly from [-0.5, 0.5] squared, anew for every step and robot."""
+    """Proposes actions drawn uniformly from [-0.5, 0.5] x [-0.5, 0.5] in every step."""
 
     def __init__(self, count: int, generator: torch.Generator) -> None:
-        """Prepares to draw `count` actions a robot."""
+        """Takes the number of actions per robot, and the random stream of the draws."""
         self._count = count
         self._generator = generator
 
     def propose(self, state: Tensor) -> Tensor:
-        """Motor values, shape (B, A, 2), for states of shape (B, S)."""
+        """See `ActionProposer.propose`."""
         return torch.rand(len(state), self._count, 2, generator=self._generator) - 0.5
 
 
 class CreativeActions:
-    """The ideas of a creative memory, and perhaps some from outside."""
+    """Proposes the ideas of a creative memory."""
 
-    def __init__(self, memory: CreativeMemory, others: RandomActions | None = None) -> None:
-        """Proposes what this memory's noise makes of its main idea, and then the others."""
+    def __init__(self, memory: CreativeMemory, count: int) -> None:
+        """Takes the memory, and the number of ideas per robot."""
         self._memory = memory
-        self._others = others
+        self._count = count
 
     def propose(self, state: Tensor) -> Tensor:
-        """Motor values, shape (B, A, 2), for states of shape (B, S)."""
-        ideas = self._memory.ideas(state)
-        if self._others is None:
-            return ideas
-        return torch.cat([ideas, self._others.propose(state)], dim=1)
-
-
-def make_proposer(
-    name: str, parameters: Parameters, memory: CreativeMemory | None, generator: torch.Generator
-) -> ActionProposer:
-    """Returns the proposer of that name; only "creative" needs the memory.
-
-    Raises:
-      ValueError: there is no such proposer.
-    """
-    if name == "fixed":
-        return FixedActions(parameters.fixed_motors)
-    if name == "random":
-        return RandomActions(parameters.ideas, generator)
-    if name == "creative" and memory is not None:
-        others = parameters.random_ideas
-        return CreativeActions(memory, RandomActions(others, generator) if others else None)
-    raise ValueError(f"proposer must be one of {', '.join(PROPOSERS)}, got {name!r}")
+        """See `ActionProposer.propose`."""
+        return self._memory.ideas(state, self._count)

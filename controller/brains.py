@@ -1,0 +1,226 @@
+"""The named brains, and the assembly of a brain's parts from its parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import torch
+from torch import Tensor
+
+from .evaluation import EvaluationNetwork, Target, TDTarget, on_policy, td_error
+from .exploration import EpsilonGreedy, Exploration
+from .extensions.adam import Adam
+from .extensions.decay import Decay
+from .extensions.encoding import InputEncoding, RawReward
+from .extensions.exploration import PersistentExploration
+from .extensions.lessons import best_action
+from .extensions.random_ideas import WithRandomIdeas
+from .extensions.stopping import StoppingExploration, StoppingRule, StoppingTarget
+from .extensions.targets import (
+    AdvantageLearning,
+    ClippedBootstrap,
+    RememberedReward,
+    RewardDifference,
+    max_value,
+)
+from .extensions.td_error import LimitedTDError
+from .memory import CreativeMemory, Lesson, selected_action
+from .optimizers import SGD
+from .parameters import Parameters
+from .proposers import PROPOSERS, ActionProposer, CreativeActions, FixedActions, RandomActions
+from .senses import DirectEncoding, Encoding, Senses
+
+STEADY = Parameters(
+    # The paper's networks are too small for the different actions at no, weak and full smell.
+    evaluation_hidden=16,
+    memory_hidden=10,
+    activation="tanh",
+    # Inputs centred at zero: no signal moves all neurons in one direction.
+    centred_inputs=True,
+    # s / (1 + s) is 0.90 at the rim and 0.91 inside: only raw is arriving worth the way.
+    raw_signals=True,
+    raw_reward=True,
+    # Approaching is rewarded, staying is not: a robot in the spot has nothing to unlearn.
+    reward_form="difference",
+    # The outcome of an exploratory action must not lower the value of the action before it. With
+    # advantage learning it would do so in every step.
+    bootstrap="max",
+    # "No smell" is one state whether the smell was just lost or never sensed: its value must not
+    # exceed the loss. Leaving a wall must not compensate for touching it.
+    clipped_bootstrap=True,
+    # Over 0.1 s the values of driving and standing differ by less than the network's error.
+    advantage_scale=0.8,
+    # Rewards vary by a factor of 100 between tasks and over a life: Adam normalises the steps.
+    optimizer="adam",
+    # A long stay in the spot must change little: after four hours a fifth of the rate is left.
+    learn_rate=0.0002,
+    initial_learn_rate=0.002,
+    learn_rate_decay_steps=62400,
+    # The memory learns the best action, not the selected one, and need not unlearn.
+    memory_target="best",
+    # A converged memory proposes copies of one action: some ideas must be independent of it.
+    random_share=0.32,
+    # Single random steps lead nowhere: several in one direction reach the spot.
+    exploration_steps=15,
+    epsilon=0.04,
+    initial_epsilon=0.3,
+    epsilon_decay_steps=24000,
+)
+
+# The ingredients of STEADY: fields that are reset to the paper's to remove one of them.
+INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "hidden_neurons": ("evaluation_hidden", "memory_hidden", "activation"),
+        "centred_inputs": ("centred_inputs",),
+        "raw_signals": ("raw_signals",),
+        "raw_reward": ("raw_reward",),
+        "reward_difference": ("reward_form",),
+        "max_target": ("bootstrap",),
+        "clipped_bootstrap": ("clipped_bootstrap",),
+        "advantage": ("advantage_scale",),
+        "adam": ("optimizer", "learn_rate", "initial_learn_rate"),
+        "best_action_memory": ("memory_target",),
+        "random_ideas": ("random_share",),
+        "persistent_exploration": ("exploration_steps",),
+        "epsilon_decay": ("epsilon", "initial_epsilon"),
+    }
+)
+
+
+def _without(ingredient: str) -> Parameters:
+    paper = {name: getattr(Parameters(), name) for name in INGREDIENTS[ingredient]}
+    return dataclasses.replace(STEADY, **paper)
+
+
+BRAINS: Mapping[str, Parameters] = MappingProxyType(
+    {
+        "paper": Parameters(),
+        "steady": STEADY,
+        **{f"steady-{ingredient}": _without(ingredient) for ingredient in INGREDIENTS},
+        # Section 4: robots would do better if training ended in time, here after a minute.
+        "paper-stopping": Parameters(stopping_steps=600),
+    }
+)
+
+# A parameter as a function of the number of training steps.
+Schedule = Callable[[Tensor], float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Parts:
+    """The parts of B brains.
+
+    Attributes:
+      encoding: Encoding of signals and motor values as network inputs.
+      evaluation: Evaluation network.
+      target: Target of the value in Eq. 1.
+      memory: Creative memory; None for the fixed and random proposers.
+      lesson: What the memory learns.
+      proposer: Action proposer.
+      exploration: Exploration during training.
+      epsilon: Probability of an exploratory action during training.
+      learn_rate: Learn rate of the evaluation network.
+    """
+
+    encoding: Encoding
+    evaluation: EvaluationNetwork
+    target: Target
+    memory: CreativeMemory | None
+    lesson: Lesson
+    proposer: ActionProposer
+    exploration: Exploration
+    epsilon: Schedule
+    learn_rate: Schedule
+
+
+def assemble(
+    parameters: Parameters,
+    proposer: str,
+    robots: int,
+    sensors: int,
+    generator: torch.Generator,
+    senses: Senses | None,
+) -> Parts:
+    """Assembles the parts of B brains.
+
+    Args:
+      parameters: Parameters of the brains.
+      proposer: Action proposer, "fixed", "random" or "creative".
+      robots: Number B of robots.
+      sensors: Number S of sensor signals in a state.
+      generator: Random stream of the brains.
+      senses: Ranges of the signals; None if they are unknown.
+
+    Raises:
+      ValueError: The proposer is unknown, or the parameters need senses that are not given.
+    """
+    if proposer not in PROPOSERS:
+        raise ValueError(f"proposer must be one of {', '.join(PROPOSERS)}, got {proposer!r}")
+    p = parameters
+    exploration: Exploration = EpsilonGreedy(generator)
+    if p.exploration_steps:
+        exploration = PersistentExploration(robots, p.exploration_steps, generator)
+    encoding: Encoding = DirectEncoding(sensors)
+    target = _target(p)
+    if p.centred_inputs or p.needs_senses:
+        if senses is None or len(senses.state) != sensors:
+            given = "none" if senses is None else len(senses.state)
+            raise ValueError(f"senses must give the range of all {sensors} signals, got {given}")
+        encoding = InputEncoding(senses, p.centred_inputs, p.raw_signals)
+        if p.raw_reward and senses.reward.maximal:
+            target = RawReward(target, senses.reward.maximal)
+        if p.stopping_steps:
+            rule = StoppingRule(robots, p.stopping_steps, senses.reward.saturated)
+            target = StoppingTarget(target, rule)
+            exploration = StoppingExploration(exploration, rule)
+    optimizer = {"sgd": SGD, "adam": Adam}[p.optimizer]
+    limited = td_error if p.td_error_limit is None else LimitedTDError(p.td_error_limit)
+    inputs = encoding.inputs
+    evaluation = EvaluationNetwork(p, robots, inputs, generator, optimizer, limited)
+    memory = None
+    if proposer == "creative":
+        # Adam normalises the step size and would discard the magnitude of the TD error.
+        follower = optimizer if p.memory_target == "best" else SGD
+        memory = CreativeMemory(p, robots, inputs, generator, follower)
+    return Parts(
+        encoding=encoding,
+        evaluation=evaluation,
+        target=target,
+        memory=memory,
+        lesson=best_action if p.memory_target == "best" else selected_action,
+        proposer=_proposer(p, proposer, memory, generator),
+        exploration=exploration,
+        epsilon=_schedule(p.initial_epsilon, p.epsilon, p.epsilon_decay_steps),
+        learn_rate=_schedule(p.initial_learn_rate, p.learn_rate, p.learn_rate_decay_steps),
+    )
+
+
+def _target(p: Parameters) -> Target:
+    next_value = max_value if p.bootstrap == "max" else on_policy
+    if p.clipped_bootstrap:
+        next_value = ClippedBootstrap(next_value)
+    target: Target = TDTarget(p.discount, next_value)
+    if p.advantage_scale:
+        target = AdvantageLearning(target, p.advantage_scale)
+    if p.reward_form == "difference":
+        target = RewardDifference(target)
+    if p.clipped_bootstrap or p.reward_form == "difference" or p.reward_decay:
+        target = RememberedReward(target, p.reward_decay)
+    return target
+
+
+def _proposer(
+    p: Parameters, name: str, memory: CreativeMemory | None, generator: torch.Generator
+) -> ActionProposer:
+    if memory is not None:
+        ideas = CreativeActions(memory, p.ideas - p.random_ideas)
+        if p.random_ideas:
+            return WithRandomIdeas(ideas, RandomActions(p.random_ideas, generator))
+        return ideas
+    return FixedActions(p.fixed_motors) if name == "fixed" else RandomActions(p.ideas, generator)
+
+
+def _schedule(initial: float | None, final: float, steps: float) -> Schedule:
+    return (lambda age: final) if initial is None else Decay(initial, final, steps)

@@ -1,0 +1,73 @@
+"""Encoding of inputs and reward: centred inputs, raw signals, raw reward."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..evaluation import Target
+from ..senses import Senses
+from ..step import Step
+
+
+def unsaturated(signal: Tensor, maximal: Tensor) -> Tensor:
+    """Returns the raw signal x of s = x / (1 + x), as a share of the one at maximal smell.
+
+    The result is clipped to [0, 1], for signals with noise.
+
+    Args:
+      signal: Saturating signal s.
+      maximal: Raw signal at maximal smell, broadcast against `signal`.
+    """
+    signal = torch.minimum(signal.clamp(min=0), maximal / (1 + maximal))
+    return signal / (1 - signal) / maximal
+
+
+class InputEncoding:
+    """Scaled inputs, and raw signals as further inputs.
+
+    Attributes:
+      inputs: Number I of network inputs for the state.
+    """
+
+    def __init__(self, senses: Senses, centred: bool, raw_signals: bool) -> None:
+        """Prepares the encoding.
+
+        Args:
+          senses: Ranges of the S signals of a state.
+          centred: Whether all inputs, motor values included, are scaled to [-1, 1].
+          raw_signals: Whether the raw value of each saturating signal is a further input.
+        """
+        self._centred = centred
+        self._columns = torch.tensor([bool(s.maximal) for s in senses.state]).nonzero()[:, 0]
+        self._maximal = torch.tensor([s.maximal for s in senses.state if s.maximal])
+        self._raw = raw_signals and len(self._maximal) > 0
+        further = len(self._maximal) * self._raw
+        self.inputs = len(senses.state) + further
+        bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further
+        low, high = torch.tensor(bounds).T
+        self._middle, self._half = (high + low) / 2, (high - low) / 2
+
+    def state(self, signals: Tensor) -> Tensor:
+        """See `Encoding.state`."""
+        if self._raw:
+            raw = unsaturated(signals[:, self._columns], self._maximal)
+            signals = torch.cat([signals, raw], dim=1)
+        return (signals - self._middle) / self._half if self._centred else signals
+
+    def motors(self, actions: Tensor) -> Tensor:
+        """See `Encoding.motors`."""
+        return actions * 2 if self._centred else actions
+
+
+class RawReward:
+    """A target computed from the raw reward, 1 at maximal smell."""
+
+    def __init__(self, target: Target, maximal: float) -> None:
+        """Takes the target, and the raw reward at maximal smell."""
+        self._target = target
+        self._maximal = torch.tensor(maximal)
+
+    def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
+        """See `Target.__call__`."""
+        return self._target(unsaturated(reward, self._maximal), before, now)

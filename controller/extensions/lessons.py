@@ -1,0 +1,22 @@
+"""What the creative memory learns instead of the selected action."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ..step import Step
+
+
+def best_action(
+    before: Step, error: Tensor, learning: Tensor, rate: float
+) -> tuple[Tensor, Tensor, float]:
+    """Returns the best proposed action, at the learn rate of the evaluation network.
+
+    Args:
+      before: Step at time t.
+      error: TD error of the step, shape (B,).
+      learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
+      rate: Learn rate of the evaluation network.
+    """
+    del error
+    return before.best_action, learning, rate

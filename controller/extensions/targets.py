@@ -1,0 +1,100 @@
+"""Targets of the value beyond Eq. 1: other values of the next step, other rewards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from ..evaluation import Target
+from ..step import Step
+
+
+def max_value(before: Step, now: Step) -> Tensor:
+    """Returns V at t + 1 of Q-learning, the value of the best proposed action, shape (B,).
+
+    Args:
+      before: Step at time t.
+      now: Step at time t + 1.
+    """
+    del before
+    return now.best_value
+
+
+class ClippedBootstrap:
+    """V at t + 1, clipped to max(r(t), 0) if the reward fell to 0 or below in this step.
+
+    It needs the rewards that `RememberedReward` keeps.
+    """
+
+    def __init__(self, next_value: Callable[[Step, Step], Tensor]) -> None:
+        """Takes the function that returns V at t + 1."""
+        self._next_value = next_value
+
+    def __call__(self, before: Step, now: Step) -> Tensor:
+        """Returns the clipped values, shape (B,)."""
+        value = self._next_value(before, now)
+        lost = (now.reward < before.reward) & (now.reward <= 0)
+        return torch.where(lost, torch.minimum(value, before.reward.clamp(min=0)), value)
+
+
+class AdvantageLearning:
+    """A lower reward for a worse action, r <- r - alpha (V_best - V_selected) at time t.
+
+    An exploratory action whose value exceeds that of every idea is not rewarded more.
+    """
+
+    def __init__(self, target: Target, scale: float) -> None:
+        """Takes the target, and the factor alpha."""
+        self._target = target
+        self._scale = scale
+
+    def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
+        """See `Target.__call__`."""
+        worse = (before.best_value - before.value).clamp(min=0)
+        return self._target(reward - self._scale * worse, before, now)
+
+
+class RewardDifference:
+    """The difference of successive rewards as the reward, r(t + 1) - r(t).
+
+    It needs the rewards that `RememberedReward` keeps.
+    """
+
+    def __init__(self, target: Target) -> None:
+        """Takes the target."""
+        self._target = target
+
+    def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
+        """See `Target.__call__`."""
+        return self._target(reward - before.reward, before, now)
+
+
+class RememberedReward:
+    """Keeps the reward of each step, for targets that compare successive rewards.
+
+    Robots do not learn from a step for which the previous reward is unknown.
+    """
+
+    def __init__(self, target: Target, decay: float) -> None:
+        """Takes the parts of the target.
+
+        Args:
+          target: Target computed from the kept rewards.
+          decay: Lower bound of a positive reward in the next step, as a share of it in [0, 1).
+        """
+        self._target = target
+        self._decay = decay
+
+    def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
+        """See `Target.__call__`."""
+        if not before.rewarded:
+            before.reward = torch.zeros_like(reward)
+        if self._decay:
+            left = self._decay * before.reward * before.chained
+            reward = torch.where(reward < 0, reward, torch.maximum(reward, left))
+        now.reward = reward.clone()  # the caller may overwrite its own
+        now.rewarded = True
+        target, learning = self._target(reward, before, now)
+        return target, learning if before.rewarded else torch.zeros_like(learning)

@@ -1,0 +1,19 @@
+"""A limit on the TD error, the gradient of the Huber loss."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ..evaluation import td_error
+
+
+class LimitedTDError:
+    """The TD error, clipped to [-limit, limit]."""
+
+    def __init__(self, limit: float) -> None:
+        """Takes the largest magnitude of the error."""
+        self._limit = limit
+
+    def __call__(self, target: Tensor, value: Tensor, learning: Tensor | float) -> Tensor:
+        """See `evaluation.td_error`."""
+        return td_error(target, value, learning).clamp(-self._limit, self._limit)
