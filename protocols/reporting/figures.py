@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..analysis import intervals
-from .style import CATEGORY_COLOURS, INK, canvas, colour, in_per_cent
 from ..experiment.experiment import Experiment
 from ..experiment.schedules import NAMES, PARTS, SCHEDULES, control_steps
 from ..playback.observation import Behaviour, Stay
 from ..results.learn_ability import CATEGORIES, Summary
 from ..results.results import Results
+from .style import CATEGORY_COLOURS, INK, canvas, colour, in_per_cent
 from .tables import papers
 
 # ---- Learning curves ----

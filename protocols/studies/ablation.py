@@ -109,8 +109,7 @@ def compared(
         for task in PAPER_TASKS
         for ingredient in ingredients
         if f"{WHOLE}-{ingredient}" in runs
-        and (condition := Condition(task, _PROPOSER))
-        in runs[f"{WHOLE}-{ingredient}"].conditions()
+        and (condition := Condition(task, _PROPOSER)) in runs[f"{WHOLE}-{ingredient}"].conditions()
     }
     return dict(zip(matches, outcomes([*matches.values()]), strict=True))
 

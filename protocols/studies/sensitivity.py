@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from ...controller import Parameters
 from ...models import Kinematics
-from ..analysis.comparison import CELLS, Cell, compare, corrected, resamples_for
+from ..analysis.comparison import CELLS, Cell, Match, compare, corrected, resamples_for
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.experiment import Experiment
 from ..experiment.plan import default_cohort_size
@@ -107,16 +107,15 @@ def compared(
     cells: list[Cell] = []
     with bar() as progress:
         for choice, condition in progress.track(pairs, description="comparing"):
-            cells += compare(runs[choice.name], runs[BASELINE], condition, resamples)
+            match = Match(runs[choice.name], runs[BASELINE], condition)
+            cells += compare(match, resamples)
     rest = iter(corrected(cells))
     return [
         (choice, [next(rest) for _ in range(CELLS * len(choice.conditions))]) for choice in choices
     ]
 
 
-def markdown(
-    runs: Mapping[str, Run], comparisons: Sequence[tuple[Variant, Sequence[Cell]]]
-) -> str:
+def markdown(runs: Mapping[str, Run], comparisons: Sequence[tuple[Variant, Sequence[Cell]]]) -> str:
     """Returns the page: the cells that each choice changes, and the noise of two seeds.
 
     Args:
@@ -141,13 +140,12 @@ def markdown(
             values.append(comparison_tables.difference(cell))
             values.append(comparison_tables.probability(cell.corrected))
             values.append(comparison_tables.difference(of_noise[_place(cell)]))
-            condition = cell.condition
-            place = [TASK_NAMES[condition.task], condition.proposer, cell.name]
+            place = [TASK_NAMES[cell.task], cell.proposer, cell.name]
             rows.append([choice.says, *place, *values])
         lines += [*map(line, rows), ""]
     lines += ["### The noise: two baselines with different seeds", ""]
     for task in baseline.tasks():
-        own = [cell for cell in noise if cell.condition.task == task]
+        own = [cell for cell in noise if cell.task == task]
         lines += [f"**{title(task, baseline.experiment)}**", ""]
         lines += [*comparison_tables.table("another seed", BASELINE, own), ""]
     every = [cell for _, cells in comparisons for cell in cells]

@@ -17,7 +17,7 @@ from ..experiment.manifest import experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.provenance import machine
 from ..reporting import style
-from ..simulation.jobs import Executor, Job, execute
+from ..simulation.jobs import Executor, Job, Report, Stop, execute
 from ..storage import check_folder, is_draft, locked, remove_drafts, write_atomically
 
 MANIFEST = "study.json"
@@ -129,6 +129,38 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
             for name, figure in page.figures.items():
                 style.save(figure, out, name)
     return page
+
+
+class StoppedError(Exception):
+    """A job was asked to stop before it was done."""
+
+
+class MinuteTick:
+    """Reports a job's progress every simulated minute, and stops it when asked."""
+
+    def __init__(self, job: Job, robots: int, stop: Stop, report: Report) -> None:
+        """Begins to count.
+
+        Args:
+          job: Job that runs.
+          robots: Number of robots in lockstep.
+          stop: Returns whether to stop.
+          report: Receives the cost done so far and a message.
+        """
+        self._cost, self._each = job.cost, 60.0 * robots
+        self._stop, self._report = stop, report
+        self._done = 0.0
+
+    def __call__(self) -> None:
+        """Counts a minute.
+
+        Raises:
+          StoppedError: the job is asked to stop.
+        """
+        self._done = min(self._done + self._each, self._cost)
+        self._report(self._done, "")
+        if self._stop():
+            raise StoppedError
 
 
 def check_positive(**numbers: int) -> None:
