@@ -1,4 +1,4 @@
-"""The study of robustness: trained brains evaluated in robots and arenas that differ from training."""
+"""The study of robustness: trained brains in robots and arenas that differ from training."""
 
 from __future__ import annotations
 

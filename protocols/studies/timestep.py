@@ -1,4 +1,4 @@
-"""The study that chose the timestep: the same motor values at several timesteps (docs/physics.md)."""
+"""The study of the timestep: the same motor values at several timesteps (docs/physics.md)."""
 
 from __future__ import annotations
 
