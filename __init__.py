@@ -1,7 +1,7 @@
-"""Musebot: Mayer's creative robot (IEEE SMC 2004), alive in MuJoCo.
+"""Musebot: Mayer's creative robot (IEEE SMC 2004) in MuJoCo.
 
-The tasks open like any of dm_control's; importing this module alone loads no physics, no torch and
-no OpenGL, but tells Gymnasium, where it is installed, the names of the tasks.
+The tasks load like those of dm_control. Importing this module loads no physics, no torch and no
+OpenGL; it registers the tasks with Gymnasium if that is installed.
 
     import musebot
 
@@ -35,7 +35,7 @@ __all__ = [
     "register_gymnasium",
 ]
 
-# Gymnasium's names, in its namespace "musebot". A version changes with what the task means.
+# Gymnasium ids in the namespace "musebot", and their tasks. A task that changes gets a new version.
 GYMNASIUM_TASKS = {
     "WallAvoidance-v0": "wall_avoidance",
     "SpotFinding-v0": "spot_finding",
@@ -58,15 +58,15 @@ def load(
     """Returns an environment, with the signature of `dm_control.suite.load`.
 
     Args:
-      domain_name: first half of an entry of `ALL_TASKS`.
-      task_name: second half of the same entry.
-      task_kwargs: keywords of the task.
-      environment_kwargs: keywords of `dm_control.rl.control.Environment`.
-      visualize_reward: whether the robot's colour shows its reward.
+      domain_name: Name of the domain, the first half of an entry of `ALL_TASKS`.
+      task_name: Name of the task, the second half of that entry.
+      task_kwargs: Keywords of the task, see docs/tasks.md.
+      environment_kwargs: Keywords of `dm_control.rl.control.Environment`.
+      visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:
-      TypeError: a keyword is unknown.
-      ValueError: there is no such domain or task, or a value makes no sense.
+      TypeError: A keyword is unknown.
+      ValueError: There is no such domain or task, or a value is out of range.
     """
     from . import tasks
 
@@ -74,17 +74,17 @@ def load(
 
 
 def register() -> None:
-    """Lets `dm_control.suite.load("musebot_arena", TASK)` find the tasks, in this process."""
+    """Registers the tasks for `dm_control.suite.load("musebot_arena", TASK)` in this process."""
     from . import tasks
 
     tasks.register()
 
 
 def register_gymnasium() -> None:
-    """Lets `gymnasium.make("musebot/WallAvoidance-v0")` find the tasks.
+    """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
 
-    Importing musebot does so too: since its version 1.0 Gymnasium has no plugins, and learns of
-    environments when somebody imports them. Nothing but the names is loaded.
+    Importing musebot calls this: Gymnasium 1.x has no plugins, so that a package registers its
+    environments when it is imported. Only the names are registered; no environment is loaded.
 
     Raises:
       ModuleNotFoundError: Gymnasium is not installed.
@@ -92,7 +92,7 @@ def register_gymnasium() -> None:
     promptless = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
     import gymnasium
 
-    if not promptless:  # Gymnasium sets it, and importing musebot sets nothing
+    if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
         os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
     for name, task in GYMNASIUM_TASKS.items():
         if f"musebot/{name}" in gymnasium.registry:
@@ -114,5 +114,5 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-with contextlib.suppress(ImportError):  # Gymnasium is an extra
+with contextlib.suppress(ImportError):  # Gymnasium is optional
     register_gymnasium()

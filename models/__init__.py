@@ -1,4 +1,4 @@
-"""The bodies: one MJCF of the robot, one of its arena, how they are read, and variants."""
+"""The bodies: MJCF of the robot and its arena, edits of both, and the kinematic simulator."""
 
 from .arena import (
     ARENA_XML,

@@ -1,7 +1,7 @@
-"""How the robot and its arena are read: MJCF in, a compiled model and its dimensions out.
+"""Loading of robot and arena: from MJCF to a compiled model and its dimensions.
 
-The numbers stand in `robot.xml` and `arena.xml` alone. `arena_spec` edits a few of them for
-experiments, and `Dimensions.of` reads back from a compiled model whatever Python needs.
+`robot.xml` and `arena.xml` hold every dimension. `arena_spec` edits the motors for experiments;
+`Dimensions.of` reads back from a compiled model what Python needs.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import numpy as np
 ROBOT_XML = Path(__file__).with_name("robot.xml")
 ARENA_XML = Path(__file__).with_name("arena.xml")
 
-# dm_control 1.0.50 reads fields of MjModel that MuJoCo renames at nearly every release.
+# dm_control 1.0.50 reads fields of MjModel that MuJoCo renames in almost every release.
 _MUJOCO = (3, 17)
 
 
 def check_versions() -> None:
-    """Raises ImportError, in one sentence, where this MuJoCo does not go with dm_control."""
+    """Raises ImportError if this MuJoCo does not work with dm_control."""
     if tuple(int(part) for part in mujoco.__version__.split(".")[:2]) != _MUJOCO:
         wanted = ".".join(map(str, _MUJOCO))
         raise ImportError(
-            f"musebot needs MuJoCo {wanted}.x, because dm_control breaks with others; "
+            f"musebot needs MuJoCo {wanted}.x, because dm_control fails with others, "
             f"got {mujoco.__version__} (pip install 'mujoco~={wanted}.0')"
         )
 
@@ -33,20 +33,19 @@ def arena_spec(*, motor_speed: float | None = None) -> mujoco.MjSpec:
     """Returns the arena with its robot as an editable MjSpec; `.compile()` makes the model.
 
     Args:
-      motor_speed: speed of a wheel at motor value 0.5, in metres a second; None leaves
-        that of `robot.xml`.
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of `robot.xml`.
 
     Raises:
-      ImportError: this MuJoCo does not go with dm_control.
-      ValueError: the speed is not positive.
+      ImportError: This MuJoCo does not work with dm_control.
+      ValueError: The speed is not positive.
     """
     check_versions()
     spec = mujoco.MjSpec.from_file(str(ARENA_XML))
     if motor_speed is not None:
         if not motor_speed > 0:
             raise ValueError(f"motor_speed must be positive, got {motor_speed}")
-        # A gear is motor value over wheel speed, and torque = gear * gain * (motor value - gear *
-        # wheel speed): the gain keeps the torque of a stalled wheel what it was.
+        # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
+        # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.
         for motor in spec.actuators:
             radius = spec.geom(motor.target).size[0]
             gear = 0.5 * radius / motor_speed
@@ -58,13 +57,13 @@ def arena_spec(*, motor_speed: float | None = None) -> mujoco.MjSpec:
 
 
 def robot_qpos(pose: np.ndarray) -> np.ndarray:
-    """Generalised positions of a robot standing on the floor, wheels at angle zero.
+    """Returns MuJoCo's qpos of a robot on the floor with both wheels at angle 0.
 
     Args:
-      pose: x, y in metres and heading in radians (0 looks along +x), shape (..., 3).
+      pose: x, y in [m] and heading in [rad] (0 along +x), shape (..., 3).
 
     Returns:
-      Position, quaternion and the two wheel angles, shape (..., 9).
+      Position in [m], quaternion and the two wheel angles in [rad], shape (..., 9).
     """
     pose = np.asarray(pose, dtype=float)
     qpos = np.zeros((*pose.shape[:-1], 9))
@@ -75,29 +74,40 @@ def robot_qpos(pose: np.ndarray) -> np.ndarray:
 
 
 def robot_pose(qpos: np.ndarray) -> np.ndarray:
-    """The inverse of `robot_qpos`: x, y and heading, shape (..., 3), from (..., 9)."""
+    """Returns the pose of a robot, the inverse of `robot_qpos`.
+
+    Args:
+      qpos: Position in [m], quaternion and the two wheel angles in [rad], shape (..., 9).
+
+    Returns:
+      x, y in [m] and heading in [rad], shape (..., 3).
+    """
     x, y, _, w, i, j, k = np.moveaxis(qpos[..., :7], -1, 0)
     return np.stack([x, y, np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))], axis=-1)
 
 
 def half_size(arena: mujoco.MjModel | mujoco.MjSpec) -> tuple[float, float]:
-    """Half of the arena along x and along y, in metres; compiled or not."""
+    """Returns half of the arena's length along x and width along y in [m].
+
+    Args:
+      arena: Arena with its walls, compiled or not.
+    """
     return float(arena.geom("east").pos[0]), float(arena.geom("north").pos[1])
 
 
 @dataclasses.dataclass(frozen=True)
 class Dimensions:
-    """What Python needs to know of a compiled arena. SI units.
+    """Dimensions of robot, arena and spot, read from a compiled arena.
 
     Attributes:
-      half_length: half of the arena along x, in metres.
-      half_width: half of the arena along y, in metres.
-      radius: the robot's, in metres.
-      wheel_base: distance between the wheels, in metres.
-      motor_speed: speed of a wheel at motor value 0.5, in metres a second.
-      contact_margin: the gap to a wall at which the rim feels it, in metres.
-      spot_radius: of the odorous spot, in metres.
-      obstacles: of each, x, y and radius, in metres.
+      half_length: Half of the arena along x in [m].
+      half_width: Half of the arena along y in [m].
+      radius: Radius of the robot in [m].
+      wheel_base: Distance between the wheels in [m].
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
+      contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
+      spot_radius: Radius of the odorous spot in [m].
+      obstacles: x, y and radius of each obstacle in [m].
     """
 
     half_length: float
@@ -114,7 +124,7 @@ class Dimensions:
         """Reads the dimensions of a compiled arena with its robot.
 
         Raises:
-          KeyError: a body, geom, site or actuator of the arena is missing.
+          KeyError: The arena lacks a body, geom, site or actuator.
         """
         bumper = model.geom("bumper")
         wheel_radius = float(model.geom("left_wheel").size[0])

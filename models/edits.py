@@ -1,6 +1,6 @@
-"""Edits of the arena for further tasks: what stands in it, and what the robot wears.
+"""Edits of the arena for further tasks: obstacles, sensors and the arena's size.
 
-The numbers of these additions stand here; those of robot and arena stay in their XML.
+This module holds the dimensions of what is added; the XML files hold those of robot and arena.
 """
 
 from __future__ import annotations
@@ -10,24 +10,24 @@ import numpy as np
 
 from .arena import half_size
 
-OBSTACLES = ((-0.22, 0.11, 0.05), (0.05, -0.14, 0.06), (0.27, 0.10, 0.04))  # x, y, radius: metres
-NOSE_ANGLE = np.pi / 6  # radians off the front, where each of two noses sits and looks
+OBSTACLES = ((-0.22, 0.11, 0.05), (0.05, -0.14, 0.06), (0.27, 0.10, 0.04))  # x, y, radius in [m]
+NOSE_ANGLE = np.pi / 6  # [rad] off the front: position and direction of each of two noses
 
 
 def hide_spot(spec: mujoco.MjSpec) -> None:
-    """Makes the spot invisible, where it plays no part."""
+    """Makes the spot invisible, for tasks without it."""
     spec.material("spot").rgba[3] = 0
 
 
 def enlarge(spec: mujoco.MjSpec, factor: float) -> None:
-    """Moves the walls apart; spot and views follow, the spot as far from its corner as it was.
+    """Moves the walls apart, with the cameras; the spot keeps its distance to its corner.
 
     Args:
-      spec: of the arena.
-      factor: on both sides of the arena, at least 1.
+      spec: Arena to edit.
+      factor: Factor of the arena's length and width, at least 1.
 
     Raises:
-      ValueError: the factor is smaller, or not finite.
+      ValueError: The factor is below 1 or not finite.
     """
     if not 1 <= factor < np.inf:
         raise ValueError(f"factor must be finite and at least 1, got {factor}")
@@ -44,11 +44,11 @@ def enlarge(spec: mujoco.MjSpec, factor: float) -> None:
 
 
 def add_obstacles(spec: mujoco.MjSpec) -> None:
-    """Stands three round pillars, as high as the walls, on the floor."""
+    """Adds three round pillars, as high as the walls."""
     bumper = spec.geom("bumper")
     for number, (x, y, radius) in enumerate(OBSTACLES, start=1):
         body = spec.worldbody.add_body(name=f"obstacle_{number}", pos=[x, y, 0])
-        # Seen, by eyes and by rays.
+        # Visible to cameras and rangefinders; no contacts.
         body.add_geom(
             name=f"obstacle_{number}",
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -58,8 +58,8 @@ def add_obstacles(spec: mujoco.MjSpec) -> None:
             conaffinity=0,
             material="wall",
         )
-        # Felt: a ball as high as the bumper pushes it to the side alone, and MuJoCo's test of a
-        # ball against a cylinder is exact. An eye that dips into the pillar sees it too.
+        # Contacts: a ball at the height of the bumper pushes only sideways, and MuJoCo's collision
+        # of ball and cylinder is exact. A rangefinder inside the pillar hits the ball.
         body.add_geom(
             name=f"obstacle_{number}_core",
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -73,7 +73,7 @@ def add_obstacles(spec: mujoco.MjSpec) -> None:
 
 
 def add_velocity(spec: mujoco.MjSpec) -> None:
-    """Lets the robot sense its velocity: ahead, to the left, up, in metres a second."""
+    """Adds a sensor of the robot's velocity: ahead, left, up, in [m/s]."""
     spec.add_sensor(
         name="velocity",
         type=mujoco.mjtSensor.mjSENS_VELOCIMETER,
@@ -83,9 +83,9 @@ def add_velocity(spec: mujoco.MjSpec) -> None:
 
 
 def add_noses(spec: mujoco.MjSpec) -> None:
-    """Puts a nose to the left and one to the right of the front, looking outwards.
+    """Adds a nose to the left and one to the right of the front, facing outwards.
 
-    The one in front stays as a point to measure from, but nobody smells with it.
+    The nose in front stays as the point that must be inside the spot, but gives no signal.
     """
     front = spec.site("nose")
     front.group = 4

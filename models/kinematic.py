@@ -1,54 +1,52 @@
-"""A stand-in for the body: an ideal differential drive, without mass or, unless told, slip.
+"""The kinematic simulator: an ideal differential drive without mass, between the same walls.
 
-It moves on the same floor between the same walls, with the same sensors, so that what physics
-does to a life can be told from what the brain does. When it feels a wall, and what it does at one,
-is told (`Kinematics`). The paper's own simulator was of this kind.
+It has the floor, the walls and the sensors of the MuJoCo body, so that a comparison of both
+separates the effects of physics from those of the brain. `Kinematics` sets its contact rule and
+its motion at a wall. The paper's own simulator was of this kind.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from .arena import Dimensions
 
 Wall = Literal["holds", "slides", "sticks", "turns"]
-WALLS: tuple[Wall, ...] = ("holds", "slides", "sticks", "turns")
+WALLS: tuple[Wall, ...] = get_args(Wall)
 Felt = Literal["near", "pushed"]
-FEELINGS: tuple[Felt, ...] = ("near", "pushed")
 
-# What a wall does to the real body that drives into it, by the angle in degrees from head-on:
-# the share of its speed that it keeps, along the wall, slow and fast, and how fast it turns
-# towards the wall at full speed, in rad/s; slower, it turns less. Measured by
-# tests/test_kinematic.py; how far they hold: docs/physics.md.
+# Motion of the MuJoCo body at a wall, by its angle from head-on in [deg]: the fraction of its speed
+# that remains, along the wall, when slow and when fast; and its turning rate towards the wall at
+# full speed, in [rad/s]. Measured by tests/models/test_kinematic.py; accuracy: docs/physics.md.
 _ANGLES = (0, 30, 40, 50, 57, 63, 69, 75, 78, 81, 84, 87, 90)
 _SLOW_SLIPS = (0, 0.004, 0.007, 0.013, 0.02, 0.035, 0.06, 0.12, 0.25, 0.57, 0.68, 0.81, 1)
 _SLIPS = (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.65, 0.74, 0.83, 0.94, 1)
 _TURNS = (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.42, 0.30, 0.10, 0.01, 0)
-_SLIPPING_SPEEDS = (0.08, 0.2)  # in m/s: up to the first it slips as slow ones do, then more
-_TURNING_SPEEDS = (0.14, 0.2)  # in m/s: up to the first it does not turn, from the second on fully
+_SLIPPING_SPEEDS = (0.08, 0.2)  # [m/s]: below the first the slow slip, above the second the fast
+_TURNING_SPEEDS = (0.14, 0.2)  # [m/s]: below the first no turning, above the second the full rate
 
 
 @dataclasses.dataclass(frozen=True)
 class Kinematics:
-    """What an ideal differential drive needs to be told; None takes it from the real body.
+    """Settings of the kinematic simulator; None takes the value of the MuJoCo body.
 
     Attributes:
-      radius: the robot's, in metres.
-      wheel_base: distance between the wheels, in metres.
-      wall: what a robot does that drives into a wall. "holds": it stops there, free to turn;
-        "slides": along the wall, too; "sticks": it can do neither, only back off; "turns": it
-        does as the real body, which slips along walls that it grazes and is turned towards them.
-      felt: when a robot feels a wall. "near": where its rim is within the contact margin of one;
-        "pushed": only while its wheels push it into one, as the real body's does, which a wall
-        that it does not push pushes off.
-      any_contact: whether contact is felt wherever there was one during a control step;
-        else where there is one at its end.
-      lag: seconds after which a wheel has made 63 % of a change of its speed; 0 for at once. The
-        real body's, from its mass and its servos, is about 0.08 driving straight ahead.
-      pieces: equal parts of a control step, each along one arc.
+      radius: Radius of the robot in [m].
+      wheel_base: Distance between the wheels in [m].
+      wall: Motion of a robot that drives into a wall. "holds": it stops and is free to turn.
+        "slides": it moves along the wall. "sticks": it can only reverse. "turns": it slips along
+        the wall and is turned towards it, as measured on the MuJoCo body.
+      felt: Contact rule. "near": the gap between rim and wall is within the contact margin.
+        "pushed": the wheels push the robot into a wall, as in MuJoCo, where a wall pushes away a
+        robot that does not push.
+      any_contact: Whether contact at any time of a control step counts; else only contact at its
+        end.
+      lag: Time constant of the wheels' speed in [s]; 0 for none. The MuJoCo body's is about 0.08
+        straight ahead, from its mass and its servos.
+      pieces: Number of equal parts of a control step, each along one arc.
     """
 
     radius: float | None = None
@@ -60,7 +58,7 @@ class Kinematics:
     pieces: int = 4
 
     def __post_init__(self) -> None:
-        """Raises ValueError, naming the field, where a number makes no sense."""
+        """Raises ValueError, with the field's name, for a value out of range."""
         for name in ("radius", "wheel_base", "lag"):
             if type(getattr(self, name)) not in (int, float, type(None)):
                 raise ValueError(f"{name} must be a number, got {getattr(self, name)!r}")
@@ -68,10 +66,11 @@ class Kinematics:
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise ValueError(f"{name} must be positive, got {value}")
-        if self.wall not in WALLS:
-            raise ValueError(f"wall must be one of {', '.join(WALLS)}, got {self.wall!r}")
-        if self.felt not in FEELINGS:
-            raise ValueError(f"felt must be one of {', '.join(FEELINGS)}, got {self.felt!r}")
+        for name, allowed in (("wall", WALLS), ("felt", get_args(Felt))):
+            if getattr(self, name) not in allowed:
+                raise ValueError(
+                    f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
+                )
         if not 0 <= self.lag < np.inf:
             raise ValueError(f"lag must not be negative, got {self.lag}")
         if not isinstance(self.any_contact, bool):
@@ -80,7 +79,7 @@ class Kinematics:
             raise ValueError(f"pieces must be a whole number of at least 1, got {self.pieces}")
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:
-        """The dimensions of an arena, with this robot in it."""
+        """Returns the dimensions of an arena with this robot's size."""
         return dataclasses.replace(
             dimensions,
             radius=self.radius or dimensions.radius,
@@ -88,19 +87,19 @@ class Kinematics:
         )
 
 
-def catch_up(
+def follow_motors(
     wheels: np.ndarray, motors: np.ndarray, seconds: float, lag: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How fast wheels turn that follow their motors with a lag.
+    """Returns the speeds of wheels that follow their motors with a lag.
 
     Args:
-      wheels: how fast they turned, in motor values, shape (B, 2).
-      motors: what they are told since, shape (B, 2).
-      seconds: how long they have been told.
-      lag: see `Kinematics`.
+      wheels: Speeds at the start, in motor values, shape (B, 2).
+      motors: Commanded motor values, shape (B, 2).
+      seconds: Duration in [s].
+      lag: Time constant in [s].
 
     Returns:
-      In motor values, shape (B, 2): on average, and now.
+      Mean speeds and speeds at the end, in motor values, each of shape (B, 2).
     """
     if not lag:
         return motors, motors
@@ -112,21 +111,21 @@ def catch_up(
 def drive(
     poses: np.ndarray, motors: np.ndarray, seconds: float, wall: Wall, size: Dimensions
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moves robots along the arcs that their wheels roll, as far as the walls let them.
+    """Moves robots along the arcs of their wheels, as far as the walls allow.
 
     Args:
-      poses: x, y in metres and heading in radians, shape (B, 3).
-      motors: left and right, in [-0.5, 0.5], shape (B, 2).
-      seconds: how long.
-      wall: see `Kinematics`.
-      size: of robot and arena.
+      poses: x, y in [m] and heading in [rad], shape (B, 3).
+      motors: Left and right, in [-0.5, 0.5], shape (B, 2).
+      seconds: Duration in [s].
+      wall: Motion of a robot that drives into a wall, see `Kinematics`.
+      size: Dimensions of robot and arena.
 
     Returns:
-      The poses reached, shape (B, 3); and whose wheels push them into a wall, shape (B,).
+      Poses at the end, shape (B, 3); and whether the wheels push a robot into a wall, shape (B,).
     """
     left, right = (motors * (2 * size.motor_speed)).T
     turn = (right - left) / size.wheel_base * seconds
-    # The chord of the arc: at half the turn, shorter than the arc by sin(x) / x.
+    # The chord of the arc points along half the turn; it is shorter than the arc by sin(x) / x.
     length = (left + right) / 2 * seconds * np.sinc(turn / (2 * np.pi))
     along = poses[:, 2] + turn / 2
     start, step = poses[:, :2].T, length * np.array([np.cos(along), np.sin(along)])
@@ -154,19 +153,19 @@ def drive(
 def graze(
     lost: np.ndarray, into: np.ndarray, speed: np.ndarray, seconds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a wall does to robots that drive into it at an angle, as measured on the real body.
+    """Returns slip and turn of robots that drive into a wall, as measured on the MuJoCo body.
 
-    In a corner, between two walls, a robot is held.
+    A robot in a corner, between two walls, is held.
 
     Args:
-      lost: the way that a wall keeps them from going: x, y in metres, shape (2, B).
-      into: whether the wall that they meet first is at the end of x, or of y, shape (2, B).
-      speed: of the robots, in m/s, shape (B,).
-      seconds: how long they drive into the wall, shape (B,).
+      lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
+      into: Whether the first wall bounds x, or y, shape (2, B).
+      speed: Speed of the robots in [m/s], shape (B,).
+      seconds: Duration of driving into the wall in [s], shape (B,).
 
     Returns:
-      How far they slip along the wall: x, y in metres, shape (2, B); and how far they are turned,
-      in radians, counterclockwise, shape (B,).
+      Slip along the wall: x, y in [m], shape (2, B); and turn in [rad], counterclockwise,
+      shape (B,).
     """
     ahead, along = np.where(into, lost, 0), np.where(into, 0, lost)
     angle = np.degrees(np.arctan2(np.abs(along).sum(axis=0), np.abs(ahead).sum(axis=0)))
@@ -179,13 +178,29 @@ def graze(
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
-    """From the robots' rims to the nearest wall, in metres, shape (B,)."""
+    """Returns the distances from the robots' rims to the nearest wall.
+
+    Args:
+      poses: x, y in [m] and heading in [rad], shape (B, 3).
+      size: Dimensions of robot and arena.
+
+    Returns:
+      Distances in [m], shape (B,).
+    """
     room = np.array([size.half_length, size.half_width]) - np.abs(poses[:, :2])
     return room.min(axis=1) - size.radius
 
 
 def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
-    """What rangefinders on the rim read, front, back, left and right, in metres, shape (B, 4)."""
+    """Returns the readings of the rangefinders on the rim.
+
+    Args:
+      poses: x, y in [m] and heading in [rad], shape (B, 3).
+      size: Dimensions of robot and arena.
+
+    Returns:
+      Distances to the walls in [m]: front, back, left, right, shape (B, 4).
+    """
     angles = poses[:, 2, None] + np.array([0, np.pi, np.pi / 2, -np.pi / 2])
     heading = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     walls = np.copysign([size.half_length, size.half_width], heading)
@@ -194,13 +209,16 @@ def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     return np.maximum(rays.min(axis=-1) - size.radius, 0)
 
 
-def seen_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:
-    """Spots in the frame of the nose at the front of the rim: ahead, to the left, shape (B, 2).
+def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:
+    """Returns the spots in the frame of the nose, at the front of the rim.
 
     Args:
-      poses: x, y in metres and heading in radians, shape (B, 3).
-      spots: x, y in metres, shape (B, 2).
-      size: of the robot.
+      poses: x, y in [m] and heading in [rad], shape (B, 3).
+      spots: x, y in [m], shape (B, 2).
+      size: Dimensions of the robot.
+
+    Returns:
+      Spots: ahead and left in [m], shape (B, 2).
     """
     offset = spots - poses[:, :2]
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])

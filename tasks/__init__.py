@@ -1,4 +1,4 @@
-"""What the robot senses and is rewarded for: dm_control tasks, and robots in lockstep."""
+"""The robot's tasks: sensors, rewards and starts, as dm_control environments and as batches."""
 
 from .arena import CONTROL_TIMESTEP, Physics, Task
 from .batch import Batch, Robots, silence_warnings, stop_timers

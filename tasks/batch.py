@@ -1,7 +1,7 @@
-"""Many robots in lockstep, each alone in its arena, on `mujoco.rollout`.
+"""Robots in lockstep, each alone in its arena, on `mujoco.rollout`.
 
-Same model, same rules, same instants as the dm_control tasks: a batch of one is the ordinary
-environment, to the bit (tests/test_batch.py).
+Model, rules and sensor instants are those of the dm_control tasks: a batch of one equals the
+environment bit-exactly (tests/tasks/test_batch.py).
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ import numpy as np
 from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
-from .arena import CONTROL_TIMESTEP, Rules
+from .arena import CONTROL_TIMESTEP
+from .rules import Rules
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_MOCAP_POS.value
 
 
 def stop_timers() -> bool:
-    """Stops MuJoCo's clock readings in this process, a seventh of a small model's step.
+    """Stops MuJoCo's clock readings in this process: a seventh of the time of a small model's step.
 
-    MuJoCo's bindings time every stage of every step for `data.timer`, which nothing here
-    reads. The clock is a global callback of the library; there is no public switch.
+    MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
+    clock is a global callback of the library; there is no public switch.
 
     Returns:
-      Whether it was found and stopped.
+      Whether the callback was found and stopped.
     """
     library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
     if library is None:
@@ -43,31 +44,37 @@ def stop_timers() -> bool:
 
 
 def silence_warnings() -> None:
-    """Keeps MuJoCo from writing MUJOCO_LOG.TXT; a batch tells by `valid` what went wrong."""
+    """Stops MuJoCo from writing MUJOCO_LOG.TXT; a batch reports failures in `valid`."""
     mujoco.set_mju_user_warning(lambda message: None)
 
 
 class Robots(abc.ABC):
-    """B robots in lockstep, each alone in its arena: what every body has in common.
+    """B robots in lockstep, each alone in its arena: the interface of every simulator.
 
     Attributes:
-      robots: B.
-      rules: what the robots sense and are rewarded for.
-      dimensions: of robot, arena and spot.
-      sensordata: what was last measured, shape (B, nsensordata).
-      valid: False for a robot that was stopped, because its simulation became unstable, it
-        left the arena or its motors were not finite: it stands still and senses zeros for
-        good, shape (B,).
+      robots: Number of robots, B.
+      rules: Observations, reward and event of the task.
+      dimensions: Dimensions of robot, arena and spot.
+      sensordata: Last measurements, shape (B, nsensordata).
+      valid: False for a stopped robot, shape (B,). A robot is stopped when its simulation becomes
+        unstable, it leaves the arena or its motors are not finite; from then on it stands still
+        and senses zeros.
     """
 
     def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:
-        """Makes B robots that sense zeros.
+        """Initialises B robots that sense zeros.
+
+        Args:
+          robots: Number of robots, B.
+          rules: Observations, reward and event of the task.
+          dimensions: Dimensions of robot, arena and spot.
+          nsensordata: Count of a robot's sensor numbers.
 
         Raises:
-          ValueError: robots is not positive.
+          ValueError: robots is below 1.
         """
         if robots < 1:
-            raise ValueError(f"robots must be positive, got {robots}")
+            raise ValueError(f"robots must be at least 1, got {robots}")
         self.robots = robots
         self.rules = rules
         self.dimensions = dimensions
@@ -77,79 +84,90 @@ class Robots(abc.ABC):
     @property
     @abc.abstractmethod
     def pose(self) -> np.ndarray:
-        """x, y in metres and heading in radians of every robot, shape (B, 3)."""
+        """x, y in [m] and heading in [rad] of every robot, shape (B, 3)."""
 
     @property
     @abc.abstractmethod
     def spot(self) -> np.ndarray:
-        """x, y of every robot's spot, in metres, shape (B, 2)."""
+        """x, y of every robot's spot in [m], shape (B, 2)."""
 
     @abc.abstractmethod
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """Puts robots, at rest, at poses, and lets them sense.
+        """Places robots at rest, and updates their sensors.
 
         Args:
-          robots: indices, shape (n,).
-          poses: x, y in metres and heading in radians, shape (n, 3).
+          robots: Indices of the robots, shape (n,).
+          poses: x, y in [m] and heading in [rad], shape (n, 3).
         """
 
     @abc.abstractmethod
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
-        """Moves robots' spots; they smell the change after the next step, or placement.
+        """Moves robots' spots; sensors show it after the next step or placement.
 
         Args:
-          robots: indices, shape (n,).
-          spots: x, y in metres, shape (n, 2).
+          robots: Indices of the robots, shape (n,).
+          spots: x, y in [m], shape (n, 2).
         """
 
     @abc.abstractmethod
     def step(self, motors: np.ndarray) -> None:
-        """Drives every robot for a control step of 0.1 s.
+        """Simulates a control step of 0.1 s.
 
         Args:
-          motors: left and right, shape (B, 2); values beyond [-0.5, 0.5] are clipped, and a
-            robot whose values are not finite becomes invalid.
+          motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
+            clipped; a robot whose values are not finite becomes invalid.
         """
 
     @abc.abstractmethod
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything that the next steps depend on, for a checkpoint."""
+        """Returns everything that the next steps depend on, for a checkpoint."""
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Goes on from `arrays`, to the bit.
+        """Restores a checkpoint; the robots continue from it bit-exactly.
+
+        Args:
+          arrays: What `arrays` returned.
 
         Raises:
-          ValueError: an array is missing, or its shape is another.
+          ValueError: An array is missing or has the wrong shape.
         """
         for name, target in self.arrays().items():
             if name not in arrays or arrays[name].shape != target.shape:
-                raise ValueError(f"{name} must have shape {target.shape}")
+                got = f"shape {arrays[name].shape}" if name in arrays else "none"
+                raise ValueError(f"{name} must have shape {target.shape}, got {got}")
             target[:] = arrays[name]
 
     def stop(self, robots: np.ndarray) -> None:
-        """Makes robots invalid, as whoever drives them may have reason to.
+        """Makes robots invalid.
 
         Args:
-          robots: indices or a mask.
+          robots: Indices of the robots, or a mask.
         """
         self.valid[robots] = False
         self.sensordata[robots] = 0
 
-    def _sound(self, motors: np.ndarray) -> np.ndarray:
-        """The motors, with those of stopped robots and of robots to be stopped at zero."""
+    def _finite_motors(self, motors: np.ndarray) -> np.ndarray:
+        """Invalidates robots whose motors are not finite; returns 0 for all invalid robots."""
         self.valid &= np.isfinite(motors).all(axis=1)
         return motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
 
 
 class _Call:
-    """A rollout of some physics steps of all robots, and the arrays that it wants."""
+    """A rollout of some physics steps of all robots, with its arrays allocated once."""
 
     def __init__(
         self, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, steps: int
     ) -> None:
-        """Prepares `steps` physics steps of robots of a state (B, n) under a control (B, m)."""
+        """Allocates the arrays of a rollout.
+
+        Args:
+          model: Compiled arena.
+          state: Physics states of the robots, shape (B, n); `step` updates them.
+          control: Controls of the robots, shape (B, m).
+          steps: Number of physics steps.
+        """
         robots = len(state)
-        self._models = [model] * robots  # rollout's skip_checks wants one a robot
+        self._models = [model] * robots  # rollout's skip_checks needs one per robot
         self._state, self._control, self._steps = state, control, steps
         self._held = np.zeros((robots, steps, control.shape[1]))
         self._states = np.zeros((robots, steps, state.shape[1]))
@@ -157,11 +175,11 @@ class _Call:
 
     @property
     def sensordata(self) -> np.ndarray:
-        """What the last of the steps sensed, shape (B, nsensordata)."""
+        """Measurements of the last step, shape (B, nsensordata)."""
         return self._sensors[:, -1]
 
     def step(self, engine: rollout.Rollout, scratch: list[mujoco.MjData]) -> None:
-        """Moves the state on."""
+        """Simulates the steps, and updates the state."""
         self._held[:] = self._control[:, None]
         engine.rollout(
             self._models,
@@ -178,28 +196,28 @@ class _Call:
 
 
 class Batch(Robots):
-    """Robots in MuJoCo, stepped together.
+    """B robots in MuJoCo.
 
     Attributes:
-      model: the compiled arena, the same for all.
-      substeps: physics steps in a control step.
+      model: Compiled arena, shared by all robots.
+      substeps: Number of physics steps in a control step.
     """
 
     def __init__(
         self, model: mujoco.MjModel, rules: Rules, robots: int, *, threads: int = 0
     ) -> None:
-        """Makes B robots, all at the origin.
+        """Places B robots at the origin.
 
         Args:
-          model: a compiled arena.
-          rules: of the task, for that arena.
-          robots: B.
-          threads: that step the physics; 0 for the calling thread. Each robot's step depends
-            on its own state alone, so that results do not depend on it.
+          model: Compiled arena.
+          rules: Rules of the task for that arena.
+          robots: Number of robots, B.
+          threads: Number of threads that step the physics; 0 for the calling thread. Results do
+            not depend on it: a robot's step depends on its own state alone.
 
         Raises:
-          ValueError: robots is not positive, threads is negative, or the timestep does not
-            divide 0.1 s.
+          ValueError: robots is below 1, threads is negative, or the timestep does not divide
+            0.1 s.
         """
         super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
         if threads < 0:
@@ -212,7 +230,7 @@ class Batch(Robots):
         self._threads = [mujoco.MjData(model) for _ in range(max(threads, 1))]
         self._scratch = self._threads[0]
         self._engine = rollout.Rollout(nthread=threads)
-        # Sensors are read once a control step, so only its last substep pays for them.
+        # Sensors are read once per control step: only its last substep evaluates them.
         blind = copy.copy(model)
         blind.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
         size = mujoco.mj_stateSize(model, _STATE)
@@ -255,14 +273,14 @@ class Batch(Robots):
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""
-        np.clip(self._sound(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
+        np.clip(self._finite_motors(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
         time = self._state[:, 0].copy()
         self.simulate()
         self.sensordata[:] = self._calls[-1].sensordata
-        self._check(time)
+        self._stop_unstable(time)
 
     def simulate(self) -> None:
-        """The physics of a control step, and nothing else: `step` calls it."""
+        """Simulates the physics of a control step: the part of `step` that benchmarks time."""
         for call in self._calls:
             call.step(self._engine, self._threads)
 
@@ -275,9 +293,9 @@ class Batch(Robots):
             "valid": self.valid,
         }
 
-    def _check(self, time: np.ndarray) -> None:
-        # MuJoCo resets an unstable simulation, and rollout breaks off at a warning: either
-        # way the clock shows less than a control step. Comparisons with NaN are false.
+    def _stop_unstable(self, time: np.ndarray) -> None:
+        # MuJoCo resets an unstable simulation, and rollout stops at a warning: in both cases the
+        # clock advances by less than a control step. Comparisons with NaN are false.
         now, x, y = self._state[:, :3].T
         sound = np.abs(now - time - CONTROL_TIMESTEP) < 1e-6
         sound &= np.abs(x) < self.dimensions.half_length

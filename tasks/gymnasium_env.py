@@ -1,8 +1,8 @@
-"""The tasks as Gymnasium knows them: one robot, or thousands of them in a batch.
+"""The tasks as Gymnasium environments: one robot, or a batch of robots.
 
-`musebot.register_gymnasium` gives both their names. Observations are the task's signals side by
-side, in the order of `docs/tasks.md`, as 32 bit floats; actions are 32 bit floats; episodes have
-no end of their own, and are truncated after 1,000 steps.
+`musebot.register_gymnasium` registers both. Observations are the task's signals concatenated in
+the order of docs/tasks.md; observations and actions are 32-bit floats. Episodes never terminate;
+they are truncated after 1,000 steps.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from .arena import CONTROL_TIMESTEP, Rules, Start, checked_actions, random_spots
-from .suite import Row, check_keywords, load, make_batch, row_of
+from .arena import CONTROL_TIMESTEP, TaskDefinition, check_keywords, checked_actions
+from .rules import Rules
+from .starts import Start, random_spots
+from .suite import load, make_batch, task_definition
 
 _FPS = round(1 / CONTROL_TIMESTEP)
 
 
 def _spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
-    """Of one robot's observations, shape (S,), and actions, shape (2,)."""
+    """Returns the spaces of a robot's observations, shape (S,), and actions, shape (2,)."""
     low, high = (
         np.concatenate(
             [np.full(shape[0], shape[end], np.float32) for shape in rules.shapes.values()]
@@ -34,16 +36,16 @@ def _spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gym
     return gymnasium.spaces.Box(low, high), gymnasium.spaces.Box(-limit, limit, (2,))
 
 
-def _checked(task: str, kwargs: dict[str, Any]) -> Row:
-    row = row_of(task)
-    check_keywords(f"task {task!r}", kwargs, row.keywords)
-    return row
+def _checked(task: str, kwargs: dict[str, Any]) -> TaskDefinition:
+    definition = task_definition(task)
+    check_keywords(f"task {task!r}", kwargs, definition.keywords)
+    return definition
 
 
 class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """One robot: the dm_control environment, in Gymnasium's terms.
+    """The dm_control environment of one robot with Gymnasium's interface.
 
-    Actions beyond the limits are clipped; a nonsense action is a ValueError.
+    Actions beyond the limits are clipped; an action that is not finite raises ValueError.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": _FPS}
@@ -58,27 +60,27 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         height: int = 320,
         **kwargs: Any,
     ) -> None:
-        """Makes a task's environment.
+        """Initialises the environment.
 
         Args:
-          task: see `musebot.ALL_TASKS`.
+          task: Name of a task, see `musebot.ALL_TASKS`.
           render_mode: "rgb_array", "human" for a window, or None.
-          camera: that looks: "overhead", "corner", "follow" or "eye".
-          width: of the picture, in pixels.
-          height: of the picture, in pixels.
-          **kwargs: keywords of the task: `robot`, `spot`, `nose` (see `suite.make_environment`).
+          camera: Name of the camera: "overhead", "corner", "follow" or "eye".
+          width: Width of the picture in pixels.
+          height: Height of the picture in pixels.
+          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`).
 
         Raises:
-          TypeError: a keyword is unknown.
-          ValueError: there is no such task, or a value makes no sense.
+          TypeError: A keyword is unknown.
+          ValueError: There is no such task, or a value is out of range.
         """
-        row = _checked(task, kwargs)
+        definition = _checked(task, kwargs)
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
             raise ValueError(f"render_mode must be one of {modes} or None, got {render_mode!r}")
-        # The end of an episode is Gymnasium's affair: its wrapper TimeLimit counts steps.
+        # Gymnasium's wrapper TimeLimit counts the steps of an episode.
         self._environment = load("arena", task, {**kwargs, "time_limit": float("inf")})
-        self.observation_space, self.action_space = _spaces(row.rules, row.limit)
+        self.observation_space, self.action_space = _spaces(definition.rules, definition.limit)
         self.render_mode = render_mode
         self._camera, self._width, self._height = camera, width, height
         self._window: Any = None
@@ -86,7 +88,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Starts an episode; returns the observation, shape (S,), and nothing else."""
+        """Starts an episode; returns the observation, shape (S,), and an empty dictionary."""
         super().reset(seed=seed)
         self._environment.task.reseed(self.np_random)
         timestep = self._environment.reset()
@@ -94,19 +96,27 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return _state(timestep.observation), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Drives the robot for 0.1 s, with an action of shape (2,)."""
+        """Simulates 0.1 s.
+
+        Args:
+          action: Left and right, within `action_space`, shape (2,).
+
+        Returns:
+          Observation (S,), reward, termination (False), truncation (False) and an empty
+          dictionary.
+        """
         timestep = self._environment.step(action)
         self._show()
         return _state(timestep.observation), timestep.reward, False, False, {}
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """Returns the picture, shape (height, width, 3), if `render_mode` asks for pictures."""
+        """Returns the picture, shape (height, width, 3), for `render_mode="rgb_array"`."""
         if self.render_mode != "rgb_array":
             return None
         return self._environment.physics.render(self._height, self._width, self._camera)
 
     def close(self) -> None:
-        """Closes the window, and frees what draws."""
+        """Closes the window, and frees the renderer."""
         if self._window is not None:
             self._window.close()
             self._window = None
@@ -130,9 +140,9 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class ArenaVectorEnv(gymnasium.vector.VectorEnv):
-    """Robots in a batch, equal to as many of `ArenaEnv` to the bit, each with its own seed.
+    """A batch of B robots, each with its own seed, bit-exactly equal to B of `ArenaEnv`.
 
-    Actions beyond the limits are clipped; nonsense among them is a ValueError.
+    Actions beyond the limits are clipped; an action that is not finite raises ValueError.
     """
 
     metadata = {
@@ -149,28 +159,29 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
-        render_mode: None = None,
         **kwargs: Any,
     ) -> None:
-        """Makes robots.
+        """Initialises the batch.
 
         Args:
-          task: see `musebot.ALL_TASKS`.
-          num_envs: how many robots, B.
-          max_episode_steps: after which an episode is truncated; None or -1 for never.
-          autoreset_mode: what happens after that: with NEXT_STEP the next call of `step`
-            starts an episode, whatever the action, and returns its first observation, with
-            a reward of 0; with SAME_STEP the same call does, and returns the last
-            observation of the old one as `info["final_obs"]`.
-          threads: that step the physics; 0 for the calling thread. Results do not depend on it.
-          render_mode: None: a batch draws nothing.
-          **kwargs: keywords of the task: `robot`, `spot`, `nose` (see `suite.make_environment`).
+          task: Name of a task, see `musebot.ALL_TASKS`.
+          num_envs: Number of robots, B.
+          max_episode_steps: Length of an episode in control steps; None or -1 for endless ones.
+          autoreset_mode: Start of the next episode. NEXT_STEP: the next call of `step` starts
+            it, ignores the action, and returns the first observation with a reward of 0.
+            SAME_STEP: the call that ends an episode starts the next, and returns the last
+            observation as `info["final_obs"]`.
+          threads: Number of threads that step the physics; 0 for the calling thread. Results do
+            not depend on it.
+          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`); and
+            `render_mode`, which must be None.
 
         Raises:
-          TypeError: a keyword is unknown.
-          ValueError: there is no such task, or a value makes no sense.
+          TypeError: A keyword is unknown.
+          ValueError: There is no such task, or a value is out of range.
         """
-        row = _checked(task, kwargs)
+        render_mode = kwargs.pop("render_mode", None)
+        definition = _checked(task, kwargs)
         if render_mode is not None:
             raise ValueError(f"render_mode must be None for a batch, got {render_mode!r}")
         mode = AutoresetMode(autoreset_mode)
@@ -178,29 +189,31 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             raise ValueError(f"autoreset_mode must be 'NextStep' or 'SameStep', got {mode.value!r}")
         self.metadata = {**self.metadata, "autoreset_mode": mode}
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = _spaces(row.rules, row.limit)
+        self.single_observation_space, self.single_action_space = _spaces(
+            definition.rules, definition.limit
+        )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         nose = kwargs.pop("nose", "inverse")
         self._batch = make_batch(task, num_envs, nose=nose, threads=threads)
         self._start = Start(**kwargs)
         self._same_step = mode is AutoresetMode.SAME_STEP
-        self._limit, self._spot_steps = row.limit, row.spot_steps
+        self._limit, self._spot_steps = definition.limit, definition.spot_steps
         endless = max_episode_steps in (None, -1)
         self._max_steps = np.inf if endless else float(max_episode_steps or 0)
         self._randoms: list[np.random.Generator] | None = None
         self._seeds: list[int] = []
-        self._steps = np.zeros(num_envs, dtype=np.int64)  # of each robot's episode
+        self._steps = np.zeros(num_envs, dtype=np.int64)  # in each robot's episode
         self._over = np.zeros(num_envs, dtype=bool)
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Every robot's own random stream."""
+        """Random stream of every robot."""
         return tuple(self._streams([None] * self.num_envs))
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """What every robot's random stream was made from."""
+        """Seed of every robot's random stream."""
         self._streams([None] * self.num_envs)
         return tuple(self._seeds)
 
@@ -213,15 +226,15 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         """Starts an episode of every robot.
 
         Args:
-          seed: of every robot; or one, which the first robot gets, the second one more, and
-            so on; None goes on with the random streams there are.
-          options: none are known.
+          seed: Seeds of the robots; or one seed s, and robot k gets s + k. None continues a
+            robot's random stream.
+          options: Unused.
 
         Returns:
-          Observations, shape (B, S), and nothing else.
+          Observations, shape (B, S), and an empty dictionary.
 
         Raises:
-          ValueError: there are not as many seeds as robots.
+          ValueError: The number of seeds is not the number of robots.
         """
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + k for k in range(self.num_envs)]
@@ -236,15 +249,18 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Drives every robot for 0.1 s, with actions of shape (B, 2).
+        """Simulates 0.1 s.
+
+        Args:
+          actions: Left and right of every robot, within `action_space`, shape (B, 2).
 
         Returns:
-          Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and what
-          SAME_STEP adds.
+          Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and a dictionary
+          with the last observations of episodes that SAME_STEP ended.
 
         Raises:
-          ValueError: the actions have another shape, or are not finite.
-          PhysicsError: a robot's simulation became unstable.
+          ValueError: The actions have another shape, or are not finite.
+          PhysicsError: A robot's simulation became unstable.
         """
         batch = self._batch
         motors = checked_actions(actions, (self.num_envs, 2), self._limit)
@@ -272,7 +288,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
     def _streams(self, seeds: Sequence[int | None]) -> list[np.random.Generator]:
-        """The random streams; those that have a seed made anew."""
+        """Returns the random streams, with a new one for every seed given."""
         if self._randoms is None:
             pairs = [seeding.np_random(seed) for seed in seeds]
             self._randoms = [random for random, _ in pairs]
@@ -284,17 +300,17 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         return self._randoms
 
     def _begin(self, robots: np.ndarray) -> None:
-        """Starts an episode of some robots, drawing from their own streams."""
+        """Starts an episode of some robots, with starts drawn from their own streams."""
         randoms = self._streams([None] * self.num_envs)
         starts = [self._start.draw(randoms[robot], self._batch.dimensions) for robot in robots]
         poses, spots = map(np.stack, zip(*starts, strict=True))
-        self._batch.valid[robots] = True  # whatever became of them before
+        self._batch.valid[robots] = True  # a robot that was stopped starts again
         self._batch.place_spot(robots, spots)
         self._batch.place(robots, poses)
         self._steps[robots] = 0
 
     def _jump(self, robots: np.ndarray) -> None:
-        """Moves the spots of some robots, drawing from their own streams."""
+        """Moves the spots of some robots to places drawn from their own streams."""
         randoms = self._streams([None] * self.num_envs)
         for robot in robots:
             spot = random_spots(randoms[robot], self._batch.dimensions, 1)
@@ -309,7 +325,7 @@ def _state(observation: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _final(observations: np.ndarray, ended: np.ndarray) -> dict[str, Any]:
-    """What Gymnasium calls the last observations of episodes, for those that ended."""
+    """Returns Gymnasium's dictionary of the last observations of the episodes that ended."""
     mask = np.zeros(len(observations), dtype=bool)
     mask[ended] = True
     final = np.full(len(observations), None, dtype=object)

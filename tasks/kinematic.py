@@ -1,4 +1,4 @@
-"""Robots in lockstep on the kinematic stand-in instead of MuJoCo: same rules, same interface."""
+"""Robots in lockstep in the kinematic simulator: the rules and the interface of `batch.Batch`."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..models import Dimensions, Kinematics, hide_spot
-from ..models.kinematic import catch_up, distances, drive, gaps, seen_from_nose
-from .arena import CONTROL_TIMESTEP, Rules
+from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
+from .arena import CONTROL_TIMESTEP, Edit
 from .batch import Robots
+from .rules import Rules
 from .sensors import NoseForm
-from .suite import Edit, row_of
+from .suite import task_definition
 
 
 class KinematicBatch(Robots):
-    """B ideal differential drives, each alone in its own arena (see `models.kinematic`)."""
+    """B ideal differential drives, each alone in its arena (see `models.kinematic`)."""
 
     def __init__(
         self,
@@ -25,23 +26,23 @@ class KinematicBatch(Robots):
         robots: int,
         kinematics: Kinematics,
     ) -> None:
-        """Makes B robots, all at the origin.
+        """Places B robots at the origin.
 
         Args:
-          dimensions: of the MuJoCo arena that this one stands in for.
-          rules: of the task, for that arena.
-          nsensordata: numbers that MuJoCo measures there.
-          robots: B.
-          kinematics: how they drive.
+          dimensions: Dimensions of the arena's MuJoCo model.
+          rules: Rules of the task for that model.
+          nsensordata: Count of that model's sensor numbers.
+          robots: Number of robots, B.
+          kinematics: Motion of the robots.
 
         Raises:
-          ValueError: robots is not positive.
+          ValueError: robots is below 1.
         """
         super().__init__(robots, rules, kinematics.applied_to(dimensions), nsensordata)
         self._kinematics = kinematics
         self._poses = np.zeros((robots, 3))
         self._spots = np.zeros((robots, 2))
-        self._wheels = np.zeros((robots, 2))  # how fast they turn, in motor values
+        self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values
         self._touch = np.zeros(robots)
         self._sense()
 
@@ -71,11 +72,11 @@ class KinematicBatch(Robots):
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""
-        motors = np.clip(self._sound(motors), -0.5, 0.5)
+        motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
         how, contact = self._kinematics, np.zeros(self.robots, dtype=bool)
         piece = CONTROL_TIMESTEP / how.pieces
         for _ in range(how.pieces):
-            speeds, self._wheels[:] = catch_up(self._wheels, motors, piece, how.lag)
+            speeds, self._wheels[:] = follow_motors(self._wheels, motors, piece, how.lag)
             self._poses, pushing = drive(self._poses, speeds, piece, how.wall, self.dimensions)
             felt = pushing if how.felt == "pushed" else self._near()
             contact = (contact | felt) if how.any_contact else felt
@@ -98,10 +99,10 @@ class KinematicBatch(Robots):
 
     def _sense(self) -> None:
         layout = self.rules.layout
-        nose = seen_from_nose(self._poses, self._spots, self.dimensions)
+        spot = spot_from_nose(self._poses, self._spots, self.dimensions)
         self.sensordata[:, layout.distances] = distances(self._poses, self.dimensions)
         self.sensordata[:, layout.touch] = self._touch[:, None]
-        self.sensordata[:, layout.smell.start : layout.smell.start + 2] = nose
+        self.sensordata[:, layout.smell.start : layout.smell.start + 2] = spot
         self.sensordata[~self.valid] = 0
 
 
@@ -114,22 +115,25 @@ def make_kinematic_batch(
     motor_speed: float | None = None,
     edits: Sequence[Edit] = (),
 ) -> KinematicBatch:
-    """Returns robots in lockstep on the stand-in, for a task with the paper's robot and arena.
+    """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
     Args:
-      task_name: of the table, without pillars, a second nose or a sense of velocity.
-      robots: how many.
-      kinematics: how they drive.
-      nose: the form of Eq. 3.
-      motor_speed: see `make_batch`.
-      edits: see `make_batch`.
+      task_name: Name of a task whose robot and arena are the paper's: no pillars, no second
+        nose, no sense of velocity.
+      robots: Number of robots.
+      kinematics: Motion of the robots.
+      nose: Form of Eq. 3.
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the model.
+      edits: Further edits of the arena's model, after the task's own.
 
     Raises:
-      ValueError: there is no such task, the stand-in cannot have it, or a number makes no sense.
+      ValueError: There is no such task, its arena is not the paper's, or a value is out of range.
     """
-    row = row_of(task_name)
-    if not {hide_spot}.issuperset(row.edits):
-        raise ValueError(f"the kinematic stand-in knows only the paper's arena, not {task_name!r}")
-    model = row.spec(motor_speed, edits).compile()
-    rules = row.rules.of(model, nose)
+    definition = task_definition(task_name)
+    if not {hide_spot}.issuperset(definition.edits):
+        raise ValueError(
+            f"a task of the kinematic simulator must have the paper's arena, got {task_name!r}"
+        )
+    model = definition.spec(motor_speed, edits).compile()
+    rules = definition.rules.of(model, nose)
     return KinematicBatch(Dimensions.of(model), rules, model.nsensordata, robots, kinematics)

@@ -1,6 +1,6 @@
-"""What the robot senses: pure, vectorised functions from what MuJoCo measures to signals.
+"""Sensor signals of the paper: pure, vectorised functions of what MuJoCo measures.
 
-The dm_control tasks and the batch of robots both call these; there is no other definition.
+The dm_control tasks and the batch of robots both call them; there is no other definition.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ NoseForm = Literal["inverse", "printed"]
 
 
 def distance_signal(distance: np.ndarray) -> np.ndarray:
-    """Eq. 2 of the paper, s = 1 / (1 + d)^10: 1 at a wall, 0 far from everything.
+    """Returns Eq. 2, s = 1 / (1 + d)^10: 1 at a wall, 0 far from everything.
 
     Args:
-      distance: from the sensor to the nearest obstacle, in metres, any shape; negative where
-        the ray meets nothing, as a MuJoCo rangefinder reports it.
+      distance: Distance d to the nearest obstacle in [m], any shape; negative for a ray that
+        hits nothing, as a MuJoCo rangefinder reports it.
 
     Returns:
-      The signal, in [0, 1], of the same shape; 0 where the ray meets nothing.
+      Signal in [0, 1], of the same shape; 0 for a ray that hits nothing.
     """
-    # (1 + d)^10 by four products: ten times faster than a power, and the same everywhere.
+    # (1 + d)^10 by four products: ten times faster than a power, and identical on every machine.
     base = 1.0 + np.maximum(distance, 0.0)
     square = base * base
     fourth = square * square
@@ -31,28 +31,28 @@ def distance_signal(distance: np.ndarray) -> np.ndarray:
 
 
 def contact_signal(force: np.ndarray) -> np.ndarray:
-    """Section 3: -1 while the robot touches something, else 0.
+    """Returns -1 in contact, else 0 (section 3).
 
     Args:
-      force: the touch sensor's, in newton, any shape.
+      force: Force on the touch sensor in [N], any shape.
 
     Returns:
-      The signal, -1.0 or 0.0, of the same shape.
+      Signal, -1.0 or 0.0, of the same shape.
     """
     return np.where(force > 0, -1.0, 0.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class Nose:
-    """The nose of section 3, and its Eq. 3.
+    """The nose of section 3, with its Eq. 3.
 
     Attributes:
-      odour: o, the "amount of odour" of the spot, in mol.
-      frustum: alpha, the angle within which the nose smells, in radians.
-      spot_radius: r, of the odorous spot, in metres.
-      form: "inverse" takes the raw signal to fall with the distance, as r/d, which the
-        paper's text and results ask for; "printed" takes Eq. 3 as printed, d/r, with which
-        the odour grows with the distance. See docs/paper.md.
+      odour: "Amount of odour" o of the spot, in [mol].
+      frustum: Angle alpha within which the nose smells, in [rad].
+      spot_radius: Radius r of the odorous spot, in [m].
+      form: "inverse": the raw signal falls with the distance, as r/d, as the paper's text and
+        results require. "printed": Eq. 3 as printed, d/r, which grows with the distance
+        (docs/paper.md).
     """
 
     odour: float = 10.0
@@ -61,6 +61,7 @@ class Nose:
     form: NoseForm = "inverse"
 
     def __post_init__(self) -> None:
+        """Raises ValueError, with the field's name, for a value out of range."""
         if self.form not in ("inverse", "printed"):
             raise ValueError(f"form must be 'inverse' or 'printed', got {self.form!r}")
         for name in ("odour", "frustum", "spot_radius"):
@@ -68,11 +69,11 @@ class Nose:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
     def inside(self, spot: np.ndarray) -> np.ndarray:
-        """Whether the nose is inside the spot, d < r.
+        """Returns whether the nose is inside the spot, d < r.
 
         Args:
-          spot: the spot's centre in the frame of the nose: ahead, to the left (and up, not
-            looked at), in metres, shape (..., 2 or 3).
+          spot: Spot's centre in the frame of the nose: ahead, left (and up, unused), in [m],
+            shape (..., 2 or 3).
 
         Returns:
           Booleans, shape (...).
@@ -80,19 +81,19 @@ class Nose:
         return _distance(spot) < self.spot_radius
 
     def signal(self, spot: np.ndarray) -> np.ndarray:
-        """Eq. 3, s = s' / (1 + s') with s' = o (r/d) (1 - 2 beta / alpha) in front.
+        """Returns Eq. 3, s = s' / (1 + s') with s' = o (r/d) (1 - 2 beta / alpha).
 
         Args:
-          spot: the spot's centre in the frame of the nose: ahead, to the left (and up, not
-            looked at), in metres, shape (..., 2 or 3).
+          spot: Spot's centre in the frame of the nose: ahead, left (and up, unused), in [m],
+            shape (..., 2 or 3).
 
         Returns:
-          The signal, in [0, 1), shape (...): o / (1 + o) inside the spot, whatever its
-          direction; 0 outside, where it lies more than alpha / 2 off the front.
+          Signal in [0, 1), shape (...): o / (1 + o) inside the spot in every direction; outside
+          it 0 for a spot more than alpha / 2 off the front.
         """
         distance = _distance(spot)
         beta = np.abs(np.arctan2(spot[..., 1], spot[..., 0]))
-        # Inside, distance plays no part: the maximum only keeps 0 out of the division.
+        # Inside the spot the distance is not used: the maximum only avoids a division by 0.
         ratio = self.spot_radius / np.maximum(distance, self.spot_radius)
         if self.form == "printed":
             ratio = 1.0 / ratio

@@ -1,4 +1,4 @@
-"""The batch of robots as Stable-Baselines3 wants it (extra `baselines`)."""
+"""The batch of robots with the interface of Stable-Baselines3 (extra `baselines`)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,21 @@ from .gymnasium_env import ArenaVectorEnv
 
 
 class ArenaVecEnv(VecEnv):
-    """`ArenaVectorEnv` in Stable-Baselines3's terms: a robot whose episode ends starts anew.
+    """`ArenaVectorEnv` with the interface of Stable-Baselines3.
 
-    model = PPO("MlpPolicy", ArenaVecEnv("wall_avoidance_obstacles", 64, threads=2))
+    A robot whose episode ends starts the next one in the same step.
+
+        model = PPO("MlpPolicy", ArenaVecEnv("wall_avoidance_obstacles", 64, threads=2))
     """
 
     def __init__(self, task: str, num_envs: int, **kwargs: Any) -> None:
-        """Makes robots, with the arguments of `ArenaVectorEnv`; episodes of 1,000 steps."""
+        """Initialises the batch.
+
+        Args:
+          task: Name of a task, see `musebot.ALL_TASKS`.
+          num_envs: Number of robots, B.
+          **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is 1,000 by default.
+        """
         kwargs = {"max_episode_steps": 1000, **kwargs}
         self._robots = ArenaVectorEnv(
             task, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs
@@ -29,43 +37,43 @@ class ArenaVecEnv(VecEnv):
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
 
     def reset(self) -> np.ndarray:
-        """Starts an episode of every robot, with the seeds that `seed` gave; shape (B, S)."""
+        """Starts an episode of every robot with the seeds set by `seed`; returns (B, S)."""
         observations, _ = self._robots.reset(seed=self._seeds)
         self._reset_seeds()
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Takes actions, shape (B, 2), for the next `step_wait`."""
+        """Stores the actions, shape (B, 2), for the next `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Drives every robot: observations (B, S), rewards (B,), ends (B,) and notes."""
+        """Simulates 0.1 s; returns observations (B, S), rewards (B,), ends (B,) and infos."""
         observations, rewards, _, truncations, info = self._robots.step(self._actions)
-        notes: list[dict[str, Any]] = [
+        infos: list[dict[str, Any]] = [
             {"TimeLimit.truncated": bool(truncated)} for truncated in truncations
         ]
         for robot in np.flatnonzero(truncations):
-            notes[robot]["terminal_observation"] = info["final_obs"][robot]
-        return observations, rewards.astype(np.float32), truncations, notes
+            infos[robot]["terminal_observation"] = info["final_obs"][robot]
+        return observations, rewards.astype(np.float32), truncations, infos
 
     def close(self) -> None:
         """Closes the batch."""
         self._robots.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the batch, once a robot."""
+        """Returns an attribute of the batch, repeated for every robot."""
         return [getattr(self._robots, attr_name)] * sum(1 for _ in self._get_indices(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused: robots of a batch have no attributes of their own."""
+        """Raises AttributeError: robots of a batch have no attributes of their own."""
         raise AttributeError(f"robots of a batch have no attributes of their own, got {attr_name}")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        """Refused: robots of a batch have no methods of their own."""
+        """Raises AttributeError: robots of a batch have no methods of their own."""
         raise AttributeError(f"robots of a batch have no methods of their own, got {method_name}")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None
     ) -> list[bool]:
-        """Whether a wrapper is around a robot: none is."""
+        """Returns False for every robot: robots of a batch have no wrappers."""
         return [False] * sum(1 for _ in self._get_indices(indices))

@@ -1,3 +1,97 @@
-"""SHIM."""
+"""Where episodes start: the paper's corners, fixed places and random ones."""
 
-from .arena import CORNERS, FROM_WALLS, Start, random_poses, random_spots  # noqa: F401
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+
+from ..models import Dimensions, arena_spec, half_size
+
+Corner = Literal["upper_left", "upper_right"]
+Random = np.random.RandomState | np.random.Generator
+
+FROM_WALLS = 0.10  # [m]; section 3.1: "a distance of ten cm to the walls facing the corner"
+_X, _Y = (half - FROM_WALLS for half in half_size(arena_spec()))
+# x, y in [m] and heading in [rad] of a robot that faces the corner.
+CORNERS: Mapping[str, tuple[float, float, float]] = {
+    "upper_left": (-_X, _Y, math.atan2(1, -1)),
+    "upper_right": (_X, _Y, math.atan2(1, 1)),
+}
+
+
+def random_poses(random: Random, dimensions: Dimensions, count: int) -> np.ndarray:
+    """Draws poses uniformly over the arena, at least 1 cm clear of walls and obstacles.
+
+    Args:
+      random: Random stream to draw from.
+      dimensions: Dimensions of the arena and the robot.
+      count: Number of poses.
+
+    Returns:
+      x, y in [m] and heading in [rad], shape (count, 3).
+    """
+    clear = dimensions.radius + 0.01
+    high = np.array([dimensions.half_length - clear, dimensions.half_width - clear, np.pi])
+    poses = random.uniform(-high, high, (count, 3))
+    obstacles = np.reshape(dimensions.obstacles, (-1, 3))
+    while True:
+        apart = np.hypot(*(poses[:, None, :2] - obstacles[:, :2]).transpose(2, 0, 1))
+        blocked = (apart < obstacles[:, 2] + clear).any(axis=1)
+        if not blocked.any():
+            return poses
+        poses[blocked] = random.uniform(-high, high, (int(blocked.sum()), 3))
+
+
+def random_spots(random: Random, dimensions: Dimensions, count: int) -> np.ndarray:
+    """Draws centres of the spot uniformly, with the whole spot inside the arena.
+
+    Args:
+      random: Random stream to draw from.
+      dimensions: Dimensions of the arena and the spot.
+      count: Number of spots.
+
+    Returns:
+      x, y in [m], shape (count, 2).
+    """
+    r = dimensions.spot_radius
+    high = np.array([dimensions.half_length - r, dimensions.half_width - r])
+    return random.uniform(-high, high, (count, 2))
+
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """Places of robot and spot at the start of an episode.
+
+    Attributes:
+      robot: x, y in [m] and heading in [rad]; or a corner, which the robot faces; None draws a
+        pose for every episode.
+      spot: x, y of the centre in [m]; or a corner; None draws a place for every episode.
+    """
+
+    robot: tuple[float, float, float] | Corner | None = None
+    spot: tuple[float, float] | Corner | None = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for an unknown corner or a place of the wrong shape."""
+        for name, length in (("robot", 3), ("spot", 2)):
+            place = getattr(self, name)
+            if isinstance(place, str):
+                if place not in CORNERS:
+                    raise ValueError(f"{name} must be one of {list(CORNERS)}, got {place!r}")
+            elif place is not None:
+                if np.shape(place) != (length,) or not np.isfinite(place).all():
+                    raise ValueError(f"{name} must be {length} finite numbers, got {place!r}")
+
+    def draw(self, random: Random, dimensions: Dimensions) -> tuple[np.ndarray, np.ndarray]:
+        """Returns a robot's pose, shape (3,), and a spot, shape (2,), drawn in this order."""
+        robot = CORNERS[self.robot] if isinstance(self.robot, str) else self.robot
+        spot = CORNERS[self.spot][:2] if isinstance(self.spot, str) else self.spot
+        if robot is None:
+            robot = random_poses(random, dimensions, 1)[0]
+        if spot is None:
+            spot = random_spots(random, dimensions, 1)[0]
+        return np.asarray(robot, dtype=float), np.asarray(spot, dtype=float)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...tasks.arena import RANGEFINDERS
+from ...tasks.rules import RANGEFINDERS
 from ...tasks.sensors import distance_signal
 from .factory import senses_of
 from .neurocontroller import NeurocontrollerAgent

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP, Robots, make_batch
-from ...tasks.arena import Start, random_spots
+from ...tasks.starts import Start, random_spots
 from ...tasks.suite import TASKS
 from ..errors import InputError
 

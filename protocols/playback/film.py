@@ -15,7 +15,7 @@ import imageio_ffmpeg
 import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP
-from ...tasks.arena import Rules
+from ...tasks.rules import Rules
 from ..errors import InputError
 from ..storage import check_place
 from ..terminal import bar

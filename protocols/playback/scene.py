@@ -13,7 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ...models import robot_qpos
 from ...tasks import CONTROL_TIMESTEP
-from ...tasks.arena import RANGEFINDERS, SpotFindingRules
+from ...tasks.rules import RANGEFINDERS
+from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from .offscreen import Canvas
 

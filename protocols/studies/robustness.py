@@ -14,7 +14,7 @@ import numpy as np
 from ...controller import PROPOSERS
 from ...models import Dimensions, Kinematics, enlarge
 from ...tasks import CONTROL_TIMESTEP, Robots
-from ...tasks.arena import RANGEFINDERS
+from ...tasks.rules import RANGEFINDERS
 from ..agents.perturbed import PerturbedBrain
 from ..analysis import intervals
 from ..errors import InputError

@@ -15,7 +15,7 @@ from musebot.protocols.agents.q_learning import QLearner, hand_coded
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.experiment import CohortKey, Experiment, check_agent
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.tasks.arena import random_poses, random_spots
+from musebot.tasks.starts import random_poses, random_spots
 
 Q_LEARNER = "musebot.protocols.baselines:q_learner"
 HAND_CODED = "musebot.protocols.baselines:hand_coded"

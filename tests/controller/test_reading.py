@@ -76,7 +76,7 @@ def test_every_tasks_signals_can_be_told_to_a_brain(task):
     rules = TASKS[task].rules
     assert len(senses.state) == sum(length for length, _, _ in rules.shapes.values())
     assert (senses.reward.low, senses.reward.high) == rules.rewards
-    assert set(rules.full) <= {*rules.shapes, "reward"}
+    assert set(rules.maximal) <= {*rules.shapes, "reward"}
 
 
 @pytest.mark.parametrize("told", [None, Senses((Signal(0.0, 1.0),) * 2, Signal(0.0, 1.0))])

@@ -1,4 +1,4 @@
-"""The body drives as commanded, stays where it stands, and feels walls and nothing else."""
+"""The body drives as commanded, rests where it stands, and touches walls only."""
 
 import subprocess
 import sys
@@ -23,7 +23,7 @@ def size(model):
     return Dimensions.of(model)
 
 
-def test_dimensions_are_those_of_the_issue_and_the_paper(model, size):
+def test_dimensions_are_those_of_the_paper_and_a_khepera(model, size):
     assert (size.half_length, size.half_width) == (0.525, 0.35)
     assert size.radius == 0.0275
     assert size.spot_radius == 0.06
@@ -35,12 +35,12 @@ def test_wheels_stay_within_the_outline(model, size):
     half_width, radius = model.geom("left_wheel").size[1], model.geom("left_wheel").size[0]
     corner = np.hypot(radius, size.wheel_base / 2 + half_width)
     assert corner < size.radius
-    assert corner > size.radius - 0.001  # and as far apart as fits
+    assert corner > size.radius - 0.001  # as far apart as possible
 
 
 def test_straight_speed_is_within_one_percent_of_the_commanded(size):
     poses = drive(SUBSTEPS, np.full((1, 20, 2), 0.5), (-0.45, 0, 0)).poses[0]
-    speed = poses[-1, 0] - poses[9, 0]  # metres in the second second
+    speed = poses[-1, 0] - poses[9, 0]  # [m] in the second second
     assert speed == pytest.approx(size.motor_speed, rel=0.01)
 
 
@@ -87,13 +87,13 @@ def test_driving_into_walls_never_leaves_the_arena(crash, size):
 def test_contact_equals_geometry_in_99_percent_of_steps(crash, size):
     touching, near = crash.touch > 0, crash.gap <= size.contact_margin
     assert size.contact_margin == 0.0005
-    assert near.mean() > 0.02  # there is something to agree on
+    assert near.mean() > 0.02  # there are contacts
     assert (touching == near).mean() >= 0.99
 
 
 @pytest.mark.parametrize("motor", [0.5, 0.1])
 @pytest.mark.parametrize("forwards", [True, False])
-def test_a_robot_pushed_against_a_wall_feels_it_without_flicker(forwards, motor):
+def test_a_robot_that_pushes_a_wall_is_in_contact_in_every_step(forwards, motor):
     motors = np.full((1, 600, 2), motor if forwards else -motor)
     start = (0.525 - 0.0275 - 0.0002, 0.0, 0.0 if forwards else np.pi)
     assert (drive(SUBSTEPS, motors, start).touch > 0).all()
@@ -109,20 +109,20 @@ def test_a_robot_pressed_against_a_wall_is_free_to_turn(motors, size):
 
 @pytest.mark.parametrize("degrees", [0, 15, 30, 45])
 @pytest.mark.parametrize("motors", [(0.5, 0.5), (0.45, 0.43), (0.43, 0.45)])
-def test_a_robot_pressed_against_a_wall_turns_as_told_and_not_to_face_it(motors, degrees, size):
+def test_a_robot_pressed_against_a_wall_turns_as_commanded(motors, degrees, size):
     start = (0.525 - 0.0275 - 0.001, 0, np.radians(degrees))
     headings = drive(SUBSTEPS, np.tile(motors, (1, 10, 1)), start).poses[0, :, 2]
     commanded = (motors[1] - motors[0]) * 2 * size.motor_speed / size.wheel_base
     assert headings[-1] - start[2] == pytest.approx(commanded, abs=0.05)
 
 
-def test_touch_reads_nothing_of_floor_wheels_or_castors():
+def test_touch_ignores_floor_wheels_and_castors():
     touch = drive(SUBSTEPS, random_motors(5, 20, full_speed=True), (0, 0, 0)).touch
     assert (touch == 0).all()
 
 
 @pytest.mark.parametrize("degrees", range(0, 360, 15))
-def test_touch_feels_a_wall_from_any_side(degrees):
+def test_touch_senses_a_wall_on_every_side(degrees):
     model = arena_spec().compile()
     data = mujoco.MjData(model)
     data.qpos[:2] = 0.525 - 0.0275 + 0.0001, 0
@@ -132,7 +132,7 @@ def test_touch_feels_a_wall_from_any_side(degrees):
 
 
 def wall_distance(x, y, direction):
-    """From a point inside the arena to the walls, along a direction."""
+    """Returns the distance from a point in the arena to the walls along a direction."""
     dx, dy = np.cos(direction), np.sin(direction)
     along_x = (np.copysign(0.525, dx) - x) / dx if abs(dx) > 1e-12 else np.inf
     along_y = (np.copysign(0.35, dy) - y) / dy if abs(dy) > 1e-12 else np.inf
@@ -157,7 +157,7 @@ def test_rangefinders_read_the_analytic_distance_over_1000_poses(model, size):
 
 @pytest.mark.parametrize("gap", [0.0, -0.0002, -0.0008])
 @pytest.mark.parametrize(("name", "heading"), [("front", 0), ("back", np.pi), ("left", -np.pi / 2)])
-def test_an_eye_that_dips_into_a_wall_still_sees_it(model, size, name, heading, gap):
+def test_a_rangefinder_inside_a_wall_still_sees_it(model, size, name, heading, gap):
     data = mujoco.MjData(model)
     data.qpos[0] = size.half_length - size.radius - gap
     data.qpos[3], data.qpos[6] = np.cos(heading / 2), np.sin(heading / 2)
@@ -165,7 +165,7 @@ def test_an_eye_that_dips_into_a_wall_still_sees_it(model, size, name, heading, 
     assert 0 <= data.sensor(name).data[0] <= 0.001 + 1e-9
 
 
-def test_the_spot_touches_nothing_and_moves_without_recompiling(model):
+def test_the_spot_has_no_contacts_and_moves_without_recompiling(model):
     data = mujoco.MjData(model)
     data.mocap_pos[0, :2] = 0, 0
     mujoco.mj_step(model, data, 10)
@@ -174,7 +174,7 @@ def test_the_spot_touches_nothing_and_moves_without_recompiling(model):
     assert data.site("spot").xpos[:2] == pytest.approx([0, 0])
 
 
-def test_the_robot_attaches_to_somebody_elses_arena_and_feels_its_walls():
+def test_the_robot_attaches_to_another_arena_and_senses_its_walls():
     spec = mujoco.MjSpec.from_string("""
         <mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody>
           <geom type="plane" size="1 1 .1"/><geom type="box" pos=".3 0 .05" size=".02 1 .05"/>
@@ -186,7 +186,7 @@ def test_the_robot_attaches_to_somebody_elses_arena_and_feels_its_walls():
     data = mujoco.MjData(model)
     data.ctrl[:] = 0.5
     mujoco.mj_step(model, data, 100)
-    mujoco.mj_forward(model, data)  # a step leaves the sensors of its start
+    mujoco.mj_forward(model, data)  # after a step the sensors show its start
     assert data.sensor("a_touch").data[0] == 0
     assert data.sensor("a_front").data[0] == pytest.approx(0.28 - data.qpos[0] - 0.0275, abs=5e-4)
     mujoco.mj_step(model, data, 300)
@@ -213,7 +213,7 @@ def test_half_the_motor_speed_is_half_the_speed_with_the_same_torque():
         arena_spec(motor_speed=0)
 
 
-def test_everything_has_a_name_and_there_are_cameras(model):
+def test_every_element_has_a_name_and_there_are_cameras(model):
     kinds = ("body", "jnt", "geom", "site", "cam", "actuator", "sensor", "light", "mat")
     for kind in kinds:
         count = getattr(model, {"actuator": "nu"}.get(kind, f"n{kind}"))
@@ -224,14 +224,14 @@ def test_everything_has_a_name_and_there_are_cameras(model):
     assert {"overhead", "follow", "eye"} <= cameras
 
 
-def test_a_wrong_mujoco_is_refused_in_one_sentence(monkeypatch):
+def test_an_unsupported_mujoco_is_refused_with_the_supported_one(monkeypatch):
     monkeypatch.setattr(mujoco, "__version__", "4.0.0")
     with pytest.raises(ImportError, match=r"musebot needs MuJoCo 3\.17\.x.*got 4\.0\.0"):
         check_versions()
 
 
-def test_this_mujoco_goes_with_this_dm_control():
-    """Fails in one sentence when MuJoCo and dm_control part company again."""
+def test_this_mujoco_works_with_this_dm_control():
+    """Fails with one sentence when MuJoCo and dm_control no longer fit."""
     code = (
         "from dm_control import mujoco; "
         "mujoco.Physics.from_xml_string('<mujoco><worldbody/></mujoco>')"

@@ -36,7 +36,7 @@ from musebot.protocols.results.results import Results, collect, load, save
 from musebot.protocols.simulation import engine
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import save_arrays
-from musebot.tasks.arena import SpotFindingRules
+from musebot.tasks.spot_finding import SpotFindingRules
 from musebot.tasks.suite import TASKS
 
 CONDITIONS = (

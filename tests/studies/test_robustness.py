@@ -27,7 +27,7 @@ from musebot.protocols.simulation import engine, pool
 from musebot.protocols.simulation.cohort import Cohort, place
 from musebot.protocols.studies import robustness
 from musebot.protocols.studies.robustness import CHANGES, REFERENCE, Job, Misled, sit
-from musebot.tasks.arena import RANGEFINDERS
+from musebot.tasks.rules import RANGEFINDERS
 from musebot.tasks.sensors import distance_signal
 
 EXPERIMENT = Experiment(body="kinematic", cohort_size=3, time_scale=0.002)

@@ -1,4 +1,4 @@
-"""The batch of robots and the dm_control environment are the same world, to the bit."""
+"""The batch of robots and the dm_control environment are bit-exact."""
 
 import dataclasses
 import warnings
@@ -8,14 +8,14 @@ import pytest
 
 from musebot.models import robot_pose, robot_qpos
 from musebot.tasks import ALL_TASKS, load, make_batch
-from musebot.tasks.arena import Start
+from musebot.tasks.starts import Start
 
 TASKS = [task for _, task in ALL_TASKS]
 
 
 def scripted_motors(steps, seed=0):
     random = np.random.default_rng(seed)
-    motors = random.uniform(-0.6, 0.6, (steps, 2))  # some beyond the limits
+    motors = random.uniform(-0.6, 0.6, (steps, 2))  # some are beyond the limits
     for start in range(0, steps, 40):  # and long straight drives into walls
         if random.random() < 0.5:
             motors[start : start + 30] = random.choice([-0.5, 0.5])
@@ -23,10 +23,10 @@ def scripted_motors(steps, seed=0):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_batch_equals_the_environment_to_the_bit(task):
+def test_the_batch_equals_the_environment_bit_exactly(task):
     start, second, spot = (-0.425, 0.25, 2.356), (0.3, -0.2, 0.4), (0.1, 0.05)
     environment = load("arena", task, {"robot": start, "spot": spot, "time_limit": 1e9})
-    environment.task.spot_steps = 0  # who drives the batch decides when a spot jumps
+    environment.task.spot_steps = 0  # the caller of a batch moves the spot
     batch = make_batch(task, 3)
     everyone = np.arange(3)
     timestep = environment.reset()
@@ -59,7 +59,7 @@ def test_batch_equals_the_environment_to_the_bit(task):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_the_number_of_threads_changes_no_bit(task):
+def test_the_number_of_threads_changes_no_result(task):
     batches = [make_batch(task, 7, threads=threads) for threads in (0, 1, 2, 3)]
     motors = np.random.default_rng(0).uniform(-0.5, 0.5, (200, 7, 2))
     for motor in motors:
@@ -70,7 +70,7 @@ def test_the_number_of_threads_changes_no_bit(task):
             np.testing.assert_array_equal(array, batches[0].arrays()[name])
 
 
-def test_robots_do_not_feel_one_another():
+def test_robots_do_not_affect_one_another():
     alone, together = make_batch("wall_avoidance", 1), make_batch("wall_avoidance", 4)
     for motor in scripted_motors(200):
         alone.step(motor[None])
@@ -79,7 +79,7 @@ def test_robots_do_not_feel_one_another():
     np.testing.assert_array_equal(together.sensordata[0], together.sensordata[3])
 
 
-def test_a_saved_batch_goes_on_to_the_same_bits():
+def test_a_restored_batch_continues_bit_exactly():
     first, second = make_batch("spot_finding", 5), make_batch("spot_finding", 5)
     motors = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5, 2))
     first.place_spot(np.arange(5), np.full((5, 2), 0.1))
@@ -94,8 +94,8 @@ def test_a_saved_batch_goes_on_to_the_same_bits():
 
 
 @pytest.mark.parametrize("how", ["motor", "velocity", "escape"])
-def test_an_unstable_robot_is_stopped_and_the_others_live_on(how, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo leaves its log in the working directory
+def test_an_unstable_robot_is_stopped_and_the_others_continue(how, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log into the working directory
     batch, twin = make_batch("wall_avoidance", 3), make_batch("wall_avoidance", 3)
     motors = np.full((3, 2), [0.3, 0.1])
     bad = motors.copy()
@@ -103,7 +103,7 @@ def test_an_unstable_robot_is_stopped_and_the_others_live_on(how, tmp_path, monk
         bad[1] = np.nan
     elif how == "velocity":
         batch.arrays()["state"][1, 10:] = np.inf
-    else:  # no robot gets through these walls: move them inwards for the one that is far out
+    else:  # no robot passes these walls: reduce the length instead
         batch.place(np.array([1]), np.array([[0.4, 0.0, 0.0]]))
         batch.dimensions = dataclasses.replace(batch.dimensions, half_length=0.39)
     with warnings.catch_warnings():
@@ -119,13 +119,13 @@ def test_an_unstable_robot_is_stopped_and_the_others_live_on(how, tmp_path, monk
     assert (batch.sensordata[1] == 0).all()
 
 
-def test_poses_survive_the_way_into_qpos_and_back():
+def test_robot_pose_is_the_inverse_of_robot_qpos():
     poses = np.random.default_rng(0).uniform(-3, 3, (50, 3))
     np.testing.assert_allclose(robot_pose(robot_qpos(poses)), poses, atol=1e-12)
 
 
 @pytest.mark.parametrize("form", ["inverse", "printed"])
-def test_a_moved_spot_is_smelled_through_mujoco_as_the_nose_function_says(form):
+def test_the_nose_signal_of_a_moved_spot_is_equation_3(form):
     batch = make_batch("spot_finding", 500, nose=form)
     random = np.random.default_rng(0)
     poses = random.uniform([-0.45, -0.3, -np.pi], [0.45, 0.3, np.pi], (500, 3))
@@ -143,8 +143,8 @@ def test_a_moved_spot_is_smelled_through_mujoco_as_the_nose_function_says(form):
             assert signal == pytest.approx(raw / (1 + raw), abs=1e-6)
 
 
-def test_bad_batches_are_refused():
-    with pytest.raises(ValueError, match="robots must be positive, got 0"):
+def test_values_out_of_range_are_refused():
+    with pytest.raises(ValueError, match="robots must be at least 1, got 0"):
         make_batch("wall_avoidance", 0)
     with pytest.raises(ValueError, match="threads must not be negative, got -1"):
         make_batch("wall_avoidance", 1, threads=-1)

@@ -1,4 +1,4 @@
-"""The Gymnasium doors: they keep its contract, and the batch is as many single robots."""
+"""The Gymnasium environments fulfil its contract, and the batch equals single environments."""
 
 import subprocess
 import sys
@@ -28,7 +28,7 @@ def name(request):
     return request.param
 
 
-def test_every_task_has_an_id_and_every_id_a_task():
+def test_every_task_has_one_id():
     assert sorted(musebot.GYMNASIUM_TASKS.values()) == sorted(TASKS)
     assert all(gymnasium.spec(i).max_episode_steps == 1000 for i in IDS)
 
@@ -36,7 +36,7 @@ def test_every_task_has_an_id_and_every_id_a_task():
 @pytest.mark.parametrize(
     "imports", ["import gymnasium, musebot", "import musebot, gymnasium", "import gymnasium"]
 )
-def test_gymnasium_finds_the_tasks_once_musebot_is_imported(imports):
+def test_gymnasium_finds_the_tasks_after_musebot_is_imported(imports):
     prefix = "" if "musebot" in imports else "musebot:"
     code = f"{imports}; print(gymnasium.make('{prefix}musebot/SpotFinding-v0').spec.id)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -44,19 +44,19 @@ def test_gymnasium_finds_the_tasks_once_musebot_is_imported(imports):
 
 
 @pytest.mark.filterwarnings("error")
-def test_gymnasium_has_nothing_to_complain_about(name):
+def test_the_checker_of_gymnasium_gives_no_warning(name):
     check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("unit", UNIT_IDS)
-def test_stable_baselines_has_nothing_to_complain_about(unit):
+def test_the_checker_of_stable_baselines_gives_no_warning(unit):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(gymnasium.make(unit).unwrapped)
 
 
 @pytest.mark.parametrize("paper", PAPER_IDS)
-def test_stable_baselines_complains_of_nothing_but_the_papers_actions(paper):
+def test_the_checker_of_stable_baselines_warns_of_the_papers_action_limits_only(paper):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -81,7 +81,7 @@ def test_shimmy_wraps_what_load_returns(task):
     assert np.isfinite(reward) and not terminated and not truncated
 
 
-def test_the_single_env_is_the_dm_control_environment(name):
+def test_the_single_env_equals_the_dm_control_environment(name):
     env = gymnasium.make(name, robot=(0.1, 0.2, 1.0), spot=(0.3, 0.2))
     task = gymnasium.spec(name).kwargs["task"]
     twin = musebot.load("arena", task, {"robot": (0.1, 0.2, 1.0), "spot": (0.3, 0.2)})
@@ -117,7 +117,7 @@ def assert_same(ours, theirs):
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_the_batch_equals_single_envs_to_the_bit_autoreset_included(name, mode):
+def test_the_batch_equals_single_envs_bit_exactly_with_autoreset(name, mode):
     jumps = TASKS[gymnasium.spec(name).kwargs["task"]].spot_steps
     length = jumps + 30  # control steps of an episode
     batch, single = make_pair(name, 5, mode, max_episode_steps=length)
@@ -128,7 +128,7 @@ def test_the_batch_equals_single_envs_to_the_bit_autoreset_included(name, mode):
     for seed in (7, [3, None, 1, 4, 1], None):
         assert_same(batch.reset(seed=seed)[0], single.reset(seed=seed)[0])
         for step in range(2 * length + 10):
-            if step % 40 < 25:  # long straight drives, into walls and beyond the limits
+            if step % 40 < 25:  # long straight drives into walls, some beyond the limits
                 actions = np.tile(random.uniform(0.5, 1.2, (5, 1)), 2).astype(np.float32)
             else:
                 actions = random.uniform(-1.2, 1.2, (5, 2)).astype(np.float32)
@@ -143,11 +143,11 @@ def test_the_batch_equals_single_envs_to_the_bit_autoreset_included(name, mode):
                     assert_same(mine, its)
             ends += ours[3].sum()
     assert ends == 3 * 2 * 5
-    assert len(set(batch.np_random_seed)) == 4  # 1 was given twice
+    assert len(set(batch.np_random_seed)) == 4  # seed 1 is given twice
     assert batch.np_random_seed == single.np_random_seed
 
 
-def test_placements_and_noses_pass_to_the_batch_as_to_the_single_env():
+def test_starts_and_noses_are_those_of_the_single_env():
     kwargs = {"robot": "upper_left", "spot": (0.1, -0.2), "nose": "printed"}
     batch, single = make_pair("musebot/SpotFinding-v0", 3, "NextStep", **kwargs)
     assert_same(batch.reset(seed=0)[0], single.reset(seed=0)[0])
@@ -158,7 +158,7 @@ def test_placements_and_noses_pass_to_the_batch_as_to_the_single_env():
     assert rewards.max() > 0
 
 
-def test_robots_with_different_seeds_live_different_lives():
+def test_different_seeds_give_different_starts():
     batch = gymnasium.make_vec("musebot/SpotFindingUnit-v0", 50)
     observations, _ = batch.reset(seed=0)
     assert len(np.unique(batch.unwrapped._batch.pose[:, 0])) == 50
@@ -178,7 +178,7 @@ BAD = [np.full(2, np.nan), np.zeros(3), np.array([np.inf, 0.0])]
 
 
 @pytest.mark.parametrize("action", BAD, ids=str)
-def test_a_nonsense_action_is_refused_by_both_doors(name, action):
+def test_an_action_that_is_not_two_finite_numbers_is_refused(name, action):
     env, batch = gymnasium.make(name, disable_env_checker=True), gymnasium.make_vec(name, 3)
     env.reset(seed=0)
     batch.reset(seed=0)
@@ -188,7 +188,7 @@ def test_a_nonsense_action_is_refused_by_both_doors(name, action):
         batch.step(np.tile(action, (3, 1)))
 
 
-def test_unknown_names_and_keywords_are_refused_naming_what_there_is():
+def test_unknown_names_and_keywords_are_refused_with_the_known_ones():
     with pytest.raises(gymnasium.error.NameNotFound, match="Dancing"):
         gymnasium.make("musebot/Dancing-v0")
     with pytest.raises(gymnasium.error.VersionNotFound, match="v9.*v0"):
@@ -209,7 +209,7 @@ def test_unknown_names_and_keywords_are_refused_naming_what_there_is():
         batch.reset(seed=[1, 2])
 
 
-def test_an_unstable_robot_is_an_error_and_not_a_number():
+def test_an_unstable_robot_raises_an_error():
     batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 3)
     batch.reset(seed=0)
     batch.unwrapped._batch.arrays()["state"][1, 10:] = np.inf
@@ -217,7 +217,7 @@ def test_an_unstable_robot_is_an_error_and_not_a_number():
         batch.step(np.zeros((3, 2), np.float32))
 
 
-def test_a_window_is_shown_at_every_step_and_closed(monkeypatch):
+def test_the_window_shows_every_step_and_closes(monkeypatch):
     seen = []
 
     class Window:
@@ -256,7 +256,7 @@ print("drawn")
 
 
 @pytest.mark.slow
-def test_pictures_are_drawn(monkeypatch):
+def test_render_returns_pictures(monkeypatch):
     headless = subprocess.run([sys.executable, "-m", "musebot.protocols.playback.offscreen"])
     if headless.returncode:
         pytest.skip("nothing draws here")
@@ -265,7 +265,7 @@ def test_pictures_are_drawn(monkeypatch):
     assert done.stdout == "drawn\n", done.stderr
 
 
-def test_a_batch_with_a_lost_robot_starts_anew():
+def test_reset_restarts_a_stopped_robot():
     robots = ArenaVectorEnv("wall_avoidance", 2)
     robots.reset(seed=1)
     robots._batch.stop(np.array([0]))

@@ -33,7 +33,7 @@ def test_the_distance_signal_is_one_at_a_wall_and_zero_far_away():
 @quick
 @given(st.floats(max_value=0, exclude_max=True))
 @example(-1.0)
-def test_a_ray_that_meets_nothing_signals_nothing(distance):
+def test_a_ray_that_hits_nothing_signals_0(distance):
     assert distance_signal(np.array([distance]))[0] == 0
 
 
@@ -57,7 +57,7 @@ def test_distance_signals_keep_their_shape():
 
 
 @pytest.mark.parametrize(("force", "signal"), [(0.0, 0), (5e-324, -1), (0.3, -1), (1e9, -1)])
-def test_a_contact_signals_minus_one_and_no_contact_zero(force, signal):
+def test_contact_signals_minus_1_else_0(force, signal):
     assert contact_signal(np.array([force])).tolist() == [signal]
 
 
@@ -108,7 +108,7 @@ def signal(nose, x, y):
 @example(Nose(form="printed"), 0.3, -0.3)
 @example(Nose(), 1e-300, -1e-300)
 def test_the_nose_is_equation_3(nose, x, y):
-    assume(abs(math.hypot(x, y) - nose.spot_radius) > 1e-12)  # the edge has tests of its own
+    assume(abs(math.hypot(x, y) - nose.spot_radius) > 1e-12)  # the edge is tested separately
     wanted = smell(x, y, nose.odour, nose.frustum, nose.spot_radius, nose.form)
     assert signal(nose, x, y) == pytest.approx(wanted, abs=1e-12)
     assert 0 <= signal(nose, x, y) < 1
@@ -126,7 +126,7 @@ def test_the_nose_is_equation_3_in_every_direction(nose, distance, beta):
 
 @forms
 @pytest.mark.parametrize(("x", "y"), [(0.06, 0.0), (0.0, 0.06), (0.0, -0.06), (-0.06, 0.0)])
-def test_the_edge_of_the_spot_belongs_to_the_outside(form, x, y):
+def test_the_edge_of_the_spot_is_outside(form, x, y):
     nose = Nose(form=form)
     assert not nose.inside(np.array([x, y]))
     assert signal(nose, x, y) == pytest.approx(smell(x, y, 10, math.pi / 2, 0.06, form), abs=1e-12)
@@ -136,7 +136,7 @@ def test_the_edge_of_the_spot_belongs_to_the_outside(form, x, y):
 @forms
 @given(st.floats(0, 0.0599), st.floats(-math.pi, math.pi))
 @quick
-def test_inside_the_spot_the_nose_smells_ten_elevenths_whatever_the_direction(form, d, beta):
+def test_inside_the_spot_the_signal_is_10_11_in_every_direction(form, d, beta):
     nose = Nose(form=form)
     assert nose.inside(np.array([d * math.cos(beta), d * math.sin(beta)]))
     assert signal(nose, d * math.cos(beta), d * math.sin(beta)) == pytest.approx(10 / 11, abs=1e-12)
@@ -144,7 +144,7 @@ def test_inside_the_spot_the_nose_smells_ten_elevenths_whatever_the_direction(fo
 
 @forms
 @pytest.mark.parametrize("degrees", [46, 90, 135, 180, -46, -90, -179])
-def test_outside_the_frustum_of_90_degrees_the_nose_smells_nothing(form, degrees):
+def test_outside_the_frustum_of_90_degrees_the_signal_is_0(form, degrees):
     beta = math.radians(degrees)
     assert signal(Nose(form=form), 0.3 * math.cos(beta), 0.3 * math.sin(beta)) == 0
 
@@ -172,19 +172,19 @@ def test_a_spot_nearer_to_the_front_smells_more(nose, distance, a, b):
 
 @quick
 @given(noses, metres, metres)
-def test_left_and_right_smell_alike(nose, x, y):
+def test_left_and_right_signal_equally(nose, x, y):
     assert signal(nose, x, y) == signal(nose, x, -y)
 
 
 @quick
 @given(noses, metres, metres, st.floats(-1, 1))
-def test_the_height_of_the_spot_is_not_looked_at(nose, x, y, z):
+def test_the_height_of_the_spot_has_no_effect(nose, x, y, z):
     assert float(nose.signal(np.array([x, y, z]))) == signal(nose, x, y)
     assert nose.inside(np.array([x, y, z])) == nose.inside(np.array([x, y]))
 
 
 @forms
-def test_many_spots_are_smelled_as_one_by_one(form):
+def test_many_spots_signal_as_single_ones(form):
     nose = Nose(form=form)
     spots = np.random.default_rng(0).uniform(-0.2, 0.2, (4, 50, 3))
     signals, inside = nose.signal(spots), nose.inside(spots)
@@ -201,7 +201,7 @@ def test_the_defaults_are_the_papers_nose():
 
 @pytest.mark.parametrize("name", ["odour", "frustum", "spot_radius"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
-def test_a_nose_that_makes_no_sense_is_refused_by_name(name, value):
+def test_a_value_out_of_range_is_refused_with_its_name(name, value):
     with pytest.raises(ValueError, match=f"^{name} must be positive, got "):
         Nose(**{name: value})
 

@@ -1,4 +1,4 @@
-"""Stable-Baselines3 trains on the batch."""
+"""Stable-Baselines3 trains on the batch of robots."""
 
 import numpy as np
 import pytest
@@ -15,26 +15,27 @@ from musebot.tasks.stable_baselines import ArenaVecEnv  # noqa: E402
 TASK = "wall_avoidance_obstacles"
 
 
-def test_it_sees_the_batch_and_the_last_observation_of_an_episode():
+def test_it_returns_the_batch_and_the_last_observation_of_an_episode():
     ours = ArenaVecEnv(TASK, 3, max_episode_steps=4)
     batch = ArenaVectorEnv(TASK, 3, max_episode_steps=4)
     ours.seed(5)
     np.testing.assert_array_equal(ours.reset(), batch.reset(seed=5)[0])
     for step in range(1, 5):
         actions = np.full((3, 2), 0.1 * step, np.float32)
-        observations, rewards, ends, notes = ours.step(actions)
+        observations, rewards, ends, infos = ours.step(actions)
         last, their_rewards, _, truncations, _ = batch.step(actions)
         np.testing.assert_array_equal(rewards, their_rewards.astype(np.float32))
         np.testing.assert_array_equal(ends, truncations)
         assert ends.all() == (step == 4)
-        assert all(note["TimeLimit.truncated"] == (step == 4) for note in notes)
-    finals = np.stack([note["terminal_observation"] for note in notes])
+        assert all(info["TimeLimit.truncated"] == (step == 4) for info in infos)
+    finals = np.stack([info["terminal_observation"] for info in infos])
     np.testing.assert_array_equal(finals, last)
-    np.testing.assert_array_equal(observations, batch.step(actions)[0])  # their next step starts
+    # The batch starts the next episode in its next step.
+    np.testing.assert_array_equal(observations, batch.step(actions)[0])
 
 
 class Rewards(BaseCallback):
-    """Keeps every robot's rewards."""
+    """Stores the rewards of every robot."""
 
     def __init__(self):
         super().__init__()
@@ -46,7 +47,7 @@ class Rewards(BaseCallback):
 
 
 def interval(rewards):
-    """Mean and half of its 95 % interval, over robots; rewards of shape (T, B)."""
+    """Returns mean and half of its 95 % interval over robots; rewards of shape (T, B)."""
     means = rewards.mean(axis=0)
     return means.mean(), 1.96 * means.std(ddof=1) / np.sqrt(len(means))
 

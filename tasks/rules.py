@@ -1,0 +1,108 @@
+"""What a robot senses and is rewarded for: the base class of every task's rules."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from collections.abc import Mapping
+from typing import ClassVar, Self
+
+import mujoco
+import numpy as np
+
+from .sensors import NoseForm
+
+RANGEFINDERS = ("front", "back", "left", "right")
+
+
+def sensor_slice(model: mujoco.MjModel, name: str, length: int) -> slice:
+    """Returns the indices of a sensor's numbers in `sensordata`.
+
+    Args:
+      model: Compiled arena.
+      name: Name of the sensor, or of the first of several adjacent sensors.
+      length: Count of numbers.
+
+    Raises:
+      KeyError: The arena lacks the sensor.
+    """
+    start = int(model.sensor(name).adr[0])
+    return slice(start, start + length)
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorLayout:
+    """Indices of each sensor's numbers in MuJoCo's `sensordata`.
+
+    Attributes:
+      distances: The four rangefinders, in the order of `RANGEFINDERS`, in [m]; -1 for no hit.
+      touch: Force on the rim, in [N].
+      smell: Spot's centre in the frame of the nose: ahead, left, up, in [m].
+    """
+
+    distances: slice
+    touch: slice
+    smell: slice
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> SensorLayout:
+        """Reads the layout of a compiled arena."""
+        return cls(
+            sensor_slice(model, RANGEFINDERS[0], len(RANGEFINDERS)),
+            sensor_slice(model, "touch", 1),
+            sensor_slice(model, "smell", 3),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Rules(abc.ABC):
+    """Observations, reward and measured event of a task, as functions of MuJoCo's sensors.
+
+    Every method takes `sensordata` of shape (..., nsensordata), for one robot or a batch, and
+    works on the last axis.
+
+    Attributes:
+      layout: Indices of each sensor's numbers.
+      shapes: Length, minimum and maximum of each observation, by name.
+      rewards: Minimum and maximum of the reward.
+      maximal: Raw signal s' at maximal smell, for each signal that saturates as
+        s = s' / (1 + s') in Eq. 3, by name; "reward" for the reward.
+      has_nose: Whether the robot smells the spot.
+    """
+
+    layout: SensorLayout
+
+    shapes: ClassVar[Mapping[str, tuple[int, float, float]]]
+    rewards: ClassVar[tuple[float, float]]
+    maximal: ClassVar[Mapping[str, float]] = {}
+    has_nose: ClassVar[bool] = False
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
+        """Returns the rules for a compiled arena.
+
+        Args:
+          model: Compiled arena.
+          nose: Form of Eq. 3, for robots with a nose.
+
+        Raises:
+          KeyError: The arena lacks a sensor.
+        """
+        del nose
+        return cls(SensorLayout.of(model))
+
+    @abc.abstractmethod
+    def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
+        """Returns the sensor signals by name, each of shape (..., n), in the order of `shapes`."""
+
+    @abc.abstractmethod
+    def reward(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns the reward, shape (...)."""
+
+    @abc.abstractmethod
+    def event(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns whether the event that Learn Ability counts happens, shape (...)."""
+
+    def state(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns the paper's state: all observations concatenated, shape (..., S)."""
+        return np.concatenate(list(self.observations(sensordata).values()), axis=-1)

@@ -1,0 +1,141 @@
+"""Spot finding (section 3.2) and its variants: rules, definitions and factories."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import ClassVar, Self, Unpack
+
+import mujoco
+import numpy as np
+
+from ..models import Dimensions, add_noses
+from .arena import SUITE, Environment, Settings, TaskDefinition
+from .rules import Rules, SensorLayout, sensor_slice
+from .sensors import Nose, NoseForm, contact_signal, distance_signal
+from .wall_avoidance import WallAvoidanceRules
+
+
+@dataclasses.dataclass(frozen=True)
+class SpotFindingRules(Rules):
+    """Rules of section 3.2: one nose, whose signal is the reward.
+
+    Attributes:
+      nose: Nose of the robot, with the radius of the arena's spot.
+    """
+
+    nose: Nose = Nose()
+
+    shapes: ClassVar = {"nose": (1, 0.0, 1.0)}
+    rewards: ClassVar = (0.0, 1.0)
+    maximal: ClassVar = {"nose": Nose.odour, "reward": Nose.odour}
+    has_nose: ClassVar = True
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
+        """Returns the rules for a compiled arena, with the radius of its spot."""
+        radius = Dimensions.of(model).spot_radius
+        return cls(SensorLayout.of(model), Nose(spot_radius=radius, form=nose))
+
+    def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
+        """Returns `nose` (..., 1): Eq. 3."""
+        return {"nose": self.reward(sensordata)[..., None]}
+
+    def reward(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns the nose signal, in [0, 1)."""
+        return self.nose.signal(sensordata[..., self.layout.smell])
+
+    def event(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns whether the nose is inside the spot."""
+        return self.nose.inside(sensordata[..., self.layout.smell])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TwoNosesRules(SpotFindingRules):
+    """Spot finding with a nose on either side: their difference gives the side of the spot.
+
+    The event stays that of one nose: the front of the rim is inside the spot.
+
+    Attributes:
+      left: Indices in `sensordata` of the spot in the left nose's frame.
+      right: Indices in `sensordata` of the spot in the right nose's frame.
+    """
+
+    left: slice
+    right: slice
+
+    shapes: ClassVar = {"noses": (2, 0.0, 1.0)}
+    maximal: ClassVar = {"noses": Nose.odour, "reward": Nose.odour}
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
+        """Returns the rules for a compiled arena whose robot has two noses."""
+        one = SpotFindingRules.of(model, nose)
+        left, right = (sensor_slice(model, f"{side}_smell", 3) for side in ("left", "right"))
+        return cls(one.layout, one.nose, left=left, right=right)
+
+    def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
+        """Returns `noses` (..., 2): Eq. 3 of the left and of the right nose."""
+        signals = [self.nose.signal(sensordata[..., side]) for side in (self.left, self.right)]
+        return {"noses": np.stack(signals, axis=-1)}
+
+    def reward(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns the mean of the two signals, in [0, 1)."""
+        left, right = np.moveaxis(self.observations(sensordata)["noses"], -1, 0)
+        return (left + right) / 2
+
+
+class SpotAmongWallsRules(SpotFindingRules):
+    """Spot finding with wall sensing: the reward is 0 in contact."""
+
+    shapes: ClassVar = {**SpotFindingRules.shapes, **WallAvoidanceRules.shapes}
+
+    def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
+        """Returns `nose` (..., 1), `distances` (..., 4) and `contact` (..., 1)."""
+        return {
+            "nose": self.nose.signal(sensordata[..., self.layout.smell])[..., None],
+            "distances": distance_signal(sensordata[..., self.layout.distances]),
+            "contact": contact_signal(sensordata[..., self.layout.touch]),
+        }
+
+    def reward(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns the nose signal, in [0, 1); 0 in contact."""
+        free = 1.0 + contact_signal(sensordata[..., self.layout.touch])[..., 0]
+        return free * super().reward(sensordata)
+
+
+PAPER = TaskDefinition("spot_finding", SpotFindingRules, limit=0.5, time_limit=math.inf)
+UNIT = TaskDefinition("spot_finding_unit", SpotFindingRules)
+TWO_NOSES = TaskDefinition("spot_finding_two_noses", TwoNosesRules, (add_noses,))
+WALLS = TaskDefinition("spot_finding_walls", SpotAmongWallsRules)
+JUMPING = TaskDefinition("spot_finding_jumping", SpotFindingRules, spot_seconds=20.0)
+
+
+@SUITE.add("paper")
+def spot_finding(**settings: Unpack[Settings]) -> Environment:
+    """Returns the paper's spot finding: reward is the nose signal; endless episodes."""
+    return PAPER.environment(**settings)
+
+
+@SUITE.add("benchmarking")
+def spot_finding_unit(**settings: Unpack[Settings]) -> Environment:
+    """Returns spot finding with actions in [-1, 1] and episodes of 1,000 steps."""
+    return UNIT.environment(**settings)
+
+
+@SUITE.add("benchmarking")
+def spot_finding_two_noses(**settings: Unpack[Settings]) -> Environment:
+    """Returns spot finding with two noses: reward is the mean of their signals."""
+    return TWO_NOSES.environment(**settings)
+
+
+@SUITE.add("benchmarking")
+def spot_finding_walls(**settings: Unpack[Settings]) -> Environment:
+    """Returns spot finding with wall sensing: reward is the nose signal, 0 in contact."""
+    return WALLS.environment(**settings)
+
+
+@SUITE.add("benchmarking")
+def spot_finding_jumping(**settings: Unpack[Settings]) -> Environment:
+    """Returns spot finding with a spot that jumps to a random place every 20 s."""
+    return JUMPING.environment(**settings)
