@@ -94,8 +94,8 @@ class PPOTraining(Study):
         last = self.seed + self.policies - 1
         return Page(
             f"`{POLICIES_FILE}` holds {self.policies} policies for the task `{self.task}`, trained "
-            f"by PPO with the seeds {self.seed} to {last}, each for {rounded(self.steps):,} control "
-            f"steps of {ROBOTS} robots together.\n"
+            f"by PPO with the seeds {self.seed} to {last}, each for {rounded(self.steps):,} "
+            f"control steps of {ROBOTS} robots together.\n"
         )
 
     def _jobs(self, out: Path) -> list[TrainingJob]:
@@ -147,6 +147,7 @@ class TrainingJob:
         if policy is None:
             return False
         save_arrays(self.path, policy, task=self.task, steps=self.steps, seed=self.seed)
+        report(self.cost, "")
         return True
 
 

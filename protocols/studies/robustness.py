@@ -256,7 +256,7 @@ class Robustness(Study):
             return ""
         title = f"### {TASK_NAMES[task]}"
         if (scale := self.evaluated[0].run.experiment.time_scale) != 1:
-            title += f", a rehearsal: every duration times {scale:g}"
+            title += f", all durations times {scale:g}"
         lines = [markdown.line(head), markdown.line(["---", *("---:" for _ in head[1:])])]
         return "\n".join([title, "", *lines, *map(markdown.line, table), ""])
 
