@@ -1,4 +1,4 @@
-"""One number against another: the statistical tests, SciPy's, that claims rest on."""
+"""Hypothesis tests of inequalities and of equality, computed by SciPy, and Holm's correction."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from scipy import stats
 
 from .intervals import FEWEST
 
-_NO_SCATTER = 1e-12  # the standard deviation of equal values may differ from 0 by rounding
-_SEED = 1  # the same lives give the same p values, to the last digit
+_NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values may not be 0
+_SEED = 1  # equal data give bit-exact equal p-values
 
 
 class Sample(NamedTuple):
-    """What a test of means needs to know of some values: mean, standard deviation, how many."""
+    """What a test of means needs: mean, sample standard deviation and number of values."""
 
     mean: float
     deviation: float
@@ -25,35 +25,38 @@ class Sample(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
-    """One inequality that a claim needs.
+class TestedInequality:
+    """An inequality that a claim needs, tested in both directions.
 
     Attributes:
-      words: what is compared, with its numbers.
-      test: by which test.
-      p_false: one-sided p value of the data if the inequality were false: small, it is true. NaN
-        where the data do not allow the test.
-      p_true: likewise if it were true: small, it is false.
+      words: What is compared, with its numbers.
+      test: Name of the test.
+      p_for: One-sided p-value under the null hypothesis that the inequality is false; small values
+        support it. NaN where the data do not allow the test.
+      p_against: One-sided p-value under the null hypothesis that the inequality is true; small
+        values contradict it. NaN where the data do not allow the test.
     """
 
     words: str
     test: str
-    p_false: float
-    p_true: float
+    p_for: float
+    p_against: float
 
 
 def larger_share(
     first: tuple[int, int], second: tuple[int, int], words: str, times: float = 1
-) -> Comparison:
-    """Whether one share is larger than so many times another.
+) -> TestedInequality:
+    """Tests whether the first share is larger than `times` the second.
+
+    With `times` = 1 this is Fisher's exact test. Otherwise the first count is tested as binomial,
+    given the number of robots with the property in both groups. That is exact for small shares; for
+    large ones the count scatters less, so that the test is conservative.
 
     Args:
-      first: robots that have the property, and all of them.
-      second: likewise.
-      words: what is compared.
-      times: how much larger. 1 is Fisher's exact test. For more, given how many have the property
-        in both groups together, those of the first are binomial if shares are small, and less
-        scattered else: the test errs on the side of undecided.
+      first: Number of robots with the property, and of all robots, in the first group.
+      second: Number of robots with the property, and of all robots, in the second group.
+      words: What is compared, with its numbers.
+      times: Factor on the second share.
     """
     (a, n), (b, m) = first, second
     if times == 1:
@@ -71,8 +74,15 @@ def larger_share(
     )
 
 
-def majority(count: int, robots: int, words: str, border: float = 0.5) -> Comparison:
-    """Whether a share is larger than a border."""
+def majority(count: int, robots: int, words: str, border: float = 0.5) -> TestedInequality:
+    """Tests whether a share is larger than a border.
+
+    Args:
+      count: Number of robots with the property.
+      robots: Number of all robots.
+      words: What is compared, with its numbers.
+      border: Share in [0, 1] to exceed.
+    """
     return _both_ways(
         words,
         "Binomial test",
@@ -80,19 +90,19 @@ def majority(count: int, robots: int, words: str, border: float = 0.5) -> Compar
     )
 
 
-def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) -> Comparison:
-    """Whether one mean is larger than another by more than a margin: Welch's t test.
+def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) -> TestedInequality:
+    """Tests by Welch's t test whether the first mean exceeds the second by more than a margin.
 
     Args:
-      first: what is compared.
-      second: with what.
-      words: the same in words.
-      margin: may be negative: larger, or smaller by less than that.
+      first: First group.
+      second: Second group.
+      words: What is compared, with its numbers.
+      margin: Least difference; negative to allow the first mean to be smaller by as much.
     """
     if (fewest := min(first.size, second.size)) < FEWEST:
         return _untested(f"{words}: {fewest} measured robots are too few", "Welch's t test")
     if max(first.deviation, second.deviation) < _NO_SCATTER:
-        return _untested(f"{words}: no scatter to judge by", "Welch's t test")
+        return _untested(f"{words}: all values are equal", "Welch's t test")
     pair = (first.mean - margin, *first[1:], *second)
     return _both_ways(
         words,
@@ -101,12 +111,18 @@ def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) 
     )
 
 
-def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> Comparison:
-    """Whether one of each robot's two values tends to be larger: Wilcoxon's signed-rank test."""
+def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> TestedInequality:
+    """Tests by Wilcoxon's signed-rank test whether the first value of each robot is larger.
+
+    Args:
+      first: First value of each robot, shape (n,).
+      second: Second value of each robot, shape (n,).
+      words: What is compared, with its numbers.
+    """
     differences = first - second
     differences = differences[differences != 0]
     if len(differences) < FEWEST:
-        return _untested(f"{words}: too few robots to tell", "Wilcoxon's signed-rank test")
+        return _untested(f"{words}: too few robots", "Wilcoxon's signed-rank test")
     return _both_ways(
         words,
         "Wilcoxon's signed-rank test",
@@ -115,14 +131,15 @@ def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> Compar
 
 
 def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
-    """The two-sided p value of two shares, if robots of both groups are of one kind.
+    """Returns the two-sided p-value under the null hypothesis of equal shares.
 
-    McNemar's exact test of pairs, else Fisher's: what a permutation test of a share comes to.
+    McNemar's exact test of pairs, Fisher's exact test otherwise: the exact forms of a permutation
+    test of shares.
 
     Args:
-      first: which robots have the property, shape (n,).
-      second: likewise in the other group, shape (m,).
-      paired: whether robots of the same index are pairs; then n = m.
+      first: Which robots of the first group have the property, shape (n,).
+      second: Which robots of the second group have it, shape (m,).
+      paired: Whether robots of the same index are pairs; then n = m.
     """
     if paired:
         only_first, only_second = int((first & ~second).sum()), int((second & ~first).sum())
@@ -140,27 +157,27 @@ def same_statistic(
     paired: bool,
     resamples: int,
 ) -> float:
-    """The two-sided p value of two groups' statistics, if robots of both are of one kind.
+    """Returns the two-sided p-value of a permutation test of two groups' statistics.
 
-    A permutation test: pairs are swapped at random, or robots dealt anew to the two groups.
+    Pairs are swapped at random; robots of independent groups are dealt to the two groups at random.
 
     Args:
-      first: values, NaN for a robot that has none, shape (n,).
-      second: likewise, shape (m,).
-      statistic: of values along an axis, without the NaN, as `numpy.nanmean`.
-      paired: whether robots of the same index are pairs; then n = m.
-      resamples: how many permutations; there is no p value below 1 / (resamples + 1).
+      first: Values of the first group, NaN for a robot that has none, shape (n,).
+      second: Values of the second group, NaN for a robot that has none, shape (m,).
+      statistic: Function of values along an axis that ignores NaN, such as `numpy.nanmean`.
+      paired: Whether robots of the same index are pairs; then n = m.
+      resamples: Number of permutations; the p-value is at least 1 / (resamples + 1).
 
     Returns:
-      NaN where a group has very few values.
+      The p-value; NaN where a group has fewer than `FEWEST` values.
     """
     if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
         return float("nan")
 
     def apart(first: np.ndarray, second: np.ndarray, axis: int) -> np.ndarray:
         distance = np.abs(statistic(first, axis=axis) - statistic(second, axis=axis))
-        # Rounded: what arithmetic alone makes smaller than the data's own would count against
-        # them. Infinite where a group is left without values: errs on the side of no difference.
+        # Rounded, so that permutations equal to the data but for rounding errors count as equal.
+        # Infinite where a group is left without values, which errs towards no difference.
         return np.where(np.isnan(distance), np.inf, np.round(distance, 9))
 
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -178,12 +195,18 @@ def same_statistic(
 
 
 def holm(p_values: np.ndarray) -> np.ndarray:
-    """Holm's step-down correction of a family's p values, shape (m,).
+    """Returns the p-values of a family after Holm's step-down correction.
 
-    The k-th smallest is multiplied by m - k + 1, and none is made smaller than one before it
-    (Scandinavian Journal of Statistics 6, 1979). Compared with alpha, one or more of the true
-    hypotheses is rejected with a probability of at most alpha. What could not be tested, NaN,
-    counts as a member of the family, and stays NaN.
+    The k-th smallest of m is multiplied by m - k + 1, and none becomes smaller than the one before
+    it (Scandinavian Journal of Statistics 6, 1979). Compared with alpha, the probability of
+    rejecting any true hypothesis is at most alpha.
+
+    Args:
+      p_values: Uncorrected values, shape (m,); NaN for an impossible test, which counts as a
+        member of the family.
+
+    Returns:
+      Corrected values, shape (m,); NaN stays NaN.
     """
     p_values = np.asarray(p_values, dtype=float)
     order = np.argsort(p_values)  # NaN last
@@ -193,10 +216,10 @@ def holm(p_values: np.ndarray) -> np.ndarray:
     return corrected
 
 
-def _both_ways(words: str, name: str, test: Callable[[str], Any]) -> Comparison:
+def _both_ways(words: str, name: str, test: Callable[[str], Any]) -> TestedInequality:
     greater, less = (float(test(side).pvalue) for side in ("greater", "less"))
-    return Comparison(words, name, greater, less)
+    return TestedInequality(words, name, greater, less)
 
 
-def _untested(words: str, name: str) -> Comparison:
-    return Comparison(words, name, float("nan"), float("nan"))
+def _untested(words: str, name: str) -> TestedInequality:
+    return TestedInequality(words, name, float("nan"), float("nan"))

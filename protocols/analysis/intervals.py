@@ -1,4 +1,4 @@
-"""How sure a number is: 95 % intervals of means, deviations and shares. SciPy computes them all."""
+"""95 % intervals of means, standard deviations, shares and differences, computed by SciPy."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from ..results.learn_ability import Summary
 LEVEL = 0.95
 
 Interval = tuple[float, float]
-"""Lower and upper end; both NaN where the data say nothing about it."""
+"""Lower and upper end; both NaN where the data do not determine them."""
 
 UNKNOWN: Interval = (float("nan"), float("nan"))
 
-FEWEST = 5  # with fewer robots, neither a bootstrap nor a test of means is worth its name
+FEWEST = 5  # smallest number of robots for which a bootstrap or a test of means is meaningful
 
 _RESAMPLES = 4999
-_SEED = 1  # the same lives give the same table, to the last digit
+_SEED = 1  # equal data give bit-exact equal intervals
 
 
 def share(count: int, robots: int) -> Interval:
-    """Wilson's interval of a share.
+    """Returns Wilson's interval of a share.
 
     Args:
-      count: robots that have the property.
-      robots: all of them.
+      count: Number of robots that have the property.
+      robots: Number of all robots.
 
     Returns:
       Ends in [0, 1]; unknown without robots.
@@ -40,12 +40,26 @@ def share(count: int, robots: int) -> Interval:
 
 
 def mean(values: np.ndarray) -> Interval:
-    """The BCa bootstrap interval of a mean; unknown for very few robots, or all alike; (n,)."""
+    """Returns the BCa bootstrap interval of a mean.
+
+    Args:
+      values: One value for each robot, shape (n,).
+
+    Returns:
+      Lower and upper end; unknown for fewer than `FEWEST` robots, or if all values are equal.
+    """
     return _bootstrap(values, np.mean)
 
 
 def deviation(values: np.ndarray) -> Interval:
-    """The BCa bootstrap interval of the sample's standard deviation; values (n,)."""
+    """Returns the BCa bootstrap interval of the sample's standard deviation.
+
+    Args:
+      values: One value for each robot, shape (n,).
+
+    Returns:
+      Lower and upper end; unknown for fewer than `FEWEST` robots, or if all values are equal.
+    """
 
     def statistic(samples: np.ndarray, axis: int) -> np.ndarray:
         return np.std(samples, axis=axis, ddof=1)
@@ -54,7 +68,7 @@ def deviation(values: np.ndarray) -> Interval:
 
 
 def mean_from(summary: Summary) -> Interval:
-    """Student's interval of a mean of which only size and deviation are known, as the paper's."""
+    """Returns Student's interval of the mean L, from a column's size and standard deviation."""
     measured = summary.robots - summary.counts[-1]
     if measured < 2 or not summary.deviation > 0:
         return UNKNOWN
@@ -64,14 +78,14 @@ def mean_from(summary: Summary) -> Interval:
 
 
 def chance_variation(first: Summary, second: Summary) -> float:
-    """The total variation that sampling alone exceeds once in twenty.
+    """Returns the total variation that sampling alone exceeds with a probability of 5 %.
 
-    Drawn from the two columns' common shares: what two groups as large as these would be apart
-    if their robots were of one kind.
+    Both groups are drawn from the common shares of the two columns, as if all robots belonged to
+    one population.
 
     Args:
-      first: a column of table 1 or 2.
-      second: another.
+      first: A column of table 1 or 2.
+      second: The column to compare with.
 
     Returns:
       The 95th percentile, in [0, 1]; NaN where a column has no robots.
@@ -89,15 +103,15 @@ def chance_variation(first: Summary, second: Summary) -> float:
 
 
 def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) -> Interval:
-    """Newcombe's hybrid score interval of a difference of two shares.
+    """Returns Newcombe's hybrid score interval of a difference of two shares.
 
     Method 10 of both his papers (Statistics in Medicine 17, 1998): Wilson's two intervals,
-    joined by the correlation of the pairs, which is 0 between groups that are no pairs.
+    combined with the correlation of the pairs, which is 0 for independent groups.
 
     Args:
-      first: which robots have the property, shape (n,).
-      second: likewise in the other group, shape (m,).
-      paired: whether robots of the same index are pairs; then n = m.
+      first: Which robots of the first group have the property, shape (n,).
+      second: Which robots of the second group have it, shape (m,).
+      paired: Whether robots of the same index are pairs; then n = m.
 
     Returns:
       Ends of first minus second, in [-1, 1]; unknown where a group has no robots.
@@ -115,28 +129,28 @@ def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) ->
 
 
 def _correlation(first: np.ndarray, second: np.ndarray) -> float:
-    """Of a property in pairs, phi, with Newcombe's correction for continuity where positive."""
+    """Returns phi of pairs, with Newcombe's correction for continuity where phi is positive."""
     n, both = len(first), int((first & second).sum())
     a, b = int(first.sum()), int(second.sum())
     scale = float(a * (n - a) * b * (n - b)) ** 0.5
-    excess = both * n - a * b  # of the table: both times neither, less one times the other
+    excess = both * n - a * b  # determinant of the 2 x 2 table
     return (max(excess - n / 2, 0.0) if excess > 0 else excess) / scale if scale else 0.0
 
 
 def difference(
     first: np.ndarray, second: np.ndarray, statistic: Callable[..., np.ndarray], paired: bool
 ) -> Interval:
-    """The BCa bootstrap interval of a difference of two groups' statistics.
+    """Returns the BCa bootstrap interval of a difference of two groups' statistics.
 
     Args:
-      first: values, NaN for a robot that has none, shape (n,).
-      second: likewise, shape (m,).
-      statistic: of values along an axis, without the NaN, as `numpy.nanmean`.
-      paired: whether robots of the same index are pairs, drawn together; then n = m.
+      first: Values of the first group, NaN for a robot that has none, shape (n,).
+      second: Values of the second group, NaN for a robot that has none, shape (m,).
+      statistic: Function of values along an axis that ignores NaN, such as `numpy.nanmean`.
+      paired: Whether robots of the same index are pairs, drawn together; then n = m.
 
     Returns:
-      Ends of first minus second; unknown for very few values, or so few that a resample may
-      be without any.
+      Ends of first minus second; unknown for fewer than `FEWEST` values, and where a resample may
+      have none.
     """
     if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
         return UNKNOWN
@@ -149,7 +163,7 @@ def difference(
 
 def _bootstrap(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> Interval:
     values = np.asarray(values, dtype=float)
-    # All alike: resampling shows no spread, which is not certainty.
+    # Resampling equal values shows no spread, which does not mean certainty.
     if len(values) < FEWEST or np.ptp(values) == 0:
         return UNKNOWN
     return _resampled((values,), statistic)
@@ -159,7 +173,7 @@ def _resampled(
     samples: tuple[np.ndarray, ...], statistic: Callable[..., np.ndarray], paired: bool = False
 ) -> Interval:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # a degenerate sample comes back as NaN
+        warnings.simplefilter("ignore")  # a degenerate sample results in NaN
         found = stats.bootstrap(
             samples,
             statistic,

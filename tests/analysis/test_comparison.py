@@ -1,4 +1,4 @@
-"""Two runs side by side, on lives made by hand, where everybody sees what must differ."""
+"""Comparisons of two runs made by hand, where everybody sees what must differ."""
 
 import dataclasses
 import json
@@ -9,46 +9,58 @@ import pytest
 
 from musebot.controller import Parameters
 from musebot.models import Kinematics
-from musebot.protocols.analysis import comparison as beside
-from musebot.protocols.analysis.comparison import CELLS, Side
+from musebot.protocols.analysis.comparison import (
+    CELLS,
+    Match,
+    compare_runs,
+    outcomes,
+    verdict,
+)
+from musebot.protocols.analysis.paper_tables import column, row_names
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment.experiment import CohortKey, Experiment, differing
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.schedules import SCHEDULES
-from musebot.protocols.reporting import tables
+from musebot.protocols.reporting import comparison_tables
 from musebot.protocols.results.learn_ability import CATEGORIES, category, learn_ability
-from musebot.protocols.results.results import Results, Robot
+from musebot.protocols.results.results import ConditionResults, Robot
+from musebot.protocols.results.run import Run
 from musebot.protocols.simulation.cohort import Cohort
 
 WA, SF = "wall_avoidance", "spot_finding"
+WALLS_FIXED = Condition(WA, "fixed")
 ROBOTS = 60
 
 
-def side(name, times, *, invalid=(), brains=0, experiment=None):
-    """A run: times before and after training in seconds, shape (robots, 2), by condition."""
-    rows, born = [], {}
-    for (task, proposer), seconds in times.items():
-        schedule = SCHEDULES[task]
-        abilities = learn_ability(*seconds.T, schedule.wanted)
-        for i, (pre, post) in enumerate(seconds):
-            kind = category(abilities[i])
-            kind = schedule.unmeasured if kind == "unmeasured" else kind
-            ability = math.nan if i in invalid else float(abilities[i])
-            kind = "invalid" if i in invalid else kind
-            rows.append(Robot(task, proposer, 1, 0, i, pre, post, ability, kind))
-        draw = np.random.default_rng(brains).random((len(seconds), 3))
-        born[f"{task}/{proposer}/before/evaluation.output_weights"] = draw
-    return Side(name, experiment or Experiment(), Results(rows, {}, born))
+def condition_results(condition, seconds, *, invalid=(), brains=0):
+    """Returns results of a condition from times before and after training, shape (robots, 2)."""
+    schedule, rows = SCHEDULES[condition.task], []
+    abilities = learn_ability(*seconds.T, schedule.wanted)
+    for i, (pre, post) in enumerate(seconds):
+        kind = category(abilities[i])
+        kind = schedule.unmeasured if kind == "unmeasured" else kind
+        ability = math.nan if i in invalid else float(abilities[i])
+        kind = "invalid" if i in invalid else kind
+        rows.append(Robot(condition.task, condition.proposer, 1, 0, i, pre, post, ability, kind))
+    born = {"output_weights": np.random.default_rng(brains).random((len(seconds), 3))}
+    return ConditionResults(rows, np.zeros((len(rows), 1)), {"before": born, "after": born})
+
+
+def run_of(name, times, *, experiment=None, **options):
+    """Returns a run from the times of its robots, by condition; `brains` seeds the newborn."""
+    results = {c: condition_results(c, seconds, **options) for c, seconds in times.items()}
+    return Run(name, experiment or Experiment(), results)
 
 
 def times(seed=0, longest=1200.0):
-    """Of robots of all categories."""
+    """Returns times of robots of all categories."""
     random = np.random.default_rng(seed)
     seconds = random.integers(0, 3, (ROBOTS, 2)) * random.integers(1, longest / 2, (ROBOTS, 1))
     return seconds.astype(float)
 
 
-def two(first, second, condition=(WA, "fixed"), **options):
-    return side("ours", {condition: first}, **options), side("other", {condition: second})
+def two(first, second, condition=WALLS_FIXED, **options):
+    return run_of("ours", {condition: first}, **options), run_of("other", {condition: second})
 
 
 def by_name(cells):
@@ -56,36 +68,38 @@ def by_name(cells):
 
 
 def test_cells_are_those_of_the_tables():
-    lives = {(t, p): times(i) for i, (t, p) in enumerate([(WA, "random"), (SF, "creative")])}
-    ours, other = side("ours", lives, invalid={3, 4}), side("other", lives, brains=1)
-    cells = beside.all_cells(ours, other)
+    conditions = Condition(WA, "random"), Condition(SF, "creative")
+    seconds = {condition: times(i) for i, condition in enumerate(conditions)}
+    ours, other = run_of("ours", seconds, invalid={3, 4}), run_of("other", seconds, brains=1)
+    cells = compare_runs(ours, other)
     assert len(cells) == 2 * CELLS
-    for task, proposer in lives:
-        own = by_name(c for c in cells if (c.task, c.proposer) == (task, proposer))
+    for condition in conditions:
+        task = condition.task
+        own = by_name(cell for cell in cells if cell.condition == condition)
         for which, run in (("ours", ours), ("other", other)):
-            summary = tables.ours(run.experiment, run.results, task, proposer).summary
-            *names, _ = tables.row_names(task)[1:]
+            summary = column(run, condition).summary
+            *names, _ = row_names(task)[1:]
             values = [*summary.shares, summary.mean, summary.deviation]
             post = f"share of time {'in the spot' if task == SF else 'in contact'}, post"
             for name, value in zip([*names, post], [*values, summary.post_share], strict=True):
                 assert getattr(own[name], which) == pytest.approx(value), (task, name)
-        pre = np.mean(lives[task, proposer][:, 0]) / (3600 if task == SF else 1200)
+        pre = np.mean(seconds[condition][:, 0]) / (3600 if task == SF else 1200)
         assert own[post.replace("post", "pre")].other == pytest.approx(pre)
 
 
-def test_a_run_beside_itself_differs_in_nothing():
-    cells = beside.all_cells(*two(times(), times()))
+def test_a_run_compared_with_itself_differs_in_nothing():
+    cells = compare_runs(*two(times(), times()))
     assert {cell.difference for cell in cells} == {0.0}
     assert {cell.p for cell in cells} == {1.0}
     assert not any(cell.differs for cell in cells)
 
 
-def test_what_differs_is_found_and_what_does_not_is_not():
+def test_only_the_cells_that_differ_are_reported():
     first = np.tile([600.0, 60.0], (ROBOTS, 1))
     second = first.copy()
     second[:30, 1] = 900.0  # spoiled by training
     ours, other = two(second, first, invalid={59})
-    cells = by_name(beside.all_cells(ours, other))
+    cells = by_name(compare_runs(ours, other))
     differ = {name for name, cell in cells.items() if cell.differs}
     post, pre = (f"share of time in contact, {part}" for part in ("post", "pre"))
     assert differ == {"0 < L < 1", "L < 0", "mean L", "sd of L", post}
@@ -96,31 +110,34 @@ def test_what_differs_is_found_and_what_does_not_is_not():
         assert low < cells[name].difference < high
         assert low > 0 or high < 0
     assert cells[pre].corrected == 1
-    text = beside.markdown(ours, other, list(cells.values()))
+    text = comparison_tables.markdown(ours, other, list(cells.values()))
     assert f"After Holm's correction 5 of {CELLS} cells differ:" in text
     assert "- wall_avoidance, fixed: L < 0 50.8% against 0.0%, +50.8% [" in text
 
 
-def test_robots_born_with_the_same_brain_are_compared_in_pairs_and_others_are_not():
+def test_robots_with_the_same_newborn_brain_are_compared_in_pairs_and_others_are_not():
     random = np.random.default_rng(3)
     first = random.uniform(300, 900, (ROBOTS, 2))
     second = first + random.uniform(0, 40, (ROBOTS, 2))  # each a little more
-    pairs = by_name(beside.all_cells(*two(first, second)))
-    others = by_name(beside.all_cells(*two(first, second, brains=1)))
+    pairs = by_name(compare_runs(*two(first, second)))
+    others = by_name(compare_runs(*two(first, second, brains=1)))
     name = "share of time in contact, pre"
     assert pairs[name].difference == others[name].difference < 0
     assert pairs[name].differs and not others[name].differs
-    assert "McNemar's exact" in beside.markdown(*two(first, second), list(pairs.values()))
-    unpaired = beside.markdown(*two(first, second, brains=1), list(others.values()))
-    assert "The robots are no pairs" in unpaired and "Fisher's exact" in unpaired
+    paired = comparison_tables.markdown(*two(first, second), list(pairs.values()))
+    assert "McNemar's exact" in paired
+    unpaired = comparison_tables.markdown(*two(first, second, brains=1), list(others.values()))
+    assert "The robots are independent groups" in unpaired and "Fisher's exact" in unpaired
 
 
 def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
+    condition = Condition(SF, "creative")
+
     def newborn(**fields):
         experiment = Experiment(**({"cohort_size": 3, "time_scale": 0.01} | fields))
-        born = Cohort(experiment, CohortKey(SF, "creative", 0)).agent.weights()
-        brains = {f"{SF}/creative/before/{name}": array for name, array in born.items()}
-        return Side("", experiment, Results([], {}, brains))
+        born = Cohort(experiment, CohortKey(condition, 0)).agent.weights()
+        results = ConditionResults([], np.zeros((0, 1)), {"before": born, "after": {}})
+        return Run("", experiment, {condition: results})
 
     real = newborn()
     for fields, expected in (
@@ -130,49 +147,44 @@ def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
         ({"seed": 2}, False),
         ({"cohort_size": 4}, False),
     ):
-        assert beside.are_pairs(real, newborn(**fields), (SF, "creative")) == expected, fields
+        assert Match(real, newborn(**fields), condition).is_paired() == expected, fields
 
 
-def test_robots_that_one_of_two_runs_of_pairs_has_beyond_the_other_are_left_out():
-    ours, longer = (
-        side("ours", {(WA, "fixed"): times()}),
-        Side("longer", *_twice(times(), times(9))),
-    )
-    cells = beside.all_cells(ours, longer)
+def test_robots_of_paired_runs_without_a_partner_are_left_out():
+    ours = run_of("ours", {WALLS_FIXED: times()})
+    longer = Run("longer", Experiment(), {WALLS_FIXED: _twice(times(), times(9))})
+    cells = compare_runs(ours, longer)
     assert all(cell.paired for cell in cells)
     assert {cell.difference for cell in cells} == {0.0}
 
 
 def _twice(first, second):
-    """A run of twice as many robots: the first ones' brains, and others'."""
-    one, two = (side("", {(WA, "fixed"): t}, brains=k) for k, t in enumerate((first, second)))
-    more = [dataclasses.replace(row, robot=row.robot + ROBOTS) for row in two.results.robots]
-    brains = {
-        name: np.concatenate([array, two.results.brains[name]])
-        for name, array in one.results.brains.items()
+    """Returns results of twice as many robots: those of the first, then others."""
+    one, two = (condition_results(WALLS_FIXED, t, brains=k) for k, t in enumerate((first, second)))
+    more = [dataclasses.replace(row, robot=row.robot + ROBOTS) for row in two.robots]
+    born = {
+        n: np.concatenate([x, two.networks["before"][n]]) for n, x in one.networks["before"].items()
     }
-    return one.experiment, Results([*one.results.robots, *more], {}, brains)
+    curves = np.concatenate([one.curves, two.curves])
+    return ConditionResults([*one.robots, *more], curves, {"before": born, "after": born})
 
 
-def test_of_pairs_with_an_invalid_life_both_are_left_out():
+def test_both_robots_of_a_pair_are_left_out_if_one_is_invalid():
     first, second = times(1), times(2)
     ours, other = two(first, second, invalid={0, 7})
     keep = np.delete(np.arange(ROBOTS), [0, 7])
-    expected = beside.all_cells(*two(first[keep], second[keep]))
-    assert list(map(repr, beside.all_cells(ours, other))) == list(map(repr, expected))
+    expected = compare_runs(*two(first[keep], second[keep]))
+    assert list(map(repr, compare_runs(ours, other))) == list(map(repr, expected))
 
 
-def test_what_experiments_differ_in_is_named():
+def test_the_fields_in_which_experiments_differ_are_named():
     ours = Experiment(body="kinematic", kinematics=Kinematics(radius=0.02), cohort_size=7)
     other = dataclasses.replace(ours, kinematics=Kinematics(), brain=Parameters(epsilon=0.0))
-    assert differing(ours, ours) == {}
-    assert differing(ours, other) == {
-        "kinematics.radius": (0.02, None),
-        "brain.epsilon": (0.01, 0.0),
-    }
-    lives = {(WA, "fixed"): times()}
+    seconds = {WALLS_FIXED: times()}
     same, one, both = (
-        beside.markdown(side("a", lives, experiment=ours), side("b", lives, experiment=b), [])
+        comparison_tables.markdown(
+            run_of("a", seconds, experiment=ours), run_of("b", seconds, experiment=b), []
+        )
         for b in (ours, dataclasses.replace(ours, seed=4), other)
     )
     assert "Their experiments are the same" in same
@@ -181,32 +193,50 @@ def test_what_experiments_differ_in_is_named():
 
 
 def test_only_conditions_that_both_runs_have_are_compared():
-    a, b, c = (WA, "fixed"), (SF, "fixed"), (SF, "random")
-    ours = side("ours", {a: times(), b: times()})
-    other = side("other", {b: times(), c: times()})
-    assert {(cell.task, cell.proposer) for cell in beside.all_cells(ours, other)} == {b}
+    a, b, c = WALLS_FIXED, Condition(SF, "fixed"), Condition(SF, "random")
+    ours = run_of("ours", {a: times(), b: times()})
+    other = run_of("other", {b: times(), c: times()})
+    assert {cell.condition for cell in compare_runs(ours, other)} == {b}
     with pytest.raises(InputError, match="ours and third have no task and proposer in common"):
-        beside.all_cells(ours, side("third", {c: times()}))
+        compare_runs(ours, run_of("third", {c: times()}))
 
 
-def test_a_rehearsal_does_not_stand_beside_a_life():
-    ours = side("ours", {(WA, "fixed"): times()})
-    with pytest.raises(InputError, match="durations are the paper's times 1 and 0.5"):
-        beside.all_cells(ours, dataclasses.replace(ours, experiment=Experiment(time_scale=0.5)))
+def test_runs_of_different_durations_are_not_compared():
+    ours = run_of("ours", {WALLS_FIXED: times()})
+    with pytest.raises(InputError, match="their time scales are 1.0 and 0.5"):
+        compare_runs(ours, dataclasses.replace(ours, experiment=Experiment(time_scale=0.5)))
 
 
 @pytest.mark.parametrize("robots", [1, 4, 30])
 @pytest.mark.parametrize("invalid", [(), range(30)], ids=["valid", "invalid"])
-def test_degenerate_lives_have_dashes_and_plain_json(robots, invalid, recwarn):
+def test_degenerate_runs_have_dashes_and_plain_json(robots, invalid, recwarn):
     never = np.zeros((robots, 2))
     ours, other = two(never, never + 1, invalid=invalid)
-    cells = beside.all_cells(ours, other)
-    text = beside.markdown(ours, other, cells)
+    cells = compare_runs(ours, other)
+    text = comparison_tables.markdown(ours, other, cells)
     assert "nan" not in text
-    plain = json.loads(json.dumps(beside.as_json(ours, other, cells), allow_nan=False))
+    plain = json.loads(json.dumps(comparison_tables.as_json(ours, other, cells), allow_nan=False))
     assert [cell["name"] for cell in plain["cells"]][: len(CATEGORIES)] == [
         *CATEGORIES[:-1],
         "(genius)",
     ]
     assert {cell["paired"] for cell in plain["cells"]} == {True}
     assert not recwarn.list
+
+
+def test_less_contact_and_more_time_in_the_spot_are_better():
+    short, long = (np.tile([600.0, post], (ROBOTS, 1)) for post in (60.0, 900.0))
+    for task, expected in ((WA, ["better", "better"]), (SF, ["worse", "worse"])):
+        condition = Condition(task, "creative")
+        ours, other = two(short, long, condition)
+        (cells,) = outcomes([Match(ours, other, condition)])
+        assert [verdict(cell) for cell in cells] == expected
+        (equal,) = outcomes([Match(ours, ours, condition)])
+        assert [verdict(cell) for cell in equal] == ["undecided", "undecided"]
+
+
+def test_robots_of_two_conditions_are_no_pairs():
+    first, second = WALLS_FIXED, Condition(WA, "random")
+    run = run_of("ours", {first: times(), second: times()})
+    assert Match(run, run, first).is_paired()
+    assert not Match(run, run, first, against=second).is_paired()

@@ -1,4 +1,4 @@
-"""Comparisons of two runs' cells: tests that count, and Holm's correction by its definition."""
+"""Hypothesis tests against small oracles, and Holm's correction against its definition."""
 
 import itertools
 import math
@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from musebot.protocols.analysis import hypothesis_tests
 from musebot.protocols.analysis.hypothesis_tests import holm, same_share, same_statistic
 
 quick = settings(deadline=None, max_examples=50)
@@ -16,7 +17,7 @@ p_values = st.lists(st.floats(0, 1), min_size=1, max_size=6).map(np.array)
 
 
 def closed(values):
-    """Holm's correction as a closed test: the worst Bonferroni of all subsets with a member."""
+    """Returns Holm's correction as a closed test: the largest Bonferroni value of all subsets."""
     return [
         max(
             min(1, len(subset) * min(values[j] for j in subset))
@@ -30,13 +31,13 @@ def closed(values):
 
 @quick
 @given(p_values)
-def test_holms_correction_is_the_closed_test_of_bonferronis(values):
+def test_holms_correction_equals_the_closed_test(values):
     assert holm(values) == pytest.approx(closed(values))
 
 
 @quick
 @given(p_values, st.floats(0.001, 0.2))
-def test_holm_rejects_step_by_step_until_the_first_that_is_too_large(values, alpha):
+def test_holm_rejects_in_steps_until_the_first_value_that_is_too_large(values, alpha):
     rejected = np.zeros(len(values), dtype=bool)
     for left, index in zip(range(len(values), 0, -1), np.argsort(values), strict=True):
         if values[index] * left >= alpha:
@@ -45,14 +46,14 @@ def test_holm_rejects_step_by_step_until_the_first_that_is_too_large(values, alp
     assert ((holm(values) < alpha) == rejected).all()
 
 
-def test_what_could_not_be_tested_counts_as_tested():
+def test_an_impossible_test_counts_as_a_member_of_the_family():
     found = holm(np.array([NAN, 0.02, NAN, 0.3]))
     assert found[[1, 3]] == pytest.approx([4 * 0.02, 3 * 0.3])
     assert np.isnan(found[[0, 2]]).all()
     assert holm(np.array([])).shape == (0,)
 
 
-def test_a_share_in_pairs_is_a_game_of_coins_among_those_that_changed():
+def test_paired_shares_are_a_binomial_test_of_the_changed_pairs():
     first = np.array([True] * 20 + [True] * 9 + [False] * 1 + [False] * 30)
     second = np.array([True] * 20 + [False] * 9 + [True] * 1 + [False] * 30)
     expected = 2 * sum(math.comb(10, k) for k in (9, 10)) / 2**10
@@ -60,7 +61,7 @@ def test_a_share_in_pairs_is_a_game_of_coins_among_those_that_changed():
     assert same_share(first, first, paired=True) == 1
 
 
-def test_a_share_in_two_groups_is_fishers_count_of_tables():
+def test_shares_of_two_groups_are_fishers_exact_test():
     first, second = np.arange(10) < 7, np.arange(8) < 1
     ways = [math.comb(8, k) * math.comb(10, 10 - k) / math.comb(18, 10) for k in range(9)]
     extreme = sum(p for p in ways if p <= ways[7] * (1 + 1e-9))
@@ -68,7 +69,7 @@ def test_a_share_in_two_groups_is_fishers_count_of_tables():
 
 
 def all_swaps(first, second):
-    """The share of all swaps of pairs that set the means as far apart as they are."""
+    """Returns the share of all swaps of pairs with a difference at least as large."""
     differences = first - second
     apart = [
         abs(np.dot(signs, differences)) for signs in itertools.product((1, -1), repeat=len(first))
@@ -76,15 +77,15 @@ def all_swaps(first, second):
     return np.mean(np.array(apart) >= abs(differences.sum()) - 1e-9)
 
 
-def test_means_of_pairs_are_judged_by_all_swaps():
+def test_paired_means_are_tested_by_all_swaps():
     random = np.random.default_rng(2)
     first = random.normal(0.5, 1, 8)
     second = random.normal(0, 1, 8)
     found = same_statistic(first, second, np.nanmean, paired=True, resamples=1000)
-    assert found == pytest.approx(all_swaps(first, second))  # 256 of them: none left to chance
+    assert found == pytest.approx(all_swaps(first, second))  # all 256 of them
 
 
-def test_means_of_groups_are_judged_by_all_deals():
+def test_means_of_groups_are_tested_by_all_partitions():
     first, second = np.array([1.0, 0.9, 0.8, 0.7, 0.9]), np.array([0.1, 0.3, 0.2, 0.75, 0.4])
     pool = np.concatenate([first, second])
     apart = [
@@ -96,8 +97,8 @@ def test_means_of_groups_are_judged_by_all_deals():
     assert found == pytest.approx(expected)
 
 
-def test_one_pair_that_changed_among_many_that_did_not_is_no_difference():
-    # Either way round the means are as far apart as they are, but for the last bit.
+def test_one_changed_pair_is_no_difference():
+    # Both orders have the same difference but for rounding.
     first = np.random.default_rng(1).choice([1, -1, 0.2, -0.3, NAN], 100)
     second = first.copy()
     second[np.flatnonzero(first == 0.2)[0]] = 0.21
@@ -105,25 +106,25 @@ def test_one_pair_that_changed_among_many_that_did_not_is_no_difference():
         assert same_statistic(first, second, statistic, paired=True, resamples=999) == 1
 
 
-def test_few_measured_robots_are_not_judged(recwarn):
+def test_few_measured_robots_are_not_tested(recwarn):
     first, second = np.array([0.1, 0.2, 0.3, 0.4] + [NAN] * 9), np.linspace(0, 1, 13)
     for paired in (False, True):
         assert math.isnan(same_statistic(first, second, np.nanmean, paired, resamples=99))
     assert not recwarn.list
 
 
-def test_robots_without_a_value_belong_to_the_lives_that_are_swapped(recwarn):
-    # Five measured on either side, in different pairs: chance deals all of them to one side.
+def test_robots_without_a_value_are_swapped_too(recwarn):
+    # Five are measured on either side, in different pairs: a permutation may leave a side empty.
     first = np.array([1.0] * 5 + [NAN] * 5)
     second = np.array([NAN] * 5 + [-1.0] * 5)
     found = same_statistic(first, second, np.nanmean, paired=True, resamples=10**4)
-    # Means are as far apart where both sides are of one kind each; a side without values counts.
+    # Equally large differences: both sides pure, or one side without values.
     assert found == pytest.approx(4 / 2**10)
     assert not recwarn.list
 
 
 @pytest.mark.parametrize("paired", [False, True])
-def test_runs_of_one_kind_differ_somewhere_once_in_twenty(paired):
+def test_equal_runs_differ_in_any_cell_with_a_probability_of_5_per_cent(paired):
     random = np.random.default_rng(4)
     wrong = 0
     for _ in range(100):
@@ -135,3 +136,65 @@ def test_runs_of_one_kind_differ_somewhere_once_in_twenty(paired):
             p.append(same_share(first > 0.5, second > 0.5, paired))
         wrong += holm(np.array(p)).min() < 0.05
     assert wrong <= 11  # at most 5, give or take three deviations
+
+
+# ---- Inequalities ----
+
+
+def hypergeometric_tail(a, n, b, m):
+    """Returns P(at least a of the a + b marked robots are among the first n), by counting."""
+    marked, robots = a + b, n + m
+    ways = [
+        math.comb(marked, k) * math.comb(robots - marked, n - k) for k in range(min(marked, n) + 1)
+    ]
+    return sum(ways[a:]) / math.comb(robots, n)
+
+
+@pytest.mark.parametrize(("a", "n", "b", "m"), [(7, 9, 2, 8), (3, 10, 3, 10), (0, 5, 4, 6)])
+def test_fishers_p_values_equal_counted_tables(a, n, b, m):
+    found = hypothesis_tests.larger_share((a, n), (b, m), "")
+    assert found.p_for == pytest.approx(hypergeometric_tail(a, n, b, m))
+    assert found.p_against == pytest.approx(hypergeometric_tail(b, m, a, n))
+
+
+def test_the_p_value_of_a_majority_is_a_binomial_tail():
+    found = hypothesis_tests.majority(8, 10, "")
+    assert found.p_for == pytest.approx(sum(math.comb(10, k) for k in (8, 9, 10)) / 2**10)
+    assert found.p_against == pytest.approx(1 - sum(math.comb(10, k) for k in (9, 10)) / 2**10)
+
+
+def test_twice_as_many_is_a_binomial_test_with_two_thirds():
+    found = hypothesis_tests.larger_share((9, 100), (1, 100), "", times=2)
+    tail = sum(math.comb(10, k) * (2 / 3) ** k * (1 / 3) ** (10 - k) for k in (9, 10))
+    assert found.p_for == pytest.approx(tail)
+
+
+def sample(values):
+    return hypothesis_tests.Sample(values.mean(), values.std(ddof=1), len(values))
+
+
+def test_welchs_t_test_equals_the_textbook():
+    first, second = (
+        np.array([27.5, 21.0, 19.0, 23.6, 17.0]),
+        np.array([27.1, 22.0, 20.8, 23.4, 23.4]),
+    )
+    spread = first.var(ddof=1) / 5 + second.var(ddof=1) / 5
+    t = (first.mean() - second.mean()) / math.sqrt(spread)
+    freedom = spread**2 / ((first.var(ddof=1) / 5) ** 2 / 4 + (second.var(ddof=1) / 5) ** 2 / 4)
+    # Tail of Student's distribution, integrated numerically.
+    x = np.linspace(-200, t, 2_000_001)
+    density = (1 + x**2 / freedom) ** (-(freedom + 1) / 2)
+    density *= math.gamma((freedom + 1) / 2) / math.gamma(freedom / 2)
+    density /= math.sqrt(freedom * math.pi)
+    found = hypothesis_tests.larger_mean(sample(first), sample(second), "")
+    assert found.p_against == pytest.approx(np.trapezoid(density, x), abs=1e-5)
+    assert found.p_for == pytest.approx(1 - found.p_against)
+    shifted = hypothesis_tests.larger_mean(sample(first + 0.3), sample(second), "", margin=0.3)
+    assert shifted.p_against == pytest.approx(found.p_against)
+
+
+def test_the_p_value_of_signed_ranks_counts_signs():
+    first = np.array([5.0, 4.0, 3.0, 2.0, 1.0, 7.0])
+    found = hypothesis_tests.larger_in_pairs(first, np.zeros(6), "")
+    assert found.p_for == pytest.approx(1 / 2**6)  # all six positive: one way of 64
+    assert found.p_against == pytest.approx(1.0)

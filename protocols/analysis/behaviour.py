@@ -1,0 +1,139 @@
+"""How robots behave, measured from their recorded poses: spinning, and staying at the spot."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ...tasks import CONTROL_TIMESTEP
+from ..experiment.conditions import Condition
+
+_SECOND = round(1 / CONTROL_TIMESTEP)  # control steps
+_STATIONARY = 0.02  # [m/s]; speed below which a robot counts as stationary
+_TURNING = 1.0  # [rad/s]; turning rate above which a robot counts as turning
+_RIM = 0.02  # [m]; distance from the spot's rim within which the nose counts as at the rim
+_STAYING = 0.1  # share of the time at the spot from which a robot counts as staying
+
+
+@dataclasses.dataclass(frozen=True)
+class Track:
+    """What B robots did in T control steps.
+
+    Attributes:
+      poses: x, y in [m] and heading in [rad], at the start and after every step, shape
+        (T + 1, B, 3).
+      events: Whether each robot was in contact, or in the spot, after every step, shape (T, B).
+      spot: x, y of the spot's centre in [m], shape (2,).
+      nose: Position of the spot's centre ahead and to the left of the nose in [m], after every
+        step, shape (T, B, 2).
+    """
+
+    poses: np.ndarray
+    events: np.ndarray
+    spot: np.ndarray
+    nose: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Stay:
+    """How n robots behave that start at the rim of the spot and learn from there.
+
+    Attributes:
+      staying: Whether a robot spent at least a tenth of the time at the spot, shape (n,).
+      following: Share of the first and of the last third of a robot's time at the spot in which
+        it followed the contour, shape (n, 2); NaN for a robot that left at once.
+      spinning: Share of the same two thirds in which it spun inside the spot, shape (n, 2); NaN
+        for a robot that left at once.
+      minutes: Number of each of M minutes, and the shares of following and of spinning in it over
+        all staying robots, shape (M, 3); NaN in minutes without a robot at the spot.
+    """
+
+    staying: np.ndarray
+    following: np.ndarray
+    spinning: np.ndarray
+    minutes: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Behaviour:
+    """Behaviour of a sample of a run's robots.
+
+    Attributes:
+      spinning: Share of the time in which each robot spins in the test before and after training,
+        shape (n, 2), by condition.
+      stays: Behaviour of newborn robots that start at the rim of the spot and learn, by proposer.
+    """
+
+    spinning: dict[Condition, np.ndarray]
+    stays: dict[str, Stay]
+
+
+def spins(poses: np.ndarray) -> np.ndarray:
+    """Returns in which seconds robots spin: they turn by more than 1 rad and move less than 2 cm.
+
+    Args:
+      poses: x, y in [m] and heading in [rad] at every control step, shape (T + 1, B, 3).
+
+    Returns:
+      Whether each robot spins in each whole second, shape (T // 10, B); a track shorter than a
+      second counts as one.
+    """
+    distance, turn = _seconds(poses)
+    return (distance < _STATIONARY) & (turn > _TURNING)
+
+
+def stay_of(track: Track, spot_radius: float) -> Stay:
+    """Measures which robots follow the contour of the spot and which spin inside it.
+
+    In a second a robot follows the contour if its nose stays within 2 cm of the spot's rim and
+    the robot moves more than 2 cm. It spins inside if it spins and its nose stays in the spot.
+
+    Args:
+      track: Track of the robots.
+      spot_radius: Radius of the spot in [m].
+    """
+    moved, turn = _seconds(track.poses)
+    seconds = len(moved)
+    stride = (len(track.poses) - 1) // seconds
+    distance = np.linalg.norm(track.nose, axis=-1)[: seconds * stride]
+    distance = distance.reshape(seconds, stride, -1)
+    near = (distance < spot_radius + _RIM).all(axis=1)
+    follows = near & (distance > spot_radius - _RIM).all(axis=1) & (moved > _STATIONARY)
+    inside = (distance < spot_radius).all(axis=1) & (moved < _STATIONARY) & (turn > _TURNING)
+    staying = near.mean(axis=0) >= _STAYING
+    minutes = [slice(60 * minute, 60 * minute + 60) for minute in range(-(-seconds // 60))]
+    there, kinds = near[:, staying], (follows[:, staying], inside[:, staying])
+    return Stay(
+        staying,
+        np.array([_thirds(*pair) for pair in zip(follows.T, near.T, strict=True)]),
+        np.array([_thirds(*pair) for pair in zip(inside.T, near.T, strict=True)]),
+        np.array(
+            [
+                (number, *(_share(kind[part], there[part]) for kind in kinds))
+                for number, part in enumerate(minutes)
+            ]
+        ),
+    )
+
+
+def _seconds(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the distance in [m] and the turn in [rad] between the ends of each second."""
+    stride = min(_SECOND, len(poses) - 1)
+    marks = np.arange(0, len(poses), stride)
+    heading = np.unwrap(poses[..., 2], axis=0)[marks]
+    distance = np.linalg.norm(np.diff(poses[marks, :, :2], axis=0), axis=-1)
+    return distance, np.abs(np.diff(heading, axis=0))
+
+
+def _thirds(kind: np.ndarray, near: np.ndarray) -> tuple[float, float]:
+    """Returns the shares in the first and last third of a robot's time at the spot, (T,) each."""
+    there = np.flatnonzero(near)
+    third = -(-len(there) // 3)
+    first, last = there[:third], there[len(there) - third :]
+    return _share(kind[first], near[first]), _share(kind[last], near[last])
+
+
+def _share(kind: np.ndarray, near: np.ndarray) -> float:
+    """Returns the share of the time at the spot with a kind of behaviour; NaN if never there."""
+    return float((kind & near).sum() / near.sum()) if near.any() else float("nan")

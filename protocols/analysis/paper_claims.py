@@ -1,0 +1,378 @@
+"""The claims of section 4 of the paper, and the inequalities that they are made of.
+
+Words without a number in the paper ("mostly", "far", "about", "many") have one here, which the
+claim states. All were chosen before any verdict was seen. The paper's own tables are judged by the
+same tests, where they print enough to do so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from ...controller import PROPOSERS
+from ..experiment.conditions import Condition
+from ..results.learn_ability import CATEGORIES
+from ..results.results import Robot
+from ..results.run import Run
+from .behaviour import Behaviour
+from .claims import Claim, ClaimResult, Evidence, PaperEvidence, RunEvidence, Undecidable, judge
+from .hypothesis_tests import (
+    Sample,
+    TestedInequality,
+    larger_in_pairs,
+    larger_mean,
+    larger_share,
+    majority,
+)
+from .paper_tables import PAPER
+
+Compare = Callable[[Evidence], list[TestedInequality]]
+Values = Callable[[Evidence, Condition], Sample]
+
+_WALLS, _SPOT = "wall_avoidance", "spot_finding"
+_ONES, _POSITIVE, _, _NEGATIVE, _UNMEASURED = CATEGORIES
+
+
+def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]:
+    """Judges every claim, in the paper's order.
+
+    Args:
+      run: The run.
+      behaviour: What its brains do in their robots; None if they were not observed.
+
+    Returns:
+      A result for every claim; none for a run with another protocol, another brain, or no
+      condition of the paper's: it neither supports the claims nor contradicts them.
+    """
+    experiment = run.experiment
+    comparable = experiment.protocol == "paper" and experiment.brain_name == "paper"
+    if not comparable or not any(condition in PAPER for condition in run.conditions()):
+        return []
+    own, paper = RunEvidence(run, behaviour), PaperEvidence()
+    return [
+        dataclasses.replace(judge(claim, own), paper=judge(claim, paper).verdict)
+        for claim in CLAIMS
+    ]
+
+
+# ---- What is compared ----
+
+
+def robots(evidence: Evidence, condition: Condition) -> list[Robot]:
+    """Returns the valid robots of a condition.
+
+    Raises:
+      Undecidable: there are none.
+    """
+    rows = evidence.single_robots().valid(condition)
+    if not rows:
+        raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
+    return rows
+
+
+def count(evidence: Evidence, condition: Condition, category: str) -> tuple[int, int]:
+    """Returns the number of a condition's robots in a category, and the number of all."""
+    summary = evidence.summary(condition)
+    return summary.counts[CATEGORIES.index(category)], summary.robots
+
+
+def ability(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns L of a condition's measured robots."""
+    summary = evidence.summary(condition)
+    return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
+
+
+def post_share(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns the robots' shares of the test after training with the event."""
+    rows = robots(evidence, condition)
+    found = evidence.single_robots().shares(condition, "post")
+    return Sample(float(found.mean()), float(found.std(ddof=min(1, len(rows) - 1))), len(rows))
+
+
+def arrival_minutes(evidence: Evidence, condition: Condition) -> np.ndarray:
+    """Returns when robots are in the spot for the first time in the test after training.
+
+    Returns:
+      Number of the minute, from 0, shape (n,); NaN for robots that never arrive.
+
+    Raises:
+      Undecidable: there are no robots, or no data of the test.
+    """
+    robots(evidence, condition)
+    run = evidence.single_robots()
+    minutes = run.experiment.schedule(condition.task).minutes_of("post")
+    test = run.curves(condition)[:, minutes] > 0
+    if not test.shape[1]:
+        raise Undecidable("the curves end before the test")
+    return np.where(test.any(axis=1), test.argmax(axis=1).astype(float), np.nan)
+
+
+# ---- Inequalities ----
+
+
+def ranks(condition: Condition, category: str, *, most: bool, times: float = 1) -> Compare:
+    """Returns the test that a condition has the most, or the fewest, robots of a category.
+
+    Args:
+      condition: The condition.
+      category: One of `CATEGORIES`.
+      most: True for the most, False for the fewest.
+      times: Factor by which the larger share exceeds the smaller.
+    """
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        own = count(evidence, condition, category)
+        found = []
+        for other in _others(condition):
+            theirs = count(evidence, other, category)
+            words = f"{condition.proposer} {_of(own)}, {other.proposer} {_of(theirs)}"
+            pair = (own, theirs) if most else (theirs, own)
+            found.append(larger_share(*pair, words, times))
+        return found
+
+    return compare
+
+
+def fewer(condition: Condition, other: Condition, category: str) -> Compare:
+    """Returns the test that a condition has fewer robots of a category than another."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        own, theirs = (count(evidence, one, category) for one in (condition, other))
+        words = f"{condition.proposer} {_of(own)}, {other.proposer} {_of(theirs)}"
+        return [larger_share(theirs, own, words)]
+
+    return compare
+
+
+def mostly(condition: Condition, category: str) -> Compare:
+    """Returns the test that more than half of a condition's robots are in a category."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        members, all_robots = count(evidence, condition, category)
+        words = f"{_of((members, all_robots))}, against a half"
+        return [majority(members, all_robots, words)]
+
+    return compare
+
+
+def leads(values: Values, condition: Condition, what: str, *, highest: bool) -> Compare:
+    """Returns the test that a condition's mean is the highest, or the lowest.
+
+    Args:
+      values: Function that returns the values of a condition.
+      condition: The condition.
+      what: Name of the values.
+      highest: True for the highest, False for the lowest.
+    """
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        own = values(evidence, condition)
+        found = []
+        for other in _others(condition):
+            theirs = values(evidence, other)
+            words = f"{what} {condition.proposer} {_mean(own)}, {other.proposer} {_mean(theirs)}"
+            pair = (own, theirs) if highest else (theirs, own)
+            found.append(larger_mean(*pair, words))
+        return found
+
+    return compare
+
+
+def far_below(gap: float) -> Compare:
+    """Returns the test that all mean L of spot finding are below wall avoidance's by a gap."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        found = []
+        for proposer in PROPOSERS:
+            walls, spot = (ability(evidence, Condition(t, proposer)) for t in (_WALLS, _SPOT))
+            words = f"{proposer} {_mean(spot)} after {_mean(walls)}"
+            found.append(larger_mean(walls, spot, words, gap))
+        return found
+
+    return compare
+
+
+def alike(first: Condition, second: Condition, margin: float) -> Compare:
+    """Returns the two one-sided tests that two mean L differ by less than a margin."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        own, theirs = ability(evidence, first), ability(evidence, second)
+        words = (
+            f"{first.proposer} {_mean(own)} of {own.size}, "
+            f"{second.proposer} {_mean(theirs)} of {theirs.size}"
+        )
+        return [
+            larger_mean(own, theirs, f"{words}, not {margin:g} lower", -margin),
+            larger_mean(theirs, own, f"not {margin:g} higher", -margin),
+        ]
+
+    return compare
+
+
+def spoiled_without_contact(condition: Condition) -> Compare:
+    """Returns the test that most robots with L < 0 had no contact before training."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        spoiled = [row for row in robots(evidence, condition) if row.category == _NEGATIVE]
+        if not spoiled:
+            raise Undecidable(f"no {condition.proposer} robot has L < 0")
+        clean = sum(row.t_pre_s == 0 for row in spoiled)
+        return [majority(clean, len(spoiled), f"{_of((clean, len(spoiled)))}, against a half")]
+
+    return compare
+
+
+def arrive_late(condition: Condition, least: float) -> Compare:
+    """Returns the test that a share of the arriving robots needs 20 minutes or more."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        if evidence.single_robots().experiment.time_scale != 1:
+            raise Undecidable("the shortened test does not last that long")
+        minutes = arrival_minutes(evidence, condition)
+        arrived = minutes[~np.isnan(minutes)]
+        if not len(arrived):
+            raise Undecidable(f"no {condition.proposer} robot arrives")
+        late, between = (arrived >= 20).sum(), ((arrived >= 20) & (arrived < 30)).sum()
+        words = (
+            f"of the {condition.proposer} robots that arrive {_of((int(late), len(arrived)))} need "
+            f"20 minutes or more, {between} of these less than 30; the median is "
+            f"{np.median(arrived):g}"
+        )
+        return [majority(int(late), len(arrived), words, least)]
+
+    return compare
+
+
+def spin(task: str) -> Compare:
+    """Returns the test that most trained robots of each kind spin more than half of the time."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        found = []
+        for proposer in PROPOSERS:
+            shares = evidence.observed().spinning.get(Condition(task, proposer))
+            if shares is None or not len(shares):
+                raise Undecidable(f"no robots of {task}, {proposer}")
+            spinners = int((shares[:, 1] > 0.5).sum())
+            words = f"{proposer} {_of((spinners, len(shares)))}"
+            found.append(majority(spinners, len(shares), words))
+        return found
+
+    return compare
+
+
+def contour_then_spin(evidence: Evidence) -> list[TestedInequality]:
+    """Tests that robots follow the spot's contour less, and spin inside more, as time passes."""
+    found = {who: stay for who, stay in evidence.observed().stays.items() if stay.staying.any()}
+    if not found:
+        raise Undecidable("no robot stays at the spot")
+    stays = found.values()
+    numbers = ", ".join(f"{int(stay.staying.sum())} {who}" for who, stay in found.items())
+    following = np.concatenate([stay.following[stay.staying] for stay in stays])
+    spinning = np.concatenate([stay.spinning[stay.staying] for stay in stays])
+    (f_first, f_last), (s_first, s_last) = following.mean(axis=0), spinning.mean(axis=0)
+    return [
+        larger_in_pairs(
+            following[:, 0],
+            following[:, 1],
+            f"{numbers} robots: along the contour {f_first:.0%} of the time at first, {f_last:.0%} "
+            "at last",
+        ),
+        larger_in_pairs(
+            spinning[:, 1],
+            spinning[:, 0],
+            f"spinning inside {s_first:.0%} at first, {s_last:.0%} at last",
+        ),
+    ]
+
+
+def _others(condition: Condition) -> list[Condition]:
+    """Returns the paper's other conditions of the same task."""
+    return [Condition(condition.task, p) for p in PROPOSERS if p != condition.proposer]
+
+
+def _of(pair: tuple[int, int]) -> str:
+    return f"{pair[0]} of {pair[1]}"
+
+
+def _mean(sample: Sample) -> str:
+    return f"{sample.mean:.3f}" if sample.size else "none"
+
+
+# ---- The claims ----
+
+_FIXED_W, _RANDOM_W, _CREATIVE_W = (Condition(_WALLS, p) for p in PROPOSERS)
+_FIXED_S, _RANDOM_S, _CREATIVE_S = (Condition(_SPOT, p) for p in PROPOSERS)
+_SPINS = (
+    "After training most robots of each kind spin, for more than half of the test's first minutes."
+)
+
+CLAIMS = (
+    Claim(_WALLS, "Fixed has the most geniuses.", ranks(_FIXED_W, _UNMEASURED, most=True)),
+    Claim(_WALLS, "Random has the fewest geniuses.", ranks(_RANDOM_W, _UNMEASURED, most=False)),
+    Claim(_WALLS, "Creative has most robots with L = 1.", ranks(_CREATIVE_W, _ONES, most=True)),
+    Claim(_WALLS, "Creative has most robots with L < 0.", ranks(_CREATIVE_W, _NEGATIVE, most=True)),
+    Claim(
+        _WALLS,
+        "Random's contact after training is the lowest.",
+        leads(post_share, _RANDOM_W, "share of the time", highest=False),
+    ),
+    Claim(
+        _WALLS,
+        "Fixed has the best mean L.",
+        leads(ability, _FIXED_W, "mean L", highest=True),
+    ),
+    Claim(
+        _WALLS,
+        "Random has the most robots with 0 < L < 1.",
+        ranks(_RANDOM_W, _POSITIVE, most=True),
+    ),
+    Claim(
+        _WALLS,
+        "Many creative robots with L < 0, more than half, had no contact before training.",
+        spoiled_without_contact(_CREATIVE_W),
+    ),
+    Claim(_WALLS, _SPINS, spin(_WALLS)),
+    Claim(
+        _SPOT,
+        "All mean L are far below those of wall avoidance, by more than 0.5.",
+        far_below(0.5),
+    ),
+    Claim(
+        _SPOT,
+        "Creative's mean L is about Fixed's, within 0.2.",
+        alike(_CREATIVE_S, _FIXED_S, 0.2),
+    ),
+    Claim(
+        _SPOT,
+        "Fewer creative than random robots have L < 0.",
+        fewer(_CREATIVE_S, _RANDOM_S, _NEGATIVE),
+    ),
+    Claim(_SPOT, "Fixed robots are mostly ignorant.", mostly(_FIXED_S, _UNMEASURED)),
+    Claim(_SPOT, "Random robots mostly have L < 0.", mostly(_RANDOM_S, _NEGATIVE)),
+    Claim(
+        _SPOT,
+        "Creative has by far the most robots with L = 1, more than twice any other.",
+        ranks(_CREATIVE_S, _ONES, most=True, times=2),
+    ),
+    Claim(
+        _SPOT,
+        "Creative has the highest time in the spot after training.",
+        leads(post_share, _CREATIVE_S, "share of the time", highest=True),
+    ),
+    Claim(_SPOT, _SPINS, spin(_SPOT)),
+    Claim(
+        _SPOT,
+        "Robots of all kinds together first follow the spot's contour and later spin inside it, "
+        "comparing the first and the last third of their time there in 20 minutes of learning.",
+        contour_then_spin,
+    ),
+    Claim(
+        _SPOT,
+        "In the test many creative robots take 20 to 30 minutes to arrive: more than a quarter of "
+        "those that arrive need 20 or more.",
+        arrive_late(_CREATIVE_S, 0.25),
+    ),
+)

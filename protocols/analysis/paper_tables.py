@@ -1,0 +1,84 @@
+"""Tables 1 and 2: the paper's columns, and the columns that a run fills, with 95 % intervals."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from ..experiment.conditions import Condition
+from ..experiment.experiment import Experiment
+from ..experiment.schedules import SCHEDULES
+from ..results.learn_ability import CATEGORIES, Summary
+from ..results.run import Run
+from . import intervals
+from .intervals import Interval
+
+_WALLS, _SPOT = "wall_avoidance", "spot_finding"
+
+PAPER: Mapping[Condition, Summary] = MappingProxyType(
+    {
+        # Table 1, 500 robots in each column.
+        Condition(_WALLS, "fixed"): Summary((260, 12, 13, 19, 196), 0.8232, 0.4959, 0.0584),
+        Condition(_WALLS, "random"): Summary((196, 215, 1, 51, 37), 0.7150, 0.5137, 0.0160),
+        Condition(_WALLS, "creative"): Summary((282, 65, 0, 80, 73), 0.6109, 0.7068, 0.0402),
+        # Table 2, 500 robots in each column.
+        Condition(_SPOT, "fixed"): Summary((22, 2, 1, 20, 455), 0.0800, 0.9681, 0.0440),
+        Condition(_SPOT, "random"): Summary((20, 16, 0, 323, 141), -0.8064, 0.5631, 0.0296),
+        Condition(_SPOT, "creative"): Summary((109, 63, 1, 170, 157), 0.0045, 0.8829, 0.2581),
+    }
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of table 1 or 2 with the 95 % intervals of its cells.
+
+    Attributes:
+      summary: Values of the cells.
+      shares: Interval of each category's share.
+      mean: Interval of the mean L.
+      deviation: Interval of the standard deviation of L.
+      post_share: Interval of the mean share of the test after training.
+    """
+
+    summary: Summary
+    shares: tuple[Interval, ...]
+    mean: Interval
+    deviation: Interval
+    post_share: Interval
+
+
+def column(run: Run, condition: Condition) -> Column:
+    """Returns the column that the robots of a condition fill."""
+    abilities, summary = run.abilities(condition), run.summary(condition)
+    measured = abilities[~np.isnan(abilities)]
+    return Column(
+        summary,
+        _shares(summary),
+        intervals.mean(measured),
+        intervals.deviation(measured),
+        intervals.mean(run.shares(condition, "post")),
+    )
+
+
+def paper_column(experiment: Experiment, condition: Condition) -> Column | None:
+    """Returns the paper's column; None for an agent or a protocol that the paper does not have."""
+    summary = PAPER.get(condition)
+    if summary is None or experiment.protocol != "paper":
+        return None
+    unknown = intervals.UNKNOWN  # the paper does not print the scatter of single robots
+    return Column(summary, _shares(summary), intervals.mean_from(summary), unknown, unknown)
+
+
+def row_names(task: str) -> list[str]:
+    """Returns the names of a table's rows: robots, categories, mean, deviation, time."""
+    schedule = SCHEDULES[task]
+    names = [f"({schedule.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
+    return ["robots", *names, "mean L", "sd of L", f"share of time {schedule.event}, post"]
+
+
+def _shares(summary: Summary) -> tuple[Interval, ...]:
+    return tuple(intervals.share(count, summary.robots) for count in summary.counts)

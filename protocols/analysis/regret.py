@@ -1,0 +1,76 @@
+"""Regret: how much value the best idea of a brain falls short of the best of all actions."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ...controller import Neurocontroller
+from ...tasks import Robots
+from ..experiment.schedules import UPPER_LEFT, UPPER_RIGHT
+
+GRID = 41  # motor values along each side of the grid of all actions
+
+
+def grid() -> torch.Tensor:
+    """Returns actions that cover the square of motor values, left motor first.
+
+    Returns:
+      Motor values in [-0.5, 0.5], shape (1, 41 x 41, 2).
+    """
+    line = torch.linspace(-0.5, 0.5, GRID)
+    return torch.cartesian_prod(line, line)[None]
+
+
+@torch.inference_mode()
+def regret(brain: Neurocontroller, sensed: torch.Tensor, ideas: torch.Tensor) -> torch.Tensor:
+    """Returns the value of the best action minus the value of the best idea.
+
+    Args:
+      brain: Brains of B robots, whose evaluation networks give the values.
+      sensed: Sensor signals, shape (B, S).
+      ideas: D draws of A ideas, shape (B, D, A, 2).
+
+    Returns:
+      Regret of each draw as a share of the range of all actions' values, in [0, 1], shape (B, D).
+    """
+    values = brain.values(sensed, grid().expand(len(sensed), -1, -1))
+    best = brain.values(sensed, ideas.flatten(1, 2)).unflatten(1, ideas.shape[1:3]).amax(dim=2)
+    most, least = values.amax(dim=1, keepdim=True), values.amin(dim=1, keepdim=True)
+    return (most - best).clamp(min=0) / (most - least).clamp(min=1e-12)  # 0 if all are equal
+
+
+def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
+    """Returns what a robot senses in three typical situations of a task.
+
+    Args:
+      batch: One robot, which is placed in each situation.
+      task: Task of the batch.
+
+    Returns:
+      Sensor signals by the name of the situation, each of shape (S,).
+    """
+    size, one = batch.dimensions, np.array([0])
+    reach = size.half_length - size.radius
+    places: dict[str, tuple[tuple[float, float, float], bool]]
+    if task == "wall_avoidance":
+        places = {
+            "in the open": ((0.0, 0.0, 0.0), False),
+            "a wall 3 cm ahead": ((reach - 0.03, 0.0, 0.0), False),
+            "pressed against it": ((reach - 0.002, 0.0, 0.0), True),
+        }
+    else:
+        x, y, _ = UPPER_RIGHT
+        places = {
+            "no smell": (UPPER_LEFT, False),
+            "spot 20 cm ahead": ((x - size.radius - 0.2, y, 0.0), False),
+            "inside the spot": ((x - size.radius, y, 0.0), False),
+        }
+    states = {}
+    for name, (pose, pressed) in places.items():
+        batch.place_spot(one, np.array([UPPER_RIGHT[:2]]))
+        batch.place(one, np.array([pose]))
+        for _ in range(3 if pressed else 0):
+            batch.step(np.array([[0.5, 0.5]]))
+        states[name] = batch.rules.state(batch.sensordata)[0]
+    return states
