@@ -1,1 +1,1 @@
-"""Stored brains at work: put back into robots, watched, filmed and shown in a window."""
+"""Stored brains run in robots again: evaluated, measured, filmed and shown in a window."""

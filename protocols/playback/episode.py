@@ -1,4 +1,4 @@
-"""A robot driven from a start, moment by moment: a test of a life, or an episode of any task."""
+"""One robot driven from a start, one control step at a time: a test, or an episode of any task."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from ..agents.ppo import Policies
 
-# Answers what B robots sense, float32, shape (B, S), with motors in [-0.5, 0.5], shape (B, 2).
 Act = Callable[[np.ndarray], np.ndarray]
+"""Returns motor values in [-0.5, 0.5], shape (B, 2), for observations, float32, shape (B, S)."""
 
 PHASES = ("pre", "post")  # before and after training
 _ALONE = np.array([0])  # the robot of a batch of one
@@ -30,13 +30,13 @@ class Moment:
     """A robot at the start of a control step.
 
     Attributes:
-      time: simulated seconds since the episode began.
-      pose: x, y in metres and heading in radians, shape (3,).
-      spot: x, y of its centre, in metres, shape (2,).
-      sensordata: what MuJoCo last measured, shape (nsensordata,).
-      motors: what the driver answers, left and right, shape (2,).
-      event: whether the robot is in contact, or in the spot; never so at the start.
-      event_seconds: how long it has been so, since the episode began.
+      time: Simulated time since the start of the episode in [s].
+      pose: x, y in [m] and heading in [rad], shape (3,).
+      spot: x, y of the spot's centre in [m], shape (2,).
+      sensordata: MuJoCo's latest sensor readings, shape (nsensordata,).
+      motors: Left and right motor value of the driver, shape (2,).
+      event: Whether the robot is in contact, or in the spot; False at the start.
+      event_seconds: Time in contact, or in the spot, since the start of the episode in [s].
     """
 
     time: float
@@ -50,16 +50,16 @@ class Moment:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """A robot at its start, and who drives it from there.
+    """A robot at its start, and what drives it from there.
 
     Attributes:
-      task: of the table of tasks.
-      driver: who drives, in words.
-      trained: whether the driver has learnt before.
-      batch: the robot, a batch of one.
-      act: drives.
-      steps: how many control steps it lasts; infinity for no end.
-      random: the random stream that a spot that jumps is drawn from.
+      task: Name of a task of the domain "arena".
+      driver: Description of the driver.
+      trained: Whether the driver has been trained.
+      batch: The robot, a batch of one.
+      act: Function that drives the robot.
+      steps: Number of control steps; infinity for an episode without end.
+      random: Random stream of a spot that jumps.
     """
 
     task: str
@@ -72,16 +72,16 @@ class Episode:
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str, seed: int) -> Episode:
-        """An episode of the policies' task: the one that Gymnasium's `reset(seed=seed)` starts.
+        """Returns the episode that Gymnasium's `reset(seed=seed)` starts in the policies' task.
 
         Args:
-          policies: of which one drives.
-          robot: its number.
-          phase: "pre" or "post", the policy as it was born or as it was when trained.
-          seed: of where robot and spot are placed.
+          policies: Policies, one of which drives the robot.
+          robot: Number of the policy.
+          phase: "pre" or "post", the policy before or after training.
+          seed: Seed of the start of robot and spot.
 
         Raises:
-          InputError: there is no such policy, or a value makes no sense.
+          InputError: there is no such policy, or a value is invalid.
         """
         check_seed(seed)
         act, task = policy_act(policies, robot, phase), policies.task
@@ -94,11 +94,11 @@ class Episode:
 
     @property
     def seconds(self) -> float:
-        """How long it lasts, simulated."""
+        """Duration in simulated seconds."""
         return self.steps * CONTROL_TIMESTEP
 
     def moments(self) -> Iterator[Moment]:
-        """Lives through the episode, once; ends early where the simulation becomes unstable."""
+        """Simulates the episode, once; ends early where the simulation becomes unstable."""
         batch, events, event = self.batch, 0, False
         spot_steps = TASKS[self.task].spot_steps
         for step in itertools.count():
@@ -124,7 +124,7 @@ class Episode:
 
 
 def policy_act(policies: Policies, robot: int, phase: str) -> Act:
-    """A policy of a robot's own, as it was born ("pre") or as it was when trained ("post").
+    """Returns one of several policies, before ("pre") or after ("post") training.
 
     Raises:
       InputError: there is no such policy, or no such phase.
@@ -134,12 +134,12 @@ def policy_act(policies: Policies, robot: int, phase: str) -> Act:
 
 
 def check_phase(phase: str) -> None:
-    """Raises InputError where a phase is none that a driver is known in."""
+    """Raises InputError where a phase is not one of `PHASES`."""
     if phase not in PHASES:
         raise InputError(f"the phase must be one of {', '.join(PHASES)}, got {phase!r}")
 
 
 def check_seed(seed: int) -> None:
-    """Raises InputError where a seed makes no sense."""
+    """Raises InputError where a seed is out of range."""
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")

@@ -1,4 +1,4 @@
-"""Films of episodes, seen from above, without a display."""
+"""Films of episodes from above, rendered without a display."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ import contextlib
 import dataclasses
 import math
 import os
-import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import imageio_ffmpeg
+import imageio.v2 as imageio
 import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.rules import Rules
 from ..errors import InputError
 from ..storage import check_place
-from ..terminal import bar
+from ..terminal import bar, notice
 from .episode import Episode, Moment
-from .scene import HEIGHT, WIDTH, Panel, Shot, Stage
+from .panel import Panel
+from .scene import Scene, Shot
 
-_TRAIL = 8.0  # seconds of the film after which the robot's trail has faded
-_TRAIL_LIMIT = 90.0  # simulated seconds after which it has, however fast the film
+_TRAIL = 8.0  # [s] of the film, after which the robot's trail has faded
+_TRAIL_LIMIT = 90.0  # simulated [s] after which it has faded at any speed of the film
 
-# Half the size, one palette for the whole film: a page of text stays light.
+# Half the size and one palette for the whole film keep the file small.
 _GIF = (
     "scale=iw/2:-2:flags=area,split[one][other];[one]palettegen=max_colors=48[palette];"
     "[other][palette]paletteuse=dither=none:diff_mode=rectangle"
@@ -34,11 +34,11 @@ _GIF = (
 
 @dataclasses.dataclass(frozen=True)
 class Format:
-    """How pictures become a file.
+    """How frames become a file.
 
     Attributes:
-      fps: pictures a second.
-      encoder: keywords of `imageio_ffmpeg.write_frames`.
+      fps: Frames per second of the film.
+      encoder: Options of imageio's FFMPEG writer.
     """
 
     fps: int
@@ -50,7 +50,7 @@ FORMATS = {
         25,
         {
             "codec": "libx264",
-            "pix_fmt_out": "yuv420p",
+            "pixelformat": "yuv420p",
             "output_params": ["-crf", "18", "-movflags", "+faststart"],
         },
     ),
@@ -58,8 +58,8 @@ FORMATS = {
         8,
         {
             "codec": "gif",
-            "pix_fmt_out": "pal8",
-            "output_params": ["-filter_complex", _GIF],
+            "pixelformat": "pal8",
+            "output_params": ["-f", "gif", "-filter_complex", _GIF],
         },
     ),
 }
@@ -69,62 +69,58 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
     """Films an episode from its start; the film ends with the episode at the latest.
 
     Args:
-      episode: what to film; it is lived through once.
-      output: the file, an .mp4 (H.264, yuv420p) or a .gif of half the size; an older one is
-        replaced when the film is whole.
-      seconds: length of the film, in seconds of the viewer's time.
-      speed: simulated seconds in a second of the film.
+      episode: Episode to film; it is simulated once.
+      output: File to write, an .mp4 (H.264, yuv420p) or a .gif of half the size; an older file is
+        replaced when the film is complete.
+      seconds: Length of the film in [s].
+      speed: Simulated seconds per second of the film.
 
     Raises:
-      InputError: something of this makes no sense, cannot be written, or there is no EGL.
-      OSError: the file could not be written; there is no half of it.
+      InputError: a value is invalid, the file cannot be written, or there is no EGL.
+      OSError: the film could not be written completely; nothing of it is left.
     """
     for name, value in (("length in seconds", seconds), ("speed", speed)):
         if not (value > 0 and math.isfinite(value)):
             raise InputError(f"the film's {name} must be positive, got {value:g}")
     fps = _check_output(output).fps
-    frames = frame_count(seconds, speed, episode.seconds, fps)
-    with contextlib.closing(Stage(episode.task)) as stage:
-        _tell(f"drawing with {stage.renderer}")
-        if frames < round(seconds * fps):
-            _tell(
-                f"the episode is over after {episode.seconds:g} s, and so is the film: "
-                f"{frames / fps:g} s"
-            )
+    count = frame_count(seconds, speed, episode.seconds, fps)
+    with contextlib.closing(Scene(episode.task)) as scene:
+        notice(f"drawing with {scene.renderer}")
+        if count < round(seconds * fps):
+            notice(f"the episode lasts {episode.seconds:g} s, so the film lasts {count / fps:g} s")
         panel = Panel(
-            episode.task, episode.driver, episode.trained, speed, seconds=frames * speed / fps
+            episode.task, episode.driver, episode.trained, speed, seconds=count * speed / fps
         )
-        times = (frame * speed / fps for frame in range(frames))
-        shots = _shots(episode.moments(), episode.batch.rules, times, speed)
-        pictures = (panel.frame(stage.draw(shot), shot) for shot in shots)
-        _write(output, pictures, frames)
+        times = (number * speed / fps for number in range(count))
+        shots = shots_at(times, episode.moments(), episode.batch.rules, speed)
+        write(output, (panel.frame(scene.draw(shot), shot) for shot in shots), count)
 
 
 def frame_count(seconds: float, speed: float, episode_seconds: float, fps: int) -> int:
-    """How many frames a film has, which ends with the episode at the latest.
+    """Returns the number of frames of a film that ends with the episode at the latest.
 
     Args:
-      seconds: of the film, wanted.
-      speed: simulated seconds in a second of the film.
-      episode_seconds: simulated seconds that the episode lasts.
-      fps: frames in a second of the film.
+      seconds: Requested length of the film in [s].
+      speed: Simulated seconds per second of the film.
+      episode_seconds: Simulated duration of the episode in [s].
+      fps: Frames per second of the film.
     """
     return max(1, round(min(seconds, episode_seconds / speed) * fps))
 
 
-def _check_output(output: Path) -> Format:
-    if output.suffix.lower() not in FORMATS:
-        raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
-    check_place(output)
-    return FORMATS[output.suffix.lower()]
-
-
-def _shots(
-    moments: Iterator[Moment], rules: Rules, times: Iterable[float], speed: float
+def shots_at(
+    times: Iterable[float], moments: Iterator[Moment], rules: Rules, speed: float
 ) -> Iterator[Shot]:
-    """One shot a time; between two control steps the robot goes straight on."""
+    """Yields the shot of each time; the pose is interpolated between two control steps.
+
+    Args:
+      times: Simulated times in [s], ascending.
+      moments: Moments of the episode.
+      rules: Rules of the episode's task.
+      speed: Simulated seconds per second of the film.
+    """
     past = [next(moments)]
-    shown = 0  # moments up to which the frame before has shown what happened
+    shown = 0  # index of the last moment in the frame before
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
@@ -140,10 +136,10 @@ def _shot(
 ) -> Shot:
     moment, after = past[now], past[min(now + 1, len(past) - 1)]
     span = after.time - moment.time
-    pose = _between(moment.pose, after.pose, (time - moment.time) / span if span else 0.0)
+    pose = between(moment.pose, after.pose, (time - moment.time) / span if span else 0.0)
     reach = min(_TRAIL * speed, _TRAIL_LIMIT)
     points = past[max(0, math.ceil((time - reach) / CONTROL_TIMESTEP)) : now + 1]
-    # What happened between two frames must not be missed.
+    # A frame also shows the events since the frame before.
     unseen = past[min(shown + 1, now) : now + 1]
     return Shot(
         time,
@@ -160,45 +156,76 @@ def _shot(
     )
 
 
-def _between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
-    """A pose on the way from one to another, turning the shorter way."""
+def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
+    """Interpolates between two poses; the robot turns the shorter way.
+
+    Args:
+      first: x, y in [m] and heading in [rad], shape (3,).
+      second: x, y in [m] and heading in [rad], shape (3,).
+      share: Share of the way from the first to the second, in [0, 1].
+    """
     way = second - first
     way[2] = (way[2] + np.pi) % (2 * np.pi) - np.pi
     return first + share * way
 
 
-def _write(output: Path, pictures: Iterator[np.ndarray], frames: int) -> None:
+def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
+    """Writes frames into a film; an older file is replaced when the film is complete.
+
+    Args:
+      output: File to write, with a suffix of `FORMATS`.
+      frames: Colours of each frame, uint8, shape (height, width, 3), even height and width.
+      count: Number of frames.
+
+    Raises:
+      OSError: the film could not be written completely; nothing of it is left.
+    """
     suffix = output.suffix.lower()
-    draft = output.with_name(f".{output.stem}.{os.getpid()}{suffix}")
+    # imageio's FFMPEG writer refuses names that end in .gif.
+    draft = output.with_name(f".{output.name}.{os.getpid()}.mp4")
     progress = bar()
-    writer = imageio_ffmpeg.write_frames(
-        draft,
-        (WIDTH, HEIGHT),
-        fps=FORMATS[suffix].fps,
-        macro_block_size=2,
-        ffmpeg_log_level="fatal",  # a failure shows in what is left, below
-        **FORMATS[suffix].encoder,
-    )
     try:
-        with progress, contextlib.closing(writer):
-            writer.send(None)  # type: ignore[arg-type] -- so it starts
-            for picture in progress.track(pictures, frames, description=output.name):
-                writer.send(np.ascontiguousarray(picture))
-        _check_whole(draft, output, frames)
+        writer: Any = imageio.get_writer(
+            draft,
+            "FFMPEG",
+            fps=FORMATS[suffix].fps,
+            macro_block_size=2,
+            ffmpeg_log_level="fatal",  # the number of frames shows a failure, see below
+            **FORMATS[suffix].encoder,
+        )
+        with progress, writer:
+            for frame in progress.track(frames, count, description=output.name):
+                if not _append(writer, frame):
+                    break
+        # imageio does not check whether ffmpeg could write everything.
+        if _frames_in(draft) != count:
+            raise OSError(f"{output} could not be written completely; is the disk full?")
         draft.replace(output)
     finally:
         draft.unlink(missing_ok=True)
 
 
-def _check_whole(draft: Path, output: Path, frames: int) -> None:
-    # imageio_ffmpeg closes ffmpeg without asking whether it could write everything.
+def _append(writer: Any, frame: np.ndarray) -> bool:
+    """Appends a frame; returns False if ffmpeg has ended, as it does where the disk is full."""
     try:
-        written, _ = imageio_ffmpeg.count_frames_and_secs(draft)
-    except RuntimeError:
-        written = 0
-    if written != frames:
-        raise OSError(f"{output} could not be written whole; is the disk full?")
+        writer.append_data(frame)
+    except OSError:
+        return False
+    return True
 
 
-def _tell(sentence: str) -> None:
-    print(f"musebot: {sentence}", file=sys.stderr)
+def _frames_in(path: Path) -> int:
+    """Returns the number of frames in a film; 0 for a file that is none."""
+    try:
+        reader: Any = imageio.get_reader(path, "FFMPEG")
+        with reader:
+            return reader.count_frames()
+    except (OSError, RuntimeError):
+        return 0
+
+
+def _check_output(output: Path) -> Format:
+    if output.suffix.lower() not in FORMATS:
+        raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
+    check_place(output)
+    return FORMATS[output.suffix.lower()]

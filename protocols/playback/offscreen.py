@@ -1,8 +1,8 @@
-"""OpenGL pictures of a MuJoCo model without a display, through EGL.
+"""Images of a MuJoCo model rendered by OpenGL without a display, through EGL.
 
-`mujoco.Renderer` draws with whatever MUJOCO_GL said when MuJoCo was first imported, and where
-that is EGL and there is none, the import itself fails. The canvas here asks for EGL when it is
-made: its absence is one sentence, and it works in any process, whatever was imported before.
+`mujoco.Renderer` uses the backend that MUJOCO_GL named when MuJoCo was first imported. With EGL
+named but not installed, that import fails. The canvas here opens EGL when it is made: an absence
+is reported in one sentence, and it works in any process.
 """
 
 from __future__ import annotations
@@ -14,17 +14,16 @@ import time
 import mujoco
 import numpy as np
 
-from ..doctor import EGL_REMEDY
-from ..errors import InputError
+from ...models import arena_spec
+from ..errors import EGL_REMEDY, InputError
 
 
 class Canvas:
-    """Draws a model with one of its cameras.
+    """Renders a model through one of its cameras.
 
     Attributes:
-      renderer: the name OpenGL gives itself: "llvmpipe" is a processor at work, not a graphics
-        card.
-      scene: MuJoCo's; geoms may be added to it between `look` and `pixels`.
+      renderer: Name that OpenGL reports for its renderer; "llvmpipe" renders on the CPU.
+      scene: MuJoCo's scene; geoms can be added to it between `look` and `pixels`.
     """
 
     def __init__(
@@ -33,11 +32,11 @@ class Canvas:
         """Opens EGL.
 
         Args:
-          model: what to draw.
-          camera: the name of the model's camera to look through.
-          width: of a picture, in pixels, at most the model's `offwidth`.
-          height: of a picture, in pixels, at most the model's `offheight`.
-          max_geoms: in the scene.
+          model: Model to render.
+          camera: Name of one of the model's cameras.
+          width: Width of an image in pixels, at most the model's `offwidth`.
+          height: Height of an image in pixels, at most the model's `offheight`.
+          max_geoms: Largest number of geoms in the scene.
 
         Raises:
           InputError: there is no EGL.
@@ -55,13 +54,13 @@ class Canvas:
 
             self._gl = GLContext(width, height)
             self._gl.make_current()
-            # Only now, when PyOpenGL knows that its platform is EGL.
+            # mujoco.egl must choose PyOpenGL's platform before this import.
             from OpenGL.GL import GL_RENDERER, glGetString
 
             self.renderer = str(glGetString(GL_RENDERER).decode())  # type: ignore[union-attr]
             self.scene = mujoco.MjvScene(model, max_geoms)
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        except Exception as error:  # whatever a driver, PyOpenGL or MuJoCo make of its absence
+        except Exception as error:  # drivers, PyOpenGL and MuJoCo each raise their own
             reason = " ".join(str(error).split())
             raise InputError(
                 f"there is no headless OpenGL (EGL) on this machine; get it with `{EGL_REMEDY}` "
@@ -70,28 +69,30 @@ class Canvas:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
 
     def look(self, data: mujoco.MjData) -> None:
-        """Makes the scene what the camera sees in `data`."""
+        """Updates the scene to what the camera sees in `data`."""
         category = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(
             self._model, data, self._options, None, self._camera, category, self.scene
         )
 
     def pixels(self) -> np.ndarray:
-        """Draws the scene: colours, shape (height, width, 3); valid until the next call."""
+        """Renders the scene, uint8, shape (height, width, 3); the next call overwrites it."""
         mujoco.mjr_render(self._rectangle, self.scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rectangle, self._context)
         return self._pixels[::-1]  # OpenGL's first row is the lowest
 
     def close(self) -> None:
-        """Frees what OpenGL holds; the canvas is of no use any more."""
+        """Frees the resources of OpenGL; the canvas cannot be used any more."""
         self._context.free()
         self._gl.free()
 
 
 def probe(frames: int = 5) -> None:
-    """Prints, as JSON, what renders here and the milliseconds of a 640 x 480 picture."""
-    from ...models import arena_spec
+    """Prints, as JSON, the renderer and the milliseconds that an image of 640 x 480 takes.
 
+    Args:
+      frames: Number of images; the median is printed.
+    """
     model = arena_spec().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -103,7 +104,7 @@ def probe(frames: int = 5) -> None:
         canvas.pixels()
         times.append(time.perf_counter() - began)
     canvas.close()
-    # The first picture compiles shaders and says nothing of the others.
+    # The first image takes longer, because it compiles the shaders.
     print(json.dumps({"renderer": canvas.renderer, "ms": 1e3 * sorted(times[1:])[frames // 2]}))
 
 

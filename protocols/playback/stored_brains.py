@@ -1,4 +1,4 @@
-"""A robot's stored brain put back into a robot, and set before one of its tests again."""
+"""A robot's stored brain put back into a robot, at the start of a test."""
 
 from __future__ import annotations
 
@@ -10,65 +10,58 @@ import numpy as np
 import torch
 
 from ...controller import PROPOSERS
-from ..agents.base import Brain, make_agent
+from ..agents.factory import make_agent
+from ..agents.neurocontroller import NeurocontrollerAgent
 from ..errors import InputError
-from ..experiment.experiment import Experiment, check_condition
+from ..experiment.conditions import Condition
 from ..experiment.schedules import control_steps
-from ..results.results import Results
-from ..simulation.cohort import place
+from ..results.results import When
+from ..results.run import Run
+from ..simulation.placement import place
 from .episode import Act, Episode, check_phase, check_seed
 
-# Which of the two stored brains sat the test.
-_BRAINS = {"pre": "before", "post": "after"}
+# Which of the two stored brains drove the robot in each test.
+_BRAINS: dict[str, When] = {"pre": "before", "post": "after"}
 
 
 @dataclasses.dataclass(frozen=True)
-class Candidate:
-    """A robot of a run, as its stored brain sits a test again.
+class StoredRobot:
+    """A robot of a run, which repeats a test with its stored brain.
 
     Attributes:
-      experiment: of the run.
-      results: of the run.
-      task: what the robot had to learn.
-      proposer: how its actions were proposed.
-      robot: its number within the condition.
+      run: Run of the robot.
+      condition: Condition of the robot.
+      robot: Number of the robot within its condition.
       phase: "pre" or "post", the test before or after training.
-      seed: of the brain's noise, drawn anew: the random stream of a life is not stored.
+      seed: Seed of the brain's noise; the run does not store the random stream of the original.
     """
 
-    experiment: Experiment
-    results: Results
-    task: str
-    proposer: str
+    run: Run
+    condition: Condition
     robot: int
     phase: str
     seed: int = 0
 
-    def brain(self) -> Brain:
+    def brain(self) -> NeurocontrollerAgent:
         """Returns the brain that the robot had in the test, as a batch of one.
 
         Raises:
-          InputError: there is no such robot, or its life was invalid; or a number makes no
-            sense.
+          InputError: there is no such robot, its simulation was invalid, or a value is invalid.
         """
-        check_condition(self.task, self.proposer)
-        if self.proposer not in PROPOSERS:
+        if not self.condition.has_brain:
             raise InputError(
-                f"only brains of the three proposers can be put back, not {self.proposer}"
+                f"only robots with one of the proposers {', '.join(PROPOSERS)} have a stored "
+                f"brain, got {self.condition.proposer}"
             )
         check_phase(self.phase)
         check_seed(self.seed)
-        row = _row(self.results, self.task, self.proposer, self.robot)
-        which = [(row, _BRAINS[self.phase])]
-        return stored_brains(
-            self.experiment, self.results, self.task, self.proposer, which, self.seed
-        )
+        which: list[tuple[int, When]] = [(self._row(), _BRAINS[self.phase])]
+        return stored_brains(self.run, self.condition, which, self.seed)
 
     def act(self) -> Act:
-        """Returns what drives the robot: the brain, neither learning nor exploring.
+        """Returns the function that drives the robot: its brain, with frozen weights.
 
-        Its noise is drawn anew: the random stream of the life is not stored, so what the noise
-        makes the robot do differs from what it once did.
+        The noise differs from that of the original test, and so does what it causes.
 
         Raises:
           InputError: see `brain`.
@@ -76,18 +69,18 @@ class Candidate:
         return functools.partial(self.brain().act, learning=False)
 
     def episode(self) -> Episode:
-        """Returns the first stretch of the test, robot and spot where it begins.
+        """Returns the first phase of the test, with robot and spot at its start.
 
         Raises:
           InputError: see `brain`.
         """
-        act = self.act()
-        start = next(p for p in self.experiment.schedule(self.task).phases if p.part == self.phase)
-        batch, random = self.experiment.batch(self.task, 1), np.random.default_rng(self.seed)
+        act, experiment, task = self.act(), self.run.experiment, self.condition.task
+        start = next(p for p in experiment.schedule(task).phases if p.part == self.phase)
+        batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         place(batch, start, random)
         return Episode(
-            self.experiment.arena_task(self.task),
-            f"{self.proposer} proposer, robot {self.robot}",
+            experiment.arena_task(task),
+            f"{self.condition.proposer} proposer, robot {self.robot}",
             self.phase == "post",
             batch,
             act,
@@ -95,53 +88,43 @@ class Candidate:
             random,
         )
 
+    def _row(self) -> int:
+        """Returns the robot's index among the rows of its condition."""
+        robots = self.run.robots(self.condition)
+        if not robots:
+            known = ", ".join(map(str, self.run.conditions())) or "none"
+            raise InputError(f"the run has no robots of {self.condition}; it has {known}")
+        numbers = [row.robot for row in robots]
+        if self.robot not in numbers:
+            raise InputError(
+                f"the robots of {self.condition} are {min(numbers)} to {max(numbers)}, "
+                f"got {self.robot}"
+            )
+        row = numbers.index(self.robot)
+        if not robots[row].valid:
+            raise InputError(
+                f"robot {self.robot} of {self.condition} is invalid: its simulation became unstable"
+            )
+        return row
+
 
 def stored_brains(
-    experiment: Experiment,
-    results: Results,
-    task: str,
-    proposer: str,
-    which: Sequence[tuple[int, str]],
-    seed: int,
-) -> Brain:
+    run: Run, condition: Condition, which: Sequence[tuple[int, When]], seed: int
+) -> NeurocontrollerAgent:
     """Returns stored brains of a condition as one batch.
 
     Args:
-      experiment: of the run.
-      results: of the run.
-      task: what the robots had to learn.
-      proposer: how their actions were proposed.
-      which: each brain's row within the condition, and "before" or "after" training.
-      seed: of the batch's one random stream.
+      run: Run of the brains.
+      condition: Condition of the brains.
+      which: Row of each brain within the condition, and "before" or "after" training.
+      seed: Seed of the batch's random stream.
     """
-    prefix = f"{task}/{proposer}/after/"
-    names = [name.removeprefix(prefix) for name in results.brains if name.startswith(prefix)]
+    stored = run.results[condition].networks
     networks = {
-        name: torch.from_numpy(
-            np.stack([results.brains[f"{task}/{proposer}/{when}/{name}"][i] for i, when in which])
-        )
-        for name in names
+        name: torch.from_numpy(np.stack([stored[when][name][row] for row, when in which]))
+        for name in stored["after"]
     }
-    brain = make_agent(experiment, task, proposer, len(which), seed)
-    assert isinstance(brain, Brain)  # of a proposer, not of a user's factory
-    brain.controller.load_networks(networks)
-    return brain
-
-
-def _row(results: Results, task: str, proposer: str, robot: int) -> int:
-    """Where a robot stands among those of its condition."""
-    rows = results.of(task, proposer)
-    if not rows:
-        lived = "; ".join(f"{t}, {p}" for t, p in results.conditions()) or "none"
-        raise InputError(f"no robot of {task}, {proposer} has lived in this run, only: {lived}")
-    numbers = [row.robot for row in rows]
-    if robot not in numbers:
-        raise InputError(
-            f"the robots of {task}, {proposer} are {min(numbers)} to {max(numbers)}, got {robot}"
-        )
-    row = numbers.index(robot)
-    if not rows[row].valid:
-        raise InputError(
-            f"robot {robot} of {task}, {proposer} is invalid: its simulation became unstable"
-        )
-    return row
+    agent = make_agent(run.experiment, condition, len(which), seed)
+    assert isinstance(agent, NeurocontrollerAgent)  # of a proposer, not of a user's factory
+    agent.controller.load_networks(networks)
+    return agent

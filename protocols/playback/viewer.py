@@ -1,4 +1,4 @@
-"""A window on a task: dm_control's viewer; chance, a brain, a policy or the arrow keys drive."""
+"""dm_control's viewer on a task; random motors, a brain, a policy or the arrow keys drive."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ from ...tasks.sensors import NoseForm
 from ...tasks.suite import TASKS
 from ..errors import InputError
 from .episode import Act, policy_act
-from .stored_brains import Candidate
+from .stored_brains import StoredRobot
 
 if TYPE_CHECKING:
     from ..agents.ppo import Policies
 
-# GLFW's codes, as dm_control's viewer tells keys; importing them would look for a display.
+# GLFW's codes of keys; importing dm_control's own names would look for a display.
 UP, DOWN, LEFT, RIGHT = 265, 264, 263, 262
 RELEASE = 0
 
 
 @dataclasses.dataclass(frozen=True)
 class Driver:
-    """Who drives the robot in the window.
+    """What drives the robot in the window.
 
     Attributes:
-      name: in words.
-      policy: motors in [-0.5, 0.5], left and right, shape (2,), for a time step of the task.
-      nose: the form of Eq. 3 that it smells with.
-      task: that it has learnt, of the domain "arena"; None: it drives in any.
+      name: Description of the driver.
+      policy: Function that returns left and right motor value in [-0.5, 0.5], shape (2,), for a
+        time step of the task.
+      nose: Form of Eq. 3 that its nose has.
+      task: Task of the domain "arena" that it has learned; None for any.
     """
 
     name: str
@@ -44,22 +45,25 @@ class Driver:
     task: str | None = None
 
     @classmethod
-    def of_candidate(cls, candidate: Candidate) -> Driver:
-        """A robot of a run; its noise is the same in every episode.
+    def of_robot(cls, robot: StoredRobot) -> Driver:
+        """Returns a robot of a run; its noise is the same in every episode.
 
         Raises:
-          InputError: there is no such robot, or its body is not the window's.
+          InputError: there is no such robot, or its body differs from that in the window.
         """
-        experiment = candidate.experiment
-        if experiment.body != "mujoco" or experiment.motor_speed:
-            raise InputError("the window has MuJoCo's robot at its own speed, and this run another")
-        name = f"{candidate.proposer}, robot {candidate.robot}, {candidate.phase}-training"
-        task = experiment.arena_task(candidate.task)
-        return cls(name, Sensing(candidate.act), experiment.nose, task)
+        experiment, condition = robot.run.experiment, robot.condition
+        if experiment.body != "mujoco":
+            raise InputError(f"the window shows the body mujoco, got a run of {experiment.body}")
+        if experiment.motor_speed:
+            speed = experiment.motor_speed
+            raise InputError(f"the window shows the robot's own motor speed, got {speed:g} m/s")
+        name = f"{condition.proposer}, robot {robot.robot}, {robot.phase}-training"
+        task = experiment.arena_task(condition.task)
+        return cls(name, Sensing(robot.act), experiment.nose, task)
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str) -> Driver:
-        """A policy of PPO's.
+        """Returns a policy trained by PPO.
 
         Raises:
           InputError: there is no such policy.
@@ -69,11 +73,11 @@ class Driver:
 
 
 def explore(task: str, driver: Driver | None = None) -> None:
-    """Opens a window on a task; robot and spot are placed at random, anew at each Backspace.
+    """Opens a window on a task; robot and spot start at random, again after each Backspace.
 
     Args:
-      task: of the table of all tasks.
-      driver: who drives; None for random motors.
+      task: Name of a task of the domain "arena".
+      driver: Driver of the robot; None for random motors.
 
     Raises:
       InputError: there is no such task, or no display.
@@ -83,16 +87,16 @@ def explore(task: str, driver: Driver | None = None) -> None:
     driver = driver or Driver("random motors", RandomMotors(seed=0))
     task = driver.task or task
     check_display()
-    # As in the run: what a nose smells there, it smells here.
+    # The nose must have the same form as in the run.
     kwargs = {"nose": driver.nose} if "nose" in TASKS[task].keywords else {}
     from dm_control.viewer import application
 
-    print("Space starts and pauses, Backspace starts anew, F1 lists the other keys.")
+    print("Space starts and pauses, Backspace restarts, F1 lists the other keys.")
     window = application.Application(title=f"Musebot: {task}, {driver.name}")
     if isinstance(driver.policy, ArrowKeys):
-        print("The arrow keys drive, as long as they are held.")
+        print("The arrow keys drive while they are held.")
         window._window.keyboard.on_key += driver.policy.on_key
-    scale = TASKS[task].limit / 0.5  # actions of the task for a motor value
+    scale = TASKS[task].limit / 0.5  # the task's action per motor value
     window.launch(
         lambda: tasks.load("arena", task, task_kwargs=kwargs, visualize_reward=True),
         policy=lambda timestep: scale * driver.policy(timestep),
@@ -100,7 +104,7 @@ def explore(task: str, driver: Driver | None = None) -> None:
 
 
 def check_display() -> None:
-    """Raises InputError where no window can be opened."""
+    """Raises InputError if no window can be opened."""
     remedy = "`musebot film` needs no display"
     if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
         raise InputError(f"there is no display to open a window on; {remedy}")
@@ -111,26 +115,31 @@ def check_display() -> None:
         import glfw
 
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # why it cannot is told below, in a sentence
+            warnings.simplefilter("ignore")  # the sentence below says why
             ready = glfw.init()
-    except Exception as error:  # no library, or what it makes of a display that does not answer
+    except Exception as error:  # no library, or a display that does not answer
         raise InputError(f"GLFW cannot open a window here ({error}); {remedy}") from error
     if not ready:
         raise InputError(f"GLFW cannot open a window on this display; {remedy}")
 
 
 class RandomMotors:
-    """A policy of motor values drawn uniformly, held for a second or so each."""
+    """A policy that draws motor values uniformly and holds them for some steps."""
 
     def __init__(self, seed: int, steps: int = 10) -> None:
-        """Prepares to draw motors from a seed, and to hold each for so many control steps."""
+        """Prepares the random stream.
+
+        Args:
+          seed: Seed of the random stream.
+          steps: Number of control steps for which motor values are held.
+        """
         self._random = np.random.default_rng(seed)
         self._steps = steps
         self._step = 0
         self._motors = np.zeros(2)
 
     def __call__(self, timestep: dm_env.TimeStep) -> np.ndarray:
-        """Motors, left and right, shape (2,)."""
+        """Returns left and right motor value, shape (2,)."""
         if timestep.first() or self._step % self._steps == 0:
             self._step = 0
             self._motors = self._random.uniform(-0.5, 0.5, 2)
@@ -139,18 +148,18 @@ class RandomMotors:
 
 
 class ArrowKeys:
-    """A policy of the arrow keys: up and down drive, left and right turn, as long as held.
+    """A policy of the arrow keys: up and down drive, left and right turn, while they are held.
 
-    Right is also the viewer's key for a single step, which it goes on to take when it is
-    pressed: while the window is paused, one press is one step with the robot turning.
+    Right is also the viewer's key for a single step: in a paused window a press of it simulates
+    one step, in which the robot turns.
     """
 
     def __init__(self) -> None:
-        """No key is held."""
+        """Starts with no key held."""
         self._held: set[int] = set()
 
     def on_key(self, key: int, activity: int, modifiers: int) -> None:
-        """Takes note of a key, as dm_control's viewer announces it, pressed or released."""
+        """Records that a key was pressed or released; dm_control's viewer calls it."""
         del modifiers
         if activity == RELEASE:
             self._held.discard(key)
@@ -158,7 +167,7 @@ class ArrowKeys:
             self._held.add(key)
 
     def __call__(self, timestep: dm_env.TimeStep) -> np.ndarray:
-        """Motors, left and right, shape (2,)."""
+        """Returns left and right motor value, shape (2,)."""
         del timestep
         up, down, left, right = (key in self._held for key in (UP, DOWN, LEFT, RIGHT))
         ahead, turn = 0.5 * (up - down), 0.25 * (right - left)
@@ -166,15 +175,15 @@ class ArrowKeys:
 
 
 class Sensing:
-    """A policy of what the robot senses."""
+    """A policy that depends on what the robot senses."""
 
     def __init__(self, make: Callable[[], Act]) -> None:
-        """Takes what makes the one who answers; it is made anew for each episode."""
+        """Takes a function that makes what drives the robot; it is called for each episode."""
         self._make = make
         self._act = make()
 
     def __call__(self, timestep: dm_env.TimeStep) -> np.ndarray:
-        """Motors, left and right, shape (2,), for a task's observation."""
+        """Returns left and right motor value, shape (2,), for a task's observation."""
         if timestep.first():
             self._act = self._make()
         state = np.concatenate(list(timestep.observation.values())).astype(np.float32)

@@ -1,0 +1,79 @@
+"""Batches of robots simulated with an agent, and the tracks that they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ...tasks import Robots
+from ..agents.base import Agent
+from ..analysis.behaviour import Track
+from ..experiment.conditions import Condition
+from ..experiment.schedules import control_steps
+from ..results.results import When
+from ..results.run import Run
+from ..simulation.placement import place
+from .stored_brains import stored_brains
+
+SEED = 0  # of the random streams that a run does not store
+
+Tick = Callable[[], None]
+"""Called after every simulated minute of a batch."""
+
+
+def evaluate(
+    run: Run,
+    condition: Condition,
+    which: Sequence[tuple[int, When]],
+    minutes: float,
+    tick: Tick = lambda: None,
+) -> Track:
+    """Evaluates stored brains, with frozen weights, in the first minutes of their test.
+
+    Args:
+      run: Run of the brains.
+      condition: Condition of the brains.
+      which: Row of each brain within the condition, and "before" or "after" training.
+      minutes: Duration in simulated minutes.
+      tick: Called after every simulated minute.
+    """
+    agent = stored_brains(run, condition, which, SEED)
+    batch = run.experiment.batch(condition.task, len(which))
+    schedule = run.experiment.schedule(condition.task)
+    start = next(phase for phase in schedule.phases if phase.part == "post")
+    place(batch, start, np.random.default_rng(SEED))
+    return watch(batch, agent, control_steps(minutes), learning=False, tick=tick)
+
+
+def watch(batch: Robots, agent: Agent, steps: int, *, learning: bool, tick: Tick) -> Track:
+    """Simulates robots from where they are and records their track.
+
+    Args:
+      batch: B placed robots.
+      agent: Agent that drives the robots.
+      steps: Number of control steps.
+      learning: Whether the robots learn and explore.
+      tick: Called after every simulated minute.
+    """
+    poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
+    events = np.empty((steps, batch.robots), dtype=bool)
+    nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
+    poses[0] = batch.pose
+    smell = batch.rules.layout.smell
+    for step in range(steps):
+        motors = agent.act(batch.rules.state(batch.sensordata).astype(np.float32), learning)
+        if learning:
+            agent.learn(batch.rules.reward(batch.sensordata).astype(np.float32))
+        batch.step(motors)
+        poses[step + 1] = batch.pose
+        events[step] = batch.rules.event(batch.sensordata)
+        nose[step] = batch.sensordata[:, smell][:, :2]
+        if (step + 1) % control_steps(1) == 0 or step + 1 == steps:
+            tick()
+    return Track(poses, events, batch.spot[0], nose)
+
+
+def minutes_of(minutes: float) -> int:
+    """Returns the number of ticks in a duration in simulated minutes."""
+    return -(-control_steps(minutes) // control_steps(1))
