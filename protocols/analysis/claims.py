@@ -67,7 +67,9 @@ class RunEvidence:
     def observed(self) -> Behaviour:
         """See `Evidence.observed`."""
         if self.behaviour is None:
-            raise Undecidable("this needs the brains back in their robots: see `musebot report`")
+            raise Undecidable(
+                "the brains were not observed in their robots, as `musebot report` does"
+            )
         return self.behaviour
 
 

@@ -1,4 +1,4 @@
-"""The report: one page, complete in itself, that a browser shows whole, on a telephone too."""
+"""The report: one page that needs no other file and fits the screen of a telephone."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ import pytest
 
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment.experiment import Experiment, Plan
-from musebot.protocols.reporting import report
-from musebot.protocols.simulation import engine
-from musebot.protocols.simulation.local import Processes
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.reporting.report import report
+from musebot.protocols.results.run_files import read_run
+from musebot.protocols.simulation.engine import simulate
+from musebot.protocols.simulation.local import Local
 
 pytestmark = pytest.mark.slow
 
 CONDITIONS = (
-    ("wall_avoidance", "creative"),
-    ("wall_avoidance", "fixed"),
-    ("spot_finding", "creative"),
+    Condition("wall_avoidance", "creative"),
+    Condition("wall_avoidance", "fixed"),
+    Condition("spot_finding", "creative"),
 )
 
 
@@ -32,7 +35,7 @@ CONDITIONS = (
 def out(tmp_path_factory):
     directory = tmp_path_factory.mktemp("report") / "run"
     plan = Plan.of(Experiment(cohort_size=6, time_scale=0.004), CONDITIONS, 6)
-    engine.run(directory, plan, Processes(1), quiet=True)
+    simulate(directory, plan, Local(1), quiet=True)
     return directory
 
 
@@ -50,22 +53,22 @@ def draws():
 
 def test_the_page_holds_tables_claims_and_every_figure(page, out):
     text = page.read_text()
-    assert "Wall avoidance (table 1), a rehearsal: every duration times 0.004" in text
+    assert "Wall avoidance (table 1), all durations times 0.004" in text
     assert "260 (52%)" in text  # the paper's
-    assert text.count("class='verdict ") == 19
+    assert text.count('class="verdict ') == 19
     assert text.count("<img ") == len(list((out / "figures").glob("*.png"))) >= 7
     assert {p.stem for p in (out / "figures").glob("*.svg")} == {
         p.stem for p in (out / "figures").glob("*.png")
     }
 
 
-def test_the_page_needs_nothing_but_itself(page):
+def test_the_page_needs_no_other_file(page):
     text = page.read_text()
     assert not re.findall(r"(?:src|href)=['\"]?(?!data:)[^'\" >]+", text)
     assert "url(" not in text and "@import" not in text
 
 
-def test_films_are_in_the_page_or_their_absence_is_explained(page, out, draws):
+def test_films_are_in_the_page_or_the_page_says_why_not(page, out, draws):
     films = list((out / "films").glob("*.mp4"))
     assert page.read_text().count("<video ") == len(films)
     assert bool(films) == draws
@@ -73,9 +76,7 @@ def test_films_are_in_the_page_or_their_absence_is_explained(page, out, draws):
         assert "has no film: there is no headless OpenGL (EGL)" in page.read_text()
 
 
-def test_films_that_are_there_are_taken_as_they_are_and_captioned_by_their_names(
-    out, page, tmp_path
-):
+def test_existing_films_are_kept_and_captioned_by_their_names(out, page, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
@@ -91,18 +92,17 @@ def test_films_that_are_there_are_taken_as_they_are_and_captioned_by_their_names
     assert sorted(p.name for p in (copy / "films").iterdir()) == names
 
 
-def test_a_task_without_a_film_gets_one_or_the_page_says_why(out, page, tmp_path, monkeypatch):
+def test_a_task_without_a_film_gets_one_or_the_page_says_why(out, page, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
     (copy / "films").mkdir()
     (copy / "films" / "wall_avoidance.mp4").write_bytes(b"film")
     made = []
-    monkeypatch.setattr(report, "film", lambda _, path, **__: made.append(path))
-    assert cli.main(["report", str(copy)]) == 0
+    run = read_run(copy)
+    report(run, copy, None, film=lambda _, path, **__: made.append(path))
     assert [path.name.startswith("spot_finding_") for path in made] == [True]
-    monkeypatch.setattr(report, "film", without_egl)
-    assert cli.main(["report", str(copy)]) == 0
+    report(run, copy, None, film=without_egl)
     text = (copy / "report.html").read_text()
     assert "Spot finding has no film: there is no headless OpenGL" in text
     assert text.count("<video ") == 1
@@ -112,12 +112,11 @@ def without_egl(*_, **__):
     raise InputError("there is no headless OpenGL (EGL) on this machine")
 
 
-def test_without_egl_the_page_says_so_and_leaves_no_folder(out, page, tmp_path, monkeypatch):
+def test_without_egl_the_page_says_so_and_no_folder_is_left(out, page, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
-    monkeypatch.setattr(report, "film", without_egl)
-    assert cli.main(["report", str(copy)]) == 0
+    report(read_run(copy), copy, None, film=without_egl)
     assert "has no film: there is no headless OpenGL" in (copy / "report.html").read_text()
     assert not (copy / "films").exists()
 
@@ -151,7 +150,7 @@ frame.srcdoc = SOURCE;
 
 
 def browse(page: Path, folder: Path, width: int) -> dict:
-    """What Chromium makes of a page in a frame so many pixels wide."""
+    """Returns how Chromium lays out a page in a frame of some width in pixels."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         pytest.skip("there is no chromium here: apt-get install chromium")
@@ -185,7 +184,7 @@ def test_a_browser_shows_every_picture_and_film_without_scrolling_sideways(
     assert found["videos"] == [960] * len(list((out / "films").glob("*.mp4")))
 
 
-def test_the_browser_would_notice_what_is_too_wide_or_missing(page, tmp_path):
+def test_the_browser_detects_what_is_too_wide_or_missing(page, tmp_path):
     text = page.read_text().replace("<h1>", "<p style='width:500px'>wide</p><img src='data:,'><h1>")
     broken = tmp_path / "broken.html"
     broken.write_text(text)
@@ -209,7 +208,7 @@ def listing(folder):
         ("folder.html", "is a folder"),
     ],
 )
-def test_an_impossible_output_is_one_sentence_and_nothing_is_written(
+def test_an_impossible_output_is_refused_in_one_sentence_and_nothing_is_written(
     out, tmp_path, capsys, output, words
 ):
     (tmp_path / "folder.html").mkdir()
@@ -220,7 +219,7 @@ def test_an_impossible_output_is_one_sentence_and_nothing_is_written(
     assert (listing(out), listing(tmp_path)) == before
 
 
-def test_a_report_of_nothing_is_refused_and_nothing_is_written(tmp_path, capsys):
+def test_a_report_of_an_empty_folder_is_refused_and_nothing_is_written(tmp_path, capsys):
     assert cli.main(["report", str(tmp_path)]) == 2
     assert "holds no experiment of musebot's" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

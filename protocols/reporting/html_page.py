@@ -1,0 +1,136 @@
+"""The report as HTML: what `report.html.jinja` shows, in one file that needs no other."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import mimetypes
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup, escape
+
+from ..analysis.claims import ClaimResult
+from ..analysis.paper_tables import column, paper_column, row_names
+from ..experiment.conditions import Condition
+from ..results.run import Run
+from . import labels, tables
+from .style import colour
+
+_TEMPLATE = Path(__file__).with_name("report.html.jinja")
+_COLUMNS = 3  # conditions next to each other, on the screen of a telephone
+
+
+@dataclasses.dataclass(frozen=True)
+class Medium:
+    """A figure or a film of the page.
+
+    Attributes:
+      path: File, a .png or an .mp4.
+      title: Its heading; empty for none.
+      caption: What it shows.
+    """
+
+    path: Path
+    title: str
+    caption: str
+
+    @property
+    def uri(self) -> str:
+        """The content of the file as a data URI."""
+        kind, _ = mimetypes.guess_type(self.path.name)
+        return f"data:{kind};base64,{base64.b64encode(self.path.read_bytes()).decode()}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """A cell of a table on the page: our value, its interval, and the paper's value."""
+
+    ours: str
+    interval: str
+    paper: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table of the page.
+
+    Attributes:
+      columns: Name and colour of each column.
+      rows: Name and cells of each row.
+    """
+
+    columns: Sequence[tuple[str, str]]
+    rows: Sequence[tuple[str, Sequence[Cell]]]
+
+
+def page(
+    run: Run,
+    results: Sequence[ClaimResult],
+    figures: Sequence[Medium],
+    films: Sequence[Medium],
+    missing: str,
+) -> str:
+    """Returns the page.
+
+    Args:
+      run: The run.
+      results: Results of the claims; the section is left out without any.
+      figures: Figures, in order.
+      films: Films, in order.
+      missing: Sentence about missing films; empty for none.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATE.parent),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["emphasis"] = _emphasis
+    experiment = run.experiment
+    return environment.get_template(_TEMPLATE.name).render(
+        facts=_facts(run),
+        tables={labels.title(t, experiment): [*_tables(run, t)] for t in run.tasks()},
+        tables_note=tables.NOTE,
+        claims={
+            title: [result for result in results if result.claim.task == task]
+            for task, title in labels.TITLES.items()
+        },
+        claims_note=tables.claims_note(experiment) if results else "",
+        figures=figures,
+        films=films,
+        missing=missing,
+    )
+
+
+def _facts(run: Run) -> list[str]:
+    simulators = {"mujoco": "in MuJoCo", "kinematic": "in the kinematic simulator"}
+    robots = sum(len(run.robots(condition)) for condition in run.conditions())
+    facts = [simulators[run.experiment.body], f"{robots} robots", f"seed {run.experiment.seed}"]
+    return [*facts, *labels.particulars(run.experiment)]
+
+
+def _tables(run: Run, task: str) -> Iterator[Table]:
+    """Yields a table, or several if the task has many conditions."""
+    proposers = run.proposers(task)
+    for first in range(0, len(proposers), _COLUMNS):
+        group = proposers[first : first + _COLUMNS]
+        columns = [_column(run, Condition(task, proposer)) for proposer in group]
+        names = [*row_names(task), tables.VARIATION]
+        rows = [*zip(names, zip(*columns, strict=True), strict=True)]
+        yield Table([(proposer, colour(proposer)) for proposer in group], rows)
+
+
+def _column(run: Run, condition: Condition) -> list[Cell]:
+    ours, paper = column(run, condition), paper_column(run.experiment, condition)
+    own = [*tables.cells(ours), tables.variation_cell(ours, paper)]
+    theirs = [value for value, _ in tables.cells(paper)] if paper else [""] * (len(own) - 1)
+    return [Cell(*cell, other) for cell, other in zip(own, [*theirs, ""], strict=True)]
+
+
+def _emphasis(text: str) -> Markup:
+    """Returns escaped text in which *words* between stars are emphasised."""
+    return Markup(re.sub(r"\*(.+?)\*", r"<em>\1</em>", str(escape(text))))

@@ -1,0 +1,53 @@
+"""Labels: titles of tables, and an experiment in a few words."""
+
+from __future__ import annotations
+
+from ..experiment.experiment import Experiment, differing
+from ..experiment.schedules import TASK_NAMES
+from ..results.run import Run
+
+TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
+_STATED_APART = ("seed", "cohort_size", "time_scale", "protocol")  # or not at all
+
+
+def title(task: str, experiment: Experiment, *others: Experiment) -> str:
+    """Returns the title of a table, with every particular that all its runs share.
+
+    Args:
+      task: Task of the table.
+      experiment: Experiment of a run.
+      *others: Experiments of further runs in the same table.
+    """
+    name = TITLES[task] if experiment.protocol == "paper" else TASK_NAMES[task]
+    theirs = [particulars(other) for other in others]
+    facts = [fact for fact in particulars(experiment) if all(fact in other for other in theirs)]
+    return ", ".join([name, *facts])
+
+
+def particulars(experiment: Experiment) -> list[str]:
+    """Returns every field of an experiment that is not the default, but for seed and cohorts."""
+    found = [f"protocol: {experiment.protocol}"] if experiment.protocol != "paper" else []
+    if experiment.brain_name != "paper":
+        found.append(f"brain: {experiment.brain_name}")
+    others = differing(experiment, Experiment(brain=experiment.brain))
+    found += [
+        f"{name.removeprefix('kinematics.').replace('_', ' ')}: {value}"
+        for name, (value, _) in others.items()
+        if name not in _STATED_APART
+    ]
+    if experiment.time_scale != 1:
+        found.append(f"all durations times {experiment.time_scale:g}")
+    return found
+
+
+def short_name(proposer: str) -> str:
+    """Returns the name of a proposer, or the last part of the name of an agent's factory."""
+    return proposer.rpartition(":")[2]
+
+
+def described(run: Run) -> str:
+    """Returns a line of Markdown with a run's brain and every field that is not the default."""
+    experiment = run.experiment
+    fields = differing(experiment, Experiment(brain=experiment.brain))
+    others = "".join(f", {name} {value}" for name, (value, _) in fields.items())
+    return f"- {run.name}: brain {experiment.brain_name}{others}"

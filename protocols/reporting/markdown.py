@@ -1,0 +1,47 @@
+"""Markdown: tables, and numbers with their intervals as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..analysis import intervals
+from ..analysis.intervals import Interval
+
+
+def line(row: Sequence[str]) -> str:
+    """Returns a row of a table."""
+    return "| " + " | ".join(row) + " |"
+
+
+def table(rows: Sequence[Sequence[str]], align: str = "") -> list[str]:
+    """Returns the lines of a table.
+
+    Args:
+      rows: Cells of each row, the head first.
+      align: A letter for each column, l for left and r for right; empty for the first column left
+        and all others right.
+    """
+    align = align or "l" + "r" * (len(rows[0]) - 1)
+    rule = ["---:" if letter == "r" else "---" for letter in align]
+    return [line(rows[0]), line(rule), *map(line, rows[1:])]
+
+
+def number(value: float) -> str:
+    """Returns a number with four decimals; a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.4f}"
+
+
+def bracket(interval: Interval, percent: bool = False) -> str:
+    """Returns an interval in brackets; empty for an unknown one."""
+    low, high = interval
+    if math.isnan(low) or math.isnan(high):
+        return ""
+    return f"[{low:.0%}, {high:.0%}]" if percent else f"[{low:.3f}, {high:.3f}]"
+
+
+def mean_cell(values: np.ndarray) -> str:
+    """Returns the mean of some values, with its 95 % interval in brackets if it is known."""
+    return f"{values.mean():.3f} {bracket(intervals.mean(values))}".strip()
