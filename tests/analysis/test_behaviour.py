@@ -1,0 +1,112 @@
+"""What robots do, measured from tracks made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from musebot.protocols.analysis.behaviour import Track, spins, stay_of
+
+R = 0.06  # [m]; radius of the spot
+
+
+def poses(seconds, speed=0.0, turn=0.0, radius=None):
+    """A robot that moves at `speed` (m/s) straight, or in a circle, and turns at `turn` (rad/s)."""
+    time = np.arange(10 * seconds + 1) / 10
+    angle = turn * time
+    if radius:
+        x, y = radius * np.cos(angle), radius * np.sin(angle)
+    else:
+        x, y = speed * time, 0 * time
+    return np.stack([x, y, (angle + np.pi) % (2 * np.pi) - np.pi], axis=1)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("track", "expected"),
+    [
+        (poses(5, turn=4.0), True),
+        (poses(5, turn=-8.0), True),
+        (poses(5), False),
+        (poses(5, speed=0.2), False),
+        (poses(5, turn=0.5), False),
+        (poses(5, speed=0.05, turn=4.0), False),
+        (poses(5, turn=3.0, radius=0.005), True),
+        (poses(5, turn=2.0, radius=0.1), False),
+    ],
+)
+def test_robot_that_turns_without_moving_spins(track, expected):
+    assert spins(track).tolist() == [[expected]] * 5
+
+
+def test_spinning_is_measured_for_every_second_and_robot():
+    first, second = poses(2, turn=4.0), poses(2, speed=0.1)
+    second[-1, :, :2] += second[-1, :, :2] - second[-2, :, :2]
+    assert spins(np.concatenate([first, second], axis=1)).tolist() == [[True, False]] * 2
+
+
+def test_track_shorter_than_a_second_counts_as_one_second():
+    assert spins(poses(1, turn=4.0)[:6]).shape == (1, 1)
+
+
+def at_the_spot(*parts):
+    """A robot's track of parts: seconds, distance of its nose from the spot, speed, turn."""
+    path, nose = [np.zeros((1, 1, 3))], []
+    for seconds, distance, speed, turn in parts:
+        path.append(path[-1][-1:] + poses(seconds, speed, turn)[1:])
+        nose += [[[distance, 0.0]]] * (10 * seconds)
+    whole = np.concatenate(path)
+    return Track(whole, np.zeros((len(nose), 1), dtype=bool), np.zeros(2), np.array(nose))
+
+
+FOLLOW, SPIN, AWAY = (R + 0.01, 0.1, 0.0), (0.02, 0.0, 4.0), (0.4, 0.1, 0.0)
+
+
+def test_robot_follows_the_contour_first_and_spins_inside_later():
+    stay = stay_of(at_the_spot((60, *FOLLOW), (60, *SPIN)), R)
+    assert stay.staying.tolist() == [True]
+    np.testing.assert_allclose(stay.following, [[1, 0]])
+    np.testing.assert_allclose(stay.spinning, [[0, 1]])
+    np.testing.assert_allclose(stay.minutes, [[0, 1, 0], [1, 0, 1]])
+
+
+def test_time_away_from_the_spot_does_not_count():
+    parts = (30, *AWAY), (30, *SPIN), (60, *AWAY), (30, *FOLLOW), (30, *AWAY)
+    stay = stay_of(at_the_spot(*parts), R)
+    np.testing.assert_allclose(stay.spinning, [[1, 0]])
+    np.testing.assert_allclose(stay.following, [[0, 1]])
+    np.testing.assert_allclose(stay.minutes, [[0, 0, 1], [1, np.nan, np.nan], [2, 1, 0]])
+
+
+def test_robot_that_leaves_at_once_does_not_stay():
+    stay = stay_of(at_the_spot((5, *SPIN), (95, *AWAY)), R)
+    assert stay.staying.tolist() == [False]
+    never = stay_of(at_the_spot((100, *AWAY)), R)
+    assert never.staying.tolist() == [False]
+    assert np.isnan(never.following).all()
+
+
+def test_minutes_are_those_of_staying_robots():
+    stayer, leaver = at_the_spot((100, *FOLLOW)), at_the_spot((5, *SPIN), (95, *AWAY))
+    both = [
+        np.concatenate([getattr(track, name) for track in (stayer, leaver)], axis=1)
+        for name in ("poses", "events", "nose")
+    ]
+    stay = stay_of(Track(both[0], both[1], np.zeros(2), both[2]), R)
+    assert stay.staying.tolist() == [True, False]
+    np.testing.assert_allclose(stay.minutes, [[0, 1, 0], [1, 1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("part", "following", "spinning"),
+    [
+        ((R, 0.0, 0.0), 0, 0),  # stationary at the rim
+        ((0.02, 0.1, 0.0), 0, 0),  # moves through the spot
+        ((R + 0.01, 0.0, 4.0), 0, 0),  # spins outside
+        ((R - 0.01, 0.1, 0.0), 1, 0),
+        ((R - 0.01, 0.0, 4.0), 0, 1),
+    ],
+)
+def test_motion_and_distance_decide_between_following_and_spinning(part, following, spinning):
+    stay = stay_of(at_the_spot((30, *part)), R)
+    np.testing.assert_allclose(stay.following, [[following] * 2])
+    np.testing.assert_allclose(stay.spinning, [[spinning] * 2])

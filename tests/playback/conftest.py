@@ -1,0 +1,118 @@
+"""A small run, policies with random weights and a check for EGL, for the tests of playback."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from musebot.protocols.agents import ppo
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import write_manifest
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.playback.stored_brains import StoredRobot
+from musebot.protocols.results.results import collect
+from musebot.protocols.results.run import Run
+from musebot.protocols.results.run_files import write_results
+from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.storage import save_arrays
+from musebot.tasks.suite import TASKS
+
+EXPERIMENT = Experiment(time_scale=0.002, cohort_size=3)
+CONDITIONS = (
+    Condition("wall_avoidance", "fixed"),
+    Condition("wall_avoidance", "creative"),
+    Condition("spot_finding", "creative"),
+)
+PLAN = Plan.of(EXPERIMENT, CONDITIONS, robots=3)
+
+
+@pytest.fixture(scope="session")
+def run() -> Run:
+    """A run with three robots in each of three conditions."""
+    lives = []
+    for key in PLAN.cohorts():
+        cohort = Cohort(EXPERIMENT, key)
+        cohort.advance(cohort.steps)
+        lives.append((key, cohort.lives()))
+    return Run("run", EXPERIMENT, collect(EXPERIMENT, lives))
+
+
+@pytest.fixture(scope="session")
+def directory(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the run."""
+    directory = tmp_path_factory.mktemp("run")
+    write_manifest(directory, PLAN)
+    write_results(directory, run.results)
+    return directory
+
+
+@pytest.fixture(scope="session")
+def invalid(run: Run) -> Run:
+    """The run with all robots invalid."""
+    results = {
+        condition: dataclasses.replace(
+            part, robots=[dataclasses.replace(row, category="invalid") for row in part.robots]
+        )
+        for condition, part in run.results.items()
+    }
+    return dataclasses.replace(run, results=results)
+
+
+@pytest.fixture(scope="session")
+def stored(run: Run) -> Callable[..., StoredRobot]:
+    """Makes a stored robot of the run, by default a creative one of wall avoidance after training.
+
+    Changes of `task` and `proposer` choose the condition; others are fields of `StoredRobot`.
+    """
+
+    def stored(**changes) -> StoredRobot:
+        names = (changes.pop("task", "wall_avoidance"), changes.pop("proposer", "creative"))
+        robot = StoredRobot(run, Condition(*names), 0, "post")
+        return dataclasses.replace(robot, **changes)
+
+    return stored
+
+
+@pytest.fixture(scope="session")
+def newborn() -> Callable[[str], ppo.Policies]:
+    """Makes two policies of a task with random weights, which differ before and after training."""
+
+    def newborn(task: str) -> ppo.Policies:
+        random = np.random.default_rng(0)
+        sensors = sum(n for n, *_ in TASKS[task].rules.shapes.values())
+        arrays = {}
+        for when in ("before", "after"):
+            for layer, (outputs, inputs) in enumerate([(8, sensors), (8, 8), (2, 8)]):
+                weights = random.normal(size=(2, outputs, inputs))
+                arrays[f"{when}.{layer}.weights"] = weights.astype(np.float32)
+                arrays[f"{when}.{layer}.biases"] = random.normal(size=(2, outputs)).astype("f4")
+        return ppo.Policies(task, arrays)
+
+    return newborn
+
+
+@pytest.fixture(scope="session")
+def policy_file(newborn: Callable[[str], ppo.Policies]) -> Callable[[str, Path], Path]:
+    """Writes policies of a task into a file."""
+
+    def policy_file(task: str, path: Path) -> Path:
+        save_arrays(path, newborn(task).arrays, task=task)
+        return path
+
+    return policy_file
+
+
+@pytest.fixture(scope="session")
+def egl() -> None:
+    """Skips a test where nothing can be rendered."""
+    command = [sys.executable, "-m", "musebot.protocols.playback.offscreen"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"no EGL here: {done.stderr.strip()}")

@@ -1,0 +1,119 @@
+"""Stored robots: their brains, and the tests that they repeat."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+from musebot.controller import BRAINS, Parameters
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
+from musebot.protocols.playback.episode import Moment
+from musebot.protocols.playback.stored_brains import StoredRobot, stored_brains
+from musebot.protocols.results.results import collect
+from musebot.protocols.results.run import Run
+from musebot.protocols.simulation.cohort import Cohort
+
+
+def moments_of(robot: StoredRobot) -> list[Moment]:
+    return list(robot.episode().moments())
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"task": "dancing"}, "the task must be one of"),
+        ({"proposer": "muse"}, "the proposer must be one of"),
+        ({"proposer": "random"}, "the run has no robots of wall_avoidance/random; it has"),
+        ({"proposer": "a.module:agent"}, "have a stored brain, got a.module:agent"),
+        ({"robot": 3}, "are 0 to 2, got 3"),
+        ({"robot": -1}, "are 0 to 2, got -1"),
+        ({"phase": "training"}, "the phase must be one of"),
+        ({"seed": -1}, "the seed must lie in"),
+    ],
+)
+def test_robot_that_does_not_exist_is_refused_in_one_sentence(stored, changes, sentence):
+    with pytest.raises(InputError, match=sentence):
+        stored(**changes).episode()
+
+
+def test_invalid_robot_is_refused(stored, invalid):
+    with pytest.raises(InputError, match="is invalid"):
+        stored(run=invalid).episode()
+
+
+@pytest.mark.parametrize(("phase", "when"), [("pre", "before"), ("post", "after")])
+def test_brain_is_the_robots_own_from_before_or_after_training(run, stored, phase, when):
+    brain = stored(task="spot_finding", robot=1, phase=phase).brain()
+    networks = brain.controller.networks()
+    whole = run.networks(Condition("spot_finding", "creative"), when)
+    assert networks.keys() == whole.keys()
+    for name, tensor in networks.items():
+        np.testing.assert_array_equal(tensor.numpy(), whole[name][1:2])
+
+
+def test_brain_beyond_the_paper_does_what_it_did_in_the_run(run):
+    experiment = dataclasses.replace(run.experiment, brain=BRAINS["steady"])
+    condition = Condition("spot_finding", "fixed")
+    key = CohortKey(condition, 0)
+    cohort = Cohort(experiment, key)
+    cohort.advance(cohort.steps)
+    other = Run("steady", experiment, collect(experiment, [(key, cohort.lives())]))
+    again = stored_brains(other, condition, [(i, "after") for i in range(3)], 0)
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        nose = random.uniform(0, 10 / 11, (3, 1)).astype(np.float32)
+        np.testing.assert_array_equal(again.act(nose, False), cohort.agent.act(nose, False))
+
+
+def test_brain_of_another_shape_is_refused(run, stored):
+    experiment = dataclasses.replace(run.experiment, brain=Parameters(memory_hidden=6))
+    with pytest.raises(ValueError, match="must have shape"):
+        stored(run=dataclasses.replace(run, experiment=experiment)).brain()
+
+
+def test_episode_lasts_a_test_from_its_start(stored):
+    moments = moments_of(stored(task="spot_finding", robot=1))
+    times = [moment.time for moment in moments]
+    np.testing.assert_allclose(times, 0.1 * np.arange(1 + round(3600 * 0.002 / 0.1)))
+    np.testing.assert_allclose(moments[0].pose, UPPER_LEFT, atol=1e-12)
+    assert (moments[0].event, moments[0].event_seconds) == (False, 0.0)
+    for moment, after in zip(moments[:-1], moments[1:], strict=True):
+        assert after.event_seconds - moment.event_seconds == pytest.approx(0.1 * after.event)
+
+
+def test_spot_is_where_the_test_places_it(stored):
+    for moment in moments_of(stored(task="spot_finding", robot=1, phase="pre")):
+        np.testing.assert_array_equal(moment.spot, UPPER_RIGHT[:2])
+
+
+def test_episode_does_not_change_the_brain(stored):
+    brain = stored(robot=1).brain()
+    before = {name: tensor.clone() for name, tensor in brain.controller.networks().items()}
+    act = functools.partial(brain.act, learning=False)
+    assert len([*dataclasses.replace(stored(robot=1).episode(), act=act).moments()]) > 1
+    for name, tensor in brain.controller.networks().items():
+        np.testing.assert_array_equal(tensor, before[name])
+
+
+def test_act_neither_learns_nor_explores(stored):
+    act = stored(robot=1).act()
+    assert act.keywords == {"learning": False}
+
+
+def path(robot: StoredRobot) -> np.ndarray:
+    return np.array([[*moment.pose, *moment.motors] for moment in moments_of(robot)])
+
+
+def test_same_seed_gives_the_same_episode_and_another_seed_another(stored):
+    np.testing.assert_array_equal(path(stored(robot=1)), path(stored(robot=1)))
+    assert not np.array_equal(path(stored(robot=1)), path(stored(robot=1, seed=1)))
+
+
+def test_fixed_proposer_has_no_noise_that_depends_on_the_seed(stored):
+    first, second = (path(stored(robot=1, proposer="fixed", seed=seed)) for seed in (0, 1))
+    np.testing.assert_array_equal(first, second)
