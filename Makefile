@@ -1,4 +1,4 @@
-# `make run` and `make test` need nothing but Python 3.11 or newer: the first of them sets up .venv.
+# `make run` and `make test` require only Python 3.11 or newer: the first one creates .venv.
 
 PYTHON ?= python3
 VENV   := .venv
@@ -10,20 +10,20 @@ DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post --seconds 30
 
-# $(call apt_install,PACKAGES,WHY), for use inside a shell command.
+# $(call apt_install,PACKAGES,PURPOSE), for use inside a shell command.
 apt_install = { \
 	command -v apt-get >/dev/null || { \
-	  echo "No apt-get here: for $(2), install what Debian calls $(1) your own way." >&2; false; }; \
+	  echo "apt-get not found: for $(2), install the equivalents of Debian's $(1)." >&2; false; }; \
 	} && $(SUDO) apt-get update && \
 	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $(1)
 
 .DEFAULT_GOAL := help
 .PHONY: help run test lint gym cluster clean
 
-help:  ## list these targets
+help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-run: $(READY)  ## eight creative robots live through both tasks, then a film of each, in runs/demo
+run: $(READY)  ## simulate 8 creative robots in both tasks and film one of each, in runs/demo
 	$(VENV)/bin/musebot run $(DEMO) --robots 8 --proposer creative
 	mkdir -p $(DEMO)/films
 	$(FILM) --task wall_avoidance --speed 4 --output $(DEMO)/films/wall_avoidance.mp4
@@ -37,21 +37,21 @@ lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
-gym: $(READY)  ## Gymnasium and Stable-Baselines3, into .venv
+gym: $(READY)  ## install Gymnasium and Stable-Baselines3 in .venv
 	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt
 
-cluster: $(READY)  ## Ray, into .venv
+cluster: $(READY)  ## install Ray in .venv
 	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt
 
-clean:  ## remove .venv and caches, never runs/
+clean:  ## remove .venv, builds and caches; keep runs/
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
 
-# Without EGL everything but pictures works, so its absence warns and goes on. Torch comes first, with
-# what its build for this machine needs; the rest is exactly constraints.txt, which leaves out labmaze
-# where it cannot be built (a plain `pip install -e .` would insist on it, for dm-control's mazes).
+# Only images and films need EGL, so its absence is a warning. Torch is installed first, with the
+# dependencies of its build for this machine. The rest is exactly constraints.txt, which omits labmaze
+# where it cannot be built; a plain `pip install -e .` would require it for dm-control's mazes.
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "Musebot needs Python 3.11 or newer: name one with 'make PYTHON=/path/to/python3'." >&2; \
+	  echo "Musebot requires Python 3.11 or newer: 'make PYTHON=/path/to/python3' selects one." >&2; \
 	  exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
 	  venv=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
@@ -59,28 +59,28 @@ $(READY): pyproject.toml constraints.txt
 	@[ "$$(uname)" != Linux ] || { \
 	  found=$$(PATH=$$PATH:/usr/sbin:/sbin ldconfig -p); \
 	  echo "$$found" | grep -q 'libEGL\.so\.1' && echo "$$found" | grep -q 'libEGL_.*\.so\.0'; } || { \
-	  $(call apt_install,libegl1 libegl-mesa0 libgl1-mesa-dri,pictures and films); } || \
-	  echo "Going on without EGL: 'musebot film' will not work yet." >&2
+	  $(call apt_install,libegl1 libegl-mesa0 libgl1-mesa-dri,images and films); } || \
+	  echo "Continuing without EGL: 'musebot film' will not work." >&2
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install -c constraints.txt torch
 	$(VENV)/bin/pip install --no-deps -r constraints.txt -e .
 	@touch $@
 
-# Only the test of the report opens a browser, and skips itself without one: 113 MB to fetch.
+# Only the report's test needs a browser (113 MB); it is skipped without one.
 $(CHROMIUM): $(READY)
 	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || \
-	{ $(call apt_install,chromium,the test of the report); } || \
-	  echo "Going on without chromium: the report will not be opened in a browser." >&2
+	{ $(call apt_install,chromium,the report's test); } || \
+	  echo "Continuing without chromium: the report's test in a browser will be skipped." >&2
 	@touch $@
 
-# A quarter of a gigabyte that only the tests of the cluster need: they skip themselves without it.
+# Only the cluster's tests need Ray (250 MB); they are skipped without it.
 $(RAY): $(READY) constraints-cluster.txt
 	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt || \
-	  echo "Going on without Ray: the tests of the cluster will be skipped." >&2
+	  echo "Continuing without Ray: the cluster's tests will be skipped." >&2
 	@touch $@
 
-# Likewise what only users of Gymnasium need.
+# Only users of Gymnasium need it; its tests are skipped without it.
 $(GYM): $(READY) constraints-gym.txt
 	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt || \
-	  echo "Going on without Gymnasium: the tests of its doors will be skipped." >&2
+	  echo "Continuing without Gymnasium: the tests of its interfaces will be skipped." >&2
 	@touch $@

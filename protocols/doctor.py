@@ -1,4 +1,4 @@
-"""What is installed here, what draws, and what is missing and how to get it."""
+"""Checks of the installation: versions, rendering, hardware, and the remedy for what is missing."""
 
 from __future__ import annotations
 
@@ -11,36 +11,44 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
-from types import ModuleType
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-# Nothing of musebot's is imported until it is looked at: the doctor must be well where a
-# package is missing.
+from .errors import EGL_REMEDY
 
-# What pyproject.toml asks for and has no look of its own below: a module to import, and the
-# requirement.
-_PACKAGES = {
-    "dm-control": ("dm_control.suite.base", "dm-control>=1.0.50"),
-    "numpy": ("numpy", "numpy>=2"),
-    "scipy": ("scipy.stats", "scipy>=1.15"),
-    "safetensors": ("safetensors.numpy", "safetensors"),
-    "matplotlib": ("matplotlib.figure", "matplotlib"),
-    "pillow": ("PIL.Image", "pillow"),
-    "tyro": ("tyro", "tyro"),
-    "rich": ("rich", "rich"),
+# Musebot's own modules are imported by the check that needs them: the doctor must also work
+# where a package is missing.
+
+Probe = Callable[[], str]  # returns what was found, or raises Missing
+
+# Modules that load a package's compiled part, where the top module does not.
+_MODULES = {
+    "dm-control": "dm_control.suite.base",
+    "matplotlib": "matplotlib.figure",
+    "pillow": "PIL.Image",
+    "safetensors": "safetensors.numpy",
+    "scipy": "scipy.stats",
 }
-EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
-_PROBE_SECONDS = 120  # a first picture takes seconds where a processor draws; a hang must end
+_OPTIONAL = {  # package: extra of musebot, and what needs it
+    "ray": ("cluster", "`musebot run --engine ray`"),
+    "gymnasium": ("gym", "the Gymnasium interfaces"),
+}
+_PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a hang must end
 
 
-class _Missing(Exception):
-    """Something needed is not there; the text says what, the remedy how to get it."""
+class Missing(Exception):
+    """Something required is missing.
+
+    Attributes:
+      remedy: Command that installs it.
+    """
 
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)
@@ -48,136 +56,182 @@ class _Missing(Exception):
 
 
 @dataclasses.dataclass(frozen=True)
-class Finding:
+class Check:
     """A line of the report.
 
     Attributes:
-      name: of what was looked at.
-      text: what was found.
-      remedy: the command that gets what is missing; empty where nothing needed is.
-      good: whether what is needed is there.
+      name: What was checked.
+      text: What was found.
+      remedy: Command that installs what is missing; empty if nothing required is missing.
+      passed: Whether nothing required is missing.
     """
 
     name: str
     text: str
     remedy: str = ""
-    good: bool = True
+    passed: bool = True
 
 
-def report() -> int:
-    """Prints what was found.
+def report(probes: Mapping[str, Probe] | None = None) -> int:
+    """Prints all checks.
+
+    Args:
+      probes: Probes by name; None for all.
 
     Returns:
-      0 if everything that is needed is there, else 1.
+      Exit status: 0 if nothing required is missing, else 1.
     """
-    findings = list(examine())
+    checks = list(examine(all_probes() if probes is None else probes))
     table = Table(box=box.SIMPLE_HEAD, show_header=False, pad_edge=False)
-    for finding in findings:
-        mark = Text("ok", "green") if finding.good else Text("MISSING", "bold red")
-        table.add_row(finding.name, mark, Text(finding.text))
-    # Where the output is no terminal, width must not cut a command in two.
+    for check in checks:
+        mark = Text("ok", "green") if check.passed else Text("MISSING", "bold red")
+        table.add_row(check.name, mark, Text(check.text))
+    # A fixed width keeps commands whole where the output is not a terminal.
     console = Console() if sys.stdout.isatty() else Console(width=160)
     console.print(table)
-    missing = [finding for finding in findings if not finding.good]
-    for finding in missing:
-        print(f"{finding.name} is missing; to get it: {finding.remedy}")
+    missing = [check for check in checks if not check.passed]
+    for check in missing:
+        print(f"{check.name} is missing. Remedy: {check.remedy}")
     if not missing:
-        print("Everything that musebot needs is here.")
+        print("Nothing that musebot requires is missing.")
     return 1 if missing else 0
 
 
-def examine() -> Iterable[Finding]:
-    """Looks at one thing after another."""
-    for name, look in _LOOKS.items():
+def examine(probes: Mapping[str, Probe]) -> Iterator[Check]:
+    """Runs one probe after another."""
+    for name, probe in probes.items():
         try:
-            yield Finding(name, look())
-        except _Missing as missing:
-            yield Finding(name, str(missing), missing.remedy, good=False)
+            yield Check(name, probe())
+        except Missing as missing:
+            yield Check(name, str(missing), missing.remedy, passed=False)
+
+
+def all_probes() -> dict[str, Probe]:
+    """Returns every probe by its name, in the order of the report."""
+    try:
+        lines = metadata.requires("musebot") or []
+    except metadata.PackageNotFoundError:
+        packages: dict[str, Probe] = {"musebot": _not_installed}
+    else:
+        packages = package_probes(lines)
+    return {
+        "Python": _python,
+        **packages,
+        **{name: functools.partial(_optional, name) for name in _OPTIONAL},
+        "EGL": _egl,
+        "display": _display,
+        "cores": _cores,
+        "memory": _memory,
+        "physics": _physics,
+    }
+
+
+def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
+    """Returns a probe for each required package.
+
+    Args:
+      lines: Requirements in the form of PEP 508. Those of extras, and of other platforms and
+        Python versions, are left out.
+    """
+    requirements = [Requirement(line) for line in lines]
+    return {
+        requirement.name: functools.partial(_package, requirement)
+        for requirement in requirements
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+    }
+
+
+def _not_installed() -> str:
+    raise Missing("not installed, so its requirements are unknown", "pip install -e .")
 
 
 def _python() -> str:
     return f"{platform.python_version()} ({sys.executable})"
 
 
-def _imported(module: str, package: str) -> ModuleType:
+def _package(requirement: Requirement) -> str:
+    extras = f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
+    remedy = f"pip install '{requirement.name}{extras}{requirement.specifier}'"
+    name = canonicalize_name(requirement.name)
     try:
-        return importlib.import_module(module)
+        version = metadata.version(name)
+    except metadata.PackageNotFoundError as error:
+        raise Missing("not installed", remedy) from error
+    if not requirement.specifier.contains(version, prereleases=True):
+        raise Missing(f"version must be {requirement.specifier}, got {version}", remedy)
+    try:
+        importlib.import_module(_MODULES.get(name, name.replace("-", "_")))
     except Exception as error:  # a broken installation can raise anything
-        raise _Missing(
-            f"cannot be imported ({type(error).__name__}: {error})", f"pip install '{package}'"
-        ) from error
+        reason = f"cannot be imported ({type(error).__name__}: {error})"
+        raise Missing(reason, f"{remedy} --force-reinstall") from error
+    details = _DETAILS.get(name)
+    return details(version, remedy) if details else version
 
 
-def _mujoco() -> str:
-    version = _imported("mujoco", "mujoco>=3.17,<3.18").__version__
+def _mujoco(version: str, remedy: str) -> str:
     from ..models import check_versions
 
     try:
         check_versions()
     except ImportError as error:
-        raise _Missing(str(error), "pip install 'mujoco>=3.17,<3.18'") from error
+        raise Missing(str(error), remedy) from error
     return version
 
 
-def _package(name: str) -> str:
-    _imported(*_PACKAGES[name])
-    return metadata.version(name)
+def _torch(version: str, remedy: str) -> str:
+    import torch
+
+    return f"{version}, {torch.get_num_threads()} threads (a run uses one a process)"
 
 
-def _torch() -> str:
-    torch = _imported("torch", "torch>=2.6")
-    return f"{torch.__version__}, {torch.get_num_threads()} threads (a run uses one a process)"
+def _ffmpeg(version: str, remedy: str) -> str:
+    import imageio_ffmpeg
+
+    try:
+        return f"{version}, ffmpeg {imageio_ffmpeg.get_ffmpeg_version()}"
+    except RuntimeError as error:
+        raise Missing(str(error), f"{remedy} --force-reinstall") from error
+
+
+_DETAILS = {"mujoco": _mujoco, "torch": _torch, "imageio-ffmpeg": _ffmpeg}
+
+
+def _optional(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        extra, use = _OPTIONAL[name]
+        return f"not installed, optional; for {use}: pip install 'musebot[{extra}]'"
 
 
 def _egl() -> str:
     if sys.platform != "linux":
-        raise _Missing(f"no EGL on {sys.platform}", "make films on Linux")
-    # In a process of its own: a driver's crash must not be ours.
-    package = f"{__package__}.playback"
+        raise Missing(f"no EGL on {sys.platform}", "make films on Linux")
+    # A process of its own, because a graphics driver can crash.
+    command = [sys.executable, "-m", f"{__package__}.playback.offscreen"]
     environment = os.environ | {"MUJOCO_GL": "off"}
     try:
         done = subprocess.run(
-            [sys.executable, "-m", f"{package}.offscreen"],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=_PROBE_SECONDS,
+            command, env=environment, capture_output=True, text=True, timeout=_PROBE_SECONDS
         )
     except subprocess.TimeoutExpired as error:
-        raise _Missing(f"no picture within {_PROBE_SECONDS} s", EGL_REMEDY) from error
+        raise Missing(f"no image within {_PROBE_SECONDS} s", EGL_REMEDY) from error
     if done.returncode < 0:
-        raise _Missing(f"the driver crashed (signal {-done.returncode})", EGL_REMEDY)
+        raise Missing(f"the driver crashed (signal {-done.returncode})", EGL_REMEDY)
     if done.returncode:
         lines = done.stderr.strip().splitlines() or ["no reason given"]
-        raise _Missing(lines[-1], EGL_REMEDY)
+        raise Missing(lines[-1], EGL_REMEDY)
     found = json.loads(done.stdout.splitlines()[-1])
-    return f"{found['renderer']}, {found['ms']:.0f} ms a picture of 640 x 480"
-
-
-def _ray() -> str:
-    # Not needed but for clusters: never missing.
-    try:
-        return metadata.version("ray")
-    except metadata.PackageNotFoundError:
-        return "none, so no `musebot run --engine ray`; pip install 'musebot[cluster]' gets it"
+    return f"{found['renderer']}, {found['ms']:.0f} ms an image of 640 x 480"
 
 
 def _display() -> str:
-    # Not needed but for one verb: never missing.
+    # Never missing: only one verb needs it.
     if sys.platform != "linux":
-        return "as the system has it"
+        return "provided by the system"
     names = [name for name in ("DISPLAY", "WAYLAND_DISPLAY") if os.environ.get(name)]
     found = ", ".join(f"{name}={os.environ[name]}" for name in names)
-    return found or "none, so no `musebot explore`; `musebot film` works without"
-
-
-def _ffmpeg() -> str:
-    module = _imported("imageio_ffmpeg", "imageio-ffmpeg")
-    try:
-        return module.get_ffmpeg_version()
-    except RuntimeError as error:
-        remedy = "pip install --force-reinstall imageio-ffmpeg"
-        raise _Missing(str(error), remedy) from error
+    return found or "none: `musebot explore` needs one, `musebot film` does not"
 
 
 def _cores() -> str:
@@ -191,7 +245,7 @@ def _memory() -> str:
         total, free = (page * os.sysconf(f"SC_{n}PHYS_PAGES") for n in ("", "AV"))
     except (ValueError, OSError, AttributeError):
         return "unknown"
-    return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} of it free"
+    return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
 
 
 def _physics() -> str:
@@ -199,9 +253,9 @@ def _physics() -> str:
         from .. import tasks
 
         physics = tasks.load("arena", "wall_avoidance").physics
-    except Exception as error:  # dm_control and MuJoCo that do not go together say it in many ways
+    except Exception as error:  # incompatible versions of dm_control and MuJoCo raise anything
         reason = f"the arena does not compile ({type(error).__name__}: {error})"
-        raise _Missing(reason, "see mujoco and dm-control, above") from error
+        raise Missing(reason, "see mujoco and dm-control above") from error
     import mujoco
 
     model, data = physics.model.ptr, physics.data.ptr
@@ -216,18 +270,3 @@ def _physics() -> str:
     return (
         f"{1e6 * fastest:.1f} \N{MICRO SIGN}s a step of the arena, {rate:,.0f} x real time a core"
     )
-
-
-_LOOKS: dict[str, Callable[[], str]] = {
-    "Python": _python,
-    "mujoco": _mujoco,
-    "torch": _torch,
-    **{name: functools.partial(_package, name) for name in _PACKAGES},
-    "ray": _ray,
-    "EGL": _egl,
-    "imageio-ffmpeg": _ffmpeg,
-    "display": _display,
-    "cores": _cores,
-    "memory": _memory,
-    "physics": _physics,
-}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 import tomllib
@@ -12,48 +11,60 @@ from types import SimpleNamespace
 
 import mujoco
 import pytest
+from packaging.requirements import Requirement
 
 import musebot
 from musebot import tasks
 from musebot.protocols import doctor
 
-
-@pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is drawn, and everything else is here."""
-    monkeypatch.setitem(doctor._LOOKS, "EGL", lambda: "a picture")
+PROJECT = tomllib.loads((Path(musebot.__file__).parent / "pyproject.toml").read_text())["project"]
+REQUIREMENTS = {Requirement(line).name: line for line in PROJECT["dependencies"]}
 
 
-def finding(name: str) -> doctor.Finding:
-    return next(found for found in doctor.examine() if found.name == name)
+def check(name: str) -> doctor.Check:
+    [found] = doctor.examine({name: doctor.all_probes()[name]})
+    return found
 
 
-def test_command_exits_0_exactly_where_nothing_is_missing(tmp_path) -> None:
+def package(line: str) -> doctor.Check:
+    [found] = doctor.examine(doctor.package_probes([line]))
+    return found
+
+
+def test_command_exits_with_0_exactly_if_nothing_is_missing(tmp_path) -> None:
     command = [sys.executable, "-m", "musebot", "doctor"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode in (0, 1), done.stderr
     assert (done.returncode == 1) == ("MISSING" in done.stdout)
-    for name in doctor._LOOKS:
+    for name in doctor.all_probes():
         assert name in done.stdout
 
 
-def test_sound_machine_is_called_sound(quick: None, capsys: pytest.CaptureFixture) -> None:
-    assert doctor.report() == 0
+def test_report_without_missing_packages_returns_0(capsys: pytest.CaptureFixture) -> None:
+    probes = doctor.all_probes() | {"EGL": lambda: "an image"}
+    assert doctor.report(probes) == 0
     printed = capsys.readouterr().out
     assert "MISSING" not in printed
-    assert "Everything that musebot needs is here." in printed
+    assert "Nothing that musebot requires is missing." in printed
     assert mujoco.__version__ in printed
 
 
-def requirements() -> dict[str, str]:
-    """What pyproject.toml asks for, by the name of the package."""
-    project = tomllib.loads((Path(musebot.__file__).parent / "pyproject.toml").read_text())
-    return {re.split("[<>=]", line)[0]: line for line in project["project"]["dependencies"]}
+def test_every_package_that_musebot_requires_is_checked() -> None:
+    lines = metadata.requires("musebot") or []
+    needed = [Requirement(line).name for line in lines if "extra ==" not in line]
+    assert {"mujoco", "dm-control", "torch"} < set(needed)
+    assert set(needed) < doctor.all_probes().keys()
 
 
-@pytest.mark.parametrize("package", requirements())
-def test_missing_package_is_named_with_the_command_that_gets_it(
-    quick: None, monkeypatch: pytest.MonkeyPatch, package: str
+def test_requirements_of_extras_and_of_other_platforms_are_not_checked() -> None:
+    lines = ["numpy>=2", "ray; extra == 'cluster'", "old; python_version < '3.2'"]
+    lines.append("tomli; python_version >= '3.2'")
+    assert list(doctor.package_probes(lines)) == ["numpy", "tomli"]
+
+
+@pytest.mark.parametrize("name", REQUIREMENTS)
+def test_package_that_cannot_be_imported_has_a_remedy(
+    monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     module = {
         "dm-control": "dm_control.suite.base",
@@ -61,57 +72,82 @@ def test_missing_package_is_named_with_the_command_that_gets_it(
         "pillow": "PIL.Image",
         "safetensors": "safetensors.numpy",
         "scipy": "scipy.stats",
-    }.get(package, package.replace("-", "_"))
+    }.get(name, name.replace("-", "_"))
     monkeypatch.setitem(sys.modules, module, None)
-    found = finding(package)
-    assert not found.good
+    found = package(REQUIREMENTS[name])
+    assert not found.passed
     assert "cannot be imported" in found.text
-    assert found.remedy == f"pip install '{requirements()[package]}'"
+    specifier = Requirement(REQUIREMENTS[name]).specifier
+    assert found.remedy == f"pip install '{name}{specifier}' --force-reinstall"
 
 
-def test_what_is_missing_ends_the_report_with_its_remedy(
-    quick: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    assert doctor.report() == 1
+@pytest.mark.parametrize("name", REQUIREMENTS)
+def test_required_package_of_this_environment_passes(name: str) -> None:
+    found = package(REQUIREMENTS[name])
+    assert found.passed, found.text
+    assert metadata.version(name) in found.text
+
+
+def test_package_that_is_not_installed_has_a_remedy() -> None:
+    found = package("no-such-package[fast]>=2,<3")
+    assert (found.passed, found.text) == (False, "not installed")
+    assert found.remedy == "pip install 'no-such-package[fast]<3,>=2'"
+
+
+def test_package_of_another_version_has_a_remedy() -> None:
+    found = package("numpy>=999")
+    assert (found.passed, found.remedy) == (False, "pip install 'numpy>=999'")
+    assert found.text == f"version must be >=999, got {metadata.version('numpy')}"
+
+
+def test_missing_package_ends_the_report_with_its_remedy(capsys: pytest.CaptureFixture) -> None:
+    assert doctor.report(doctor.package_probes(["numpy", "no-such-package"])) == 1
     printed = capsys.readouterr().out
-    assert "imageio-ffmpeg is missing; to get it: pip install 'imageio-ffmpeg'" in printed
+    assert "no-such-package is missing. Remedy: pip install 'no-such-package'" in printed
+    assert "numpy is missing" not in printed
 
 
-def test_dm_control_that_cannot_read_the_arena_is_told(
-    quick: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_musebot_that_is_not_installed_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(name: str) -> list[str]:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "requires", none)
+    found = check("musebot")
+    assert (found.passed, found.remedy) == (False, "pip install -e .")
+
+
+def test_arena_that_does_not_compile_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise AttributeError("'MjModel' object has no attribute 'flex_vertedge'")
 
     monkeypatch.setattr(tasks, "load", fail)
-    found = finding("physics")
-    assert not found.good
+    found = check("physics")
+    assert not found.passed
     assert "does not compile (AttributeError: 'MjModel' object has no" in found.text
 
 
-def test_ray_is_told_and_never_missing(quick: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_optional_packages_are_reported_and_never_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     def none(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr(doctor.metadata, "version", lambda name: "2.9")
-    assert finding("ray") == doctor.Finding("ray", "2.9")
-    monkeypatch.setattr(doctor, "_LOOKS", {"ray": doctor._ray})
-    monkeypatch.setattr(doctor.metadata, "version", none)
-    found = finding("ray")
-    assert found.good
-    assert "musebot[cluster]" in found.text
+    probes = doctor.all_probes()
+    monkeypatch.setattr(metadata, "version", lambda name: "2.9")
+    [found] = doctor.examine({"ray": probes["ray"]})
+    assert found == doctor.Check("ray", "2.9")
+    monkeypatch.setattr(metadata, "version", none)
+    optional = list(doctor.examine({name: probes[name] for name in ("ray", "gymnasium")}))
+    assert all(found.passed for found in optional)
+    assert "musebot[cluster]" in optional[0].text
+    assert "musebot[gym]" in optional[1].text
 
 
-def test_mujoco_that_dm_control_breaks_with_is_missing(
-    quick: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mujoco_version_that_breaks_dm_control_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mujoco, "__version__", "4.0.0")
-    found = finding("mujoco")
-    assert not found.good
+    found = check("mujoco")
+    assert not found.passed
     assert "got 4.0.0" in found.text
-    assert found.remedy == "pip install 'mujoco>=3.17,<3.18'"
-    assert not finding("physics").good
+    assert found.remedy == "pip install 'mujoco<3.18,>=3.17'"
+    assert not check("physics").passed
 
 
 @pytest.mark.parametrize(
@@ -123,32 +159,32 @@ def test_mujoco_that_dm_control_breaks_with_is_missing(
     ],
 )
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's")
-def test_driver_that_fails_or_crashes_is_survived(
+def test_driver_that_fails_or_crashes_is_missing(
     monkeypatch: pytest.MonkeyPatch, done: SimpleNamespace, text: str
 ) -> None:
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
-    found = finding("EGL")
-    assert (found.good, found.text) == (False, text)
+    found = check("EGL")
+    assert (found.passed, found.text) == (False, text)
     assert found.remedy == "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's")
-def test_driver_that_hangs_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_driver_that_hangs_ends_after_a_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     def hang(*_: object, timeout: float, **__: object) -> None:
         raise subprocess.TimeoutExpired("probe", timeout)
 
     monkeypatch.setattr(subprocess, "run", hang)
-    found = finding("EGL")
-    assert not found.good
-    assert found.text == f"no picture within {doctor._PROBE_SECONDS} s"
+    found = check("EGL")
+    assert not found.passed
+    assert found.text == f"no image within {doctor._PROBE_SECONDS} s"
 
 
-def test_display_is_told_and_never_missing(quick: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_display_is_reported_and_never_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("DISPLAY", ":7")
-    assert "DISPLAY=:7" in finding("display").text
+    assert "DISPLAY=:7" in check("display").text
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    found = finding("display")
-    assert found.good
+    found = check("display")
+    assert found.passed
     assert "none" in found.text

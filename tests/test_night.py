@@ -12,7 +12,7 @@ LIFE = """
 import json, pathlib, sys
 from musebot.protocols.simulation import engine
 from musebot.protocols.simulation import local as processes
-from musebot.protocols.bench.lives import peak_bytes
+from musebot.protocols.bench.workers import peak_bytes
 from musebot.protocols.experiment.experiment import CohortKey, Experiment
 
 processes.prepare_process()

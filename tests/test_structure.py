@@ -3,7 +3,6 @@
 import ast
 import functools
 import re
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -258,14 +257,20 @@ def test_no_public_function_has_too_many_parameters():
 # Lists
 
 
-def test_the_project_installs_every_folder_of_modules():
+def test_setup_finds_every_folder_of_modules_and_no_other():
+    # setup.py finds the folders that have an __init__.py, all the way up, but for the tests.
+    assert 'find_packages(exclude=["tests*"])' in (ROOT / "setup.py").read_text()
     folders = {path.parent for path in modules().values()}
-    names = {".".join(["musebot", *folder.relative_to(ROOT).parts]) for folder in folders}
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    listed = project["tool"]["setuptools"]["packages"]
-    assert sorted(listed) == sorted(names), "pyproject.toml: packages"
     without = [str(f.relative_to(ROOT)) for f in folders if not (f / "__init__.py").exists()]
     assert not without, f"without __init__.py: {without}"
+    found = {
+        path.parent
+        for folder in ROOT.iterdir()
+        if folder.is_dir() and folder.name[0] != "." and folder.name != "tests"
+        for path in folder.rglob("__init__.py")
+    }
+    others = sorted(str(folder.relative_to(ROOT)) for folder in found - folders)
+    assert not others, f"installed, but no package of musebot's: {others}"
 
 
 def test_the_list_of_studies_is_the_first_lines_of_their_docstrings():

@@ -1,1 +1,1 @@
-"""Speed and memory, compared with the raw physics: `musebot bench`."""
+"""Speed and memory, compared with the bare physics: `musebot bench`."""

@@ -1,8 +1,6 @@
-"""What Gymnasium's doors cost: the batch beside bare physics, and beside single environments.
+"""Speed of the Gymnasium interfaces: the batch against bare physics and single environments.
 
-    python -m musebot.protocols.bench_doors --robots 500 --threads 2
-
-Needs the extra `gym`. Where EnvPool is installed, its PointMass stands beside, for scale.
+Needs the extra `gym`. If EnvPool is installed, its PointMass is timed for scale.
 """
 
 from __future__ import annotations
@@ -17,24 +15,27 @@ import gymnasium
 import numpy as np
 
 from ...tasks.gymnasium_env import ArenaVectorEnv
-from ..errors import RunError, run_module
-from .lives import Bare
+from ..errors import RunError
+from .lives import BareRollout
+from .sections import Section
 
 
 @dataclasses.dataclass(frozen=True)
-class Doors:
-    """Measured in turns, so that what else the machine does slows all alike.
+class InterfaceCosts:
+    """Durations of a control step of all robots in [s], for each round.
+
+    All are measured in alternation, so that other load on the machine slows them equally.
 
     Attributes:
-      robots: in the batch.
-      threads: of the batch and of bare physics.
-      substeps: physics steps in a control step.
-      batch: seconds of a control step of all robots, for each round.
-      bare: of the physics alone, from the same states with the same motors: one
-        `mujoco.rollout` a control step, sensors included, arrays laid out before.
-      single: of Gymnasium's SyncVectorEnv of single environments.
-      pool: of as many of EnvPool's PointMass on as many threads, a physics step each; empty
-        where EnvPool is not installed.
+      robots: Number of robots.
+      threads: Threads of the batch and of bare physics.
+      substeps: Physics steps in a control step.
+      batch: The batch that `make_vec` returns.
+      bare: `mujoco.rollout` alone, from the same states with the same motor commands: one call
+        a control step, with sensors, arrays allocated before.
+      single: Gymnasium's SyncVectorEnv of single environments.
+      pool: EnvPool's PointMass with as many environments and threads, one physics step each;
+        empty without EnvPool.
     """
 
     robots: int
@@ -46,55 +47,58 @@ class Doors:
     pool: tuple[float, ...]
 
     @property
-    def of_bare(self) -> float:
-        """The batch's rate in terms of bare physics': the rounds' median."""
+    def over_bare(self) -> float:
+        """Median rate of the batch over that of bare physics."""
         return median(b / a for a, b in zip(self.batch, self.bare, strict=True))
 
     @property
-    def of_single(self) -> float:
-        """The batch's rate in terms of single environments': the rounds' median."""
+    def over_single(self) -> float:
+        """Median rate of the batch over that of single environments."""
         return median(b / a for a, b in zip(self.batch, self.single, strict=True))
 
-    def table(self) -> str:
-        """As Markdown."""
+    def section(self) -> Section:
+        """Returns the rates as Markdown."""
         rows = [
             ("bare `mujoco.rollout`", self.bare, self.substeps),
             ("`make_vec`, the batch", self.batch, self.substeps),
-            ("`SyncVectorEnv` of single ones", self.single, self.substeps),
+            ("`SyncVectorEnv` of single environments", self.single, self.substeps),
         ]
         if self.pool:
             rows.append(("EnvPool's PointMass", self.pool, 1))
-        lines = ["| | control steps a second | physics steps a second |", "| --- | ---: | ---: |"]
+        cells = []
         for name, seconds, substeps in rows:
             rate = self.robots / median(seconds)
-            lines.append(f"| {name} | {rate:,.0f} | {rate * substeps:,.0f} |")
-        lines.append("")
-        lines.append(
-            f"{self.robots} robots, {self.threads} threads, {len(self.batch)} rounds: the batch "
-            f"runs at {self.of_bare:.2f} of bare physics and "
-            f"at {self.of_single:.1f} times single ones."
+            cells.append((name, f"{rate:,.0f}", f"{rate * substeps:,.0f}"))
+        return Section(
+            "Gymnasium interfaces",
+            f"{self.robots} robots, {self.threads} threads, {len(self.batch)} rounds. The batch "
+            f"runs at {self.over_bare:.2f} of the rate of bare physics and at "
+            f"{self.over_single:.1f} times the rate of single environments.",
+            ("", "control steps a second", "physics steps a second"),
+            tuple(cells),
         )
-        return "\n".join(lines)
 
 
-def measure(robots: int, threads: int, rounds: int, steps: int) -> Doors:
+def measure(
+    robots: int = 500, threads: int = 2, rounds: int = 5, steps: int = 10
+) -> InterfaceCosts:
     """Measures wall avoidance with unit actions.
 
     Args:
-      robots: in the batch.
-      threads: of the batch and of bare physics.
-      rounds: how often everything is measured in turn, after one to warm up.
-      steps: control steps of all robots in a round.
+      robots: Number of robots.
+      threads: Threads of the batch and of bare physics; 0 uses the calling thread.
+      rounds: Number of rounds, after one to warm up.
+      steps: Control steps of all robots in a round.
 
     Raises:
-      RunError: bare physics did not arrive where the batch did, to the bit.
+      RunError: Bare physics and the batch ended in different states.
     """
     name = "musebot/WallAvoidanceUnit-v0"
     batch = gymnasium.make_vec(name, robots, threads=threads, max_episode_steps=-1)
     single = gymnasium.make_vec(name, robots, vectorization_mode="sync", max_episode_steps=-1)
     assert isinstance(batch, ArenaVectorEnv)
     inside = batch._batch
-    bare = Bare(inside.model, robots, inside.substeps, threads)
+    bare = BareRollout(inside.model, robots, inside.substeps, threads)
     pool = _pool(robots, threads)
     for vector in (batch, single):
         vector.reset(seed=0)
@@ -105,21 +109,21 @@ def measure(robots: int, threads: int, rounds: int, steps: int) -> Doors:
         start = inside.arrays()["state"]
         taken = {
             "bare": bare.drive(start, actions.astype(float) / 2) / steps,
-            "batch": _drive(batch.step, actions),
-            "single": _drive(single.step, actions),
+            "batch": _step_seconds(batch.step, actions),
+            "single": _step_seconds(single.step, actions),
         }
         if not np.array_equal(bare.state, inside.arrays()["state"]):
-            raise RunError("bare physics did not arrive where the batch did")
+            raise RunError("bare physics did not end in the states of the batch")
         if pool:
-            taken["pool"] = _drive(pool, actions)
+            taken["pool"] = _step_seconds(pool, actions)
         if turn:
             for what, value in taken.items():
                 seconds[what].append(value)
     columns = {what: tuple(values) for what, values in seconds.items()}
-    return Doors(robots, threads, inside.substeps, **columns)
+    return InterfaceCosts(robots, threads, inside.substeps, **columns)
 
 
-def _drive(step: Callable[[np.ndarray], object], actions: np.ndarray) -> float:
+def _step_seconds(step: Callable[[np.ndarray], object], actions: np.ndarray) -> float:
     began = time.perf_counter()
     for action in actions:
         step(action)
@@ -134,19 +138,3 @@ def _pool(robots: int, threads: int) -> Callable[[np.ndarray], object] | None:
     pool = envpool.make_gymnasium("PointMassEasy-v1", num_envs=robots, num_threads=max(threads, 1))
     pool.reset()
     return lambda actions: pool.step(actions.astype(float))
-
-
-def main(robots: int = 500, threads: int = 2, rounds: int = 5, steps: int = 10) -> None:
-    """Prints what Gymnasium's doors cost.
-
-    Args:
-      robots: in the batch.
-      threads: of the batch and of bare physics; 0 for the calling thread.
-      rounds: how often everything is measured in turn.
-      steps: control steps of all robots in a round.
-    """
-    print(measure(robots, threads, rounds, steps).table())
-
-
-if __name__ == "__main__":
-    run_module(main)

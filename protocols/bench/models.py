@@ -1,7 +1,4 @@
-"""A step of our model beside a small car's, and a step of our environments beside point_mass's.
-
-What `protocols/bench.py` measures, without what it prints.
-"""
+"""Cost of a physics step and of an environment step, by model."""
 
 from __future__ import annotations
 
@@ -22,10 +19,10 @@ from ...models import arena_spec
 from ...tasks import CONTROL_TIMESTEP
 from ..errors import RunError
 
-# Like MuJoCo's model/car/car.xml in structure and degrees of freedom, not in its numbers: a
+# The structure and the degrees of freedom of MuJoCo's model/car/car.xml, with other numbers: a
 # free chassis (a mesh) with a ball in front, two cylinder wheels on damped hinges, motors on
-# the tendons "forward" and "turn", two joint torque sensors, two lights, four ornaments, an
-# endless floor; timestep, integrator, solver and flags are MuJoCo's defaults.
+# the tendons "forward" and "turn", two joint torque sensors, two lights, four ornaments and an
+# infinite floor. Timestep, integrator, solver and flags are MuJoCo's defaults.
 CAR = """
 <mujoco model="car-like">
   <compiler autolimits="true"/>
@@ -80,15 +77,18 @@ CAR = """
 </mujoco>
 """  # noqa: E501
 
-_ENDLESS = 10**9  # seconds
+_ENDLESS = 10**9  # time limit of an episode in [s]
 OURS, SENSELESS, LIKE_CAR, CAR_XML = "ours", "ours, sensors off", "car-like", "MuJoCo's car.xml"
 
 
 def car_xml(path: Path | None) -> mujoco.MjModel | None:
-    """MuJoCo's own car: from a path, or where MuJoCo is usually unpacked; None if nowhere.
+    """Returns MuJoCo's own car, or None where there is no such file.
+
+    Args:
+      path: File to read; None searches the folders where MuJoCo is usually unpacked.
 
     Raises:
-      ValueError: the file at the path cannot be read or compiled.
+      ValueError: The file at `path` cannot be read or compiled.
     """
     if path is not None:
         return mujoco.MjModel.from_xml_path(str(path))
@@ -102,17 +102,17 @@ def car_xml(path: Path | None) -> mujoco.MjModel | None:
 
 @dataclasses.dataclass(frozen=True)
 class StepCost:
-    """What a physics step of a model costs.
+    """Cost of a model's physics step.
 
     Attributes:
-      name: of the model.
-      timestep: in seconds.
-      freedoms: its degrees of freedom.
-      geoms: that it has.
-      sensors: that are evaluated at a step.
-      contacts: mean number over the measurement.
-      rows: of constraints, mean number.
-      seconds: of a step, for each round.
+      name: Name of the model.
+      timestep: Integration timestep in [s].
+      freedoms: Number of degrees of freedom.
+      geoms: Number of geoms.
+      sensors: Number of sensors that a step evaluates.
+      contacts: Mean number of contacts.
+      rows: Mean number of constraint rows.
+      seconds: Duration of a step for each round in [s].
     """
 
     name: str
@@ -125,15 +125,21 @@ class StepCost:
     seconds: tuple[float, ...]
 
     def ratio(self, other: StepCost) -> float:
-        """This cost over another's: the rounds' median."""
+        """Returns the median ratio to another model's cost, round by round."""
         return median(a / b for a, b in zip(self.seconds, other.seconds, strict=True))
 
 
-class Drive:
-    """A model under random controls, drawn anew for every control step of 0.1 s."""
+class ModelTimer:
+    """A model under random controls, drawn for every control step of 0.1 s."""
 
     def __init__(self, name: str, model: mujoco.MjModel, *, sensors: bool = True) -> None:
-        """Puts the model at its start, everything driven by one seed."""
+        """Puts the model at its initial state.
+
+        Args:
+          name: Name of the model.
+          model: Compiled model.
+          sensors: Whether sensors are evaluated.
+        """
         self._name, self._model = name, model
         if not sensors:
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR.value
@@ -144,8 +150,8 @@ class Drive:
         self._seconds: list[float] = []
         self._contacts: list[tuple[int, int]] = []
 
-    def go(self, steps: int) -> None:
-        """Times at least so many physics steps."""
+    def run(self, steps: int) -> None:
+        """Times a round of at least `steps` physics steps."""
         count = -(-steps // self._substeps)
         low, high = self._model.actuator_ctrlrange.T
         controls = self._random.uniform(low, high, (count, self._model.nu))
@@ -159,7 +165,7 @@ class Drive:
         self._seconds.append(total / (count * self._substeps))
 
     def cost(self) -> StepCost:
-        """What was measured, less a first round to warm up."""
+        """Returns the cost without the first round, which warms up."""
         contacts, rows = map(mean, zip(*self._contacts, strict=True))
         model = self._model
         return StepCost(
@@ -175,30 +181,39 @@ class Drive:
 
 
 def step_costs(own_car: mujoco.MjModel | None, rounds: int, steps: int) -> dict[str, StepCost]:
-    """Our model, with and without sensors, and the car-like one (and MuJoCo's own), in turns."""
-    drives = [
-        Drive(OURS, arena_spec().compile()),
-        Drive(SENSELESS, arena_spec().compile(), sensors=False),
-        Drive(LIKE_CAR, mujoco.MjModel.from_xml_string(CAR)),
+    """Times our model with and without sensors, and a car-like one, in alternation.
+
+    Args:
+      own_car: MuJoCo's own car to be timed as well, or None.
+      rounds: Number of rounds, after one to warm up.
+      steps: Physics steps in a round, at least.
+
+    Returns:
+      Costs by the name of the model.
+    """
+    timers = [
+        ModelTimer(OURS, arena_spec().compile()),
+        ModelTimer(SENSELESS, arena_spec().compile(), sensors=False),
+        ModelTimer(LIKE_CAR, mujoco.MjModel.from_xml_string(CAR)),
     ]
     if own_car is not None:
-        drives.append(Drive(CAR_XML, own_car))
+        timers.append(ModelTimer(CAR_XML, own_car))
     for _ in range(rounds + 1):
-        for drive in drives:
-            drive.go(steps)
-    costs = [drive.cost() for drive in drives]
+        for timer in timers:
+            timer.run(steps)
+    costs = [timer.cost() for timer in timers]
     return {cost.name: cost for cost in costs}
 
 
 @dataclasses.dataclass(frozen=True)
 class EnvironmentCost:
-    """What `env.step` costs beside the physics steps that it contains.
+    """Cost of `env.step` compared with the physics steps in it.
 
     Attributes:
-      name: of the environment.
-      substeps: physics steps in `env.step`.
-      step: seconds of `env.step`, for each round.
-      bare: seconds of its physics steps alone, for each round.
+      name: Name of the environment.
+      substeps: Physics steps in an `env.step`.
+      step: Duration of `env.step` for each round in [s].
+      bare: Duration of its physics steps alone for each round in [s].
     """
 
     name: str
@@ -208,31 +223,36 @@ class EnvironmentCost:
 
     @property
     def overhead_us(self) -> float:
-        """Microseconds of `env.step` outside the physics: the rounds' median."""
+        """Median time of `env.step` outside the physics in [us]."""
         return 1e6 * median(a - b for a, b in zip(self.step, self.bare, strict=True))
 
 
-class Twins:
-    """An environment under random actions, and bare MuJoCo data that follow it."""
+class EnvironmentTimer:
+    """An environment under random actions, and bare MuJoCo data that repeat its physics.
+
+    Attributes:
+      name: Name of the environment.
+      substeps: Physics steps in an `env.step`.
+    """
 
     def __init__(self, name: str, environment: Environment) -> None:
-        """Begins an endless episode."""
+        """Begins an episode that does not end."""
         self.name = name
         self._environment = environment
         environment.reset()
         physics = environment.physics
         self._model, self._data = physics.model.ptr, physics.data.ptr
-        self._twin = mujoco.MjData(self._model)
+        self._bare_data = mujoco.MjData(self._model)
         self.substeps = round(environment.control_timestep() / self._model.opt.timestep)
         self._advance = _physics_steps(physics.legacy_step, self.substeps)
         self._random = np.random.default_rng(1)
         self._actions = np.empty((0, self._model.nu))
 
     def step(self, count: int) -> float:
-        """Seconds of an `env.step`, mean of so many."""
+        """Returns the mean duration of `count` calls of `env.step` in [s]."""
         spec = self._environment.action_spec()
         self._actions = self._random.uniform(spec.minimum, spec.maximum, (count, *spec.shape))
-        mujoco.mj_copyData(self._twin, self._model, self._data)
+        mujoco.mj_copyData(self._bare_data, self._model, self._data)
         total = 0.0
         for action in self._actions:
             began = time.perf_counter()
@@ -241,20 +261,20 @@ class Twins:
         return total / count
 
     def bare(self) -> float:
-        """Seconds of the same physics steps without the environment, mean of as many.
+        """Returns the mean duration of the same physics steps without the environment in [s].
 
         Raises:
-          RunError: the twin did not arrive where the environment did, to the bit.
+          RunError: The bare physics did not end in the positions of the environment.
         """
-        model, twin = self._model, self._twin
+        model, data = self._model, self._bare_data
         total = 0.0
         for action in self._actions:
-            twin.ctrl[:] = action
+            data.ctrl[:] = action
             began = time.perf_counter()
-            self._advance(model, twin)
+            self._advance(model, data)
             total += time.perf_counter() - began
-        if not np.array_equal(twin.qpos, self._data.qpos):
-            raise RunError(f"the bare physics did not follow {self.name}")
+        if not np.array_equal(data.qpos, self._data.qpos):
+            raise RunError(f"the bare physics did not end in the positions of {self.name}")
         return total / len(self._actions)
 
 
@@ -262,7 +282,7 @@ def _physics_steps(legacy: bool, substeps: int) -> Callable[[mujoco.MjModel, muj
     if not legacy:
         return lambda model, data: mujoco.mj_step(model, data, substeps)
     if substeps > 1:
-        raise ValueError(f"a legacy step of one substep is known, got {substeps}")
+        raise ValueError(f"a legacy step must have 1 substep, got {substeps}")
 
     def steps(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         mujoco.mj_step2(model, data)
@@ -272,18 +292,25 @@ def _physics_steps(legacy: bool, substeps: int) -> Callable[[mujoco.MjModel, muj
 
 
 def environment_costs(rounds: int, steps: int) -> list[EnvironmentCost]:
-    """Our tasks and dm_control's point_mass, `env.step` and bare physics in turns."""
-    twins = [
-        Twins(task, tasks.load("arena", task, task_kwargs={"random": 1})) for _, task in tasks.PAPER
+    """Times `env.step` of our tasks and of dm_control's point_mass, and their bare physics.
+
+    Args:
+      rounds: Number of rounds in alternation, after one to warm up.
+      steps: Calls of `env.step` in a round.
+    """
+    timers = [
+        EnvironmentTimer(task, tasks.load("arena", task, task_kwargs={"random": 1}))
+        for _, task in tasks.PAPER
     ]
-    twins.append(Twins("point_mass", point_mass.easy(time_limit=_ENDLESS, random=1)))
-    seconds: dict[str, list[tuple[float, float]]] = {twin.name: [] for twin in twins}
-    for turn, twin in itertools.product(range(rounds + 1), twins):
-        pair = twin.step(steps), twin.bare()
-        if turn:  # a first round warms up
-            seconds[twin.name].append(pair)
+    timers.append(EnvironmentTimer("point_mass", point_mass.easy(time_limit=_ENDLESS, random=1)))
+    seconds: dict[str, list[tuple[float, float]]] = {timer.name: [] for timer in timers}
+    for turn, timer in itertools.product(range(rounds + 1), timers):
+        pair = timer.step(steps), timer.bare()
+        if turn:  # the first round warms up
+            seconds[timer.name].append(pair)
     return [
-        EnvironmentCost(twin.name, twin.substeps, *_columns(seconds[twin.name])) for twin in twins
+        EnvironmentCost(timer.name, timer.substeps, *_columns(seconds[timer.name]))
+        for timer in timers
     ]
 
 

@@ -1,7 +1,8 @@
-"""The benchmark: equal work on both sides, whole figures, bad input refused. Nothing is timed."""
+"""The benchmark: equal work on both sides, complete figures, errors. No speed is asserted."""
 
 import json
 import math
+import os
 import subprocess
 import sys
 
@@ -11,10 +12,8 @@ import pytest
 
 from musebot.controller import BRAINS
 from musebot.protocols import cli
-from musebot.protocols.bench import bench
-from musebot.protocols.bench import lives as bench_lives
-from musebot.protocols.bench import models as bench_models
-from musebot.protocols.bench.lives import BrainCost, Comparison, Life, Setting
+from musebot.protocols.bench import bench, lives, models
+from musebot.protocols.bench.lives import BrainCost, PairedTiming, Setting, TimedCohort
 from musebot.protocols.bench.models import StepCost
 from musebot.protocols.errors import RunError
 
@@ -40,13 +39,13 @@ def quick(tmp_path_factory):
     return folder, done.stdout
 
 
-def test_the_json_holds_every_figure_finite_and_positive(quick):
+def test_json_has_every_figure_finite_and_positive(quick):
     content = json.loads((quick[0] / "bench.json").read_text())
     assert content["throughput_ratio"].keys() == {"fixed", "random", "creative"}
     assert all(ratio.keys() == {"50", "250"} for ratio in content["throughput_ratio"].values())
     assert content["peak_memory_mb"].keys() == {"50", "250", "1000"}
     conditions = {f"{task}/{proposer}/250" for task in bench.TASKS for proposer in bench.PROPOSERS}
-    assert conditions < content["robot_step_us"].keys()  # docs/scaling.md counts with them
+    assert conditions < content["robot_step_us"].keys()  # docs/scaling.md uses them
     for name in (
         "throughput_ratio",
         "robot_step_us",
@@ -68,67 +67,80 @@ def test_the_json_holds_every_figure_finite_and_positive(quick):
     assert content["machine"]["mujoco"] == mujoco.__version__
 
 
-def test_the_json_holds_the_seconds_of_every_block(quick):
+def test_json_has_the_seconds_of_every_block(quick):
     raw = json.loads((quick[0] / "bench.json").read_text())["raw"]
     assert [life["setting"]["robots"] for life in raw["sizes"]] == list(bench.SIZES)
     assert all(life["life"] and life["bare"] for life in raw["lives"])
 
 
-def test_markdown_has_every_section_and_says_that_a_quick_run_means_nothing(quick):
+def test_markdown_has_every_section_and_warns_that_a_quick_run_is_too_short(quick):
     text = quick[1]
     titles = [line for line in text.splitlines() if line.startswith("### ")]
     assert len(titles) == len(set(titles)) == 11
-    assert "far too short to be quoted" in text
+    assert "too short to be quoted" in text
     tables = [line for line in text.splitlines() if line.startswith("|")]
     assert all(line.endswith("|") for line in tables)
     assert "nan" not in text
 
 
-def test_the_figure_is_drawn(quick):
+def test_figure_is_drawn(quick):
     assert "<svg" in (quick[0] / "cost.svg").read_text()
 
 
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
 @pytest.mark.parametrize("proposer", ["fixed", "creative"])
-def test_the_bare_replay_ends_in_the_states_of_the_life_to_the_bit(task, proposer):
-    life = Life(Setting(task, proposer, robots=3, steps=40))
+def test_bare_replay_ends_in_bit_exact_states_of_the_cohort(task, proposer):
+    cohort = TimedCohort(Setting(task, proposer, robots=3, steps=40))
     for _ in range(2):
-        born = life._state().copy()
-        life.live()
-        assert not np.array_equal(born, life._state())
-        life.replay()
-        assert np.array_equal(life._bare.state, life._state())
+        before = cohort.state.copy()
+        cohort.simulate()
+        assert not np.array_equal(before, cohort.state)
+        cohort.replay()
+        assert np.array_equal(cohort.bare.state, cohort.state)
 
 
-def test_a_replay_that_does_other_work_than_its_life_is_refused():
-    life = Life(Setting("wall_avoidance", "random", robots=2, steps=5))
-    life.live()
-    life._motors[3] = -life._motors[3]
-    with pytest.raises(RunError, match="did not end in the states of the life"):
-        life.replay()
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+def test_timing_does_not_change_the_cohort(task):
+    setting = Setting(task, "creative", robots=3, steps=40)
+    timed, plain = TimedCohort(setting), lives.new_cohort(setting)
+    lives.begin_training(plain, task)
+    timed.simulate()
+    plain.advance(setting.steps)
+    for name, array in plain.batch.arrays().items():
+        np.testing.assert_array_equal(timed.batch.arrays()[name], array)
+    for name, array in plain.agent.state().items():
+        np.testing.assert_array_equal(timed.agent.state()[name], array)
 
 
-def test_what_is_measured_learns():
-    life = Life(Setting("wall_avoidance", "creative", robots=2, steps=30))
-    before = {name: array.copy() for name, array in life._cohort.agent.weights().items()}
-    life.live()
-    after = life._cohort.agent.weights()
+def test_replay_of_other_motor_commands_is_an_error():
+    cohort = TimedCohort(Setting("wall_avoidance", "random", robots=2, steps=5))
+    cohort.simulate()
+    cohort.batch.motors[3] = -cohort.batch.motors[3]
+    with pytest.raises(RunError, match="did not end in the states of the cohort"):
+        cohort.replay()
+
+
+def test_timed_robots_learn():
+    cohort = TimedCohort(Setting("wall_avoidance", "creative", robots=2, steps=30))
+    before = {name: array.copy() for name, array in cohort.agent.weights().items()}
+    cohort.simulate()
+    after = cohort.agent.weights()
     assert all(not np.array_equal(before[name], after[name]) for name in before)
-    assert life.brain_seconds > 0
-    assert life.physics_seconds > 0
+    assert cohort.brain_seconds > 0
+    assert cohort.physics_seconds > 0
 
 
 def test_ratios_are_medians_of_blocks():
     setting = Setting("wall_avoidance", "fixed", robots=10, steps=100)
-    life = Comparison(
+    timing = PairedTiming(
         setting,
         life=(2.0, 4.0, 9.0),
         brain=(0.2,) * 3,
         physics=(1.5, 2.5, 3.5),
         bare=(1.0, 3.0, 3.0),
     )
-    assert life.ratio == 0.5
-    us = life.microseconds
+    assert timing.ratio == 0.5
+    us = timing.microseconds
     assert us == pytest.approx(
         {"total": 4e3, "physics": 2.5e3, "brain": 200, "rest": 1300, "bare": 3e3}
     )
@@ -146,42 +158,44 @@ def test_brains_are_compared_block_by_block():
     assert ours.microseconds == pytest.approx(3000)
 
 
-def test_two_brains_live_in_turns_and_the_first_block_is_thrown_away(monkeypatch):
+def test_brains_are_timed_in_alternation_without_the_first_block():
     order = []
 
-    class Fake:
-        def __init__(self, setting):
-            self.setting, self.brain_seconds = setting, 0.0
+    class FakeCohort:
+        def __init__(self, brain):
+            self.setting = Setting("spot_finding", "creative", robots=2, steps=5, brain=brain)
+            self.brain_seconds = 0.0
 
-        def live(self):
+        def simulate(self):
             order.append(self.setting.brain)
             self.brain_seconds = float(len(order))
             return 100.0 + len(order)
 
-    monkeypatch.setattr(bench_lives, "Life", Fake)
-    setting = Setting("spot_finding", "creative", robots=2, steps=5)
-    costs = bench_lives.brain_costs(setting, ("paper", "steady"), blocks=3)
+    costs = lives.brain_costs([FakeCohort("paper"), FakeCohort("steady")], blocks=3)
     assert order == ["paper", "steady"] * 4
     assert list(costs) == ["paper", "steady"]
     assert costs["paper"].brain == (3.0, 5.0, 7.0)
     assert costs["steady"].life == (104.0, 106.0, 108.0)
 
 
-def test_a_life_has_the_brain_that_it_is_told():
+def test_cohort_has_the_brain_of_its_setting():
+    sizes = {}
     for name in ("paper", "steady"):
-        life = Life(Setting("spot_finding", "creative", robots=2, steps=5, brain=name))
-        assert life._cohort._experiment.brain == BRAINS[name]
-        assert 0 < life.live() and 0 < life.brain_seconds
+        cohort = TimedCohort(Setting("spot_finding", "creative", robots=2, steps=5, brain=name))
+        assert cohort.setting.experiment.brain == BRAINS[name]
+        assert 0 < cohort.simulate() and 0 < cohort.brain_seconds
+        sizes[name] = sum(array.size for array in cohort.agent.weights().values())
+    assert sizes["paper"] < sizes["steady"]
 
 
-def test_the_cost_of_our_brain_is_told_against_the_papers(quick):
+def test_brain_cost_ratio_is_relative_to_the_papers_brain(quick):
     content = json.loads((quick[0] / "bench.json").read_text())
     for task, ratio in content["brain_cost_ratio"].items():
         paper, steady = (content["raw"]["brains"][task][n]["brain"] for n in ("paper", "steady"))
         assert ratio == pytest.approx(steady[0] / paper[0])  # of one block
 
 
-def test_blocks_are_about_equally_long_and_end_before_robots_are_placed_anew():
+def test_blocks_have_similar_lengths_and_end_before_robots_are_placed_again():
     for robots in bench.SIZES:
         setting = bench.FULL.setting("wall_avoidance", "creative", robots)
         blocks = bench.FULL.blocks if robots in (50, 250) else bench.FULL.fewer_blocks
@@ -189,8 +203,8 @@ def test_blocks_are_about_equally_long_and_end_before_robots_are_placed_anew():
         assert setting.steps == 500 or 0.9 < setting.robot_steps / 12_500 <= 1
 
 
-def test_the_car_is_like_mujocos_in_structure_and_drives_upright():
-    model = mujoco.MjModel.from_xml_string(bench_models.CAR)
+def test_car_has_the_structure_of_mujocos_and_stays_upright():
+    model = mujoco.MjModel.from_xml_string(models.CAR)
     counts = (model.nv, model.nu, model.ntendon, model.nsensor, model.ngeom, model.nlight)
     assert counts == (8, 2, 2, 2, 5, 2)
     assert model.opt.timestep == 0.002
@@ -205,8 +219,8 @@ def test_the_car_is_like_mujocos_in_structure_and_drives_upright():
     assert data.qpos[2] < 0.05
 
 
-def test_env_step_is_compared_with_the_physics_steps_it_contains():
-    costs = {cost.name: cost for cost in bench_models.environment_costs(rounds=1, steps=5)}
+def test_env_step_is_compared_with_its_physics_steps():
+    costs = {cost.name: cost for cost in models.environment_costs(rounds=1, steps=5)}
     assert costs["wall_avoidance"].substeps == costs["spot_finding"].substeps == 14
     assert costs["point_mass"].substeps == 1
 
@@ -218,28 +232,27 @@ def test_env_step_is_compared_with_the_physics_steps_it_contains():
         (["--json", "{}/nowhere/bench.json"], "there is no folder"),
         (["--figure", "{}/cost.txt"], "must be one of .svg, .png, .pdf"),
         (["--figure", "{}/nowhere/cost.svg"], "there is no folder"),
-        (["--car-xml", "{}/car.xml"], "is no model that MuJoCo can read"),
+        (["--car-xml", "{}/car.xml"], "is not a model that MuJoCo can read"),
     ],
 )
-def test_bad_input_is_one_sentence_before_any_work(arguments, words, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(bench, "_measure", lambda *_: pytest.fail("work began"))
-    assert cli.main(["bench", *(part.format(tmp_path) for part in arguments)]) == 2
+def test_wrong_option_ends_in_one_sentence_before_any_work(arguments, words, tmp_path, capsys):
+    assert cli.main(["bench", "--quick", *(part.format(tmp_path) for part in arguments)]) == 2
     out, message = capsys.readouterr()
-    assert out == ""
+    assert out == ""  # the machine's section is printed before the first measurement
     assert words in message
     assert message.count("\n") == 1
 
 
-def test_a_car_that_is_no_mjcf_is_refused_in_one_sentence(tmp_path, capsys):
+def test_car_that_is_not_mjcf_is_refused_in_one_sentence(tmp_path, capsys):
     (tmp_path / "car.xml").write_text("<mujoco>\n<wheels/>\n</mujoco>")
     assert cli.main(["bench", "--car-xml", str(tmp_path / "car.xml")]) == 2
     out, message = capsys.readouterr()
     assert out == ""
-    assert "car.xml is no model that MuJoCo can read" in message
+    assert "car.xml is not a model that MuJoCo can read" in message
     assert message.count("\n") == 1
 
 
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(bench.os, "access", lambda *_: False)  # root may write anywhere
+def test_folder_without_write_permission_is_refused(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anywhere
     assert cli.main(["bench", "--json", str(tmp_path / "bench.json")]) == 2
     assert "cannot be written" in capsys.readouterr().err

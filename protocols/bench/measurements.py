@@ -1,0 +1,166 @@
+"""Everything that one run of the benchmark measured, its derived figures, JSON and plot."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from ...controller import PROPOSERS
+from ...tasks import CONTROL_TIMESTEP
+from ..experiment.experiment import TASKS, Experiment
+from .lives import BrainCost, PairedTiming, Setting
+from .models import LIKE_CAR, OURS, EnvironmentCost, StepCost
+from .workers import Scaling, Work
+
+MAIN, SMALL = 250, 50  # robots in a process: the cohorts of a run, and a small cohort
+PAPER, STEADY = "paper", "steady"  # names of brains
+TABLE_ROBOTS = 500  # in each condition of the paper's tables
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurements:
+    """What one run of the benchmark measured.
+
+    Attributes:
+      lives: Every task and proposer against bare physics; wall avoidance with SMALL robots, too.
+      sizes: Creative wall avoidance with every number of robots.
+      brains: Cost of our brain and of the paper's, creative robots, by task and brain.
+      timers: Duration of a bare block in [s] with MuJoCo's timers on, and off.
+      scaling: One process against several, simulating and replaying.
+      steps: Cost of a physics step, by model.
+      environments: Cost of `env.step`, by environment.
+      memory: Peak memory of a process in MB, by number of robots.
+    """
+
+    lives: tuple[PairedTiming, ...]
+    sizes: tuple[PairedTiming, ...]
+    brains: dict[str, dict[str, BrainCost]]
+    timers: tuple[float, float]
+    scaling: dict[Work, Scaling]
+    steps: dict[str, StepCost]
+    environments: dict[str, EnvironmentCost]
+    memory: dict[int, float]
+
+    def timing(self, task: str, proposer: str, robots: int) -> PairedTiming:
+        """Returns the timing of a cohort.
+
+        Raises:
+          KeyError: The cohort was not measured.
+        """
+        for timing in self.lives:
+            setting = timing.setting
+            if (setting.task, setting.proposer, setting.robots) == (task, proposer, robots):
+                return timing
+        raise KeyError(f"{task}, {proposer}, {robots} robots were not measured")
+
+    def brain_ratio(self, task: str) -> float:
+        """Returns the cost of our brain over that of the paper's."""
+        return self.brains[task][STEADY].ratio(self.brains[task][PAPER])
+
+    @property
+    def step_ratio(self) -> float:
+        """Cost of our model's physics step over that of the car-like model."""
+        return self.steps[OURS].ratio(self.steps[LIKE_CAR])
+
+    @property
+    def env_overhead(self) -> float:
+        """Time of `env.step` outside the physics in [us], in the more expensive of our tasks."""
+        return max(self.environments[task].overhead_us for task in TASKS)
+
+    @property
+    def point_mass_overhead(self) -> float:
+        """Time of `env.step` outside the physics in [us], in dm_control's point_mass."""
+        return self.environments["point_mass"].overhead_us
+
+    @property
+    def realtime_factor(self) -> float:
+        """Robot-seconds that all cores together simulate in a second."""
+        return self.scaling["live"].robot_steps_per_second * CONTROL_TIMESTEP
+
+    def hours(self, task: str, proposer: str) -> float:
+        """Returns the hours of a condition of the paper's tables with two processes.
+
+        The rate is that of training, also for the tests.
+        """
+        seconds = self.timing(task, proposer, MAIN).microseconds["total"] * 1e-6
+        return TABLE_ROBOTS * life_steps(task) * seconds / self.scaling["live"].ratio / 3600
+
+    @property
+    def tables_hours(self) -> float:
+        """Hours of both of the paper's tables with two processes."""
+        return sum(self.hours(task, proposer) for task in TASKS for proposer in PROPOSERS)
+
+
+def life_steps(task: str) -> int:
+    """Returns the control steps of a life."""
+    return sum(Experiment().schedule(task).steps())
+
+
+def as_json(measured: Measurements) -> dict[str, Any]:
+    """Returns the figures, and the seconds of every block as `raw`, as plain data."""
+    ratios = {
+        p: {str(n): measured.timing("wall_avoidance", p, n).ratio for n in (SMALL, MAIN)}
+        for p in PROPOSERS
+    }
+    spot = {p: {str(MAIN): measured.timing("spot_finding", p, MAIN).ratio} for p in PROPOSERS}
+    costs = {_name(timing.setting): timing.microseconds for timing in measured.lives}
+    on, off = measured.timers
+    steps = measured.steps
+    raw = dataclasses.asdict(measured)
+    raw["memory"] = {str(robots): peak for robots, peak in measured.memory.items()}
+    return {
+        "throughput_ratio": ratios,
+        "throughput_ratio_spot_finding": spot,
+        "robot_step_us": {name: cost["total"] for name, cost in costs.items()},
+        "not_physics_us": {name: cost["brain"] + cost["rest"] for name, cost in costs.items()},
+        "cost_us": {str(timing.setting.robots): timing.microseconds for timing in measured.sizes},
+        "brain_us": {
+            task: {name: cost.microseconds for name, cost in costs.items()}
+            for task, costs in measured.brains.items()
+        },
+        "brain_cost_ratio": {task: measured.brain_ratio(task) for task in TASKS},
+        "timers_on_cost_ratio": on / off,
+        "process_scaling": measured.scaling["live"].ratio,
+        "process_scaling_bare": measured.scaling["replay"].ratio,
+        "step_cost_ratio_car": measured.step_ratio,
+        "step_cost_us": {name: 1e6 * median(cost.seconds) for name, cost in steps.items()},
+        "step_cost_ratios": {name: cost.ratio(steps[LIKE_CAR]) for name, cost in steps.items()},
+        "env_step_overhead_us": measured.env_overhead,
+        "point_mass_overhead_us": measured.point_mass_overhead,
+        "tables_hours_2_cores": measured.tables_hours,
+        "peak_memory_mb": raw["memory"],
+        "realtime_factor": measured.realtime_factor,
+        "raw": raw,
+    }
+
+
+def _name(setting: Setting) -> str:
+    return f"{setting.task}/{setting.proposer}/{setting.robots}"
+
+
+def draw(sizes: Sequence[PairedTiming], path: Path) -> None:
+    """Plots the cost of a robot-step against the number of robots.
+
+    Args:
+      sizes: Timings of different numbers of robots.
+      path: File to write, an .svg, .png or .pdf.
+    """
+    from matplotlib.figure import Figure
+
+    robots = [timing.setting.robots for timing in sizes]
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.add_subplot()
+    styles = {"total": "o-k", "physics": "s-C0", "brain": "^-C1", "rest": "v-C2"}
+    for part, style in styles.items():
+        axes.loglog(robots, [timing.microseconds[part] for timing in sizes], style, label=part)
+    axes.set_xlabel("robots in a process")
+    axes.set_ylabel("\N{MICRO SIGN}s a robot-step")
+    axes.set_title("Creative wall avoidance in training, one thread")
+    axes.set_xticks(robots, [str(n) for n in robots])
+    axes.minorticks_off()
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path)

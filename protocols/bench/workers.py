@@ -1,0 +1,223 @@
+"""Worker processes: throughput of several at the same time, MuJoCo's timers, and memory."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import multiprocessing
+import resource
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from statistics import median
+from typing import Literal
+
+import torch
+
+from ..errors import RunError
+from ..simulation.local import prepare_process
+from ..storage import save_arrays
+from .lives import Setting, TimedCohort, begin_training, new_cohort
+
+Work = Literal["live", "replay"]  # a block of a cohort, or the bare replay of the last block
+_DIED = "a process died, perhaps because memory ran out"
+
+
+class BlockWorker:
+    """A process that simulates or replays a block on request."""
+
+    def __init__(self, setting: Setting, *, timers: bool = False) -> None:
+        """Starts the process; its first answer reports that it is ready.
+
+        Args:
+          setting: The cohort and the length of a block.
+          timers: Whether MuJoCo's stage timers run, which is MuJoCo's default.
+        """
+        context = multiprocessing.get_context("spawn")
+        self._pipe, far = context.Pipe()
+        self._process = context.Process(target=_serve, args=(far, setting, timers), daemon=True)
+        self._process.start()
+        far.close()  # otherwise this process would not notice that the other one died
+
+    def request(self, work: Work) -> None:
+        """Starts a block."""
+        with contextlib.suppress(OSError):  # `answer` reports that it died
+            self._pipe.send(work)
+
+    def answer(self) -> float:
+        """Waits for the end of the block; returns its duration in [s].
+
+        Raises:
+          RunError: The process died.
+        """
+        try:
+            return self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise RunError(_DIED) from error
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._pipe.close()
+        self._process.join()
+
+
+def _serve(pipe: Connection, setting: Setting, timers: bool) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+    torch.set_num_threads(1) if timers else prepare_process()
+    cohort = TimedCohort(setting)
+    cohort.simulate()
+    cohort.replay()
+    with contextlib.suppress(EOFError, OSError):  # the parent has closed the pipe
+        pipe.send(0.0)
+        while True:
+            pipe.send(cohort.simulate() if pipe.recv() == "live" else cohort.replay())
+
+
+@contextlib.contextmanager
+def block_workers(
+    settings: Sequence[Setting], timers: Sequence[bool] = ()
+) -> Iterator[list[BlockWorker]]:
+    """Provides a ready process for each setting; all end with the context.
+
+    Args:
+      settings: Cohorts to measure.
+      timers: Whether MuJoCo's stage timers run, for each process; empty for none.
+    """
+    switches = timers or [False] * len(settings)
+    workers: list[BlockWorker] = []
+    try:
+        for setting, switch in zip(settings, switches, strict=True):
+            workers.append(BlockWorker(setting, timers=switch))
+        for worker in workers:
+            worker.answer()
+        yield workers
+    finally:
+        for worker in workers:
+            worker.close()
+
+
+def run_together(workers: Sequence[BlockWorker], work: Work) -> float:
+    """Runs a block in all processes at the same time; returns the longest duration in [s]."""
+    for worker in workers:
+        worker.request(work)
+    return max([worker.answer() for worker in workers])
+
+
+@dataclasses.dataclass(frozen=True)
+class Scaling:
+    """One process against several, the same block in each, in alternation.
+
+    Attributes:
+      setting: The cohort of every process.
+      processes: Number of processes in `all`.
+      one: Duration of a block alone for each turn in [s], mean of two processes.
+      two: Duration until two processes have finished a block each, for each turn in [s].
+      all: Duration until all processes have finished a block each, for each turn in [s].
+    """
+
+    setting: Setting
+    processes: int
+    one: tuple[float, ...]
+    two: tuple[float, ...]
+    all: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Median throughput of two processes over that of one."""
+        return median(2 * one / two for one, two in zip(self.one, self.two, strict=True))
+
+    @property
+    def robot_steps_per_second(self) -> float:
+        """Median throughput of all processes together."""
+        return self.processes * self.setting.robot_steps / median(self.all)
+
+
+def scaling(setting: Setting, processes: int, turns: int) -> dict[Work, Scaling]:
+    """Times one process, two and all of them, simulating and replaying in alternation.
+
+    Args:
+      setting: The cohort of every process.
+      processes: Number of all processes.
+      turns: Number of repetitions.
+    """
+    seconds: dict[Work, list[tuple[float, float, float]]] = {"live": [], "replay": []}
+    with block_workers([setting] * max(2, processes)) as workers:
+        pair, everyone = workers[:2], workers[:processes]
+        for _ in range(turns):
+            for work, rows in seconds.items():
+                # Each of the two runs alone once, because cores may differ.
+                one = sum(run_together([worker], work) for worker in pair) / 2
+                two = run_together(pair, work)
+                rows.append((one, two, two if everyone == pair else run_together(everyone, work)))
+    return {
+        work: Scaling(setting, processes, *zip(*rows, strict=True))
+        for work, rows in seconds.items()
+    }
+
+
+def timer_cost(setting: Setting, turns: int) -> tuple[float, float]:
+    """Times a bare block with MuJoCo's stage timers on and off.
+
+    Args:
+      setting: The cohort whose block is replayed.
+      turns: Number of repetitions, in alternation.
+
+    Returns:
+      Median durations in [s] with the timers on, and off.
+    """
+    seconds = []
+    with block_workers([setting] * 2, timers=[True, False]) as workers:
+        for _ in range(turns):
+            seconds.append([run_together([worker], "replay") for worker in workers])
+    timed, plain = zip(*seconds, strict=True)
+    return median(timed), median(plain)
+
+
+def peak_memory(setting: Setting) -> float:
+    """Measures a new process that simulates a block and saves a checkpoint.
+
+    Returns:
+      Peak memory in MB of 10^6 bytes.
+
+    Raises:
+      RunError: The process died.
+    """
+    context = multiprocessing.get_context("spawn")
+    near, far = context.Pipe(duplex=False)
+    process = context.Process(target=_send_peak, args=(far, setting), daemon=True)
+    process.start()
+    far.close()
+    try:
+        return near.recv()
+    except EOFError as error:
+        raise RunError(_DIED) from error
+    finally:
+        process.join()
+
+
+def _send_peak(pipe: Connection, setting: Setting) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+    prepare_process()
+    cohort = new_cohort(setting)
+    cohort.advance(1)  # the first step of a test
+    begin_training(cohort, setting.task)
+    cohort.advance(setting.steps)
+    arrays, notes = cohort.checkpoint()
+    with tempfile.TemporaryDirectory() as folder:
+        save_arrays(Path(folder) / "checkpoint.safetensors", arrays, **notes)
+    pipe.send(peak_bytes() / 1e6)
+
+
+def peak_bytes() -> int:
+    """Returns the peak memory of this process in bytes."""
+    # Linux passes ru_maxrss on from the process that started this one; VmHWM is our own.
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
