@@ -18,7 +18,7 @@ from typing import Literal
 import torch
 
 from ..errors import RunError
-from ..simulation.local import prepare_process
+from ..simulation.worker import prepare_process
 from ..storage import save_arrays
 from .lives import Setting, TimedCohort, begin_training, new_cohort
 
