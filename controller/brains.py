@@ -17,6 +17,7 @@ from .extensions.encoding import InputEncoding, RawReward
 from .extensions.exploration import PersistentExploration
 from .extensions.lessons import best_action
 from .extensions.random_ideas import WithRandomIdeas
+from .extensions.step import DetailedStep
 from .extensions.stopping import StoppingExploration, StoppingRule, StoppingTarget
 from .extensions.targets import (
     AdvantageLearning,
@@ -31,6 +32,7 @@ from .optimizers import SGD
 from .parameters import Parameters
 from .proposers import PROPOSERS, ActionProposer, CreativeActions, FixedActions, RandomActions
 from .senses import DirectEncoding, Encoding, Senses
+from .step import Step
 
 STEADY = Parameters(
     # The paper's networks are too small for the different actions at no, weak and full smell.
@@ -115,6 +117,7 @@ class Parts:
     Attributes:
       encoding: Encoding of signals and motor values as network inputs.
       evaluation: Evaluation network.
+      step: Class of the remembered steps.
       target: Target of the value in Eq. 1.
       memory: Creative memory; None for the fixed and random proposers.
       lesson: What the memory learns.
@@ -126,6 +129,7 @@ class Parts:
 
     encoding: Encoding
     evaluation: EvaluationNetwork
+    step: type[Step]
     target: Target
     memory: CreativeMemory | None
     lesson: Lesson
@@ -187,6 +191,7 @@ def assemble(
     return Parts(
         encoding=encoding,
         evaluation=evaluation,
+        step=DetailedStep if _learns_from_details(p) else Step,
         target=target,
         memory=memory,
         lesson=best_action if p.memory_target == "best" else selected_action,
@@ -195,6 +200,15 @@ def assemble(
         epsilon=_schedule(p.initial_epsilon, p.epsilon, p.epsilon_decay_steps),
         learn_rate=_schedule(p.initial_learn_rate, p.learn_rate, p.learn_rate_decay_steps),
     )
+
+
+def _compares_rewards(p: Parameters) -> bool:
+    return p.clipped_bootstrap or p.reward_form == "difference" or p.reward_decay > 0
+
+
+def _learns_from_details(p: Parameters) -> bool:
+    best = p.bootstrap == "max" or p.memory_target == "best" or p.advantage_scale > 0
+    return best or _compares_rewards(p)
 
 
 def _target(p: Parameters) -> Target:
@@ -206,7 +220,7 @@ def _target(p: Parameters) -> Target:
         target = AdvantageLearning(target, p.advantage_scale)
     if p.reward_form == "difference":
         target = RewardDifference(target)
-    if p.clipped_bootstrap or p.reward_form == "difference" or p.reward_decay:
+    if _compares_rewards(p):
         target = RememberedReward(target, p.reward_decay)
     return target
 

@@ -9,7 +9,6 @@ from .brains import assemble
 from .networks import load_into
 from .parameters import Parameters
 from .senses import Senses
-from .step import Step
 
 
 class Neurocontroller:
@@ -63,7 +62,7 @@ class Neurocontroller:
         self._test_epsilon = parameters.test_epsilon
         self._learn_rate = parts.learn_rate
         self._age = torch.tensor(0)  # steps of training
-        self._before = self._now = Step.blank(robots, self._encoding.inputs)
+        self._before, self._now = (parts.step(robots, self._encoding.inputs) for _ in range(2))
 
     def act(self, state: Tensor, explore: bool) -> Tensor:
         """Selects each robot's action, epsilon-greedily (section 2).
@@ -85,7 +84,8 @@ class Neurocontroller:
         best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
         if exploratory is not None:
             selected = torch.where(exploratory < 0, best, exploratory)
-        self._before, self._now = self._now, Step(inputs, actions, values, selected, best)
+        self._before, self._now = self._now, self._before
+        self._now.record(inputs, actions, values, selected, best)
         return self._now.action.clone()
 
     def learn(self, reward: Tensor) -> Tensor:
@@ -171,7 +171,7 @@ class Neurocontroller:
         by_value = self._state_by_value()
         load_into(self._state_in_place() | by_value, tensors)
         self._generator.set_state(by_value.pop("generator"))
-        self._now = Step.from_tensors({n.removeprefix("now."): t for n, t in by_value.items()})
+        self._now.load({name.removeprefix("now."): t for name, t in by_value.items()})
 
     def _state_in_place(self) -> dict[str, Tensor]:
         """Returns the tensors that the parts of the brain overwrite in each step."""

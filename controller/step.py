@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import torch
 from torch import Tensor
 
 
 class Step:
-    """What B robots sensed, selected and considered best in one control step.
+    """What B robots sensed and selected in one control step.
+
+    A step can be recorded again and again. Before the first time nothing is chained to it. The
+    last four attributes exist only in a `DetailedStep`, for parts beyond the paper.
 
     Attributes:
       state: Network inputs, shape (B, I).
@@ -17,13 +18,26 @@ class Step:
       value: Value of the selected action, shape (B,).
       chained: 1 for a robot whose next step continues this one, 0 for a robot that was placed
         elsewhere in between, shape (B,).
-      reward: Reward of this step, shape (B,); set by targets that compare successive rewards.
+      best_action: Motor values of the best proposed action, shape (B, 2).
+      best_value: Value of the best proposed action, shape (B,).
+      reward: Reward of this step, shape (B,).
       rewarded: Whether `reward` is known.
     """
 
+    best_action: Tensor
+    best_value: Tensor
     reward: Tensor
+    rewarded: bool
 
-    def __init__(
+    def __init__(self, robots: int, inputs: int) -> None:
+        """Allocates a step of B robots with I network inputs."""
+        self._rows = torch.arange(robots)
+        self.state = torch.zeros(robots, inputs)
+        self.action = torch.zeros(robots, 2)
+        self.value = torch.zeros(robots)
+        self.chained = torch.zeros(robots)
+
+    def record(
         self, state: Tensor, actions: Tensor, values: Tensor, selected: Tensor, best: Tensor
     ) -> None:
         """Records a step.
@@ -35,37 +49,11 @@ class Step:
           selected: Indices of the selected actions, shape (B,).
           best: Indices of the best proposed actions, shape (B,).
         """
-        self._rows = torch.arange(len(state))
-        self._actions, self._values, self._best = actions, values, best
-        self.state = state.clone()  # the caller may overwrite its own
+        del best  # the paper's brain learns from the selected action only
+        self.state.copy_(state)  # the caller may overwrite its own
         self.action = actions[self._rows, selected]
         self.value = values[self._rows, selected]
-        self.chained = torch.ones(len(state))
-        self.rewarded = False
-
-    @classmethod
-    def blank(cls, robots: int, inputs: int) -> Step:
-        """Returns a step before the first one, to which no other is chained."""
-        first = torch.zeros(robots, dtype=torch.int64)
-        step = cls(
-            torch.zeros(robots, inputs),
-            torch.zeros(robots, 1, 2),
-            torch.zeros(robots, 1),
-            selected=first,
-            best=first,
-        )
-        step.forget()
-        return step
-
-    @cached_property
-    def best_action(self) -> Tensor:
-        """Motor values of the best proposed action, shape (B, 2)."""
-        return self._actions[self._rows, self._best]
-
-    @cached_property
-    def best_value(self) -> Tensor:
-        """Value of the best proposed action, shape (B,)."""
-        return self._values[self._rows, self._best]
+        self.chained.fill_(1)
 
     def forget(self, robots: Tensor | None = None) -> None:
         """Breaks the chain to the next step.
@@ -73,35 +61,16 @@ class Step:
         Args:
           robots: Indices of the robots concerned; None for all.
         """
-        # A copy, because inference mode forbids changing its tensors elsewhere.
-        self.chained = self.chained.clone()
         self.chained[slice(None) if robots is None else robots] = 0
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns copies of all tensors, for a checkpoint."""
-        return {
-            "state": self.state.clone(),
-            "action": self.action.clone(),
-            "value": self.value.clone(),
-            "best_action": self.best_action.clone(),
-            "best_value": self.best_value.clone(),
-            "chained": self.chained.clone(),
-            "reward": self.reward.clone() if self.rewarded else torch.zeros_like(self.value),
-            "rewarded": torch.tensor(self.rewarded),
-        }
+        names = "state", "action", "value", "chained"
+        return {name: getattr(self, name).clone() for name in names}
 
-    @classmethod
-    def from_tensors(cls, tensors: dict[str, Tensor]) -> Step:
-        """Returns the step of a checkpoint, from what `tensors` returned."""
-        selected = torch.zeros(len(tensors["state"]), dtype=torch.int64)
-        step = cls(
-            tensors["state"],
-            torch.stack([tensors["action"], tensors["best_action"]], dim=1),
-            torch.stack([tensors["value"], tensors["best_value"]], dim=1),
-            selected=selected,
-            best=selected + 1,
-        )
-        step.chained = tensors["chained"].clone()
-        step.reward = tensors["reward"].clone()
-        step.rewarded = bool(tensors["rewarded"])
-        return step
+    def load(self, tensors: dict[str, Tensor]) -> None:
+        """Restores a step from the tensors that `tensors` returned."""
+        self.state.copy_(tensors["state"])
+        self.action = tensors["action"].clone()
+        self.value = tensors["value"].clone()
+        self.chained.copy_(tensors["chained"])

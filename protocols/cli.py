@@ -16,14 +16,13 @@ from .errors import InputError, complain, exit_status
 from .options import (
     BODY_CHOICES,
     COHORT_SIZE,
-    HERE,
     KINEMATICS,
     PROPOSER_CHOICES,
     TASK_CHOICES,
     Out,
-    WorkersOption,
     option,
 )
+from .simulation.workers import HERE, WorkersOption
 from .studies import STUDIES, study_class
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from dm_control.suite import base
 from dm_control.utils import containers
 from dm_env import specs
 
-from ..models import Dimensions, arena_spec, robot_pose, robot_qpos
+from ..models.arena import Dimensions, arena_spec, robot_pose, robot_qpos
 from .rules import Rules
 from .sensors import NoseForm
 from .starts import Corner, Random, Start, random_spots

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..models import Dimensions, arena_spec, half_size
+from ..models.arena import Dimensions, arena_spec, half_size
 
 Corner = Literal["upper_left", "upper_right"]
 Random = np.random.RandomState | np.random.Generator

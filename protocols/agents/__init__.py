@@ -1,1 +1,5 @@
-"""Who drives the robots: the paper's neurocontroller, baselines, and agents of a user's own."""
+"""What drives robots: the neurocontroller, or any agent of a user's, a subclass of `Agent`."""
+
+from .base import Agent
+
+__all__ = ["Agent"]

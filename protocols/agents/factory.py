@@ -10,7 +10,9 @@ import importlib
 import sys
 from pathlib import Path
 
-from ...controller import PROPOSERS, Neurocontroller, Senses, Signal
+from ...controller.neurocontroller import Neurocontroller
+from ...controller.proposers import PROPOSERS
+from ...controller.senses import Senses, Signal
 from ...tasks.suite import task_definition
 from ..errors import InputError
 from ..experiment.conditions import Condition, check_proposer

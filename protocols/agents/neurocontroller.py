@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
-from ...controller import Neurocontroller
+from ...controller.neurocontroller import Neurocontroller
 from .base import Agent
 
 

@@ -15,7 +15,7 @@ from ..results.learn_ability import Summary
 from ..results.run import Run
 from .behaviour import Behaviour
 from .hypothesis_tests import TestedInequality
-from .paper_tables import PAPER
+from .paper_numbers import PAPER
 
 ALPHA = 0.05  # two-sided level of a claim; half of it for either verdict
 

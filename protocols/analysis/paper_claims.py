@@ -27,7 +27,7 @@ from .hypothesis_tests import (
     larger_share,
     majority,
 )
-from .paper_tables import PAPER
+from .paper_numbers import PAPER
 
 Compare = Callable[[Evidence], list[TestedInequality]]
 Values = Callable[[Evidence, Condition], Sample]

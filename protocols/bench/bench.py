@@ -37,6 +37,7 @@ from .measurements import (
     as_json,
     draw,
 )
+from .section import Section
 
 SIZES = (1, 2, 5, 10, 20, SMALL, 100, MAIN, 500, 1000, 2000)
 MEMORY_SIZES = (SMALL, MAIN, 1000)
@@ -238,7 +239,7 @@ class _Printer:
         seconds = time.monotonic() - self._began
         print(f"{seconds:4.0f} s  measuring {what}", file=sys.stderr, flush=True)
 
-    def show(self, section: sections.Section) -> None:
+    def show(self, section: Section) -> None:
         """Prints a section: formatted on a terminal, as Markdown otherwise."""
         if self._console.is_terminal:
             self._console.print(Markdown(section.markdown()))

@@ -17,7 +17,7 @@ import numpy as np
 from ...tasks.gymnasium_env import ArenaVectorEnv
 from ..errors import RunError
 from .lives import BareRollout
-from .sections import Section
+from .section import Section
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping
 from statistics import median
 from typing import Any
@@ -20,30 +19,8 @@ from .measurements import (
     life_steps,
 )
 from .models import LIKE_CAR, EnvironmentCost, StepCost
+from .section import Section
 from .workers import Scaling, Work
-
-
-@dataclasses.dataclass(frozen=True)
-class Section:
-    """A heading, a paragraph and a table.
-
-    Attributes:
-      title: Heading.
-      text: What is measured.
-      head: Heads of the table's columns.
-      rows: Rows of the table.
-    """
-
-    title: str
-    text: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def markdown(self) -> str:
-        """Returns heading, paragraph and table as Markdown."""
-        rule = ("---", *("---:" for _ in self.head[1:]))
-        table = "\n".join(f"| {' | '.join(row)} |" for row in (self.head, rule, *self.rows))
-        return f"### {self.title}\n\n{self.text}\n\n{table}\n"
 
 
 def machine_section(machine: Mapping[str, Any]) -> Section:

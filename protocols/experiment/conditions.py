@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 
-from ...controller import PROPOSERS
+from ...controller.proposers import PROPOSERS
 from ..errors import InputError
 from .schedules import SCHEDULES
 

@@ -10,12 +10,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...controller import Parameters
+from ...controller.parameters import Parameters
 from ...models import Kinematics
-from ...tasks import Robots, make_batch, make_kinematic_batch
+from ...tasks.batch import Robots
+from ...tasks.kinematic import make_kinematic_batch
 from ...tasks.sensors import NoseForm
 from ...tasks.starts import FROM_WALLS
-from ...tasks.suite import Edit
+from ...tasks.suite import Edit, make_batch
 from ..errors import InputError
 from .conditions import CohortKey
 from .overrides import brain_name

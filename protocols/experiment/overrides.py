@@ -8,7 +8,8 @@ import json
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
-from ...controller import BRAINS, Parameters
+from ...controller.brains import BRAINS
+from ...controller.parameters import Parameters
 from ...models import Kinematics
 from ..errors import InputError
 

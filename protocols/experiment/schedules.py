@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, get_args
 
-from ...tasks import CONTROL_TIMESTEP
+from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.starts import CORNERS
 
 TASK_NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}

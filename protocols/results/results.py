@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...tasks import CONTROL_TIMESTEP
+from ...tasks.arena import CONTROL_TIMESTEP
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.experiment import Experiment
 from ..experiment.schedules import SCHEDULES, control_steps

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...tasks import CONTROL_TIMESTEP
+from ...tasks.arena import CONTROL_TIMESTEP
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from .learn_ability import Summary, summarise

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from ...tasks import CONTROL_TIMESTEP
+from ...tasks.arena import CONTROL_TIMESTEP
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
 from ..terminal import JobProgress

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from ...tasks import Robots
+from ...tasks.batch import Robots
 from ...tasks.starts import random_poses, random_spots
 from ..experiment.schedules import Phase, Schedule, control_steps
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from ...tasks import silence_warnings, stop_timers
+from ...tasks.batch import silence_warnings, stop_timers
 from ..errors import RunError
 
 

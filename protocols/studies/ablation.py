@@ -1,192 +1,164 @@
-"""What each ingredient of our brain is worth: one taken away at a time.
-
-    python -m musebot.protocols.ablation OUT --robots 60 --processes 2
-
-lives creative robots with `steady`, and with `steady` without one ingredient at a time, each as a
-run in a folder of OUT, and writes `OUT/ablation.md`. The same command goes on where it was stopped.
-"""
+"""The study of what each ingredient of the brain `steady` contributes, one removed at a time."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from ...controller import BRAINS, INGREDIENTS
 from ...models import Kinematics
-from ..analysis import comparison as beside
-from ..analysis.comparison import Cell, Side
-from ..errors import InputError, run_module
-from ..experiment.experiment import TASKS, Body, Experiment, Plan, default_cohort_size, told
-from ..experiment.schedules import NAMES
-from ..options import COHORT_SIZE, HERE, TASKS_TOLD, KinematicsTold, Out, WorkersTold, option
-from ..reporting import tables
-from . import variants as series
+from ..analysis.comparison import Cell, Match, outcomes, verdict
+from ..errors import InputError
+from ..experiment.conditions import PAPER_TASKS, Condition
+from ..experiment.experiment import Body, Experiment
+from ..experiment.overrides import with_overrides
+from ..experiment.plan import default_cohort_size
+from ..experiment.schedules import TASK_NAMES
+from ..options import COHORT_SIZE, TASK_CHOICES, KinematicsOption, option
+from ..reporting import comparison_tables
+from ..reporting.labels import described, title
+from ..reporting.markdown import line
+from ..results.run import Run
+from .study import Page
+from .variants import Variant, VariantStudy
 
-PAGE = "ablation.md"
-WHOLE, _PROPOSER = "steady", "creative"
+WHOLE = "steady"
+_PROPOSER = "creative"
 
-# No signal of wall avoidance saturates: without these its lives are the same, to the bit.
-_SPOTS_ALONE = ("raw_signals", "raw_reward")
+# No signal of wall avoidance saturates: without these the lives are the same, bit-exactly.
+_ONLY_IN_SPOT_FINDING = ("raw_signals", "raw_reward")
 
 
-def _without(ingredient: str) -> str:
-    return f"{WHOLE}-{ingredient}"
+@dataclasses.dataclass
+class Ablation(VariantStudy):
+    """Remove the ingredients of the brain `steady`, one at a time.
+
+    Simulates creative robots with the whole brain and without each ingredient, a run in a folder
+    each.
+    """
+
+    name: ClassVar[str] = "ablation"
+    ingredients: ClassVar[Sequence[str]] = tuple(INGREDIENTS)
+
+    robots: int = 60
+    """number of robots with each brain in each task"""
+    task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "both")] = PAPER_TASKS
+    """tasks to learn"""
+    cohort_size: Annotated[int | None, option(*COHORT_SIZE)] = None
+    """number of robots in lockstep on one random stream; part of the experiments' identity"""
+    seed: int = 1
+    """seed from which all random streams derive"""
+    body: Body = "mujoco"
+    """body of the robot; kinematic: the kinematic simulator"""
+    kinematics: KinematicsOption = ()
+    """parameters of the kinematic simulator, such as lag=0.08"""
+    time_scale: float = 1.0
+    """factor on every duration, in (0, 1]; below 1 for rehearsals"""
+
+    def baseline(self) -> Experiment:
+        """See `VariantStudy.baseline`."""
+        size = self.cohort_size
+        return Experiment(
+            cohort_size=default_cohort_size(self.robots) if size is None else size,
+            seed=self.seed,
+            body=self.body,
+            kinematics=with_overrides(Kinematics(), self.kinematics),
+            time_scale=self.time_scale,
+        )
+
+    def variants(self) -> Sequence[Variant]:
+        """See `VariantStudy.variants`: the whole brain, and it without each ingredient."""
+        if not self.task:
+            raise InputError("at least one task is needed")
+        tasks = tuple(sorted(set(self.task), key=[*PAPER_TASKS, *self.task].index))
+        whole = Variant(WHOLE, "the whole brain", {"brain": BRAINS[WHOLE]}, tasks, (_PROPOSER,))
+        found = [whole]
+        for ingredient in self.ingredients:
+            name = f"{WHOLE}-{ingredient}"
+            if affected := tuple(task for task in tasks if matters(ingredient, task)):
+                brain = {"brain": BRAINS[name]}
+                found.append(Variant(name, ingredient, brain, affected, (_PROPOSER,)))
+        return found
+
+    def report(self, runs: Mapping[str, Run]) -> Page:
+        """See `VariantStudy.report`."""
+        return Page(markdown(runs, self.ingredients))
 
 
 def matters(ingredient: str, task: str) -> bool:
-    """Whether an ingredient can change a life."""
-    return task == "spot_finding" or ingredient not in _SPOTS_ALONE
+    """Returns whether an ingredient can change a life in a task."""
+    return task == "spot_finding" or ingredient not in _ONLY_IN_SPOT_FINDING
 
 
-def plans(robots: int, tasks: Sequence[str], experiment: Experiment) -> dict[str, Plan]:
-    """Which lives are wanted, by the name of their brain, the whole one's first.
-
-    Args:
-      robots: with each brain in each task.
-      tasks: one or both.
-      experiment: what is shared, all but the brain.
-
-    Raises:
-      InputError: a number or a task makes no sense.
-    """
-    if robots < 1:
-        raise InputError(f"the number of robots must be at least 1, got {robots}")
-    for name in tasks:
-        if name not in TASKS:
-            raise InputError(f"the task must be one of {', '.join(TASKS)}, got {name!r}")
-    if not tasks:
-        raise InputError("at least one task is needed")
-    wanted = {}
-    for ingredient in (None, *INGREDIENTS):
-        name = _without(ingredient) if ingredient else WHOLE
-        conditions = [
-            (task, _PROPOSER)
-            for task in TASKS
-            if task in tasks and (ingredient is None or matters(ingredient, task))
-        ]
-        if conditions:
-            shared = dataclasses.replace(experiment, brain=BRAINS[name])
-            wanted[name] = Plan.of(shared, conditions, robots)
-    return wanted
-
-
-def judge(sides: Mapping[str, Side]) -> dict[tuple[str, str], tuple[Cell, Cell]]:
-    """The whole brain against it without each ingredient, corrected over all cells.
+def compared(
+    runs: Mapping[str, Run], ingredients: Sequence[str]
+) -> dict[tuple[str, str], tuple[Cell, Cell]]:
+    """Compares the whole brain with it without each ingredient, corrected over all cells.
 
     Args:
-      sides: the runs, by the name of their brain.
+      runs: Runs by the name of their brain.
+      ingredients: Ingredients to report.
 
     Returns:
-      By task and ingredient, the cells of `beside.outcomes`; ours are the whole brain's.
+      By task and ingredient, the cells of `comparison.outcomes`; ours are the whole brain's.
     """
+    whole = runs[WHOLE]
     matches = {
-        (task, ingredient): beside.Match(sides[WHOLE], less, (task, _PROPOSER))
-        for task in TASKS
-        for ingredient in INGREDIENTS
-        if (less := sides.get(_without(ingredient)))
-        and (task, _PROPOSER) in less.results.conditions()
+        (task, ingredient): Match(whole, runs[f"{WHOLE}-{ingredient}"], condition)
+        for task in PAPER_TASKS
+        for ingredient in ingredients
+        if f"{WHOLE}-{ingredient}" in runs
+        and (condition := Condition(task, _PROPOSER)) in runs[f"{WHOLE}-{ingredient}"].conditions()
     }
-    return dict(zip(matches, beside.outcomes([*matches.values()]), strict=True))
+    return dict(zip(matches, outcomes([*matches.values()]), strict=True))
 
 
-def markdown(sides: Mapping[str, Side]) -> str:
-    """What each ingredient is worth, and in which task it earns its place, as Markdown.
+def markdown(runs: Mapping[str, Run], ingredients: Sequence[str] = tuple(INGREDIENTS)) -> str:
+    """Returns the page: whether each ingredient helps, and in which task.
 
     Args:
-      sides: the runs, by the name of their brain.
+      runs: Runs by the name of their brain.
+      ingredients: Ingredients to report.
     """
-    judged = judge(sides)
-    tasks = list(dict.fromkeys(task for task, _ in judged))
-    rows = [["ingredient", *(NAMES[task] for task in tasks)], ["---"] * (1 + len(tasks))]
-    for ingredient in INGREDIENTS:
-        verdicts = [_in_a_word(judged.get((task, ingredient), ())) for task in tasks]
+    comparisons = compared(runs, ingredients)
+    tasks = list(dict.fromkeys(task for task, _ in comparisons))
+    rows = [["ingredient", *(TASK_NAMES[task] for task in tasks)], ["---"] * (1 + len(tasks))]
+    for ingredient in ingredients:
+        verdicts = [_in_a_word(comparisons.get((task, ingredient), ())) for task in tasks]
         rows.append([ingredient, *verdicts])
-    lines = [*map(tables.line, rows)]
-    head = ["taken away", "", "robots", "whole", "without", "difference", "Holm", "the ingredient"]
+    lines = [*map(line, rows)]
+    head = ["removed", "", "robots", "whole", "without", "difference", "Holm", "the ingredient"]
     for task in tasks:
         rows = [head, ["---", "---", *["---:"] * 5, "---"]]
-        for (where, ingredient), cells in judged.items():
+        for (where, ingredient), cells in comparisons.items():
             if where == task:
                 rows += [_row(ingredient, cell) for cell in cells]
-        title = tables.title(task, sides[WHOLE].experiment)
-        lines += ["", f"### {title}", "", *map(tables.line, rows)]
+        lines += ["", f"### {title(task, runs[WHOLE].experiment)}", "", *map(line, rows)]
     note = (
-        "An ingredient earns its place in a task where the brain does worse without it in one of "
-        "the two numbers, and better in none. Robots: how many have a value, of the whole brain "
-        "and without the ingredient; L has none where the spot was never met, or no wall. A dash: "
-        "without the ingredient lives are the same, to the bit. What each ingredient is: "
-        "`controller/parameters.py`.\n"
+        "An ingredient helps in a task where the brain does worse without it in one of the two "
+        "numbers, and better in none. *Robots*: how many have a value, with the whole brain and "
+        "without the ingredient; L has none if the robot never met the spot, or a wall. A dash: "
+        "without the ingredient the lives are the same, bit-exactly. The ingredients are explained "
+        "in `controller/brains.py`.\n"
     )
-    every = [cell for cells in judged.values() for cell in cells]
-    whole = sides[WHOLE]
-    return "\n".join(
-        [*lines, "", note, beside.note(every), beside.described(whole.name, whole.experiment), ""]
-    )
+    every = [cell for cells in comparisons.values() for cell in cells]
+    end = [note, comparison_tables.note(every), described(runs[WHOLE]), ""]
+    return "\n".join([*lines, "", *end])
 
 
 def _in_a_word(cells: Sequence[Cell]) -> str:
     if not cells:
         return "-"
-    verdicts = {beside.verdict(cell) for cell in cells}
+    verdicts = {verdict(cell) for cell in cells}
     if {"better", "worse"} <= verdicts:
-        return "earns and harms"
-    return "earns" if "better" in verdicts else "harms" if "worse" in verdicts else "undecided"
+        return "helps and harms"
+    return "helps" if "better" in verdicts else "harms" if "worse" in verdicts else "undecided"
 
 
 def _row(ingredient: str, cell: Cell) -> list[str]:
-    numbers = [beside.number(cell, value) for value in (cell.ours, cell.other)]
+    numbers = [comparison_tables.number(cell, value) for value in (cell.ours, cell.other)]
     robots = " and ".join(map(str, cell.robots))
-    difference = [beside.difference(cell), beside.probability(cell.corrected)]
-    return [ingredient, cell.name, robots, *numbers, *difference, _in_a_word([cell])]
-
-
-def report(out: Path) -> str:
-    """The page that a finished ablation comes to, as Markdown; changes nothing.
-
-    Raises:
-      InputError: a run is missing or damaged.
-    """
-    whole = series.read(out, [WHOLE])
-    tasks = [task for task, _ in whole[WHOLE].results.conditions()]
-    lived = [_without(i) for i in INGREDIENTS if any(matters(i, task) for task in tasks)]
-    return markdown(whole | series.read(out, lived))
-
-
-def main(
-    out: Out,
-    robots: int = 60,
-    cohort_size: Annotated[int | None, option(*COHORT_SIZE)] = None,
-    task: Annotated[tuple[str, ...], option(f"{TASKS_TOLD} ..", "both")] = TASKS,
-    seed: int = 1,
-    body: Body = "mujoco",
-    kinematics: KinematicsTold = (),
-    time_scale: float = 1.0,
-    workers: WorkersTold = HERE,
-) -> None:
-    """Lives our brain without one ingredient at a time, and says what each is worth.
-
-    Args:
-      out: folder of the runs, a folder each, and of ablation.md; an unfinished one goes on.
-      robots: with each brain in each task.
-      cohort_size: robots in lockstep on one random stream.
-      task: what has to be learnt.
-      seed: of every random stream.
-      body: mujoco, or the kinematic stand-in.
-      kinematics: of the stand-in, such as lag=0.08.
-      time_scale: below 1 shortens every duration, for rehearsals.
-      workers: who lives them.
-    """
-    shared = Experiment(
-        cohort_size=default_cohort_size(robots) if cohort_size is None else cohort_size,
-        seed=seed,
-        body=body,
-        kinematics=told(Kinematics(), kinematics),
-        time_scale=time_scale,
-    )
-    series.conduct(out, plans(robots, task, shared), workers, PAGE, report)
-
-
-if __name__ == "__main__":
-    run_module(main)
+    difference = comparison_tables.difference(cell)
+    probability = comparison_tables.probability(cell.corrected)
+    return [ingredient, cell.name, robots, *numbers, difference, probability, _in_a_word([cell])]

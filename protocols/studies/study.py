@@ -17,10 +17,12 @@ from ..experiment.manifest import experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.provenance import machine
 from ..reporting import style
-from ..simulation.jobs import Executor, Job, execute
+from ..simulation.jobs import Executor, Job, Report, Stop, execute
 from ..storage import check_folder, is_draft, locked, remove_drafts, write_atomically
 
 MANIFEST = "study.json"
+
+_DEFAULT = {"default": Experiment()}  # whose physics a study without experiments is checked by
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,8 +54,10 @@ class Study(abc.ABC):
     def experiments(self) -> Mapping[str, Experiment]:
         """Returns what is simulated, by name: what identifies the study, with its physics.
 
+        A study of no experiment is identified by its `details` and by the default robot's physics.
+
         Raises:
-          InputError: an option is invalid.
+          InputError: an option is invalid, or something that the study needs is missing.
         """
 
     def details(self) -> Mapping[str, Any]:
@@ -70,7 +74,7 @@ class Study(abc.ABC):
         del out
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """Yields groups of jobs; the jobs of a group run after all jobs of the one before."""
+        """Yields groups of jobs; all jobs of a group are done when the next group is asked for."""
         del out
         yield from ()
 
@@ -127,8 +131,40 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     return page
 
 
-def check_robots(**numbers: int) -> None:
-    """Raises InputError where a number of something is less than 1."""
+class StoppedError(Exception):
+    """A job was asked to stop before it was done."""
+
+
+class MinuteTick:
+    """Reports a job's progress every simulated minute, and stops it when asked."""
+
+    def __init__(self, job: Job, robots: int, stop: Stop, report: Report) -> None:
+        """Begins to count.
+
+        Args:
+          job: Job that runs.
+          robots: Number of robots in lockstep.
+          stop: Returns whether to stop.
+          report: Receives the cost done so far and a message.
+        """
+        self._cost, self._each = job.cost, 60.0 * robots
+        self._stop, self._report = stop, report
+        self._done = 0.0
+
+    def __call__(self) -> None:
+        """Counts a minute.
+
+        Raises:
+          StoppedError: the job is asked to stop.
+        """
+        self._done = min(self._done + self._each, self._cost)
+        self._report(self._done, "")
+        if self._stop():
+            raise StoppedError
+
+
+def check_positive(**numbers: int) -> None:
+    """Raises InputError where an option that counts something is less than 1."""
     for name, number in numbers.items():
         if number < 1:
             raise InputError(f"{name} must be at least 1, got {number}")
@@ -146,7 +182,7 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
         held = json.loads(path.read_bytes())
         name, details, made_with = held["study"], held["details"], [*held["made_with"]]
         known = {n: experiment_from(fields) for n, fields in held["experiments"].items()}
-        probes = {n: tuple(map(float, held["physics"][n])) for n in known}
+        probes = {n: tuple(map(float, held["physics"][n])) for n in known or _DEFAULT}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DamagedFileError(f"{path} is no study of musebot's ({error!r})") from error
     if name != study.name:
@@ -161,7 +197,7 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
             raise InputError(
                 f"{out} holds a study with {detail} {details.get(detail)}, not {wanted}"
             )
-    for one, experiment in experiments.items():
+    for one, experiment in (experiments or _DEFAULT).items():
         if not is_physics_of(probes[one], experiment):
             raise InputError(f"{out} was simulated in another physics than this version's")
     return made_with
@@ -170,10 +206,11 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
 def _write_manifest(
     study: Study, experiments: Mapping[str, Experiment], out: Path, made_with: list[Any]
 ) -> None:
+    probed = (experiments or _DEFAULT).items()
     content = {
         "study": study.name,
         "experiments": {n: dataclasses.asdict(one) for n, one in experiments.items()},
-        "physics": {n: physics_probe(one.body, one.kinematics) for n, one in experiments.items()},
+        "physics": {n: physics_probe(one.body, one.kinematics) for n, one in probed},
         "details": study.details(),
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }

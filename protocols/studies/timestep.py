@@ -1,41 +1,169 @@
-"""The study that chose the timestep: the same motors at several timesteps, against 1 ms.
-
-    python -m musebot.models.convergence
-
-prints the table of docs/physics.md.
-"""
+"""The study of the timestep: the same motor values at several timesteps (docs/physics.md)."""
 
 from __future__ import annotations
 
 import dataclasses
-import sys
 import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 
 from ...models.arena import Dimensions, arena_spec, robot_pose, robot_qpos
+from ...tasks import CONTROL_TIMESTEP
+from ..errors import InputError
+from ..experiment.experiment import Experiment
+from ..reporting.markdown import line
+from ..simulation.jobs import Job, Report, Stop
+from ..storage import load_arrays, save_arrays
+from .study import Page, StoppedError, Study, check_positive
 
-SUBSTEPS = (100, 50, 25, 20, 15, 14, 10, 5)  # in a control step of 0.1 s; first the reference
-_CONTROL_TIMESTEP = 0.1
+SUBSTEPS = (100, 50, 25, 20, 15, 14, 10, 5)  # in a control step; the first is the reference
+
+_CALM_ROBOTS, _CALM_STEPS = 50, 50
 _CENTRE = (0.0, 0.0, 0.0)
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 
+@dataclasses.dataclass
+class Timestep(Study):
+    """Measure how the body's motion converges with the physics timestep.
+
+    Drives robots with the same motor values at eight timesteps, and compares them with the
+    smallest one. The page also has the speed, which only an idle machine and --processes 1 measure
+    well.
+    """
+
+    name: ClassVar[str] = "timestep"
+
+    robots: int = 20
+    """number of robots that drive into walls"""
+    minutes: float = 10.0
+    """simulated minutes of driving"""
+
+    def experiments(self) -> Mapping[str, Experiment]:
+        """See `Study.experiments`: there are none."""
+        check_positive(robots=self.robots)
+        if not 0.05 <= self.minutes < np.inf:
+            raise InputError(f"minutes must be at least 0.05, got {self.minutes}")
+        return {}
+
+    def details(self) -> Mapping[str, Any]:
+        """See `Study.details`."""
+        return {"robots": self.robots, "minutes": self.minutes}
+
+    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
+        """See `Study.stages`: a job for each timestep."""
+        yield self._jobs(out)
+
+    def page(self, out: Path) -> Page:
+        """See `Study.page`."""
+        found = []
+        for job in self._jobs(out):
+            if not job.done():
+                raise InputError(f"{out} lacks {job.path.name}")
+            found.append((job.substeps, load_arrays(job.path)[0]))
+        return Page(markdown(found))
+
+    def _jobs(self, out: Path) -> list[TimestepJob]:
+        return [
+            TimestepJob(out / f"substeps-{n:03d}.safetensors", n, self.robots, self.minutes)
+            for n in SUBSTEPS
+        ]
+
+
 @dataclasses.dataclass(frozen=True)
-class Drive:
-    """What robots did under given motors.
+class TimestepJob:
+    """Measures the motion at one timestep.
 
     Attributes:
-      poses: x, y in metres and heading in radians at the end of every control step, shape
-        (B, T, 3).
-      gap: from the rim to the nearest wall at the instant of the last sensor reading of
-        every control step, in metres, shape (B, T).
-      touch: what the touch sensor read there, in newton, shape (B, T).
-      deepest: the smallest gap at any substep, in metres.
-      tilt: the largest, in degrees.
-      microseconds: of a physics step.
+      path: File of what is measured.
+      substeps: Number of physics steps in a control step.
+      robots: Number of robots that drive into walls.
+      minutes: Simulated minutes of driving.
+    """
+
+    path: Path
+    substeps: int
+    robots: int
+    minutes: float
+
+    def __str__(self) -> str:
+        return f"{self.substeps} substeps"
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps of the long drives."""
+        return round(self.minutes * 600)
+
+    @property
+    def cost(self) -> float:
+        """See `Job.cost`."""
+        steps = _CALM_ROBOTS * _CALM_STEPS + 20 + (self.robots + 2) * self.steps
+        return steps * CONTROL_TIMESTEP
+
+    def done(self) -> bool:
+        """See `Job.done`."""
+        return self.path.exists()
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """See `Job.run`."""
+        try:
+            arrays = self._measured(stop, report)
+        except StoppedError:
+            return False
+        save_arrays(self.path, arrays)
+        return True
+
+    def _measured(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        done = 0.0
+
+        def driven(motors: np.ndarray, start: tuple[float, float, float]) -> Motion:
+            nonlocal done
+            motion = drive(self.substeps, motors, start, stop)
+            done += motors.shape[0] * motors.shape[1] * CONTROL_TIMESTEP
+            report(done, "")
+            return motion
+
+        calm = random_motors(_CALM_ROBOTS, _CALM_STEPS, full_speed=False)
+        wild = random_motors(self.robots, self.steps, full_speed=True)
+        crash = driven(wild, (-0.425, 0.25, 3 * np.pi / 4))
+        spin = driven(np.tile([-0.5, 0.5], (1, self.steps, 1)), _CENTRE)
+        rest = driven(np.zeros((1, self.steps, 2)), _CENTRE)
+        fast = driven(np.full((1, 20, 2), 0.5), (-0.45, 0.0, 0.0))
+        size = Dimensions.of(arena_spec().compile())
+        touching = crash.touch > 0
+        numbers = {
+            "deepest": crash.deepest,
+            "tilt": crash.tilt,
+            "differing": np.mean((crash.gap <= size.contact_margin) != touching),
+            "touching": np.mean(touching),
+            "microseconds": crash.microseconds,
+        }
+        return {
+            "calm": driven(calm, _CENTRE).poses[:, -1],
+            "spin": spin.poses[0],
+            "rest": rest.poses[0],
+            "fast": fast.poses[0],
+            **{name: np.array(number, dtype=float) for name, number in numbers.items()},
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """What B robots did in T control steps with given motor values.
+
+    Attributes:
+      poses: x, y in [m] and heading in [rad] at the end of every control step, shape (B, T, 3).
+      gap: Distance from the rim to the nearest wall, at the instant of the last sensor reading of
+        every control step, in [m], shape (B, T).
+      touch: Reading of the touch sensor at that instant, in [N], shape (B, T).
+      deepest: Smallest gap at any substep, in [m].
+      tilt: Largest tilt at any substep, in degrees.
+      microseconds: Duration of a physics step.
     """
 
     poses: np.ndarray
@@ -46,16 +174,25 @@ class Drive:
     microseconds: float
 
 
-def drive(substeps: int, motors: np.ndarray, start: tuple[float, float, float]) -> Drive:
-    """Drives B robots, each alone, from one start.
+def drive(
+    substeps: int,
+    motors: np.ndarray,
+    start: tuple[float, float, float],
+    stop: Stop = lambda: False,
+) -> Motion:
+    """Drives B robots, each alone, from the same start.
 
     Args:
-      substeps: physics steps in a control step.
-      motors: values in [-0.5, 0.5], shape (B, T, 2).
-      start: x, y in metres and heading in radians.
+      substeps: Number of physics steps in a control step.
+      motors: Motor values in [-0.5, 0.5], shape (B, T, 2).
+      start: x, y in [m] and heading in [rad].
+      stop: Returns whether to stop; asked every simulated minute.
+
+    Raises:
+      StoppedError: it was asked to stop.
     """
     spec = arena_spec()
-    spec.option.timestep = _CONTROL_TIMESTEP / substeps
+    spec.option.timestep = CONTROL_TIMESTEP / substeps
     model = spec.compile()
     data = mujoco.MjData(model)
     data.qpos[:] = robot_qpos(np.array(start))
@@ -67,7 +204,9 @@ def drive(substeps: int, motors: np.ndarray, start: tuple[float, float, float]) 
     poses, gaps, touches = [], [], []
     deepest, tilt, seconds = np.inf, 0.0, 0.0
     with rollout.Rollout(nthread=0) as engine:
-        for action in motors.swapaxes(0, 1):
+        for step, action in enumerate(motors.swapaxes(0, 1)):
+            if step % 600 == 0 and stop():
+                raise StoppedError
             control = np.repeat(action[:, None], substeps, axis=1)
             began = time.perf_counter()
             states, sensors = engine.rollout(model, data, state, control)
@@ -80,7 +219,7 @@ def drive(substeps: int, motors: np.ndarray, start: tuple[float, float, float]) 
             poses.append(robot_pose(state[:, 1:]))
             gaps.append(gap[:, -2])  # sensors show the start of the last substep
             touches.append(sensors[:, -1, touch_at])
-    return Drive(
+    return Motion(
         np.stack(poses, axis=1),
         np.stack(gaps, axis=1),
         np.stack(touches, axis=1),
@@ -91,25 +230,25 @@ def drive(substeps: int, motors: np.ndarray, start: tuple[float, float, float]) 
 
 
 def _gap(states: np.ndarray, size: Dimensions) -> np.ndarray:
-    """From the rim to the nearest wall, in metres, shape (...), of states (..., n)."""
+    """Returns the distance from the rim to the nearest wall in [m], of states (..., n)."""
     x, y = np.abs(states[..., 1]), np.abs(states[..., 2])
     return np.minimum(size.half_length - x, size.half_width - y) - size.radius
 
 
 def _tilt(states: np.ndarray) -> np.ndarray:
-    """In degrees, shape (...), of states (..., n)."""
+    """Returns the tilt in degrees, of states (..., n)."""
     i, j = states[..., 5], states[..., 6]
     return np.degrees(np.arccos(1 - 2 * (i * i + j * j)))
 
 
 def random_motors(robots: int, steps: int, *, full_speed: bool, seed: int = 0) -> np.ndarray:
-    """Motor values held for 1 to 20 control steps, shape (robots, steps, 2).
+    """Draws motor values held for 1 to 20 control steps, shape (robots, steps, 2).
 
     Args:
-      robots: how many.
-      steps: control steps.
-      full_speed: -0.5 or 0.5 only; else anything between.
-      seed: of the draw.
+      robots: Number of robots.
+      steps: Number of control steps.
+      full_speed: Whether values are -0.5 or 0.5 only, instead of anything between.
+      seed: Seed of the draw.
     """
     random = np.random.default_rng(seed)
     motors = np.empty((robots, steps, 2))
@@ -123,75 +262,64 @@ def random_motors(robots: int, steps: int, *, full_speed: bool, seed: int = 0) -
     return motors
 
 
-def study(seeds: int = 20, minutes: float = 10.0) -> str:
-    """Runs the study; returns its table as Markdown."""
+def markdown(found: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> str:
+    """Returns the page: a row for each timestep.
+
+    Args:
+      found: Numbers of substeps, the reference first, and what their jobs measured.
+    """
     size = Dimensions.of(arena_spec().compile())
-    steps = round(minutes * 600)
-    wild = random_motors(seeds, steps, full_speed=True)
-    calm = random_motors(50, 50, full_speed=False)
-    rows, reference = [], None
-    for substeps in SUBSTEPS:
-        free = drive(substeps, calm, _CENTRE).poses[:, -1]
-        fast = drive(substeps, np.full((1, 20, 2), 0.5), (-0.45, 0.0, 0.0)).poses[0]
-        spin = drive(substeps, np.tile([-0.5, 0.5], (1, steps, 1)), _CENTRE).poses[0]
-        rest = drive(substeps, np.zeros((1, steps, 2)), _CENTRE).poses[0]
-        reference = free if reference is None else reference
-        crash = drive(substeps, wild, (-0.425, 0.25, 3 * np.pi / 4))
-        rows.append(
-            {
-                "timestep, ms": f"{1e3 * _CONTROL_TIMESTEP / substeps:.3g}",
-                "substeps": f"{substeps}",
-                **_accuracy(free - reference),
-                **_speeds(fast, spin, size),
-                **_drifts(spin, rest),
-                **_contacts(crash, size),
-                "us a step": f"{crash.microseconds:.1f}",
-                "us a control step": f"{crash.microseconds * substeps:.0f}",
-            }
-        )
-        print(f"{substeps} substeps done", file=sys.stderr)
-    lines = ["| " + " | ".join(cells) + " |" for cells in (rows[0], *map(dict.values, rows))]
-    return "\n".join([lines[0], "|" + " ---: |" * len(rows[0]), *lines[1:]])
+    reference = found[0][1]["calm"]
+    rows = [
+        {
+            "timestep, ms": f"{1e3 * CONTROL_TIMESTEP / substeps:.3g}",
+            "substeps": f"{substeps}",
+            **_accuracy(arrays["calm"] - reference),
+            **_speeds(arrays["fast"], arrays["spin"], size),
+            **_drifts(arrays["spin"], arrays["rest"]),
+            **_contacts(arrays),
+            "us a step": f"{arrays['microseconds']:.1f}",
+            "us a control step": f"{arrays['microseconds'] * substeps:.0f}",
+        }
+        for substeps, arrays in found
+    ]
+    head = [line([*rows[0]]), "|" + " ---: |" * len(rows[0])]
+    return "\n".join([*head, *(line([*row.values()]) for row in rows), ""])
 
 
-def _accuracy(off: np.ndarray) -> dict[str, str]:
-    """How far from the reference robots are, by differences of poses, shape (B, 3)."""
-    turn = np.abs((off[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+def _accuracy(error: np.ndarray) -> dict[str, str]:
+    """Describes the errors of poses relative to the reference's, shape (B, 3)."""
+    turn = np.abs((error[:, 2] + np.pi) % (2 * np.pi) - np.pi)
     return {
-        "position off after 5 s, mm": f"{1e3 * np.hypot(off[:, 0], off[:, 1]).mean():.2f}",
-        "heading off after 5 s, deg": f"{np.degrees(turn).mean():.2f}",
+        "position error after 5 s, mm": f"{1e3 * np.hypot(error[:, 0], error[:, 1]).mean():.2f}",
+        "heading error after 5 s, deg": f"{np.degrees(turn).mean():.2f}",
     }
 
 
 def _speeds(fast: np.ndarray, spin: np.ndarray, size: Dimensions) -> dict[str, str]:
-    """Straight ahead and on the spot, against what was commanded; poses of shape (T, 3)."""
+    """Describes errors of the speed, straight ahead and on the spot; poses of shape (T, 3)."""
     speed = (fast[-1, 0] - fast[9, 0]) / 1.0
-    rate = np.diff(np.unwrap(spin[:, 2]))[20:].mean() / _CONTROL_TIMESTEP
+    rate = np.diff(np.unwrap(spin[:, 2]))[20:].mean() / CONTROL_TIMESTEP
     wanted = 2 * size.motor_speed / size.wheel_base
     return {
-        "straight speed off": f"{speed / size.motor_speed - 1:+.2%}",
-        "spinning speed off": f"{rate / wanted - 1:+.2%}",
+        "error of straight speed": f"{speed / size.motor_speed - 1:+.2%}",
+        "error of spinning speed": f"{rate / wanted - 1:+.2%}",
     }
 
 
 def _drifts(spin: np.ndarray, rest: np.ndarray) -> dict[str, str]:
-    """How far robots come that should stay where they are; poses of shape (T, 3)."""
+    """Describes how far robots drift that should stay in place; poses of shape (T, 3)."""
     return {
         "drift spinning, mm": f"{1e3 * np.hypot(*(spin[:, :2] - spin[0, :2]).T).max():.4f}",
         "drift at rest, mm": f"{1e3 * np.hypot(*rest[:, :2].T).max():.4f}",
     }
 
 
-def _contacts(crash: Drive, size: Dimensions) -> dict[str, str]:
-    """What walls do to robots that ram them."""
-    touching = crash.touch > 0
+def _contacts(arrays: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Describes contact with walls."""
     return {
-        "deepest into a wall, mm": f"{max(0.0, -1e3 * crash.deepest):.2f}",
-        "tilt, deg": f"{crash.tilt:.1f}",
-        "contact is not geometry": f"{np.mean((crash.gap <= size.contact_margin) != touching):.2%}",
-        "in contact": f"{np.mean(touching):.1%}",
+        "deepest into a wall, mm": f"{max(0.0, -1e3 * float(arrays['deepest'])):.2f}",
+        "tilt, deg": f"{arrays['tilt']:.1f}",
+        "contact is not geometry": f"{arrays['differing']:.2%}",
+        "in contact": f"{arrays['touching']:.1%}",
     }
-
-
-if __name__ == "__main__":
-    print(study())

@@ -1,14 +1,17 @@
-"""Studies of several runs that differ in one thing each, a folder of OUT for each run."""
+"""Studies of several runs that differ from a baseline in one thing each, a folder of OUT a run."""
 
 from __future__ import annotations
 
 import abc
 import contextlib
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ...controller import PROPOSERS
 from ..errors import InputError
+from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
 from ..experiment.plan import Plan
@@ -18,18 +21,61 @@ from ..simulation.engine import UnfinishedRun
 from ..simulation.jobs import CohortJob, Job
 from ..storage import locked
 from ..terminal import notice
-from .study import Page, Study
+from .study import Page, Study, check_positive
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """A run that differs from the baseline in one thing.
+
+    Attributes:
+      name: Name of the run and of its folder.
+      says: Description of the difference, in words.
+      fields: Fields of the experiment that differ from the baseline's.
+      tasks: Tasks in which it can matter; in the others the lives would be the baseline's,
+        bit-exactly.
+      proposers: Proposers with which it can matter; with the others the lives would be the
+        baseline's, bit-exactly.
+    """
+
+    name: str
+    says: str
+    fields: Mapping[str, Any]
+    tasks: tuple[str, ...] = PAPER_TASKS
+    proposers: tuple[str, ...] = PROPOSERS
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """The conditions in which it can matter, in the order of the tables."""
+        return [Condition(task, proposer) for task in self.tasks for proposer in self.proposers]
+
+    def experiment(self, baseline: Experiment) -> Experiment:
+        """Returns the baseline's experiment with this one difference."""
+        return dataclasses.replace(baseline, **self.fields)
 
 
 class VariantStudy(Study):
     """Runs that are simulated together, so that a run of few cohorts leaves no core idle.
 
     A run's results are in its folder as soon as its own last cohort is done.
+
+    Attributes:
+      robots: Number of robots in each condition of each run.
     """
 
+    robots: int
+
     @abc.abstractmethod
-    def plans(self) -> Mapping[str, Plan]:
-        """Returns the robots that are wanted, by the name of the run.
+    def baseline(self) -> Experiment:
+        """Returns what all runs have in common.
+
+        Raises:
+          InputError: an option is invalid.
+        """
+
+    @abc.abstractmethod
+    def variants(self) -> Sequence[Variant]:
+        """Returns the runs, the baseline's first.
 
         Raises:
           InputError: an option is invalid.
@@ -39,21 +85,29 @@ class VariantStudy(Study):
     def report(self, runs: Mapping[str, Run]) -> Page:
         """Returns the page made from the finished runs, by name."""
 
+    def plans(self) -> Mapping[str, Plan]:
+        """Returns the robots that are wanted, by the name of the run.
+
+        Raises:
+          InputError: an option is invalid.
+        """
+        check_positive(robots=self.robots)
+        baseline = self.baseline()
+        return {
+            variant.name: Plan.of(variant.experiment(baseline), variant.conditions, self.robots)
+            for variant in self.variants()
+        }
+
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`."""
         return {name: plan.experiment for name, plan in self.plans().items()}
-
-    def details(self) -> Mapping[str, Any]:
-        """See `Study.details`: the number of robots of each condition."""
-        plans = self.plans().items()
-        return {"robots": {n: {str(c): r for c, r in p.robots.items()} for n, p in plans}}
 
     def folders(self, out: Path) -> Sequence[Path]:
         """See `Study.folders`."""
         return [out / name for name in self.plans()]
 
     def check(self, out: Path) -> None:
-        """See `Study.check`."""
+        """See `Study.check`: a run may be continued with more robots, but not with fewer."""
         for name, plan in self.plans().items():
             folder = out / name
             if (held := planned(folder)) is None:
@@ -68,7 +122,7 @@ class VariantStudy(Study):
                 raise InputError(f"{folder} was simulated in another physics than this version's")
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`."""
+        """See `Study.stages`: all cohorts of all runs."""
         plans = self.plans().items()
         with contextlib.ExitStack() as stack:
             for folder in self.folders(out):

@@ -1,4 +1,4 @@
-"""The schedules are the paper's sections 3.1 and 3.2, and legs cut them without a gap."""
+"""The schedules are those of sections 3.1 and 3.2."""
 
 import dataclasses
 import itertools
@@ -11,17 +11,18 @@ from hypothesis import strategies as st
 
 from musebot.models import Dimensions, arena_spec
 from musebot.protocols.experiment.schedules import (
+    CONTINUAL,
     PARTS,
+    PROTOCOLS,
     SCHEDULES,
     SPOT_FINDING,
     UPPER_LEFT,
     UPPER_RIGHT,
     WALL_AVOIDANCE,
+    WALLS_SENSED,
     Phase,
-    Schedule,
     control_steps,
 )
-from musebot.protocols.simulation.cohort import legs
 
 quick = settings(deadline=None, max_examples=100)
 both = pytest.mark.parametrize("schedule", SCHEDULES.values(), ids=SCHEDULES)
@@ -69,83 +70,19 @@ def test_robots_learn_in_training_and_only_there(schedule):
     assert all(phase.learning == (phase.part == "training") for phase in schedule.phases)
 
 
-def test_walls_are_to_be_avoided_and_the_spot_to_be_found():
+def test_contact_is_unwanted_and_the_spot_is_wanted():
     assert (WALL_AVOIDANCE.wanted, WALL_AVOIDANCE.unmeasured) == (False, "genius")
     assert (SPOT_FINDING.wanted, SPOT_FINDING.unmeasured) == (True, "ignorant")
 
 
 @pytest.mark.parametrize(("start", "side"), [(UPPER_LEFT, -1), (UPPER_RIGHT, 1)])
-def test_starts_are_ten_cm_from_both_walls_and_face_the_corner(start, side):
+def test_starts_are_10_cm_from_both_walls_and_face_the_corner(start, side):
     arena = Dimensions.of(arena_spec().compile())
     x, y, heading = start
     corner = (side * arena.half_length, arena.half_width)
     assert abs(corner[0] - x) == pytest.approx(0.10)
     assert abs(corner[1] - y) == pytest.approx(0.10)
     assert heading == pytest.approx(math.atan2(corner[1] - y, corner[0] - x))
-
-
-def test_wall_avoidance_places_the_robot_at_random_24_times_in_training():
-    training = [leg for leg in legs(WALL_AVOIDANCE) if leg.phase.learning]
-    assert len(training) == 24
-    assert all(leg.phase.robot == "random" and leg.phase.spot is None for leg in training)
-    assert all(leg.stop - leg.start == 3_000 for leg in training)
-
-
-def test_spot_finding_moves_the_spot_4_times_in_training_and_never_the_robot():
-    training = [leg for leg in legs(SPOT_FINDING) if leg.phase.learning]
-    assert len(training) == 4
-    assert all(leg.phase.spot == "random" and leg.phase.robot is None for leg in training)
-    assert all(leg.stop - leg.start == 36_000 for leg in training)
-
-
-@both
-def test_every_test_is_placed_once_at_its_start(schedule):
-    tests = [leg for leg in legs(schedule) if leg.phase.part != "training"]
-    assert [leg.phase for leg in tests] == [p for p in schedule.phases if p.part != "training"]
-
-
-def check_partition(schedule):
-    """The legs follow one another from 0 to the end, and no leg outlasts a placement."""
-    cuts = legs(schedule)
-    assert cuts[0].start == 0
-    assert cuts[-1].stop == sum(schedule.steps())
-    assert all(before.stop == after.start for before, after in itertools.pairwise(cuts))
-    assert all(leg.start < leg.stop for leg in cuts)
-    starts = [0, *itertools.accumulate(schedule.steps())]
-    for index, phase in enumerate(schedule.phases):
-        own = [leg for leg in cuts if starts[index] <= leg.start < starts[index + 1]]
-        assert own[0].start == starts[index]
-        assert own[-1].stop == starts[index + 1]
-        assert all(leg.phase == phase for leg in own)
-        lengths = [leg.stop - leg.start for leg in own]
-        if phase.every_minutes:
-            assert set(lengths[:-1]) <= {control_steps(phase.every_minutes)}
-            assert lengths[-1] <= control_steps(phase.every_minutes)
-        else:
-            assert len(own) == 1
-
-
-@quick
-@given(st.sampled_from(list(SCHEDULES.values())), st.floats(1e-4, 1))
-def test_legs_cut_a_life_of_any_length_without_a_gap(schedule, factor):
-    check_partition(schedule.scaled(factor))
-
-
-phases = st.builds(
-    Phase,
-    part=st.sampled_from(["pre", "training", "post"]),
-    minutes=st.floats(0, 5),
-    learning=st.booleans(),
-    every_minutes=st.none() | st.floats(0.001, 10),
-)
-
-
-@quick
-@given(st.lists(phases, min_size=1, max_size=5))
-def test_legs_cut_any_schedule_without_a_gap(drawn):
-    # Equal phases in a row would hide which one a leg belongs to.
-    distinct = [dataclasses.replace(p, spot=(float(i), 0.0)) for i, p in enumerate(drawn)]
-    check_partition(Schedule("wall_avoidance", tuple(distinct), False, "genius"))
 
 
 @quick
@@ -164,7 +101,7 @@ def test_scaling_multiplies_durations_and_nothing_else(schedule, factor):
 
 
 @both
-def test_a_factor_of_one_is_the_paper(schedule):
+def test_a_factor_of_one_changes_nothing(schedule):
     assert schedule.scaled(1.0) == schedule
 
 
@@ -178,7 +115,7 @@ def test_minutes_are_rounded_to_the_nearest_control_step_of_a_tenth_of_a_second(
 
 
 @pytest.mark.parametrize("schedule", [WALL_AVOIDANCE, SPOT_FINDING])
-def test_the_parts_of_a_life_follow_each_other_in_its_curve(schedule):
+def test_the_parts_of_a_life_follow_one_another_in_its_curve(schedule):
     minutes = [schedule.minutes_of(part) for part in PARTS]
     assert [part.start for part in minutes] == [0, *(part.stop for part in minutes[:-1])]
     lengths = [sum(p.minutes for p in schedule.phases if p.part == part) for part in PARTS]
@@ -191,6 +128,24 @@ def test_no_part_of_a_rehearsal_is_without_a_minute(factor):
     schedule = SPOT_FINDING.scaled(factor)
     curve = np.zeros(-(-sum(schedule.steps()) // control_steps(1)))
     assert all(len(curve[schedule.minutes_of(part)]) for part in PARTS)
+
+
+def test_the_protocols_beyond_the_paper_have_spot_finding_only():
+    assert PROTOCOLS["paper"] == SCHEDULES
+    assert PROTOCOLS["continual"] == {"spot_finding": CONTINUAL}
+    assert PROTOCOLS["walls"] == {"spot_finding": WALLS_SENSED}
+
+
+def test_the_continual_protocol_is_24_hours_in_which_the_spot_moves_every_ten_minutes():
+    pre, training, post = CONTINUAL.phases
+    assert (pre, post) == (SPOT_FINDING.phases[0], SPOT_FINDING.phases[2])
+    assert training == Phase("training", 1440, learning=True, spot="random", every_minutes=10)
+    assert dataclasses.replace(CONTINUAL, phases=SPOT_FINDING.phases) == SPOT_FINDING
+
+
+def test_the_protocol_walls_is_spot_finding_in_another_task():
+    assert WALLS_SENSED.task == "spot_finding_walls"
+    assert dataclasses.replace(WALLS_SENSED, task="spot_finding") == SPOT_FINDING
 
 
 def test_schedules_cannot_be_changed():

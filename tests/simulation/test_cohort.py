@@ -1,4 +1,4 @@
-"""A cohort lives by its schedule: placed where it says, learning when it says, counted by part."""
+"""A cohort follows its schedule: its placements, when it learns, and how events are counted."""
 
 import dataclasses
 import itertools
@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from musebot.models import Dimensions
-from musebot.protocols.experiment.experiment import CohortKey, Experiment
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
-from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.simulation.cohort import Cohort, check_agents
 from musebot.tasks import make_batch
 
 ROBOTS = 3
@@ -18,8 +21,8 @@ MINUTE = 600  # control steps
 
 
 @dataclasses.dataclass(frozen=True)
-class Course:
-    """What sections 3.1 and 3.2 make of a life in control steps, worked out by hand."""
+class Timeline:
+    """What happens in a life by sections 3.1 and 3.2, in control steps computed by hand."""
 
     time_scale: float
     training: range
@@ -32,9 +35,9 @@ class Course:
         return range(self.training.start), self.training, range(self.training.stop, self.end)
 
 
-COURSES = {
+TIMELINES = {
     # A hundredth of 10 + 10 minutes, 24 times 5 minutes, 10 + 10 minutes.
-    "wall_avoidance": Course(
+    "wall_avoidance": Timeline(
         time_scale=0.01,
         training=range(120, 840),
         end=960,
@@ -42,7 +45,7 @@ COURSES = {
         spot_placed=(),
     ),
     # A two-hundredth of 1 hour, 4 times 1 hour, 1 hour.
-    "spot_finding": Course(
+    "spot_finding": Timeline(
         time_scale=0.005,
         training=range(180, 900),
         end=1080,
@@ -53,21 +56,21 @@ COURSES = {
 
 
 def bump(step, state):
-    """Ahead into whatever comes, and back every third stretch of time; later more slowly."""
+    """Drives ahead, and back in every third stretch of time; later more slowly."""
     speed = 0.5 if step < MINUTE else 0.2
     back = (step // np.array([11, 13, 17])) % 3 == 2
     return np.where(back, -speed, speed)[:, None].repeat(2, axis=1)
 
 
 def seek(step, state):
-    """Turns, everyone differently, until it smells the spot, and drives; later more slowly."""
+    """Turns, each robot differently, until it smells the spot, then drives; later more slowly."""
     turns = np.array([[-0.2, 0.2], [0.2, -0.2], [-0.3, 0.3]])
     return np.where(state > 0, 0.5 if step < MINUTE else 0.3, turns)
 
 
 @dataclasses.dataclass
 class Moment:
-    """A control step, as somebody sees it who watches brain and batch."""
+    """What brain and batch did in a control step."""
 
     explore: bool
     state: np.ndarray  # what `act` was given
@@ -85,17 +88,17 @@ class Moment:
 
 
 class Watched:
-    """A cohort watched from birth to its last test; `drive` moves it in its brain's place."""
+    """A cohort recorded from birth to its last test; `drive` replaces what its brain chose."""
 
     def __init__(self, task, drive=None, proposer="creative", stride=50, **changes):
-        self.task, self.course = task, COURSES[task]
-        settings = {"cohort_size": ROBOTS, "time_scale": self.course.time_scale} | changes
-        self.cohort = Cohort(Experiment(**settings), CohortKey(task, proposer, 0))
+        self.task, self.timeline = task, TIMELINES[task]
+        settings = {"cohort_size": ROBOTS, "time_scale": self.timeline.time_scale} | changes
+        self.cohort = Cohort(Experiment(**settings), CohortKey(Condition(task, proposer), 0))
         self.moments = []
-        self.born, self.untaught, self.taught = self.networks(), None, None
+        self.newborn, self.before_training, self.after_training = self.networks(), None, None
         self._drive = drive
         agent, batch = self.cohort.agent, self.cohort.batch
-        brain = agent.controller  # its `learn` tells the TD error
+        brain = agent.controller  # its `learn` returns the TD error
         self._act, self._learn, self._step = agent.act, brain.learn, batch.step
         agent.act, brain.learn, batch.step = self.act, self.learn, self.step
         while not self.cohort.finished:
@@ -105,10 +108,10 @@ class Watched:
         return {k: v.copy() for k, v in self.cohort.agent.weights().items()}
 
     def act(self, state, explore):
-        if len(self.moments) == self.course.training.start:
-            self.untaught = self.networks()
-        if len(self.moments) == self.course.training.stop:
-            self.taught = self.networks()
+        if len(self.moments) == self.timeline.training.start:
+            self.before_training = self.networks()
+        if len(self.moments) == self.timeline.training.stop:
+            self.after_training = self.networks()
         motors = self._act(state, explore)
         if self._drive is not None:
             motors = self._drive(len(self.moments), state)
@@ -144,24 +147,24 @@ class Watched:
         now.next_physics = self.cohort.batch.arrays()["state"].copy()
 
     def steps_where(self, holds):
-        """The control steps in which something holds."""
+        """Returns the control steps in which a property holds."""
         return [step for step, moment in enumerate(self.moments) if holds(moment)]
 
     def steps_before_which(self, differs):
-        """The control steps between which and the one before something holds."""
+        """Returns the control steps that differ from the one before by a property."""
         pairs = enumerate(itertools.pairwise(self.moments), start=1)
         return [step for step, (old, new) in pairs if differs(old, new)]
 
 
 def differ(one, other):
-    """Which robots' numbers differ."""
+    """Returns which robots' numbers differ."""
     return (one != other).reshape(len(one), -1).any(axis=1)
 
 
 def happened(life, sensordata):
-    """Contact (the rim feels a force), or the nose less than 6 cm from the spot's centre.
+    """Returns where a robot was in contact, or had its nose within 6 cm of the spot's centre.
 
-    `sensordata` of shape (steps, robots, nsensordata); returns shape (steps, robots).
+    `sensordata` has shape (steps, robots, nsensordata); the result has shape (steps, robots).
     """
     model = life.cohort.batch.model
     if life.task == "wall_avoidance":
@@ -171,7 +174,7 @@ def happened(life, sensordata):
 
 
 def tally(events, stretches):
-    """How many events in each stretch of steps, shape (robots, stretches)."""
+    """Returns the number of events in each stretch of steps, shape (robots, stretches)."""
     return np.stack([events[stretch].sum(axis=0) for stretch in stretches], axis=1)
 
 
@@ -193,18 +196,18 @@ def life(request):
 # Acting and learning
 
 
-def test_every_control_step_acts_once_and_drives_what_was_chosen(life):
-    assert len(life.moments) == life.course.end == life.cohort.steps == life.cohort.step
+def test_every_control_step_acts_once_and_drives_the_chosen_motors(life):
+    assert len(life.moments) == life.timeline.end == life.cohort.steps == life.cohort.step
     assert all(len(moment.driven) == 1 for moment in life.moments)
     assert all(np.array_equal(moment.driven[0], moment.motors) for moment in life.moments)
 
 
 def test_robots_explore_in_every_step_of_training_and_in_no_other(life):
-    assert life.steps_where(lambda moment: moment.explore) == list(life.course.training)
+    assert life.steps_where(lambda moment: moment.explore) == list(life.timeline.training)
 
 
 def test_robots_learn_once_in_every_step_of_training_and_in_no_other(life):
-    assert life.steps_where(lambda moment: moment.rewards) == list(life.course.training)
+    assert life.steps_where(lambda moment: moment.rewards) == list(life.timeline.training)
     assert all(len(moment.rewards) <= 1 for moment in life.moments)
 
 
@@ -215,9 +218,9 @@ def test_robots_act_on_what_they_sense_now(life):
         np.testing.assert_array_equal(moment.state, expected)
 
 
-def test_they_learn_from_the_reward_that_came_with_the_state_just_acted_on(life):
+def test_robots_learn_from_the_reward_observed_with_the_state_just_acted_on(life):
     # In both tasks the reward is the state's last number: the contact, or the nose.
-    learning = [life.moments[step] for step in life.course.training]
+    learning = [life.moments[step] for step in life.timeline.training]
     given = np.array([moment.rewards[0] for moment in learning])
     np.testing.assert_array_equal(given, [moment.state[:, -1] for moment in learning])
     assert all(len(set(of_one)) > 1 for of_one in given.T)
@@ -226,29 +229,29 @@ def test_they_learn_from_the_reward_that_came_with_the_state_just_acted_on(life)
 # Placements
 
 
-def test_robots_are_placed_when_the_schedule_says_and_otherwise_go_on_from_where_they_are(life):
+def test_robots_are_placed_when_the_schedule_says_and_otherwise_continue_from_where_they_are(life):
     jumps = life.steps_before_which(lambda old, new: differ(old.next_physics, new.physics).any())
-    assert [0, *jumps] == list(life.course.robot_placed)
+    assert [0, *jumps] == list(life.timeline.robot_placed)
     everyone = life.steps_before_which(lambda old, new: differ(old.next_physics, new.physics).all())
     assert everyone == jumps
 
 
 def test_spots_are_moved_when_the_schedule_says_and_otherwise_stay(life):
     moves = life.steps_before_which(lambda old, new: differ(old.spot, new.spot).any())
-    assert moves == list(life.course.spot_placed[1:])
+    assert moves == list(life.timeline.spot_placed[1:])
     everyone = life.steps_before_which(lambda old, new: differ(old.spot, new.spot).all())
     assert everyone == moves
 
 
-def test_robots_sense_on_between_placements(life):
+def test_sensor_data_are_continuous_between_placements(life):
     fresh = life.steps_before_which(
         lambda old, new: differ(old.next_sensordata, new.sensordata).any()
     )
-    assert fresh == list(life.course.robot_placed[1:])
+    assert fresh == list(life.timeline.robot_placed[1:])
 
 
 def check_fixed(life, step, robot, spot=None):
-    """Before that step all robots stood, at rest and sensing, at that place, with that spot."""
+    """Checks that before a step all robots are at rest at a place, with a spot, and sense both."""
     batch = make_batch(life.task, ROBOTS)
     if spot is not None:
         batch.place_spot(np.arange(ROBOTS), np.tile(spot, (ROBOTS, 1)))
@@ -271,14 +274,14 @@ def test_tests_of_spot_finding_start_in_the_upper_left_with_the_spot_in_the_uppe
 
 
 def test_the_test_after_training_starts_as_the_one_before(life):
-    pre, _, post = life.course.parts
+    pre, _, post = life.timeline.parts
     for field in ("pose", "spot", "physics", "sensordata", "state"):
         before, after = (getattr(life.moments[part.start], field) for part in (pre, post))
         np.testing.assert_array_equal(before, after)
 
 
 def check_random(drawn, bound):
-    """Shape (placements, robots, n): all within the bound, all different, and spread out."""
+    """Checks numbers of shape (placements, robots, n): within the bound, distinct, spread out."""
     numbers = drawn.reshape(-1, drawn.shape[-1])
     assert (np.abs(numbers) <= bound).all()
     assert all(len(np.unique(column)) == len(numbers) for column in numbers.T)
@@ -287,7 +290,7 @@ def check_random(drawn, bound):
 
 def test_training_places_robots_of_wall_avoidance_24_times_at_random(walls):
     arena = Dimensions.of(walls.cohort.batch.model)
-    steps = [step for step in walls.course.robot_placed if step in walls.course.training]
+    steps = [step for step in walls.timeline.robot_placed if step in walls.timeline.training]
     assert len(steps) == 24
     clear = [arena.half_length - arena.radius, arena.half_width - arena.radius, np.pi]
     check_random(np.array([walls.moments[step].pose for step in steps]), np.array(clear))
@@ -299,11 +302,11 @@ def test_training_places_robots_of_wall_avoidance_24_times_at_random(walls):
 
 def test_training_moves_the_spot_4_times_at_random_and_never_the_robot(spots):
     arena = Dimensions.of(spots.cohort.batch.model)
-    steps = [step for step in spots.course.spot_placed if step in spots.course.training]
+    steps = [step for step in spots.timeline.spot_placed if step in spots.timeline.training]
     assert len(steps) == 4
     clear = [arena.half_length - arena.spot_radius, arena.half_width - arena.spot_radius]
     check_random(np.array([spots.moments[step].spot for step in steps]), np.array(clear))
-    assert not set(spots.course.robot_placed) & set(spots.course.training)
+    assert not set(spots.timeline.robot_placed) & set(spots.timeline.training)
 
 
 # Tallies
@@ -311,58 +314,58 @@ def test_training_moves_the_spot_4_times_at_random_and_never_the_robot(spots):
 
 def test_events_are_counted_after_each_step_in_the_part_and_the_minute_they_happen_in(life):
     after = happened(life, np.array([moment.next_sensordata for moment in life.moments]))
-    minutes = [slice(start, start + MINUTE) for start in range(0, life.course.end, MINUTE)]
+    minutes = [slice(start, start + MINUTE) for start in range(0, life.timeline.end, MINUTE)]
     lives = life.cohort.lives()
-    np.testing.assert_array_equal(lives.events, tally(after, life.course.parts))
+    np.testing.assert_array_equal(lives.events, tally(after, life.timeline.parts))
     np.testing.assert_array_equal(lives.minutes, tally(after, minutes))
     assert lives.valid.all()
 
-    # No other way of counting would have come to the same.
+    # No other way of counting gives the same numbers.
     pre, training, post = lives.events.T
-    assert lives.events.any(axis=0).all()  # somebody, in every part
+    assert lives.events.any(axis=0).all()  # at least one robot, in every part
     assert ((pre != training) & (training != post) & (post != pre)).all()
     assert len(np.unique(lives.events, axis=0)) == ROBOTS
     before = happened(life, np.array([moment.sensordata for moment in life.moments]))
-    assert (tally(before, life.course.parts) != lives.events).any()
+    assert (tally(before, life.timeline.parts) != lives.events).any()
     assert lives.minutes.shape == (ROBOTS, 2)
 
 
 def test_an_event_that_never_ends_fills_every_part_and_every_minute():
-    course = COURSES["wall_avoidance"]
-    experiment = Experiment(cohort_size=2, time_scale=course.time_scale)
-    cohort = Cohort(experiment, CohortKey("wall_avoidance", "fixed", 0))
+    timeline = TIMELINES["wall_avoidance"]
+    experiment = Experiment(cohort_size=2, time_scale=timeline.time_scale)
+    cohort = Cohort(experiment, CohortKey(Condition("wall_avoidance", "fixed"), 0))
     rules = cohort.rules
     cohort.rules = types.SimpleNamespace(
         state=rules.state, reward=rules.reward, event=lambda sensordata: np.array([True, False])
     )
     cohort.advance(10**9)
     lives = cohort.lives()
-    assert lives.events.tolist() == [[len(part) for part in course.parts], [0, 0, 0]]
-    assert lives.minutes.tolist() == [[MINUTE, course.end - MINUTE], [0, 0]]
+    assert lives.events.tolist() == [[len(part) for part in timeline.parts], [0, 0, 0]]
+    assert lives.minutes.tolist() == [[MINUTE, timeline.end - MINUTE], [0, 0]]
 
 
 # Networks
 
 
-def test_lives_tell_the_networks_at_birth_and_those_at_the_end_of_training(life):
+def test_lives_hold_the_networks_at_birth_and_those_at_the_end_of_training(life):
     lives = life.cohort.lives()
-    np.testing.assert_equal(lives.before, life.born)
-    np.testing.assert_equal(lives.after, life.taught)
+    np.testing.assert_equal(lives.before, life.newborn)
+    np.testing.assert_equal(lives.after, life.after_training)
     assert lives.before.keys() == lives.after.keys()
     for name, newborn in lives.before.items():
         assert differ(newborn, lives.after[name]).all(), name
 
 
 def test_tests_change_no_network(life):
-    np.testing.assert_equal(life.untaught, life.born)
-    np.testing.assert_equal(life.networks(), life.taught)
+    np.testing.assert_equal(life.before_training, life.newborn)
+    np.testing.assert_equal(life.networks(), life.after_training)
 
 
 # Learning across a placement
 
 
-def in_vain(life):
-    """The steps of training that taught nobody anything; in all others everybody learns."""
+def without_effect(life):
+    """Returns the steps of training that changed no network; all others changed every robot's."""
     learning = {step: life.moments[step] for step in life.steps_where(lambda m: m.changed)}
     assert learning
     idle = [step for step, moment in learning.items() if not moment.changed[0].any()]
@@ -373,29 +376,56 @@ def in_vain(life):
 
 
 @pytest.mark.parametrize("proposer", ["fixed", "creative"])
-def test_the_step_into_a_placement_teaches_nothing(proposer):
+def test_the_step_into_a_placement_changes_no_network(proposer):
     life = Watched("wall_avoidance", proposer=proposer, time_scale=0.002)
-    assert in_vain(life) == list(range(24, 168, 6))
+    assert without_effect(life) == list(range(24, 168, 6))
 
 
 @pytest.mark.parametrize("proposer", ["fixed", "creative"])
-def test_the_step_into_a_placement_teaches_where_that_is_wanted(proposer):
+def test_the_step_into_a_placement_is_learned_from_where_the_experiment_says_so(proposer):
     life = Watched(
         "wall_avoidance", proposer=proposer, time_scale=0.002, learn_across_placement=True
     )
     assert len(life.steps_where(lambda moment: moment.changed)) == 144
-    assert in_vain(life) == []
+    assert without_effect(life) == []
 
 
-def test_a_moved_spot_does_not_stop_a_robot_from_learning(spots):
-    assert in_vain(spots) == []
+def test_robots_learn_from_the_step_in_which_the_spot_moves(spots):
+    assert without_effect(spots) == []
 
 
-def test_a_robot_whose_networks_are_no_longer_numbers_is_invalid_and_the_others_are_not():
+def test_a_robot_with_a_weight_that_is_not_finite_is_invalid_and_the_others_are_not():
     cohort = Cohort(
-        Experiment(cohort_size=ROBOTS, time_scale=0.01), CohortKey("wall_avoidance", "fixed", 0)
+        Experiment(cohort_size=ROBOTS, time_scale=0.01),
+        CohortKey(Condition("wall_avoidance", "fixed"), 0),
     )
     cohort.advance(100)
     cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
     cohort.advance(10**9)
     assert cohort.lives().valid.tolist() == [True, False, True]
+
+
+# Agents of users
+
+
+def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "one_for_all.py").write_text(
+        "import numpy as np\n"
+        "from musebot.protocols.agents.q_learning import QLearner\n"
+        "class Lazy(QLearner):\n"
+        "    def act(self, state, learning):\n"
+        "        return np.zeros((1, 2))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    condition = Condition("wall_avoidance", "one_for_all:Lazy")
+    plan = Plan.of(Experiment(cohort_size=2), [condition], 2)
+    with pytest.raises(InputError) as caught:
+        check_agents(plan)
+    sentence = "one_for_all:Lazy must return motor values of shape (2, 2), got (1, 2)"
+    assert str(caught.value) == sentence
+
+
+def test_conditions_of_the_papers_proposers_need_no_check_of_agents():
+    check_agents(
+        Plan.of(Experiment(cohort_size=10**9), [Condition("spot_finding", "fixed")], 10**9)
+    )

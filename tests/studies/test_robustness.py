@@ -1,115 +1,106 @@
-"""Trained brains sit their test again in changed robots, arenas and senses; what is kept of it."""
+"""Trained brains evaluated with perturbed robots, arenas and sensors, and what is kept of it."""
 
 import dataclasses
-import json
-import subprocess
 import sys
 
 import numpy as np
 import pytest
-import torch
 
 from musebot.models import Kinematics
-from musebot.protocols.errors import InputError, exit_status
-from musebot.protocols.experiment.experiment import (
-    CohortKey,
-    Experiment,
-    Plan,
-    experiment_of,
-    physics_probe,
-    save_plan,
-)
+from musebot.protocols.agents.perturbed import PerturbedBrain
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import write_manifest
+from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import SPOT_FINDING, WALL_AVOIDANCE, control_steps
-from musebot.protocols.playback import observation as probes
 from musebot.protocols.playback.stored_brains import stored_brains
-from musebot.protocols.results.results import collect, save
-from musebot.protocols.simulation import engine, pool
-from musebot.protocols.simulation.cohort import Cohort, place
+from musebot.protocols.results.results import collect
+from musebot.protocols.results.run import Run
+from musebot.protocols.results.run_files import read_run, write_results
+from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.simulation.placement import place
 from musebot.protocols.studies import robustness
-from musebot.protocols.studies.robustness import CHANGES, REFERENCE, Job, Misled, sit
+from musebot.protocols.studies.robustness import (
+    PERTURBATIONS,
+    REFERENCE,
+    EvaluationJob,
+    Robustness,
+    evaluate,
+)
+from musebot.protocols.studies.study import conduct
 from musebot.tasks.rules import RANGEFINDERS
 from musebot.tasks.sensors import distance_signal
 
 EXPERIMENT = Experiment(body="kinematic", cohort_size=3, time_scale=0.002)
-CONDITIONS = (("wall_avoidance", "fixed"), ("spot_finding", "creative"))
-BY_NAME = {change.name: change for change in CHANGES}
+PROPOSERS = {"wall_avoidance": "fixed", "spot_finding": "creative"}
+CONDITIONS = tuple(Condition(*pair) for pair in PROPOSERS.items())
+BY_NAME = {perturbation.name: perturbation for perturbation in PERTURBATIONS}
 
 
-def live(folder, experiment=EXPERIMENT):
+class Few(Robustness):
+    """Two perturbations: what is tested is the study, not each of them."""
+
+    perturbations = (REFERENCE, BY_NAME["noise"], BY_NAME["dead-left"])
+
+
+def simulated(folder, experiment=EXPERIMENT):
     """A finished run."""
     lives = []
     for condition in CONDITIONS:
-        cohort = Cohort(experiment, CohortKey(*condition, 0))
+        key = CohortKey(condition, 0)
+        cohort = Cohort(experiment, key)
         cohort.advance(cohort.steps)
-        lives.append((CohortKey(*condition, 0), cohort.lives()))
+        lives.append((key, cohort.lives()))
+    return kept(folder, Run("run", experiment, collect(experiment, lives)))
+
+
+def kept(folder, run):
     folder.mkdir(parents=True)
-    save(folder, collect(experiment, lives))
-    save_plan(folder / engine.PLAN, Plan.of(experiment, CONDITIONS, experiment.cohort_size))
+    write_results(folder, run.results)
+    size = run.experiment.cohort_size
+    write_manifest(folder, Plan.of(run.experiment, run.conditions(), size))
     return folder
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("lived")
-    longer = dataclasses.replace(EXPERIMENT, seed=2)
-    return live(folder / "first"), live(folder / "second", longer)
+    folder = tmp_path_factory.mktemp("runs")
+    other = dataclasses.replace(EXPERIMENT, seed=2)
+    return simulated(folder / "first"), simulated(folder / "second", other)
 
 
-@pytest.fixture
-def here(monkeypatch):
-    """Jobs are done in this process: the processes are slow to start, and have a test below."""
-
-    def results(work, jobs, processes, show):
-        assert processes == 1
-        for job in jobs:
-            yield work(*job)
-
-    monkeypatch.setattr(pool, "results", results)
-    monkeypatch.setattr(pool, "tick", lambda amount: None)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+def job(run, task, perturbation, seed=0, time_scale=0.002):
+    own = read_run(run)
+    experiment = dataclasses.replace(own.experiment, seed=seed, time_scale=time_scale)
+    condition = Condition(task, PROPOSERS[task])
+    changed = Run(own.name, experiment, own.results)
+    return EvaluationJob(run / "unused", changed, condition, (0, 1, 2), perturbation)
 
 
-def study(out, *runs, **options):
-    return exit_status(lambda: robustness.main(runs, out, **({"processes": 1} | options)))
+# ---- What differs ----
 
 
-def listing(folder):
-    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def job(run, task, change, seed=0):
-    experiment, results = engine.read_run(run)
-    experiment = dataclasses.replace(experiment, seed=seed)
-    proposer = dict(CONDITIONS)[task]
-    return Job(run / "unused", experiment, results, (task, proposer), (0, 1, 2), change)
-
-
-# ---- What is changed ----
-
-
-def test_every_change_differs_from_the_reference_in_one_thing():
-    assert REFERENCE is CHANGES[0]
-    told = {"name", "says", "tasks"}
-    for change in CHANGES[1:]:
+def test_every_perturbation_differs_from_the_reference_in_one_thing():
+    assert REFERENCE is PERTURBATIONS[0]
+    labels = {"name", "says", "tasks"}
+    for perturbation in PERTURBATIONS[1:]:
         fields = {
             field.name
-            for field in dataclasses.fields(change)
-            if getattr(change, field.name) != getattr(REFERENCE, field.name)
+            for field in dataclasses.fields(perturbation)
+            if getattr(perturbation, field.name) != getattr(REFERENCE, field.name)
         }
-        assert len(fields - told) == 1 and {"name", "says"} <= fields
+        assert len(fields - labels) == 1 and {"name", "says"} <= fields
 
 
 @pytest.mark.parametrize("body", ["kinematic", "mujoco"])
 @pytest.mark.parametrize(("name", "factor"), [("half-speed", 0.5), ("double-speed", 2.0)])
 @pytest.mark.parametrize("own", [None, 0.1])
-def test_a_robot_of_another_speed_goes_that_much_of_the_way(body, name, factor, own):
+def test_a_robot_of_another_speed_moves_in_proportion(body, name, factor, own):
     experiment = dataclasses.replace(EXPERIMENT, body=body, motor_speed=own)
     ways = []
-    for change in (REFERENCE, BY_NAME[name]):
-        batch = change.batch(experiment, "spot_finding", 1)
+    for perturbation in (REFERENCE, BY_NAME[name]):
+        batch = perturbation.batch(experiment, "spot_finding", 1)
         batch.place(np.array([0]), np.array([[-0.4, 0.0, 0.0]]))
         for _ in range(10):  # the body needs a few control steps to gather speed
             batch.step(np.full((1, 2), 0.25))
@@ -144,7 +135,7 @@ def test_in_the_larger_arena_robot_and_spot_start_as_far_from_its_corners(body, 
         assert phase.minutes == old.minutes and not phase.learning
 
 
-def test_elsewhere_the_spot_lies_below_the_robot_instead_of_beside_it():
+def test_the_moved_spot_lies_below_the_robot_instead_of_to_its_right():
     batch = BY_NAME["spot-lower-left"].batch(EXPERIMENT, "spot_finding", 1)
     [phase] = BY_NAME["spot-lower-left"].test(SPOT_FINDING, batch.dimensions)
     [before] = [phase for phase in SPOT_FINDING.phases if phase.part == "post"]
@@ -154,43 +145,44 @@ def test_elsewhere_the_spot_lies_below_the_robot_instead_of_beside_it():
     assert np.hypot(*np.subtract(before.spot, before.robot[:2])) == pytest.approx(0.85)
 
 
-# ---- What brains are told ----
+# ---- What brains sense ----
 
 
-def misled(runs, task, change, seed=0):
-    experiment, results = engine.read_run(runs[0])
+def perturbed(runs, task, perturbation, seed=0):
+    condition = Condition(task, PROPOSERS[task])
     which = [(row, "after") for row in range(3)]
-    brains = stored_brains(experiment, results, task, dict(CONDITIONS)[task], which, 0)
-    return Misled(brains, change, task, np.random.default_rng(seed))
+    brains = stored_brains(read_run(runs[0]), condition, which, 0)
+    random = np.random.default_rng(seed)
+    return PerturbedBrain(brains, task, random, perturbation.noise, perturbation.dead)
 
 
 def test_noise_is_a_tenth_of_each_signal_new_every_step_and_seeded(runs):
     signals = np.tile([0.5, 0.01, 0.3, 0.0, -0.6], (3, 1)).astype(np.float32)
-    one, again, other = (misled(runs, "wall_avoidance", BY_NAME["noise"], s) for s in (1, 1, 2))
-    told = np.array([one.told(signals) for _ in range(4000)])
-    np.testing.assert_array_equal(told[:2], [again.told(signals) for _ in range(2)])
-    assert (other.told(signals) != told[0])[:, signals[0] != 0].all()
-    np.testing.assert_allclose(told.mean(axis=0), signals, rtol=0.01)
-    np.testing.assert_allclose(told.std(axis=0), 0.1 * np.abs(signals), rtol=0.05)
-    apart = (told / np.where(signals, signals, 1))[:, :, signals[0] != 0].reshape(4000, -1)
+    one, again, other = (perturbed(runs, "wall_avoidance", BY_NAME["noise"], s) for s in (1, 1, 2))
+    found = np.array([one.perturbed(signals) for _ in range(4000)])
+    np.testing.assert_array_equal(found[:2], [again.perturbed(signals) for _ in range(2)])
+    assert (other.perturbed(signals) != found[0])[:, signals[0] != 0].all()
+    np.testing.assert_allclose(found.mean(axis=0), signals, rtol=0.01)
+    np.testing.assert_allclose(found.std(axis=0), 0.1 * np.abs(signals), rtol=0.05)
+    apart = (found / np.where(signals, signals, 1))[:, :, signals[0] != 0].reshape(4000, -1)
     np.testing.assert_allclose(np.corrcoef(apart.T), np.eye(12), atol=0.1)
     np.testing.assert_allclose(np.corrcoef(apart[1:, 0], apart[:-1, 0])[0, 1], 0, atol=0.1)
 
 
 def test_noise_keeps_signals_within_their_range(runs):
     signals = np.tile([1.0, 1.0, 0.0, 0.0, -1.0], (3, 1)).astype(np.float32)
-    brains = misled(runs, "wall_avoidance", BY_NAME["noise"])
-    told = np.array([brains.told(signals) for _ in range(200)])
-    assert told[..., :2].max() == 1.0 and told[..., :2].min() < 0.9
-    assert told[..., 4].min() == -1.0 and told[..., 4].max() > -0.9
-    nose = misled(runs, "spot_finding", BY_NAME["noise"])
-    smelled = np.array([nose.told(np.full((3, 1), 10 / 11, "f4")) for _ in range(200)])
+    brains = perturbed(runs, "wall_avoidance", BY_NAME["noise"])
+    found = np.array([brains.perturbed(signals) for _ in range(200)])
+    assert found[..., :2].max() == 1.0 and found[..., :2].min() < 0.9
+    assert found[..., 4].min() == -1.0 and found[..., 4].max() > -0.9
+    nose = perturbed(runs, "spot_finding", BY_NAME["noise"])
+    smelled = np.array([nose.perturbed(np.full((3, 1), 10 / 11, "f4")) for _ in range(200)])
     assert 0.4 < smelled.min() < 10 / 11 < smelled.max() == 1.0
 
 
 @pytest.mark.parametrize("name", RANGEFINDERS)
-def test_a_dead_sensor_reads_the_same_whatever_is_there_and_the_others_what_they_did(runs, name):
-    brains = misled(runs, "wall_avoidance", BY_NAME[f"dead-{name}"])
+def test_a_dead_sensor_always_reads_the_same_and_the_others_are_unchanged(runs, name):
+    brains = perturbed(runs, "wall_avoidance", BY_NAME[f"dead-{name}"])
     batch = EXPERIMENT.batch("wall_avoidance", 3)
     column = RANGEFINDERS.index(name)
     read = []
@@ -199,12 +191,12 @@ def test_a_dead_sensor_reads_the_same_whatever_is_there_and_the_others_what_they
             batch.place(np.arange(3), np.tile([x, y, heading], (3, 1)))
             signals = batch.rules.state(batch.sensordata).astype(np.float32)
             before = signals.copy()
-            told = brains.told(signals)
+            found = brains.perturbed(signals)
             np.testing.assert_array_equal(signals, before)
-            np.testing.assert_array_equal(*(np.delete(s, column, 1) for s in (told, signals)))
+            np.testing.assert_array_equal(*(np.delete(s, column, 1) for s in (found, signals)))
             seen = distance_signal(batch.sensordata[:, batch.rules.layout.distances])[:, column]
             np.testing.assert_array_equal(signals[:, column], seen.astype(np.float32))
-            read.append((told[0, column], signals[0, column]))
+            read.append((found[0, column], signals[0, column]))
     dead, alive = np.array(read).T
     assert (dead == 0).all() and len({*alive}) >= 8 and (alive > 0).all()
 
@@ -212,100 +204,105 @@ def test_a_dead_sensor_reads_the_same_whatever_is_there_and_the_others_what_they
 # ---- The test ----
 
 
-@pytest.mark.parametrize("task", dict(CONDITIONS))
-def test_with_nothing_changed_it_is_the_test_of_the_schedule(runs, task):
+@pytest.mark.parametrize("task", PROPOSERS)
+def test_without_a_perturbation_it_is_the_test_of_the_schedule(runs, task):
     wanted = job(runs[0], task, REFERENCE, seed=5)
-    seed, random = wanted.experiment.seeds(CohortKey(*wanted.condition, 0))
+    experiment = wanted.evaluated.experiment
+    seed, random = experiment.seeds(CohortKey(wanted.condition, 0))
     which = [(row, "after") for row in wanted.rows]
-    brains = stored_brains(wanted.experiment, wanted.results, *wanted.condition, which, seed)
+    brains = stored_brains(wanted.evaluated, wanted.condition, which, seed)
     weights = {name: array.copy() for name, array in brains.weights().items()}
-    batch = wanted.experiment.batch(task, 3)
+    batch = experiment.batch(task, 3)
     events = np.zeros(3, int)
-    for phase in wanted.experiment.schedule(task).phases:
+    for phase in experiment.schedule(task).phases:
         if phase.part == "post":
             place(batch, phase, random)
             for _ in range(control_steps(phase.minutes)):
                 state = batch.rules.state(batch.sensordata).astype(np.float32)
                 batch.step(brains.act(state, False))
                 events += batch.rules.event(batch.sensordata)
-    found = sit(wanted)
+    found = evaluate(wanted)
     np.testing.assert_array_equal(found["events"], events)
     assert found["valid"].all()
     for name, array in brains.weights().items():
         np.testing.assert_array_equal(array, weights[name])
 
 
-def test_robots_that_went_into_walls_meet_fewer_at_a_crawl(runs):
-    """The speed reaches the robots: at a thousandth of it nobody gets the ten centimetres."""
+def test_slow_robots_do_not_reach_walls_that_fast_ones_reach(runs):
+    """The speed reaches the robots: a thousandth of it covers less than the ten centimetres."""
     crawl = dataclasses.replace(REFERENCE, speed=0.001)
-    assert sit(job(runs[0], "wall_avoidance", crawl))["events"].sum() == 0
+    assert evaluate(job(runs[0], "wall_avoidance", crawl))["events"].sum() == 0
     fast = dataclasses.replace(REFERENCE, speed=2.0)
-    assert sit(job(runs[0], "wall_avoidance", fast))["events"].sum() > 0
+    assert evaluate(job(runs[0], "wall_avoidance", fast))["events"].sum() > 0
 
 
 @pytest.fixture
-def went(monkeypatch):
-    """Where a job's robots went, in tests three times as long."""
-    tracks, watch = [], probes.watch
+def tracks(monkeypatch):
+    """A function that returns where a job's robots went, in tests three times as long."""
+    recorded, watch = [], robustness.watch
 
-    def recorded(*args, **kwargs):
-        tracks.append(watch(*args, **kwargs))
-        return tracks[-1]
+    def record(*args, **kwargs):
+        recorded.append(watch(*args, **kwargs))
+        return recorded[-1]
 
-    monkeypatch.setattr(probes, "watch", recorded)
+    monkeypatch.setattr(robustness, "watch", record)
 
-    def went(job):
-        tracks.clear()
-        sit(
-            dataclasses.replace(
-                job, experiment=dataclasses.replace(job.experiment, time_scale=0.006)
-            )
-        )
-        return np.concatenate([track.poses for track in tracks])
+    def tracks(*args, **kwargs):
+        recorded.clear()
+        evaluate(job(*args, **kwargs, time_scale=0.006))
+        return np.concatenate([track.poses for track in recorded])
 
-    return went
+    return tracks
 
 
-@pytest.mark.parametrize("task", dict(CONDITIONS))
-def test_every_change_changes_what_robots_do(runs, went, task):
-    unchanged = went(job(runs[0], task, REFERENCE))
-    for change in CHANGES[1:]:
-        if task in change.tasks:
-            assert not np.array_equal(went(job(runs[0], task, change)), unchanged), change.name
+@pytest.mark.parametrize("task", PROPOSERS)
+def test_every_perturbation_changes_what_robots_do(runs, tracks, task):
+    unchanged = tracks(runs[0], task, REFERENCE)
+    for perturbation in PERTURBATIONS[1:]:
+        if task in perturbation.tasks:
+            found = tracks(runs[0], task, perturbation)
+            assert not np.array_equal(found, unchanged), perturbation.name
 
 
-def test_the_seed_decides_the_ideas(runs, went):
+def test_the_seed_decides_the_ideas(runs, tracks):
     one, again, other = (
-        went(job(runs[0], "spot_finding", REFERENCE, seed=seed)) for seed in (1, 1, 2)
+        tracks(runs[0], "spot_finding", REFERENCE, seed=seed) for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(one, again)
     assert not np.array_equal(one, other)
 
 
+def test_an_evaluation_stops_within_a_simulated_minute_when_asked(runs, tmp_path):
+    wanted = job(runs[0], "spot_finding", REFERENCE, time_scale=1.0)
+    wanted = dataclasses.replace(wanted, path=tmp_path / "file")
+    reports = []
+    stopped = wanted.run(lambda: len(reports) == 2, lambda *report: reports.append(report))
+    assert stopped is False and not wanted.done()
+    assert reports == [(180.0, ""), (360.0, "")]  # robot-seconds
+    assert wanted.cost == 3 * 3600
+
+
 # ---- The study ----
 
 
-def test_a_study_keeps_every_test_and_its_page_and_goes_on_where_it_was(
-    runs, tmp_path, here, capsys
-):
-    out = tmp_path / "study"
-    assert study(out, *runs) == 0
-    text, _ = capsys.readouterr()
-    assert text == robustness.report(out) + "\n" == (out / "robustness.md").read_text() + "\n"
+def test_a_study_keeps_every_evaluation_and_continues(runs, tmp_path, here, listing):
+    text = conduct(Robustness(runs), tmp_path, here).markdown
     rows = [line for line in text.splitlines() if line.startswith("| ")]
-    walls = [change for change in CHANGES if "wall_avoidance" in change.tasks]
-    smells = [change for change in CHANGES if "spot_finding" in change.tasks]
-    assert len(rows) == len(walls) + len(smells) + 4
-    assert {line.count("|") for line in rows} == {8}  # a change, and three cells of each run
-    assert "a rehearsal: every duration times 0.002" in text
-    assert len([*out.glob("*/*.safetensors")]) == 2 * (len(walls) + len(smells))
+    walls = [one for one in PERTURBATIONS if "wall_avoidance" in one.tasks]
+    spots = [one for one in PERTURBATIONS if "spot_finding" in one.tasks]
+    assert len(rows) == len(walls) + len(spots) + 4
+    assert {line.count("|") for line in rows} == {8}  # a perturbation, and three cells of each run
+    assert "all durations times 0.002" in text
+    assert len([*tmp_path.glob("*/*.safetensors")]) == 2 * (len(walls) + len(spots))
 
-    before = listing(out)
-    (out / "robustness.md").unlink()
-    (out / "first" / "wall_avoidance-fixed-noise.safetensors").unlink()
-    (out / "second" / ".x.1.draft").write_text("half")
-    assert study(out, *runs) == 0
-    assert listing(out) == before
+    before = listing(tmp_path)
+    here.jobs.clear()
+    (tmp_path / "robustness.md").unlink()
+    (tmp_path / "first" / "wall_avoidance-fixed-noise.safetensors").unlink()
+    (tmp_path / "second" / ".x.1.draft").write_text("half")
+    conduct(Robustness(runs), tmp_path, here)
+    assert listing(tmp_path) == before
+    assert [str(job) for job in here.jobs] == ["first/wall_avoidance-fixed-noise"]
 
 
 def test_differences_are_of_pairs_and_robots_that_became_unstable_are_left_out():
@@ -319,170 +316,106 @@ def test_differences_are_of_pairs_and_robots_that_became_unstable_are_left_out()
     assert robustness.cells(np.zeros(9), np.ones(9)) == ["0.0000", "-1.0000", "9 of 9"]
 
 
-def test_at_most_so_many_robots_sit_and_no_invalid_ones(runs, tmp_path, here):
-    experiment, results = engine.read_run(runs[0])
-    rows = [
-        dataclasses.replace(robot, category="invalid", learn_ability=float("nan"))
-        if (robot.task, robot.robot) == ("spot_finding", 0)
-        else robot
-        for robot in results.robots
-    ]
-    folder = tmp_path / "run"
-    folder.mkdir()
-    save(folder, dataclasses.replace(results, robots=rows))
-    save_plan(folder / engine.PLAN, Plan.of(experiment, CONDITIONS, 3))
-    [(sitter, lives)] = robustness.sitters([folder], 60, None, 0)
-    assert sitter.robots == {CONDITIONS[0]: 3, CONDITIONS[1]: 2}
-    chosen = {job.condition: job.rows for job in robustness.jobs(tmp_path, [(sitter, lives)])}
+def test_the_first_valid_robots_are_evaluated(runs, tmp_path):
+    run = read_run(runs[0])
+    part = run.results[CONDITIONS[1]]
+    broken = dataclasses.replace(part.robots[0], category="invalid", learn_ability=float("nan"))
+    results = run.results | {
+        CONDITIONS[1]: dataclasses.replace(part, robots=[broken, *part.robots[1:]])
+    }
+    folder = kept(tmp_path / "run", Run("run", run.experiment, results))
+    study = Robustness((folder,))
+    assert study.evaluated[0].robots == {CONDITIONS[0]: 3, CONDITIONS[1]: 2}
+    chosen = {job.condition: job.rows for job in study.jobs(tmp_path)}
     assert chosen == {CONDITIONS[0]: (0, 1, 2), CONDITIONS[1]: (1, 2)}
-    [(sitter, _)] = robustness.sitters([folder], 1, None, 0)
-    assert sitter.robots == dict.fromkeys(CONDITIONS, 1)
+    assert Robustness((folder,), robots=1).evaluated[0].robots == dict.fromkeys(CONDITIONS, 1)
 
 
-def test_only_the_proposers_that_are_asked_for_sit(runs, tmp_path, capsys):
+def test_only_the_given_proposers_are_evaluated(runs):
     for condition in CONDITIONS:
-        [(sitter, _)] = robustness.sitters(runs[:1], 1, None, 0, condition[1:])
-        assert sitter.robots == {condition: 1}
-    for proposer, words in (
-        ("best", "must be one of fixed, random"),
-        ("random", "no brain of a random"),
-    ):
-        assert study(tmp_path / "study", runs[0], proposer=(proposer,)) == 2
-        assert words in capsys.readouterr().err
-        assert not (tmp_path / "study").exists()
+        (found,) = Robustness(runs[:1], 1, proposer=(condition.proposer,)).evaluated
+        assert found.robots == {condition: 1}
 
 
-def test_the_body_is_the_runs_own_or_the_one_asked_for(runs):
+def test_the_body_is_the_runs_own_or_the_given_one(runs, tmp_path):
     for body, expected in ((None, "kinematic"), ("mujoco", "mujoco")):
-        [(sitter, _)] = robustness.sitters(runs[:1], 1, body, 7)
-        assert sitter.experiment == dataclasses.replace(EXPERIMENT, body=expected, seed=7)
-        assert robustness.Sitter.of_plain(sitter.plain()) == sitter
-
-
-def test_a_study_in_other_walls_of_a_stand_in_told_how_to_drive_is_refused(tmp_path, here, capsys):
-    turns = Kinematics(wall="turns")
-    run = live(tmp_path / "run", dataclasses.replace(EXPERIMENT, kinematics=turns))
-    out = tmp_path / "study"
-    assert study(out, run) == 0
-    file = out / robustness.STUDY
-    held = json.loads(file.read_text())
-    assert held["runs"][0]["physics"] == list(physics_probe("kinematic", turns))
-    held["runs"][0]["physics"] = physics_probe("kinematic", Kinematics(wall="slides"))
-    file.write_text(json.dumps(held))
-    before = listing(out)
-    assert study(out, run) == 2
-    assert "was measured in another physics than this version's" in capsys.readouterr().err
-    assert listing(out) == before
-
-
-def test_an_experiment_comes_back_from_json():
-    experiment = Experiment(body="kinematic", kinematics=Kinematics(lag=0.08), motor_speed=0.1)
-    plain = json.loads(json.dumps(dataclasses.asdict(experiment)))
-    assert experiment_of(plain) == experiment
+        study = Robustness(runs[:1], 1, body, 7)
+        expected = dataclasses.replace(EXPERIMENT, body=expected, seed=7)
+        assert study.experiments() == {"first": expected}
+    turns = dataclasses.replace(EXPERIMENT, kinematics=Kinematics(wall="turns"))
+    run = simulated(tmp_path / "run", turns)
+    for body, kinematics in ((None, turns.kinematics), ("mujoco", Kinematics())):
+        assert Robustness((run,), body=body).experiments()["run"].kinematics == kinematics
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"robots": 0}, "number of robots must be at least 1, got 0"),
-        ({"processes": 0}, "number of processes must be at least 1, got 0"),
-        ({"seed": -1}, "seed must lie in [0, 2^63), got -1"),
+        ({"robots": 0}, "robots must be at least 1, got 0"),
+        ({"seed": -1}, r"seed must lie in \[0, 2\^63\), got -1"),
         ({"body": "wooden"}, "body must be one of mujoco, kinematic, got 'wooden'"),
+        ({"proposer": ("best",)}, "must be one of fixed, random"),
+        ({"proposer": ("random",)}, "first has no brain of a random robot"),
+        ({"runs": ()}, "at least one run is needed"),
     ],
 )
-def test_bad_input_is_one_sentence_and_nothing_is_made(options, words, runs, tmp_path, capsys):
-    assert study(tmp_path / "study", *runs, **options) == 2
-    message = capsys.readouterr().err
-    assert words in message and message.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
+def test_an_invalid_option_is_refused(options, words, runs):
+    with pytest.raises(InputError, match=words):
+        Robustness(**({"runs": runs} | options)).experiments()
 
 
-def test_a_study_of_no_run_is_refused(tmp_path, capsys):
-    assert study(tmp_path / "study") == 2
-    assert "no run is named whose brains could sit the test" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+def test_runs_that_cannot_be_in_one_table_are_refused(runs, tmp_path):
+    shorter = simulated(tmp_path / "shorter", dataclasses.replace(EXPERIMENT, time_scale=0.001))
+    for wanted, words in (
+        ((runs[0], runs[0]), "runs must have different names, got first, first"),
+        ((tmp_path,), "holds no experiment of musebot's"),
+        ((runs[0], shorter), "their time scales are 0.001 and 0.002"),
+    ):
+        with pytest.raises(InputError, match=words):
+            Robustness(wanted).experiments()
 
 
-def test_runs_that_cannot_stand_in_one_table_are_refused(runs, tmp_path, capsys):
+def test_another_study_of_these_runs_is_refused(runs, tmp_path, here, listing):
     out = tmp_path / "study"
-    assert study(out, runs[0], runs[0]) == 2
-    assert "runs must have different names, got first, first" in capsys.readouterr().err
-    assert study(out, tmp_path) == 2
-    assert "holds no experiment of musebot's" in capsys.readouterr().err
-    shorter = dataclasses.replace(EXPERIMENT, time_scale=0.001)
-    assert study(out, runs[0], live(tmp_path / "shorter", shorter)) == 2
-    assert "durations are the paper's times 0.001 and 0.002" in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_a_foreign_folder_and_another_study_are_refused_and_left_alone(
-    runs, tmp_path, here, capsys
-):
-    (tmp_path / "thesis.tex").write_text("precious")
-    assert study(tmp_path, *runs) == 2
-    assert "is not empty and holds no study of musebot's" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
-
-    out = tmp_path / "study"
-    assert study(out, runs[0], robots=2) == 0
-    capsys.readouterr()
+    conduct(Few(runs[:1], robots=2), out, here)
     before = listing(out)
-    other = live(tmp_path / "other" / "first", dataclasses.replace(EXPERIMENT, seed=3))
-    for asked, options, words in (
+    other = simulated(tmp_path / "other" / "first", dataclasses.replace(EXPERIMENT, seed=3))
+    for wanted, options, words in (
         (runs, {"robots": 2}, "holds a study of first, not of first, second"),
-        (runs[:1], {"robots": 3}, "holds a study of 2, 2 robots of first, not of 3, 3"),
+        (runs[:1], {"robots": 3}, "holds a study with robots .*2.*, not .*3"),
         (runs[:1], {"robots": 2, "seed": 1}, "holds a study of first with seed 0, not 1"),
         (runs[:1], {"robots": 2, "body": "mujoco"}, "with body kinematic, not mujoco"),
-        ([other], {"robots": 2}, "holds a study of other brains than those of first"),
+        ([other], {"robots": 2}, "holds a study with brains"),
     ):
-        assert study(out, *asked, **options) == 2
-        assert words in capsys.readouterr().err
+        with pytest.raises(InputError, match=words):
+            conduct(Few(tuple(wanted), **options), out, here)
     assert listing(out) == before
 
 
-def test_what_a_study_lacks_or_was_measured_otherwise_is_named(
-    runs, tmp_path, here, capsys, monkeypatch
-):
-    out = tmp_path / "study"
-    assert study(out, runs[0]) == 0
-    changes = [
-        dataclasses.replace(change, noise=0.2) if change.noise else change for change in CHANGES
-    ]
-    monkeypatch.setattr(robustness, "CHANGES", changes)
-    with pytest.raises(InputError, match="was measured with another change than noise"):
-        robustness.report(out)
-    (out / "first" / "wall_avoidance-fixed-unchanged.safetensors").unlink()
-    before = listing(out)
-    assert study(out, runs[0]) == 2
-    assert "was measured with another change than noise" in capsys.readouterr().err
-    assert listing(out) == before
-    monkeypatch.setattr(robustness, "CHANGES", CHANGES)
-    assert study(out, runs[0]) == 0
-    (out / "first" / "spot_finding-creative-noise.safetensors").unlink()
+def test_a_missing_file_and_one_of_another_perturbation_are_named(runs, tmp_path, here, listing):
+    class Louder(Few):
+        perturbations = (REFERENCE, dataclasses.replace(BY_NAME["noise"], noise=0.2))
+
+    conduct(Few(runs[:1]), tmp_path, here)
+    before = listing(tmp_path)
+    for refused in (conduct, lambda study, out, executor: study.page(out)):
+        with pytest.raises(InputError, match="was measured with another perturbation noise"):
+            refused(Louder(runs[:1]), tmp_path, here)
+    assert listing(tmp_path) == before
+    (tmp_path / "first" / "spot_finding-creative-noise.safetensors").unlink()
     with pytest.raises(InputError, match="lacks first/spot_finding-creative-noise"):
-        robustness.report(out)
-    (out / "study.json").write_text("{}")
-    with pytest.raises(InputError, match="is no study of musebot's"):
-        robustness.report(out)
-    with pytest.raises(InputError, match="holds no study of musebot's"):
-        robustness.report(tmp_path)
+        Few(runs[:1]).page(tmp_path)
 
 
-def test_a_study_that_was_stopped_goes_on_to_the_same_bytes(tmp_path, here, stopped):
-    run = live(tmp_path / "run", dataclasses.replace(EXPERIMENT, time_scale=0.01))
-    assert study(tmp_path / "whole", run) == 0
+def test_a_stopped_study_continues_to_the_same_bytes(tmp_path, here, listing, stopped):
+    run = simulated(tmp_path / "run", dataclasses.replace(EXPERIMENT, time_scale=0.01))
+    conduct(Robustness((run,)), tmp_path / "whole", here)
     out = tmp_path / "stopped"
-    line = [sys.executable, "-m", "musebot.protocols.studies.robustness", str(run)]
-    line += ["--out", str(out), "--processes", "1"]
+    line = [sys.executable, "-m", "musebot", "study", "robustness", str(out)]
+    line += ["--runs", str(run), "--processes", "1"]
     status, said = stopped(line, out, "*/*.safetensors")
-    kept = len([*out.glob("*/*.safetensors")])
-    assert (status, 0 < kept < 15) == (130, True), said
-    assert "the same command goes on from here" in said
-    assert study(out, run) == 0
+    count = len([*out.glob("*/*.safetensors")])
+    assert (status, 0 < count < 15) == (130, True), said
+    assert "the same command continues from here" in said
+    conduct(Robustness((run,)), out, here)
     assert listing(out) == listing(tmp_path / "whole")
-
-
-def test_it_explains_itself():
-    line = [sys.executable, "-m", "musebot.protocols.studies.robustness", "--help"]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0 and "--robots" in done.stdout

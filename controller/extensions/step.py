@@ -1,0 +1,46 @@
+"""A control step with the best action and the reward, for parts that learn from them."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..step import Step
+
+
+class DetailedStep(Step):
+    """What B robots sensed and selected, the best proposed action, and the reward if known."""
+
+    def __init__(self, robots: int, inputs: int) -> None:
+        """Allocates a step of B robots with I network inputs."""
+        super().__init__(robots, inputs)
+        self.best_action = torch.zeros(robots, 2)
+        self.best_value = torch.zeros(robots)
+        self.reward = torch.zeros(robots)
+        self.rewarded = False
+
+    def record(
+        self, state: Tensor, actions: Tensor, values: Tensor, selected: Tensor, best: Tensor
+    ) -> None:
+        """See `Step.record`; the reward is not known yet."""
+        super().record(state, actions, values, selected, best)
+        self.best_action = actions[self._rows, best]
+        self.best_value = values[self._rows, best]
+        self.rewarded = False
+
+    def tensors(self) -> dict[str, Tensor]:
+        """See `Step.tensors`."""
+        return super().tensors() | {
+            "best_action": self.best_action.clone(),
+            "best_value": self.best_value.clone(),
+            "reward": self.reward.clone(),
+            "rewarded": torch.tensor(self.rewarded),
+        }
+
+    def load(self, tensors: dict[str, Tensor]) -> None:
+        """See `Step.load`."""
+        super().load(tensors)
+        self.best_action = tensors["best_action"].clone()
+        self.best_value = tensors["best_value"].clone()
+        self.reward = tensors["reward"].clone()
+        self.rewarded = bool(tensors["rewarded"])

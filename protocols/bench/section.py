@@ -1,0 +1,28 @@
+"""A section of what `musebot bench` prints."""
+
+from __future__ import annotations
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A heading, a paragraph and a table.
+
+    Attributes:
+      title: Heading.
+      text: What is measured.
+      head: Heads of the table's columns.
+      rows: Rows of the table.
+    """
+
+    title: str
+    text: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """Returns heading, paragraph and table as Markdown."""
+        rule = ("---", *("---:" for _ in self.head[1:]))
+        table = "\n".join(f"| {' | '.join(row)} |" for row in (self.head, rule, *self.rows))
+        return f"### {self.title}\n\n{self.text}\n\n{table}\n"

@@ -1,0 +1,49 @@
+"""The options of a command that say what runs its jobs.
+
+Light: processes and clusters are imported once they are needed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ..errors import InputError
+from ..options import cores
+
+if TYPE_CHECKING:
+    from .jobs import Executor
+
+
+@dataclasses.dataclass(frozen=True)
+class Workers:
+    """What runs the jobs of a run or a study."""
+
+    processes: int = cores()
+    """number of jobs that this machine runs at a time, one core each"""
+    engine: Literal["local", "ray"] = "local"
+    """ray: on an existing cluster, with OUT on storage that all its nodes share"""
+    address: str = "auto"
+    """address of the Ray cluster, as host:port"""
+
+    def executor(self) -> Executor:
+        """Returns the executor, connected.
+
+        Raises:
+          InputError: a value is invalid, there is no such cluster, or Ray is not installed.
+        """
+        if self.processes < 1:
+            raise InputError(f"processes must be at least 1, got {self.processes}")
+        if self.engine == "ray":
+            from . import ray_cluster
+
+            return ray_cluster.RayCluster(self.address)
+        from .local import Local
+
+        return Local(self.processes)
+
+
+HERE = Workers()  # as many processes as this machine has cores
+WorkersOption = Annotated[Workers, tyro.conf.arg(name="")]

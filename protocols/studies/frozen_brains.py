@@ -1,0 +1,343 @@
+"""Brains stored at nine times of their training, and their evaluation with frozen weights."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ...tasks import CONTROL_TIMESTEP
+from ..agents.factory import make_agent
+from ..agents.neurocontroller import NeurocontrollerAgent
+from ..analysis.regret import regret
+from ..errors import DamagedFileError, InputError, RunError
+from ..experiment.conditions import CohortKey, Condition
+from ..experiment.experiment import Experiment
+from ..experiment.schedules import control_steps
+from ..playback.rollout import Tick, watch
+from ..simulation.cohort import Cohort
+from ..simulation.jobs import Report, Stop
+from ..simulation.placement import place
+from ..storage import digest, load_arrays, save_arrays
+from .study import MinuteTick, StoppedError
+
+TIMES = 8  # of the training, besides its beginning
+SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
+SMELLS = {"no smell": None, "weak: 20 cm ahead": 0.2, "strong: 7 cm ahead": 0.07, "maximal": 0.0}
+
+_CONDITION = Condition("spot_finding", "creative")
+_STRIDE = control_steps(1)
+_TOGETHER = 250  # robots in lockstep in a test
+_STORED = "known."  # prefix of the networks' names in the file of a life
+
+
+@dataclasses.dataclass(frozen=True)
+class LearningProgress:
+    """What the brains of R robots had learned at T times of their training.
+
+    Attributes:
+      experiment: Experiment of the robots.
+      name: Name of their brain.
+      hours: Simulated hours of training at each time, shape (T,).
+      networks: Networks at each time, each of shape (T, R, ...); of valid robots only.
+      invalid: Number of robots whose simulation became unstable.
+    """
+
+    experiment: Experiment
+    name: str
+    hours: np.ndarray
+    networks: dict[str, np.ndarray]
+    invalid: int = 0
+
+    @property
+    def robots(self) -> int:
+        """Number of valid robots, R."""
+        return self.experiment.cohort_size - self.invalid
+
+    def brains(self, which: np.ndarray, seed: int = 0) -> NeurocontrollerAgent:
+        """Returns brains as one batch.
+
+        Args:
+          which: Indices of times and of robots, shape (2, B).
+          seed: Seed of the batch's random stream.
+        """
+        agent = make_agent(self.experiment, _CONDITION, which.shape[1], seed)
+        assert isinstance(agent, NeurocontrollerAgent)
+        stored = {n: torch.from_numpy(nets[tuple(which)]) for n, nets in self.networks.items()}
+        agent.controller.load_networks(stored)
+        return agent
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """How good brains were at T times of their training.
+
+    Attributes:
+      progress: The brains.
+      tests: Share of the time in the spot in a frozen brain's two tests, shape (2, T, R); NaN
+        where the simulation became unstable.
+      spread: Spread of the ideas, as their mean distance from their mean in motor values, at S
+        smells, shape (T, S, R).
+      regret: Regret of the ideas (`analysis.regret`), at S smells, shape (T, S, R).
+    """
+
+    progress: LearningProgress
+    tests: np.ndarray
+    spread: np.ndarray
+    regret: np.ndarray
+
+    @property
+    def shares(self) -> np.ndarray:
+        """Share of the time in the spot in the second test, shape (T, R)."""
+        return self.tests[1]
+
+    @property
+    def best(self) -> np.ndarray:
+        """Share of each robot at its best time so far, shape (T, R).
+
+        The first test chooses the best time, the second gives the share: the best of many tests is
+        partly luck, and would exceed the last one even if nothing was ever forgotten.
+        """
+        first = np.nan_to_num(self.tests[0], nan=-1.0)
+        times = [first[: time + 1].argmax(axis=0) for time in range(len(first))]
+        return np.take_along_axis(self.shares, np.array(times), axis=0)
+
+
+def times(experiment: Experiment) -> list[int]:
+    """Returns the T control steps of a life at which the networks are stored."""
+    before, training, _ = experiment.schedule(_CONDITION.task).steps()
+    return (before + np.linspace(0, training, TIMES + 1).round().astype(int)).tolist()
+
+
+@dataclasses.dataclass(frozen=True)
+class LifeJob:
+    """Simulates a cohort of B robots to the end of its training, and stores its networks.
+
+    Attributes:
+      out: Folder of the study, an absolute path.
+      name: Name of the robots' brain.
+      experiment: Experiment of the robots.
+    """
+
+    out: Path
+    name: str
+    experiment: Experiment
+
+    def __str__(self) -> str:
+        return f"life of {self.name}"
+
+    @property
+    def path(self) -> Path:
+        """See `Job.path`; the file is also the checkpoint."""
+        return self.out / f"brains-{self.name}.safetensors"
+
+    def test_file(self, seed: int) -> Path:
+        """Returns the file of one of the tests of these brains."""
+        return self.out / f"test-{self.name}-{seed}.safetensors"
+
+    @property
+    def cost(self) -> float:
+        """See `Job.cost`."""
+        return self._seconds(times(self.experiment)[-1])
+
+    def done(self) -> bool:
+        """See `Job.done`."""
+        return self.path.exists() and len(_first(self.restored()[1])) == TIMES + 1
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """See `Job.run`; continues from the last of the times, bit-exactly."""
+        cohort, stored = self.restored()
+        for time in times(self.experiment)[len(_first(stored)) :]:
+            while cohort.step < time:
+                report(self._seconds(cohort.step), "")
+                if stop():
+                    return False
+                cohort.advance(min(_STRIDE, time - cohort.step))
+            for name, weights in cohort.agent.weights().items():
+                stored[name] = np.concatenate([stored[name], weights[None]], dtype=weights.dtype)
+            arrays, notes = cohort.checkpoint()
+            arrays |= {_STORED + name: array for name, array in stored.items()}
+            save_arrays(self.path, arrays, **notes)
+        report(self.cost, "")
+        return True
+
+    def restored(self) -> tuple[Cohort, dict[str, np.ndarray]]:
+        """Returns the robots as their file has them, or newborn.
+
+        Returns:
+          The cohort, and its networks at the t times so far, each of shape (t, B, ...).
+
+        Raises:
+          InputError: the file is damaged, or of other robots.
+        """
+        cohort = Cohort(self.experiment, CohortKey(_CONDITION, 0))
+        newborn = cohort.agent.weights()
+        if not self.path.exists():
+            return cohort, {name: np.empty((0, *array.shape)) for name, array in newborn.items()}
+        arrays, notes = load_arrays(self.path)
+        try:
+            stored = {name: arrays.pop(_STORED + name) for name in newborn}
+            cohort.restore(arrays, notes)
+            count = len(_first(stored))
+            shapes = {name: (count, *array.shape) for name, array in newborn.items()}
+            if shapes != {name: array.shape for name, array in stored.items()}:
+                raise ValueError(f"networks must have shapes {shapes}")
+            if not count or cohort.step != times(self.experiment)[count - 1]:
+                raise ValueError(f"{count} networks are not those of step {cohort.step}")
+        except (KeyError, ValueError, TypeError) as error:
+            raise DamagedFileError(f"{self.path} is of other robots ({error!r})") from error
+        return cohort, stored
+
+    def progress(self) -> LearningProgress:
+        """Returns what the brains had learned at all times.
+
+        Raises:
+          InputError: the life is not finished, or see `restored`.
+          RunError: no robot is valid.
+        """
+        cohort, stored = self.restored()
+        if len(_first(stored)) <= TIMES:
+            raise InputError(f"{self.path} lacks networks of later times")
+        valid = cohort.batch.valid
+        if not valid.any():
+            raise RunError(f"{self.name}: every simulation became unstable")
+        networks = {name: array[:, valid] for name, array in stored.items()}
+        steps = np.array(times(self.experiment))
+        hours = (steps - steps[0]) / control_steps(60)
+        return LearningProgress(self.experiment, self.name, hours, networks, int((~valid).sum()))
+
+    def _seconds(self, steps: int) -> float:
+        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
+
+
+def _first(networks: Mapping[str, np.ndarray]) -> np.ndarray:
+    return next(iter(networks.values()))
+
+
+@dataclasses.dataclass(frozen=True)
+class FrozenTest:
+    """Evaluates all brains of a finished life in one test.
+
+    Attributes:
+      life: The life.
+      seed: Seed of the brains' noise.
+    """
+
+    life: LifeJob
+    seed: int
+
+    def __str__(self) -> str:
+        return f"test {self.seed} of {self.life.name}"
+
+    @property
+    def path(self) -> Path:
+        """See `Job.path`."""
+        return self.life.test_file(self.seed)
+
+    @property
+    def cost(self) -> float:
+        """See `Job.cost`; as if all robots were valid."""
+        experiment = self.life.experiment
+        steps = control_steps(experiment.schedule(_CONDITION.task).phases[-1].minutes)
+        return steps * CONTROL_TIMESTEP * experiment.cohort_size * (TIMES + 1)
+
+    def done(self) -> bool:
+        """See `Job.done`; brains simulated anew, on another machine, can differ."""
+        if not self.path.exists():
+            return False
+        return load_arrays(self.path)[1] == self._notes(self.life.progress())
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """See `Job.run`; a test that was stopped starts anew."""
+        progress = self.life.progress()
+        try:
+            tick = MinuteTick(self, progress.robots * (TIMES + 1), stop, report)
+            shares = evaluate(progress, self.seed, tick)
+        except StoppedError:
+            return False
+        save_arrays(self.path, {"shares": shares}, **self._notes(progress))
+        return True
+
+    def shares(self, progress: LearningProgress) -> np.ndarray:
+        """Reads what `evaluate` returned for these brains.
+
+        Raises:
+          InputError: the file is missing, damaged, or of other brains.
+        """
+        if not self.path.exists():
+            raise InputError(f"{self.life.out} lacks {self.path.name}")
+        arrays, notes = load_arrays(self.path)
+        if notes != self._notes(progress):
+            raise InputError(f"{self.path} is of other brains than {self.life.path.name}")
+        return arrays["shares"]
+
+    def _notes(self, progress: LearningProgress) -> dict[str, Any]:
+        return {"seed": self.seed, "brains": digest(progress.networks)}
+
+
+def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -> np.ndarray:
+    """Evaluates all brains in the test after training, with frozen weights.
+
+    Args:
+      progress: The brains.
+      seed: Seed of the brains' noise.
+      tick: Called after every simulated minute of each group of robots in lockstep.
+
+    Returns:
+      Share of the time in the spot, shape (T, R); NaN where the simulation became unstable.
+    """
+    experiment = progress.experiment
+    test = experiment.schedule(_CONDITION.task).phases[-1]
+    everyone = np.indices((len(progress.hours), progress.robots)).reshape(2, -1)
+    shares = []
+    for first in range(0, everyone.shape[1], _TOGETHER):
+        which = everyone[:, first : first + _TOGETHER]
+        batch = experiment.batch(_CONDITION.task, which.shape[1])
+        place(batch, test, np.random.default_rng(0))
+        agent = progress.brains(which, seed)
+        track = watch(batch, agent, control_steps(test.minutes), learning=False, tick=tick)
+        shares.append(np.where(batch.valid, track.events.mean(axis=0), np.nan))
+    return np.concatenate(shares).reshape(len(progress.hours), -1)
+
+
+def evaluation(life: LifeJob) -> Evaluation:
+    """Returns how good the brains of a finished life were, from its files.
+
+    Raises:
+      InputError: a file is missing or damaged.
+      RunError: no robot is valid.
+    """
+    progress = life.progress()
+    tests = [FrozenTest(life, seed).shares(progress) for seed in SEEDS]
+    return Evaluation(progress, np.array(tests), *ideas(progress))
+
+
+def smells(experiment: Experiment) -> np.ndarray:
+    """Returns what a robot senses at each of `SMELLS`, far from all walls, shape (S, signals)."""
+    batch = experiment.batch(_CONDITION.task, len(SMELLS))
+    everyone, radius = np.arange(batch.robots), batch.dimensions.radius
+    # The spot is in the middle and ahead of the robot; for no smell it is far behind.
+    poses = [(0.3 if far is None else -radius - far, 0.0, 0.0) for far in SMELLS.values()]
+    batch.place_spot(everyone, np.zeros((batch.robots, 2)))
+    batch.place(everyone, np.array(poses))
+    return batch.rules.state(batch.sensordata).astype(np.float32)
+
+
+@torch.inference_mode()
+def ideas(progress: LearningProgress) -> tuple[np.ndarray, np.ndarray]:
+    """Returns `Evaluation.spread` and `Evaluation.regret` of brains at each of `SMELLS`."""
+    count, robots = len(progress.hours), progress.robots
+    spread, missing = np.zeros((2, count, len(SMELLS), robots))
+    for time in range(count):
+        brain = progress.brains(np.stack([np.full(robots, time), np.arange(robots)])).controller
+        for smell, state in enumerate(torch.from_numpy(smells(progress.experiment))):
+            sensed = state.expand(robots, -1)
+            proposed = brain.propose(sensed)
+            around = proposed - proposed.mean(dim=1, keepdim=True)
+            spread[time, smell] = around.norm(dim=-1).mean(dim=1)
+            missing[time, smell] = regret(brain, sensed, proposed[:, None])[:, 0]
+    return spread, missing

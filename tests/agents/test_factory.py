@@ -1,0 +1,230 @@
+"""Agents are made by their names; any agent is simulated, stopped and continued like a brain."""
+
+import re
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from musebot.controller import PROPOSERS
+from musebot.protocols import cli
+from musebot.protocols.agents.base import Agent
+from musebot.protocols.agents.factory import (
+    RECORDED_NAMES,
+    make_agent,
+    recorded_name,
+    senses_of,
+)
+from musebot.protocols.agents.hand_coded import HandCoded
+from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
+from musebot.protocols.agents.q_learning import QLearner
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import read_manifest
+from musebot.protocols.results.run_files import read_run
+from musebot.protocols.simulation.cohort import Cohort
+
+GUIDE = Path(__file__).parents[2] / "docs" / "agents.md"
+WALLS = "wall_avoidance"
+SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic")
+REHEARSAL = "--robots 2 --time-scale 0.001 --body kinematic --task wall_avoidance".split()
+
+
+# Names
+
+# A kept run records these names, and the streams of its cohorts depend on them.
+RECORDED = {
+    "q_learner": "musebot.protocols.baselines:q_learner",
+    "hand_coded": "musebot.protocols.baselines:hand_coded",
+    "ppo": "musebot.protocols.ppo:ppo",
+}
+MODULES = {
+    "q_learner": "musebot.protocols.agents.q_learning:q_learner",
+    "hand_coded": "musebot.protocols.agents.hand_coded:hand_coded",
+    "ppo": "musebot.protocols.agents.ppo:ppo",
+}
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_every_name_of_an_agent_of_ours_is_recorded_as_the_same(name):
+    for given in (name, RECORDED[name], MODULES[name]):
+        assert recorded_name(given) == RECORDED[name]
+    assert RECORDED_NAMES == RECORDED
+
+
+def test_a_users_factory_is_recorded_as_it_is_given():
+    assert recorded_name("my_agent:table") == "my_agent:table"
+
+
+@pytest.mark.parametrize("given", ["q_learner", RECORDED["q_learner"], MODULES["q_learner"]])
+def test_a_run_records_the_name_of_the_table(given, tmp_path, commands_in_process):
+    assert cli.main(["run", str(tmp_path), "--agent", given, *REHEARSAL]) == 0
+    conditions = [Condition(WALLS, "musebot.protocols.baselines:q_learner")]
+    assert [*read_manifest(tmp_path).robots] == conditions
+    assert read_run(tmp_path).conditions() == conditions
+    assert cli.main(["run", str(tmp_path), "--agent", "q_learner", "--task", WALLS]) == 0
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "index", "brains", "world"),
+    [
+        # Numbers that version 0.1 drew, before agents moved to modules of their own.
+        (WALLS, "q_learner", 0, 1224422446278906331, 5640226469081146786),
+        ("spot_finding", "ppo", 3, 6216940540376297096, 4770454849655423297),
+        ("spot_finding", "hand_coded", 0, 5837161339236787934, 5877236216223480134),
+    ],
+)
+def test_the_streams_of_an_agent_depend_on_its_recorded_name(task, name, index, brains, world):
+    key = CohortKey(Condition(task, recorded_name(name)), index)
+    seed, random = Experiment(seed=1).seeds(key)
+    assert (seed, random.integers(2**63)) == (brains, world)
+    by_hand = zlib.crc32(f"{task}/{RECORDED[name]}".encode())
+    sequence = np.random.SeedSequence(1, spawn_key=(by_hand, index)).spawn(2)
+    assert seed == int(sequence[0].generate_state(1, np.uint64)[0] >> 1)
+    assert world == np.random.default_rng(sequence[1]).integers(2**63)
+
+
+# Agents
+
+
+@pytest.mark.parametrize("proposer", PROPOSERS)
+def test_a_proposer_is_driven_by_a_neurocontroller(proposer):
+    agent = make_agent(Experiment(), Condition(WALLS, proposer), 2, 0)
+    assert isinstance(agent, NeurocontrollerAgent)
+
+
+def test_a_recorded_name_makes_the_agent_that_moved():
+    condition = Condition("spot_finding", RECORDED["q_learner"])
+    assert isinstance(make_agent(Experiment(), condition, 2, 0), QLearner)
+    condition = Condition("spot_finding", RECORDED["hand_coded"])
+    assert isinstance(make_agent(Experiment(), condition, 2, 0), HandCoded)
+
+
+def test_agents_observe_as_many_signals_as_the_task_has():
+    assert len(senses_of(WALLS).state) == 5
+    assert len(senses_of("spot_finding").state) == 1
+    assert len(senses_of("spot_finding_walls").state) == 6
+    walls = Experiment(protocol="walls")
+    condition = Condition("spot_finding", RECORDED["q_learner"])
+    agent = make_agent(walls, condition, 2, 0)
+    assert agent.weights()["hidden_weights"].shape[2] == 6
+    with pytest.raises(ValueError, match="task"):
+        senses_of("swimming")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("no_such_module:x", "there is no agent no_such_module:x"),
+        ("musebot.protocols.baselines:no_such", "there is no agent musebot.protocols.baselines:no"),
+        ("builtins:max", "must return an Agent, got int"),
+        ("math:pi", "math:pi must be a factory of agents, got float"),
+    ],
+)
+def test_a_missing_factory_and_one_that_makes_no_agent_are_refused(name, words):
+    with pytest.raises(InputError, match=words):
+        make_agent(Experiment(), Condition(WALLS, name), 1, 0)
+
+
+def test_a_module_that_cannot_be_imported_is_refused_with_the_reason(tmp_path, monkeypatch):
+    (tmp_path / "half_written.py").write_text("def make(:")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match="half_written cannot be imported .SyntaxError"):
+        make_agent(Experiment(), Condition(WALLS, "half_written:make"), 1, 0)
+
+
+def test_an_agent_with_the_wrong_motors_is_refused_before_anything_is_made(
+    tmp_path, monkeypatch, capsys
+):
+    (tmp_path / "lazy_agent.py").write_text(
+        "import numpy as np\n"
+        "from musebot.protocols.agents.q_learning import QLearner\n"
+        "class Lazy(QLearner):\n"
+        "    def act(self, state, learning):\n"
+        "        return np.zeros((1, 2))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    out = tmp_path / "out"
+    assert cli.main(["run", str(out), "--proposer", "lazy_agent:Lazy", "--robots", "2"]) == 2
+    assert "lazy_agent:Lazy must return motor values of shape (2, 2)" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_an_agent_without_weights_leaves_none(monkeypatch):
+    class Still(Agent):
+        def reset(self):
+            pass
+
+        def act(self, state, learning):
+            return np.zeros((len(state), 2))
+
+        def learn(self, reward):
+            pass
+
+        def state(self):
+            return {}
+
+        def load_state(self, arrays):
+            pass
+
+    monkeypatch.setitem(sys.modules, "still", type(sys)("still"))
+    sys.modules["still"].make = lambda robots, sensors, seed: Still()
+    experiment = Experiment(cohort_size=2, time_scale=0.002)
+    cohort = Cohort(experiment, CohortKey(Condition(WALLS, "still:make"), 0))
+    cohort.advance(10**9)
+    lives = cohort.lives()
+    assert lives.after == {}
+    assert lives.valid.all()
+
+
+@pytest.mark.parametrize("task", [WALLS, "spot_finding"])
+def test_a_restored_agent_continues_bit_exactly(task):
+    key = CohortKey(Condition(task, RECORDED["q_learner"]), 0)
+    whole, first, second = (Cohort(SHORT, key) for _ in range(3))
+    whole.advance(10**9)
+    first.advance(whole.steps // 2)
+    second.restore(*first.checkpoint())
+    second.advance(10**9)
+    assert np.array_equal(whole.lives().minutes, second.lives().minutes)
+    for name, weights in whole.lives().after.items():
+        assert np.array_equal(weights, second.lives().after[name])
+
+
+# The example of docs/agents.md
+
+
+def example():
+    [code] = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    return code
+
+
+def test_the_guides_example_is_simulated_and_stands_in_the_tables(tmp_path):
+    [shell] = re.findall(r"```sh\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    (tmp_path / "my_agent.py").write_text(example())
+    for line in shell.strip().splitlines():
+        words = line.replace("musebot", f"{sys.executable} -m musebot", 1).split()
+        words = [{"20": "4"}.get(word, word) for word in words]  # four robots, to be quick
+        done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert "my_agent:table" in done.stdout
+        assert "The claims of section 4" in done.stdout  # it was run with creative robots
+    rows = (tmp_path / "runs/mine/robots.csv").read_text().splitlines()
+    assert sum(",my_agent:table," in row for row in rows) == 8  # four robots, two tasks
+
+
+def test_the_guides_example_continues_from_a_checkpoint_bit_exactly(tmp_path, monkeypatch):
+    (tmp_path / "guide_agent.py").write_text(example())
+    monkeypatch.syspath_prepend(tmp_path)
+    key = CohortKey(Condition(WALLS, "guide_agent:table"), 0)
+    whole = Cohort(SHORT, key)
+    whole.advance(10**9)
+    for stop in range(61, 90, 7):  # in training, where actions are drawn at random
+        first, second = Cohort(SHORT, key), Cohort(SHORT, key)
+        first.advance(stop)
+        second.restore(*first.checkpoint())
+        second.advance(10**9)
+        assert np.array_equal(whole.lives().after["values"], second.lives().after["values"])

@@ -1,0 +1,417 @@
+"""The files of a run: what is written comes back, and damage is named."""
+
+import csv
+import dataclasses
+import json
+import math
+import os
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musebot.protocols.errors import DamagedFileError, InputError
+from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import MANIFEST, write_manifest
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.results.results import (
+    WHEN,
+    ConditionResults,
+    Robot,
+    category_in,
+    merge,
+)
+from musebot.protocols.results.run_files import (
+    BRAINS_FILE,
+    CURVES_FILE,
+    ROBOTS_FILE,
+    flat_networks,
+    planned,
+    read_results,
+    read_robots,
+    read_run,
+    read_runs,
+    run_names,
+    write_results,
+)
+
+quick = settings(deadline=None, max_examples=50)
+FILES = {ROBOTS_FILE, CURVES_FILE, BRAINS_FILE}
+NAN = float("nan")
+WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
+OTHER = Condition("spot_finding", "random")
+WEIGHTS = "evaluation.output_weights"
+KEPT = Path(__file__).parents[2] / "docs" / "results"
+
+
+def same(first, second):
+    """Returns whether two results are equal, NaN equal to NaN."""
+    return [*first] == [*second] and all(
+        repr(one.robots) == repr(other.robots)
+        and one.curves.dtype == other.curves.dtype
+        and np.array_equal(one.curves, other.curves)
+        and all(
+            one.networks[w].keys() == other.networks[w].keys()
+            and all(np.array_equal(x, other.networks[w][k]) for k, x in one.networks[w].items())
+            for w in WHEN
+        )
+        for one, other in zip(first.values(), second.values(), strict=True)
+    )
+
+
+def part_of(robots, minutes=20, seed=0):
+    """Returns results of robots, with random curves and networks."""
+    draw, count = np.random.default_rng(seed), len(robots)
+    curves = draw.random((count, minutes), dtype=np.float32)
+    networks = {w: {WEIGHTS: draw.random((count, 1, 7), dtype=np.float32)} for w in WHEN}
+    return ConditionResults(robots, curves, networks)
+
+
+def rows_of(condition, numbers, seed=2):
+    name = condition.task, condition.proposer
+    return [Robot(*name, seed, n, n, 1.0, 3.0, -0.5, "L < 0") for n in numbers]
+
+
+@pytest.fixture
+def results():
+    walls = [
+        Robot("wall_avoidance", "fixed", 1, 0, 0, 12.5, 0.0, 1.0, "L = 1"),
+        Robot("wall_avoidance", "fixed", 1, 0, 1, 0.0, 0.0, NAN, "genius"),
+        Robot("wall_avoidance", "fixed", 1, 1, 2, 0.3, 0.1, 0.5, "0 < L < 1"),
+    ]
+    spot = [
+        Robot("spot_finding", "creative", 1, 0, 0, 0.0, 0.0, NAN, "ignorant"),
+        Robot("spot_finding", "creative", 1, 0, 1, 0.1, 0.2, 1 / 3, "0 < L < 1"),
+        Robot("spot_finding", "creative", 1, 1, 2, 7.0, 0.0, NAN, "invalid"),
+    ]
+    return {WALLS: part_of(walls, seed=1), SPOT: part_of(spot, seed=2)}
+
+
+@pytest.fixture
+def folder(tmp_path, results):
+    write_results(tmp_path, results)
+    return tmp_path
+
+
+# Writing and reading
+
+
+def test_results_survive_their_files(folder, results):
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert same(read_results(folder), results)
+
+
+def test_results_of_an_agent_without_weights_survive_their_files(tmp_path, results):
+    part = dataclasses.replace(results[WALLS], networks={"before": {}, "after": {}})
+    write_results(tmp_path, {WALLS: part})
+    assert same(read_results(tmp_path), {WALLS: part})
+
+
+def test_equal_results_leave_equal_bytes_however_they_were_merged(tmp_path):
+    first = {WALLS: part_of(rows_of(WALLS, (0, 1)), seed=1)}
+    second = {OTHER: part_of(rows_of(OTHER, (0, 1)), seed=2)}
+    write_results(tmp_path / "one", merge(first, second))
+    write_results(tmp_path / "two", merge(second, first))
+    for name in FILES:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", ["mujoco", "baselines"])
+def test_a_kept_run_that_is_read_and_written_keeps_its_bytes(name, tmp_path):
+    write_results(tmp_path, read_results(KEPT / name))
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+    for file in FILES:
+        assert (tmp_path / file).read_bytes() == (KEPT / name / file).read_bytes(), file
+
+
+@st.composite
+def any_robot(draw, task, index):
+    """Draws a row of the category that its L has, or invalid."""
+    seconds = st.integers(0, 216_000).map(lambda steps: round(steps * 0.1, 1))
+    ability = draw(st.just(NAN) | st.floats(-1, 1))
+    return Robot(
+        task,
+        "random",
+        draw(st.integers(0, 2**64)),
+        draw(st.integers(0, 100)),
+        index,
+        draw(seconds),
+        draw(seconds),
+        ability,
+        draw(st.sampled_from([category_in(task, ability), "invalid"])),
+    )
+
+
+@quick
+@given(st.data(), st.sampled_from(PAPER_TASKS), st.integers(1, 5))
+def test_robots_csv_gives_back_every_row(tmp_path_factory, data, task, count):
+    folder = tmp_path_factory.mktemp("results")
+    rows = [data.draw(any_robot(task, index)) for index in range(count)]
+    write_results(folder, {Condition(task, "random"): part_of(rows)})
+    assert repr(read_robots(folder / ROBOTS_FILE)) == repr(rows)
+
+
+def test_robots_csv_is_a_plain_table(folder):
+    with (folder / ROBOTS_FILE).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [
+        *("task", "proposer", "seed", "cohort", "robot"),
+        *("t_pre_s", "t_post_s", "learn_ability", "category"),
+    ]
+    assert rows[0]["t_pre_s"] == "12.5"
+    assert [row["learn_ability"] for row in rows[:3]] == ["1.0", "", "0.5"]
+
+
+def test_learn_ability_survives_robots_csv_bit_exactly(tmp_path):
+    ability = math.nextafter(1 / 3, 1)
+    row = Robot("spot_finding", "fixed", 1, 0, 0, 1.0, 2.0, ability, "0 < L < 1")
+    write_results(tmp_path, {Condition("spot_finding", "fixed"): part_of([row])})
+    assert read_robots(tmp_path / ROBOTS_FILE)[0].learn_ability == ability
+
+
+def test_networks_are_named_by_condition_time_and_tensor(results):
+    flat = flat_networks(results)
+    assert [*flat] == [f"{c}/{w}/{WEIGHTS}" for c in (WALLS, SPOT) for w in WHEN]
+    assert flat[f"spot_finding/creative/after/{WEIGHTS}"].shape == (3, 1, 7)
+    assert [*flat_networks(results, ["after"])] == [f"{c}/after/{WEIGHTS}" for c in (WALLS, SPOT)]
+
+
+def test_a_folder_without_robots_csv_holds_no_results_yet(folder):
+    (folder / ROBOTS_FILE).unlink()
+    assert read_results(folder) == {}
+
+
+# Damage
+
+
+@pytest.mark.parametrize("name", [CURVES_FILE, BRAINS_FILE])
+def test_a_folder_that_lacks_a_file_is_damaged(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(DamagedFileError, match=name):
+        read_results(folder)
+
+
+@pytest.mark.parametrize("name", [CURVES_FILE, BRAINS_FILE])
+def test_a_truncated_file_is_damaged_and_named(folder, name):
+    path = folder / name
+    whole = path.read_bytes()
+    for length in range(0, len(whole), 13):
+        path.write_bytes(whole[:length])
+        with pytest.raises(DamagedFileError) as caught:
+            read_results(folder)
+        assert str(path) in str(caught.value)
+
+
+def test_robots_csv_truncated_within_a_row_is_damaged_and_named(folder):
+    path = folder / ROBOTS_FILE
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        # A table cut between rows reads like one that was written earlier, and is one.
+        if whole[:length].endswith(b"\n") or whole[length : length + 1] == b"\n":
+            continue
+        path.write_bytes(whole[:length])
+        with pytest.raises(DamagedFileError) as caught:
+            read_results(folder)
+        assert str(path) in str(caught.value)
+
+
+def flips(path, every):
+    """Writes a file again and again, with one bit flipped; restores it in the end."""
+    whole = path.read_bytes()
+    bits = random.Random(0)
+    for index in range(0, len(whole), every):
+        flipped = bytearray(whole)
+        flipped[index] ^= 1 << bits.randrange(8)
+        path.write_bytes(flipped)
+        yield
+    path.write_bytes(whole)
+
+
+@pytest.mark.parametrize(("name", "every"), [(CURVES_FILE, 1), (BRAINS_FILE, 7)])
+def test_a_flipped_bit_has_no_effect_or_is_named(folder, results, name, every):
+    named = 0
+    for _ in flips(folder / name, every):
+        try:
+            assert same(read_results(folder), results)  # a date in the archive, for instance
+        except DamagedFileError as error:
+            assert str(folder / name) in str(error)
+            named += 1
+    assert named > 100
+
+
+def test_curves_whose_shape_was_altered_are_damaged_although_numpy_reads_them(folder, results):
+    long = {str(condition): np.tile(part.curves, 100) for condition, part in results.items()}
+    np.savez(folder / CURVES_FILE, **long)
+    assert read_results(folder)[WALLS].curves.shape == (3, 2000)
+    altered = (folder / CURVES_FILE).read_bytes().replace(b"(3, 2000)", b"(3, 1000)")
+    (folder / CURVES_FILE).write_bytes(altered)
+    assert np.load(folder / CURVES_FILE)["wall_avoidance/fixed"].shape == (3, 1000)
+    with pytest.raises(DamagedFileError, match=CURVES_FILE):
+        read_results(folder)
+
+
+def test_a_flipped_bit_in_robots_csv_ends_in_results_or_is_named(folder):
+    named = 0
+    for _ in flips(folder / ROBOTS_FILE, 1):
+        try:
+            assert isinstance(read_results(folder), dict)  # another digit is as good
+        except DamagedFileError as error:
+            assert str(folder) in str(error)
+            named += 1
+    assert named > 100
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("wall_avoidance,fixed", "swimming,fixed"),
+        ("wall_avoidance,fixed", "wall_avoidance,divine"),
+        ("genius", "genie"),
+        ("genius", "ignorant"),
+        ("12.5", "long"),
+        (",genius", ""),
+        ("12.5,0.0,1.0,L = 1", "12.5,0.0,0.9,L = 1"),
+        ("genius", "genius,"),
+        ("t_pre_s", "t_pre"),
+        ("genius", '"genius'),
+    ],
+)
+def test_a_robots_csv_with_an_invalid_cell_is_damaged_and_named(folder, old, new):
+    path = folder / ROBOTS_FILE
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(DamagedFileError) as caught:
+        read_results(folder)
+    assert str(path) in str(caught.value)
+
+
+def test_a_crash_before_robots_csv_was_written_leaves_the_older_results(folder, results):
+    before = (folder / ROBOTS_FILE).read_bytes()
+    newer = {
+        WALLS: part_of(rows_of(WALLS, (3, 4)), seed=3),
+        OTHER: part_of(rows_of(OTHER, (0,)), seed=4),
+    }
+    write_results(folder, merge(results, newer))
+    assert sum(len(part.robots) for part in read_results(folder).values()) == 9
+    (folder / ROBOTS_FILE).write_bytes(before)
+    assert same(read_results(folder), results)
+
+
+@pytest.mark.parametrize("shorter", ["curves", "networks"])
+def test_fewer_curves_or_networks_than_rows_are_damage(tmp_path, results, shorter):
+    part = results[WALLS]
+    cut = part.rows(np.array([0, 1]))
+    fewer = dataclasses.replace(part, **{shorter: getattr(cut, shorter)})
+    write_results(tmp_path, results | {WALLS: fewer})
+    with pytest.raises(DamagedFileError, match="fewer robots"):
+        read_results(tmp_path)
+
+
+def test_rows_without_any_curve_are_damage(folder, results):
+    np.savez_compressed(folder / CURVES_FILE, **{str(WALLS): results[WALLS].curves})
+    with pytest.raises(DamagedFileError, match="lacks spot_finding/creative"):
+        read_results(folder)
+
+
+@pytest.mark.parametrize("failing", [1, 2, 3])
+def test_a_failed_write_leaves_a_folder_that_can_be_read(folder, results, monkeypatch, failing):
+    calls = 0
+    fsync = os.fsync
+
+    def sometimes(descriptor):
+        nonlocal calls
+        calls += 1
+        if calls == failing:
+            raise OSError(28, "No space left on device")
+        fsync(descriptor)
+
+    newer = {OTHER: part_of(rows_of(OTHER, (0, 1)), seed=4)}
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", sometimes)
+        with pytest.raises(OSError, match="No space left"):
+            write_results(folder, merge(results, newer))
+    assert same(read_results(folder), results)
+    assert {path.name for path in folder.iterdir()} == FILES
+
+
+# Runs
+
+
+PLAN = Plan(Experiment(cohort_size=1), {WALLS: 3, SPOT: 3})
+
+
+@pytest.fixture
+def run_folder(folder):
+    write_manifest(folder, PLAN)
+    return folder
+
+
+def test_a_run_is_read_with_the_name_of_its_folder_or_a_given_one(run_folder, results):
+    run = read_run(run_folder)
+    assert (run.name, run.experiment) == (run_folder.name, PLAN.experiment)
+    assert same(run.results, results)
+    assert read_run(run_folder, "mine").name == "mine"
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(InputError) as caught:
+        read_run(tmp_path)
+    assert str(caught.value) == f"{tmp_path} holds no experiment of musebot's"
+
+
+def test_a_run_without_finished_robots_is_refused(tmp_path):
+    write_manifest(tmp_path, PLAN)
+    with pytest.raises(InputError) as caught:
+        read_run(tmp_path)
+    sentence = f"{tmp_path} holds no finished robots yet; `musebot run {tmp_path}` continues it"
+    assert str(caught.value) == sentence
+
+
+def test_brains_of_another_physics_are_read_with_a_notice(run_folder, capsys):
+    read_run(run_folder, replay=True)
+    assert capsys.readouterr().err == ""
+    content = json.loads((run_folder / MANIFEST).read_text())
+    content["physics"][0] += 1
+    (run_folder / MANIFEST).write_text(json.dumps(content))
+    read_run(run_folder)
+    assert capsys.readouterr().err == ""
+    read_run(run_folder, replay=True)
+    notice = capsys.readouterr().err
+    assert f"{run_folder} was simulated in another physics than this version's" in notice
+
+
+def test_several_runs_have_distinct_names(tmp_path, results):
+    folders = [tmp_path / name for name in ("a/run", "b/run", "b/other")]
+    for folder in folders:
+        write_results(folder, results)
+        write_manifest(folder, PLAN)
+    assert [run.name for run in read_runs(folders[1:])] == ["run", "other"]
+    assert [run.name for run in read_runs(folders[:2])] == [str(folder) for folder in folders[:2]]
+    assert run_names([folders[0], folders[0].parent / "run"]) == [str(folders[0])] * 2
+    with pytest.raises(InputError, match="a run is given twice"):
+        read_runs([folders[0], folders[0].parent / ".." / "a" / "run"])
+    with pytest.raises(InputError, match="at least one run is needed"):
+        read_runs([])
+
+
+def test_a_folder_can_hold_a_new_run_or_holds_one(tmp_path):
+    assert planned(tmp_path / "new") is None
+    assert planned(tmp_path) is None
+    (tmp_path / ".robots.csv.12.draft").write_text("interrupted")
+    assert planned(tmp_path) is None
+    write_manifest(tmp_path, PLAN)
+    assert planned(tmp_path) == PLAN
+
+
+def test_a_file_or_a_foreign_folder_cannot_hold_a_run(tmp_path):
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(InputError, match="is not empty and holds no experiment of musebot's"):
+        planned(tmp_path)
+    for out in (tmp_path / "thesis.tex", tmp_path / "thesis.tex" / "below"):
+        with pytest.raises(InputError, match="is not a folder"):
+            planned(out)

@@ -1,0 +1,169 @@
+"""Jobs: a cohort as a piece of work that stops and continues, and jobs with progress."""
+
+import pytest
+
+from musebot.protocols.errors import Interrupted
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.simulation import jobs
+from musebot.protocols.simulation.checkpoints import checkpoint_file, read_lives
+from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.simulation.jobs import CohortJob, execute
+
+KEY = CohortKey(Condition("wall_avoidance", "fixed"), 0)
+SHORT = Experiment(cohort_size=2, time_scale=0.004, body="kinematic")
+SECONDS = 2 * 38.4  # two robots, 160 minutes times 0.004
+
+
+def job_in(directory, save_every=60.0):
+    (directory / "checkpoints").mkdir(parents=True, exist_ok=True)
+    return CohortJob(directory, SHORT, KEY, save_every)
+
+
+def never():
+    return False
+
+
+def test_the_cost_of_a_cohort_is_the_simulated_seconds_of_its_robots(tmp_path):
+    assert job_in(tmp_path).cost == pytest.approx(SECONDS)
+    assert str(job_in(tmp_path / "run")) == "run/wall_avoidance-fixed-0000"
+
+
+def test_a_job_leaves_its_file_and_no_checkpoint(tmp_path):
+    job, reports = job_in(tmp_path, save_every=0), []
+    assert not job.done()
+    assert job.run(never, lambda done, message: reports.append((done, message)))
+    assert job.done()
+    assert [path.name for path in (tmp_path / "checkpoints").iterdir()] == [job.path.name]
+    assert reports[0] == (0, "") and reports[-1] == (pytest.approx(SECONDS), "")
+    assert [done for done, _ in reports] == sorted(done for done, _ in reports)
+
+
+def test_a_stopped_job_leaves_a_checkpoint_and_continues_to_the_same_file(tmp_path):
+    whole, cut = job_in(tmp_path / "whole"), job_in(tmp_path / "cut")
+    assert whole.run(never, lambda *_: None)
+    calls = 0
+
+    def after_three():
+        nonlocal calls
+        calls += 1
+        return calls == 3
+
+    assert not cut.run(after_three, lambda *_: None)
+    assert not cut.done() and checkpoint_file(tmp_path / "cut", KEY).exists()
+    reports = []
+    assert cut.run(never, lambda done, message: reports.append(done))
+    assert reports[0] == pytest.approx(50 * 2 * 0.1)  # the steps before it was stopped
+    assert cut.path.read_bytes() == whole.path.read_bytes()
+
+
+def test_a_job_that_is_stopped_before_it_begins_leaves_nothing(tmp_path):
+    job = job_in(tmp_path)
+    assert not job.run(lambda: True, lambda *_: None)
+    assert list((tmp_path / "checkpoints").iterdir()) == []
+
+
+def test_a_job_that_is_done_does_nothing_and_reports_its_cost(tmp_path):
+    job, reports = job_in(tmp_path), []
+    job.run(never, lambda *_: None)
+    before = job.path.read_bytes()
+    job.path.write_bytes(b"not read")
+    assert job.run(never, lambda *report: reports.append(report))
+    assert reports == [(pytest.approx(SECONDS), "")]
+    job.path.write_bytes(before)
+    assert read_lives(job.path).valid.all()
+
+
+def test_a_damaged_checkpoint_is_reported(tmp_path):
+    job, messages = job_in(tmp_path), []
+    checkpoint_file(tmp_path, KEY).write_bytes(b"nonsense")
+    assert job.run(never, lambda done, message: messages.append(message))
+    assert f"set aside, cohort {KEY} starts anew" in messages[0]
+    assert not any(messages[1:])
+
+
+def test_an_unstable_robot_is_reported_once(tmp_path):
+    messages = []
+
+    class Unstable(Cohort):
+        def advance(self, steps):
+            super().advance(steps)
+            if self.step == 100:
+                self.batch.stop([1])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jobs, "restored_cohort", lambda *which: (Unstable(*which[1:]), ""))
+        job_in(tmp_path).run(never, lambda done, message: messages.append(message))
+    assert [message for message in messages if message] == [
+        f"unstable simulation in {tmp_path.name}/{KEY}: robots [1] stopped by step 100"
+    ]
+    assert read_lives(job_in(tmp_path).path).valid.tolist() == [True, False]
+
+
+# Execution
+
+
+class Number:
+    """A job of no work."""
+
+    cost = 1.0
+
+    def __init__(self, number):
+        self.number = number
+
+
+def test_without_jobs_nothing_is_executed():
+    def refuse(jobs, progress):
+        raise AssertionError("it executes")
+
+    execute("nothing", [], refuse)
+
+
+def test_every_job_is_handed_on_as_soon_as_it_is_done(capfd):
+    numbers, events = [Number(n) for n in range(3)], []
+
+    def executor(jobs, progress):
+        for job in jobs:
+            events.append(f"ran {job.number}")
+            yield job
+
+    execute("numbers", numbers, executor, lambda job: events.append(f"got {job.number}"))
+    assert events == ["ran 0", "got 0", "ran 1", "got 1", "ran 2", "got 2"]
+    assert "numbers" in capfd.readouterr().err
+
+
+def test_messages_are_shown_first_and_nothing_is_shown_quietly(capfd):
+    def executor(jobs, progress):
+        progress.tell("a message of a job")
+        yield from jobs
+
+    execute("numbers", [Number(0)], executor, messages=["a damaged file"])
+    shown = capfd.readouterr().err
+    assert 0 <= shown.index("a damaged file") < shown.index("a message of a job")
+    execute("numbers", [Number(0)], lambda jobs, progress: iter_generator(jobs), quiet=True)
+    assert "numbers" not in capfd.readouterr().err
+
+
+def iter_generator(jobs):
+    yield from jobs
+
+
+@pytest.mark.parametrize("error", [Interrupted, OSError, KeyboardInterrupt])
+def test_the_executor_is_closed_where_a_job_cannot_be_handed_on(error):
+    events = []
+
+    def executor(jobs, progress):
+        try:
+            for job in jobs:
+                events.append(f"ran {job.number}")
+                yield job
+        except GeneratorExit:
+            events.append("closed")
+            raise
+
+    def refuse(job):
+        raise error
+
+    with pytest.raises(error):
+        execute("numbers", [Number(n) for n in range(3)], executor, refuse, quiet=True)
+    assert events == ["ran 0", "closed"]

@@ -1,0 +1,137 @@
+"""Jobs in the processes of this machine: their order, how they stop, and what goes wrong."""
+
+import importlib
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from musebot.protocols.errors import Interrupted, RunError
+from musebot.protocols.simulation.jobs import execute
+from musebot.protocols.simulation.local import Local
+
+# Jobs as a module of their own, which worker processes can import.
+JOBS = '''
+import dataclasses, os, signal, time
+from pathlib import Path
+
+@dataclasses.dataclass(frozen=True)
+class Write:
+    """A job that writes when it began, after some looks at whether to stop."""
+
+    path: Path
+    looks: int = 0
+    cost: float = 1.0
+
+    def done(self):
+        return self.path.exists()
+
+    def run(self, stop, report):
+        began = time.monotonic_ns()
+        for _ in range(self.looks):
+            if stop():
+                return False
+            time.sleep(0.05)
+        report(self.cost, f"{self.path.name} is done")
+        self.path.write_text(str(began))
+        return True
+
+
+@dataclasses.dataclass(frozen=True)
+class Die(Write):
+    """A job whose process is killed."""
+
+    def run(self, stop, report):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fail(Write):
+    """A job whose file cannot be written."""
+
+    def run(self, stop, report):
+        raise OSError(28, "No space left on device")
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault(Write):
+    """A job with a fault in its code."""
+
+    def run(self, stop, report):
+        raise ZeroDivisionError("a fault")
+'''
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory):
+    """The module `JOBS`."""
+    folder = tmp_path_factory.mktemp("jobs")
+    (folder / "jobs_of_test_local.py").write_text(JOBS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        yield importlib.import_module("jobs_of_test_local")
+
+
+def execute_all(jobs, processes=1, finished=lambda job: None):
+    execute("jobs", jobs, Local(processes), finished, quiet=True)
+
+
+def test_one_process_starts_jobs_in_their_order_and_hands_on_each(kinds, tmp_path, capfd):
+    jobs, finished = [kinds.Write(tmp_path / str(number)) for number in range(3)], []
+    execute("jobs", jobs, Local(1), finished.append)
+    assert sorted(finished, key=jobs.index) == jobs
+    began = [int(job.path.read_text()) for job in jobs]
+    assert began == sorted(began)
+    assert "2 is done" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_the_jobs_and_keeps_what_is_done(how, kinds, tmp_path):
+    jobs = [
+        kinds.Write(tmp_path / "quick"),
+        kinds.Write(tmp_path / "slow", looks=10**6),
+        kinds.Write(tmp_path / "z"),
+    ]
+
+    def stop(job):
+        threading.Timer(0.3, os.kill, (os.getpid(), how)).start()
+
+    with pytest.raises(Interrupted):
+        execute_all(jobs, finished=stop)
+    assert [job.done() for job in jobs][:2] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        ("Die", "a process died, perhaps for want of memory"),
+        ("Fail", "a file could not be written ([Errno 28] No space left on device)"),
+    ],
+)
+def test_a_job_that_cannot_go_on_is_one_sentence(kind, sentence, kinds, tmp_path):
+    with pytest.raises(RunError) as caught:
+        execute_all(
+            [getattr(kinds, kind)(tmp_path / "file"), kinds.Write(tmp_path / "other", looks=10**6)],
+            processes=2,
+        )
+    assert str(caught.value) == f"{sentence}; the same command continues from the last checkpoints"
+
+
+def test_a_fault_in_the_code_of_a_job_is_raised_as_it_is(kinds, tmp_path):
+    with pytest.raises(ZeroDivisionError, match="a fault"):
+        execute_all([kinds.Fault(tmp_path / "file")])
+
+
+def test_the_other_jobs_stop_where_one_cannot_be_handed_on(kinds, tmp_path):
+    jobs = [kinds.Write(tmp_path / "quick"), kinds.Write(tmp_path / "slow", looks=10**6)]
+
+    def refuse(job):
+        raise OSError(28, "No space left on device")
+
+    began = time.monotonic()
+    with pytest.raises(OSError, match="No space left"):
+        execute_all(jobs, processes=2, finished=refuse)
+    assert time.monotonic() - began < 60
+    assert not jobs[1].done()

@@ -1,0 +1,32 @@
+"""What the tests of studies share."""
+
+import pytest
+import torch
+
+
+@pytest.fixture
+def here():
+    """An executor that runs jobs in this process: new processes are slow to start."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as in a process of jobs
+
+    def here(jobs, progress):
+        for job in jobs:
+            here.jobs.append(job)
+            assert job.run(lambda: False, lambda cost, message: None)
+            assert job.done()
+            yield job
+
+    here.jobs = []
+    yield here
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture
+def listing():
+    """A function that returns all files below a folder with their content."""
+
+    def listing(folder):
+        return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+    return listing

@@ -1,0 +1,265 @@
+"""Conducting a study: what is done once for all of them, shown with a small one."""
+
+import dataclasses
+import importlib
+import json
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+from matplotlib.figure import Figure
+
+from musebot.protocols import cli
+from musebot.protocols.errors import InputError, Interrupted
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.storage import locked
+from musebot.protocols.studies import STUDIES, study, study_class
+from musebot.protocols.studies.study import MinuteTick, Page, StoppedError, Study, conduct
+
+
+@dataclasses.dataclass
+class Squares(Study):
+    """Square numbers, and add the squares."""
+
+    name: ClassVar[str] = "squares"
+
+    numbers: tuple[int, ...] = (1, 2, 3)
+    seed: int = 1
+
+    def experiments(self):
+        study.check_positive(numbers=len(self.numbers))
+        return {"robots": Experiment(body="kinematic", seed=self.seed)}
+
+    def details(self):
+        return {"numbers": self.numbers}
+
+    def folders(self, out):
+        return [out / "squares"]
+
+    def stages(self, out):
+        yield [Square(out / "squares" / f"{number}", number) for number in self.numbers]
+        yield [Sum(out / "sum", out / "squares")]
+
+    def page(self, out):
+        if not (out / "sum").exists():
+            raise InputError(f"{out} lacks the sum")
+        return Page(f"The sum is {(out / 'sum').read_text()}.\n", {"squares": Figure()})
+
+
+@dataclasses.dataclass
+class Cubes(Squares):
+    """Another study with the same options."""
+
+    name: ClassVar[str] = "cubes"
+
+
+class Nothing(Squares):
+    """A study without experiments."""
+
+    def experiments(self):
+        return {}
+
+
+@dataclasses.dataclass
+class Square:
+    path: Path
+    number: int
+    cost: float = 60.0
+
+    def done(self):
+        return self.path.exists()
+
+    def run(self, stop, report):
+        self.path.write_text(str(self.number**2))
+        return True
+
+
+@dataclasses.dataclass
+class Sum(Square):
+    number: Path
+
+    def run(self, stop, report):
+        numbers = [int(path.read_text()) for path in self.number.iterdir()]
+        self.path.write_text(str(sum(numbers)))
+        return True
+
+
+def paths(jobs):
+    return [job.path.name for job in jobs]
+
+
+def test_a_study_leaves_its_files_its_page_its_figures_and_what_identifies_it(tmp_path, here):
+    out = tmp_path / "new" / "out"
+    page = conduct(Squares(), out, here)
+    assert page.markdown == "The sum is 14.\n" == (out / "squares.md").read_text()
+    names = {"squares", "sum", "squares.md", "squares.svg", "squares.png", "study.json"}
+    assert {path.name for path in out.iterdir()} == names
+    assert paths(here.jobs) == ["1", "2", "3", "sum"]
+    known = json.loads((out / "study.json").read_text())
+    assert known["study"] == "squares"
+    assert known["experiments"]["robots"]["body"] == "kinematic"
+    assert known["details"] == {"numbers": [1, 2, 3]}
+    assert len(known["physics"]["robots"]) > 1
+    assert [one["musebot"] for one in known["made_with"]]
+
+
+@pytest.mark.parametrize("lost", ["squares/2", "sum", "squares.md", "squares.svg"])
+def test_a_study_does_again_what_is_lost_and_nothing_else(tmp_path, here, listing, lost):
+    conduct(Squares(), tmp_path, here)
+    before = listing(tmp_path)
+    here.jobs.clear()
+    (tmp_path / lost).unlink()
+    for folder in (tmp_path, tmp_path / "squares"):
+        (folder / ".x.1.draft").write_text("half")  # of a process that was killed
+    conduct(Squares(), tmp_path, here)
+    assert listing(tmp_path) == before
+    assert paths(here.jobs) == ([Path(lost).name] if lost in ("squares/2", "sum") else [])
+
+
+def test_an_interrupted_study_continues(tmp_path, here):
+    def interrupted(jobs, progress):
+        yield from here(jobs[:2], progress)
+        raise Interrupted
+
+    with pytest.raises(Interrupted):
+        conduct(Squares(), tmp_path, interrupted)
+    assert not (tmp_path / "squares.md").exists()
+    here.jobs.clear()
+    conduct(Squares(), tmp_path, here)
+    assert paths(here.jobs) == ["3", "sum"]
+
+
+def test_each_finished_job_is_handed_to_the_study(tmp_path, here):
+    finished = []
+
+    class Told(Squares):
+        def finished(self, job):
+            finished.append(job.path.name)
+
+    conduct(Told(), tmp_path, here)
+    assert finished == ["1", "2", "3", "sum"]
+
+
+def refused(asked, out, words, here, listing):
+    before = listing(out) if out.is_dir() else None
+    here.jobs.clear()
+    with pytest.raises(InputError, match=words) as refusal:
+        conduct(asked, out, here)
+    assert "\n" not in str(refusal.value)
+    assert here.jobs == []
+    assert (listing(out) if out.is_dir() else None) == before
+
+
+def test_a_foreign_folder_is_refused_and_left_alone(tmp_path, here, listing):
+    (tmp_path / "thesis.tex").write_text("precious")
+    refused(Squares(), tmp_path, "is not empty and holds no study of musebot's", here, listing)
+    refused(Squares(), tmp_path / "thesis.tex", "is not a folder", here, listing)
+    refused(Squares(), tmp_path / "thesis.tex" / "below", "is not a folder", here, listing)
+
+
+def test_an_invalid_option_is_refused_and_nothing_is_made(tmp_path, here, listing):
+    words = "numbers must be at least 1, got 0"
+    refused(Squares(()), tmp_path / "out", words, here, listing)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_study_option_or_physics_is_refused(tmp_path, here, listing):
+    conduct(Squares(), tmp_path, here)
+    for other, words in (
+        (Cubes(), "holds the study squares, not cubes"),
+        (Squares(seed=2), "holds a study of robots with seed 1, not 2"),
+        (Squares((1, 2)), r"with numbers \[1, 2, 3\], not \[1, 2\]"),
+        (Nothing(), "holds a study of robots, not of "),
+    ):
+        refused(other, tmp_path, words, here, listing)
+    path = tmp_path / study.MANIFEST
+    known = json.loads(path.read_text())
+    known["physics"]["robots"][0] += 0.001
+    path.write_text(json.dumps(known))
+    refused(Squares(), tmp_path, "was simulated in another physics than this", here, listing)
+
+
+def test_a_study_without_experiments_is_refused_in_another_physics(tmp_path, here, listing):
+    conduct(Nothing(), tmp_path, here)
+    conduct(Nothing(), tmp_path, here)
+    path = tmp_path / study.MANIFEST
+    known = json.loads(path.read_text())
+    known["physics"]["default"][0] += 0.001
+    path.write_text(json.dumps(known))
+    refused(Nothing(), tmp_path, "was simulated in another physics than this", here, listing)
+
+
+@pytest.mark.parametrize("content", ["{}", "[]", "nonsense", '{"study": "squares"}'])
+def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, here, listing, content):
+    (tmp_path / study.MANIFEST).write_text(content)
+    refused(Squares(), tmp_path, "is no study of musebot's", here, listing)
+
+
+def test_two_processes_cannot_conduct_a_study_in_one_folder(tmp_path, here, listing):
+    with locked(tmp_path):
+        refused(Squares(), tmp_path, "another musebot is running", here, listing)
+
+
+def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, here, monkeypatch):
+    for versions in ("old", "old", "new"):
+        monkeypatch.setattr(study, "machine", lambda versions=versions: {"musebot": versions})
+        conduct(Squares(), tmp_path, here)
+    known = json.loads((tmp_path / study.MANIFEST).read_text())
+    assert known["made_with"] == [{"musebot": "old"}, {"musebot": "new"}]
+
+
+def test_a_job_counts_its_minutes_and_stops_when_asked():
+    reports, asked = [], []
+    job = Square(Path("unused"), 1, cost=150.0)
+    tick = MinuteTick(job, 1, lambda: bool(asked), lambda *report: reports.append(report))
+    for _ in range(3):
+        tick()
+    asked.append("stop")
+    with pytest.raises(StoppedError):
+        tick()
+    assert reports == [(60.0, ""), (120.0, ""), (150.0, ""), (150.0, "")]
+
+
+# ---- The command ----
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_list_has_each_study_and_the_first_line_of_its_docstring(name, capsys):
+    module, cls, says = STUDIES[name]
+    found = study_class(name)
+    assert found.name == name
+    assert (found.__module__, found.__name__) == (f"musebot.protocols.studies.{module}", cls)
+    assert importlib.import_module(found.__module__).__doc__
+    assert (found.__doc__ or "").splitlines()[0] == says
+    assert cli.main(["study"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == len(STUDIES)
+    assert any(line.split(maxsplit=1) == [name, says] for line in lines)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_each_study_explains_its_options(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["study", name, "--help"])
+    assert stop.value.code == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert STUDIES[name][2].split(",")[0] in text
+    for field in dataclasses.fields(study_class(name)):
+        assert f"--{field.name.replace('_', '-')}" in text
+    assert "--processes" in text and "OUT" in text
+
+
+def test_a_study_that_does_not_exist_is_refused(tmp_path, capsys):
+    assert cli.main(["study", "astrology", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert "the study must be one of sensitivity, ablation" in message
+    assert message.endswith("got 'astrology'\n") and message.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_conducts_a_study_and_prints_its_page(tmp_path, capsys):
+    out, options = tmp_path / "out", ["--minutes", "0.05", "--robots", "1", "--processes", "1"]
+    assert cli.main(["study", "timestep", str(out), *options]) == 0
+    assert capsys.readouterr().out.strip() == (out / "timestep.md").read_text().strip()
+    assert cli.main(["study", "timestep", str(out), *options[:2], "--processes", "0"]) == 2
+    assert "processes must be at least 1, got 0" in capsys.readouterr().err

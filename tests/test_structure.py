@@ -1,0 +1,302 @@
+"""The structure of the package: its layers, its sizes and its lists, read from the files alone."""
+
+import ast
+import functools
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("models", "tasks", "controller", "protocols")
+
+# Folders and modules of `protocols`, lowest first: each imports only its own entry and lower ones.
+LAYERS = (
+    "errors storage terminal options",
+    "experiment",
+    "results",
+    "agents",
+    "simulation",
+    "analysis",
+    "playback",
+    "reporting",
+    "studies",
+    "bench",
+    "doctor",
+    "cli",
+)
+# What each package of the root may import: models <- tasks <- protocols -> controller.
+ROOT_LAYERS = {
+    "models": {"models"},
+    "tasks": {"models", "tasks"},
+    "controller": {"controller"},
+    "protocols": set(PACKAGES),
+}
+FORBIDDEN = {"analysis": {"simulation", "playback"}, "reporting": {"simulation"}}
+MOST_LINES, MOST_MODULES, MOST_PARAMETERS = 450, 12, 6
+MOST_LEVELS, MOST_LEVELS_OF_PROTOCOLS = 17, 12
+# The values of a command line, and wrappers of interfaces that others define.
+COMMANDS = re.compile(r"Command$|^ListStudies$")
+
+
+@functools.cache
+def modules():
+    """Returns the path of every module of the package by its dotted name, "" for the root's."""
+    files = [*ROOT.glob("*.py")]
+    for package in PACKAGES:
+        files += [path for path in (ROOT / package).rglob("*.py")]
+    return {name_of(path): path for path in sorted(files) if path.name != "setup.py"}
+
+
+def name_of(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@functools.cache
+def tree(path):
+    return ast.parse(path.read_text(), str(path))
+
+
+def walk(node, *, type_checking=False, functions=True):
+    """Yields all nodes below a node.
+
+    Args:
+      node: Where to begin.
+      type_checking: Whether to enter blocks "if TYPE_CHECKING:".
+      functions: Whether to enter bodies of functions.
+    """
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and not type_checking:
+            if "TYPE_CHECKING" in ast.unparse(child.test):
+                for other in child.orelse:
+                    yield other
+                    yield from walk(other, type_checking=type_checking, functions=functions)
+                continue
+        if not functions and isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            continue
+        yield child
+        yield from walk(child, type_checking=type_checking, functions=functions)
+
+
+def imports(name, *, type_checking=False, functions=True):
+    """Returns the imports of a module of this package: its line and the imported module's name."""
+    path = modules()[name]
+    package = name.split(".") if name else []
+    if path.name != "__init__.py":
+        package = package[:-1]
+    found = []
+    for node in walk(tree(path), type_checking=type_checking, functions=functions):
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+            found += [(node.lineno, own) for t in targets if (own := absolute(t)) is not None]
+        elif isinstance(node, ast.ImportFrom):
+            if node.level:
+                assert node.level - 1 <= len(package), f"{path}:{node.lineno}: above the package"
+                base = package[: len(package) - node.level + 1]
+                base = ".".join([*base, *filter(None, [node.module])])
+            elif (base := absolute(node.module)) is None:
+                continue
+            for alias in node.names:
+                deeper = ".".join(filter(None, [base, alias.name]))
+                found.append((node.lineno, deeper if deeper in modules() else base))
+    return [(line, target) for line, target in found if target != name]
+
+
+def absolute(target):
+    """Returns the name within the package of "musebot.a.b"; None for other packages."""
+    first, _, rest = target.partition(".")
+    return rest if first == "musebot" else None
+
+
+def place(name, line=None):
+    path = modules()[name].relative_to(ROOT)
+    return f"{path}:{line}" if line else str(path)
+
+
+# Imports
+
+
+def layer(name):
+    """Returns the number of a module of protocols' layer; None for the package's own file."""
+    parts = name.split(".")[1:]
+    if not parts:
+        return None
+    numbers = [n for n, entries in enumerate(LAYERS) if parts[0] in entries.split()]
+    assert numbers, f"{place(name)} is in no layer of {__file__}"
+    return numbers[0]
+
+
+def test_root_packages_import_only_what_they_may():
+    wrong = [
+        f"{place(name, line)}: {name.split('.')[0]} imports {target}"
+        for name in modules()
+        if name.split(".")[0] in PACKAGES
+        for line, target in imports(name, type_checking=True)
+        if target and target.split(".")[0] not in ROOT_LAYERS[name.split(".")[0]]
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_layer_of_protocols_imports_a_higher_one():
+    wrong = []
+    for name in modules():
+        if not name.startswith("protocols.") or (own := layer(name)) is None:
+            continue
+        for line, target in imports(name):
+            if target.startswith("protocols.") and layer(target) > own:
+                wrong.append(f"{place(name, line)}: {name} imports {target}, a higher layer")
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(("folder", "others"), FORBIDDEN.items())
+def test_a_folder_of_numbers_or_text_does_not_import_what_simulates(folder, others):
+    wrong = [
+        f"{place(name, line)}: {name} imports {target}"
+        for name in modules()
+        if name.startswith(f"protocols.{folder}")
+        for line, target in imports(name, type_checking=True)
+        if target.startswith("protocols.") and target.split(".")[1] in others
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@functools.cache
+def graph(functions):
+    """Returns what each module imports, within its functions too or not."""
+    return {name: {t for _, t in imports(name, functions=functions)} for name in modules()}
+
+
+def test_no_import_closes_a_circle():
+    done, stack, circles = set(), [], []
+
+    def visit(name):
+        if name in stack:
+            circles.append(" -> ".join(map(place, [*stack[stack.index(name) :], name])))
+            return
+        if name in done:
+            return
+        stack.append(name)
+        for target in sorted(graph(functions=False)[name]):
+            visit(target)
+        stack.pop()
+        done.add(name)
+
+    for name in modules():
+        visit(name)
+    assert not circles, "\n".join(circles)
+
+
+def longest_chain(names):
+    """Returns the longest chain of imports among some modules, from the highest to the lowest."""
+
+    @functools.cache
+    def chain(name):
+        below = [chain(target) for target in graph(functions=True)[name] if target in names]
+        return (name, *max(below, key=len, default=()))
+
+    return max(map(chain, sorted(names)), key=len)
+
+
+@pytest.mark.parametrize(
+    ("package", "most"), [("", MOST_LEVELS), ("protocols", MOST_LEVELS_OF_PROTOCOLS)]
+)
+def test_the_longest_chain_of_imports_is_short(package, most):
+    chain = longest_chain({name for name in modules() if name.startswith(package)})
+    assert len(chain) <= most, f"{len(chain)} levels:\n" + "\n".join(map(place, chain))
+
+
+# Sizes
+
+
+def test_no_module_is_too_long():
+    lengths = {name: len(path.read_text().splitlines()) for name, path in modules().items()}
+    wrong = [
+        f"{place(n)}:{MOST_LINES + 1}: {k} lines" for n, k in lengths.items() if k > MOST_LINES
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_folder_has_too_many_modules():
+    folders = {}
+    for path in modules().values():
+        if path.name != "__init__.py":
+            folders.setdefault(path.parent, []).append(path.name)
+    wrong = [
+        f"{f.relative_to(ROOT)}: {len(m)}" for f, m in folders.items() if len(m) > MOST_MODULES
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def public_functions(path):
+    """Yields the public functions of a module and the public methods of its public classes."""
+    for node in tree(path).body:
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            yield node, node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+        if isinstance(node, ast.ClassDef) and not COMMANDS.search(node.name):
+            for method in node.body:
+                if not isinstance(method, ast.FunctionDef):
+                    continue
+                if method.name.startswith("_") and method.name not in ("__init__", "__call__"):
+                    continue
+                arguments = method.args.posonlyargs + method.args.args
+                static = any(ast.unparse(d) == "staticmethod" for d in method.decorator_list)
+                yield method, arguments[not static :] + method.args.kwonlyargs
+
+
+def test_no_public_function_has_too_many_parameters():
+    wrong = [
+        f"{place(name, function.lineno)}: {function.name} has {len(parameters)} parameters"
+        for name, path in modules().items()
+        for function, parameters in public_functions(path)
+        if len(parameters) > MOST_PARAMETERS
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+# Lists
+
+
+def test_setup_finds_every_folder_of_modules_and_no_other():
+    # setup.py finds the folders that have an __init__.py, all the way up, but for the tests.
+    assert 'find_packages(exclude=["tests*"])' in (ROOT / "setup.py").read_text()
+    folders = {path.parent for path in modules().values()}
+    without = [str(f.relative_to(ROOT)) for f in folders if not (f / "__init__.py").exists()]
+    assert not without, f"without __init__.py: {without}"
+    found = {
+        path.parent
+        for folder in ROOT.iterdir()
+        if folder.is_dir() and folder.name[0] != "." and folder.name != "tests"
+        for path in folder.rglob("__init__.py")
+    }
+    others = sorted(str(folder.relative_to(ROOT)) for folder in found - folders)
+    assert not others, f"installed, but no package of musebot's: {others}"
+
+
+def test_the_list_of_studies_is_the_first_lines_of_their_docstrings():
+    from musebot.protocols.studies import STUDIES
+
+    wrong = []
+    for study, (module, kind, line) in STUDIES.items():
+        name = f"protocols.studies.{module}"
+        if name not in modules():
+            wrong.append(f"protocols/studies/{module}.py is missing")
+            continue
+        classes = [n for n in tree(modules()[name]).body if isinstance(n, ast.ClassDef)]
+        found = [n for n in classes if n.name == kind]
+        if not found:
+            wrong.append(f"{place(name)}: there is no class {kind}")
+            continue
+        first = (ast.get_docstring(found[0]) or "").partition("\n")[0]
+        if first != line:
+            wrong.append(f"{place(name, found[0].lineno)}: {first!r}, but {study} lists {line!r}")
+        titles = [
+            ast.literal_eval(node.value)
+            for node in found[0].body
+            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
+            for target in getattr(node, "targets", [getattr(node, "target", None)])
+            if ast.unparse(target) == "name"
+        ]
+        if titles != [study]:
+            wrong.append(f"{place(name, found[0].lineno)}: its name is {titles}, not {study!r}")
+    assert not wrong, "\n".join(wrong)
