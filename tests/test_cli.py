@@ -14,22 +14,25 @@ import pytest
 
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
-from musebot.protocols import cli
-from musebot.protocols.experiment.experiment import BODIES, TASKS, Experiment, Plan, load_plan
-from musebot.protocols.experiment.schedules import COURSES
-from musebot.protocols.simulation import engine
-from musebot.protocols.simulation.local import Processes
-from musebot.protocols.studies import ablation, creativity, robustness, sensitivity
-from musebot.protocols.studies import continual as day
+from musebot.protocols import cli, options
+from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
+from musebot.protocols.experiment.experiment import BODIES, Experiment
+from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.experiment.schedules import PROTOCOLS
+from musebot.protocols.results.run_files import read_results
+from musebot.protocols.simulation.engine import simulate
+from musebot.protocols.simulation.local import Local
+from musebot.protocols.studies import STUDIES, study_class
 from musebot.tasks.sensors import NoseForm
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     directory = tmp_path_factory.mktemp("cli") / "run"
-    conditions = (("wall_avoidance", "fixed"), ("spot_finding", "creative"))
+    conditions = (Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative"))
     plan = Plan.of(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
-    engine.run(directory, plan, Processes(2), quiet=True)
+    simulate(directory, plan, Local(2), quiet=True)
     return directory
 
 
@@ -41,10 +44,10 @@ def listing(directory):
     }
 
 
-def test_tables_show_ours_beside_the_papers_and_say_it_was_a_rehearsal(run, capsys):
+def test_tables_show_ours_next_to_the_papers_and_name_a_rehearsal(run, capsys):
     assert cli.main(["tables", str(run)]) == 0
     text = capsys.readouterr().out
-    assert "Wall avoidance (table 1), a rehearsal: every duration times 0.002" in text
+    assert "Wall avoidance (table 1), all durations times 0.002" in text
     assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
 
 
@@ -59,22 +62,25 @@ def test_a_finished_run_prints_its_tables_again_and_keeps_them(run, capsys):
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 
-def made_again(page, capsys):
-    """What the lives beside a page give, by the command that docs/results.md names."""
-    if page.name == "sensitivity.md":
-        return sensitivity.report(page.parent)
-    if page.name == "ablation.md":
-        return ablation.report(page.parent)
-    if page.name == "robustness.md":
-        return robustness.report(page.parent)
-    contests = {"creativity.md": creativity, "day.md": day}
-    if page.name in contests:  # they name their runs, in their order
+def study_of(page):
+    """Returns the study whose page is kept, with the runs that it read, in their order."""
+    kind = study_class(page.stem)
+    if "runs" not in {field.name for field in dataclasses.fields(kind)}:
+        return kind()
+    if (manifest := page.with_name("study.json")).exists():
+        names = [*json.loads(manifest.read_text())["experiments"]]
+    else:
         names = re.findall(r"(?m)^- (\S+): ", page.read_text())
-        contests[page.name].main(tuple(map(RESULTS.joinpath, names)))
-        return capsys.readouterr().out
+    return kind(runs=tuple(map(RESULTS.joinpath, names)))
+
+
+def made_again(page, capsys):
+    """Returns what the results beside a page give, by the command that docs/results.md names."""
+    if page.stem in STUDIES:
+        return study_of(page).page(page.parent).markdown
     arguments = [str(page.parent)]
-    if page.name.startswith("beside-"):
-        arguments += ["--beside", str(page.parent.with_name(page.stem.removeprefix("beside-")))]
+    if page.stem.startswith("compare-"):
+        arguments += ["--compare", str(page.parent.with_name(page.stem.removeprefix("compare-")))]
     else:
         assert page.name == "tables.md"
     assert cli.main(["tables", *arguments]) == 0
@@ -90,7 +96,7 @@ def made_again(page, capsys):
     ],
     ids=lambda page: str(page.relative_to(RESULTS)),
 )
-def test_every_page_of_results_in_docs_is_what_its_lives_give_again(page, capsys):
+def test_every_page_of_results_in_docs_is_made_again_from_its_results(page, capsys):
     assert made_again(page, capsys) == page.read_text()
 
 
@@ -108,23 +114,23 @@ def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
     folders = [path.parent for path in RESULTS.rglob("robots.csv")]
     assert folders
     for folder in folders:
-        series = folder.parent / "sensitivity.md", folder.parent / "ablation.md"
-        assert (folder / "tables.md").exists() or any(page.exists() for page in series)
+        pages = [folder.parent / f"{study}.md" for study in ("sensitivity", "ablation")]
+        assert (folder / "tables.md").exists() or any(page.exists() for page in pages)
 
 
-def test_two_runs_stand_side_by_side(run, capsys):
-    assert cli.main(["tables", str(run), "--beside", f"{run}/../run/"]) == 0
+def test_two_runs_are_compared_cell_by_cell(run, capsys):
+    assert cli.main(["tables", str(run), "--compare", f"{run}/../run/"]) == 0
     text = capsys.readouterr().out
     assert "Their experiments are the same" in text.splitlines()[0]
     assert "After Holm's correction 0 of 18 cells differ." in text
-    assert cli.main(["tables", str(run), "--beside", str(run), "--json"]) == 0
+    assert cli.main(["tables", str(run), "--compare", str(run), "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)
     assert plain["differ_in"] == {}
     assert len(plain["cells"]) == 18
 
 
-def test_what_tables_cannot_stand_beside_is_refused(run, tmp_path, capsys):
-    assert cli.main(["tables", str(run), "--beside", str(tmp_path)]) == 2
+def test_a_folder_without_a_run_cannot_be_compared(run, tmp_path, capsys):
+    assert cli.main(["tables", str(run), "--compare", str(tmp_path)]) == 2
     assert f"{tmp_path} holds no experiment of musebot's" in capsys.readouterr().err
 
 
@@ -143,7 +149,7 @@ def test_tables_as_json_hold_both(run, capsys):
     for name, count in ours["counts"].items():
         low, high = ours["intervals"]["shares"][name]
         assert 0 <= low <= count / 2 <= high <= 1
-    assert ours["intervals"]["mean"] is None  # two robots tell nothing of others
+    assert ours["intervals"]["mean"] is None  # two robots are too few for an interval
 
 
 @pytest.mark.parametrize(
@@ -152,17 +158,17 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding, got 'dancing'"),
         (["--proposer", "magic"], "proposer must be one of fixed, random, creative, or an agent's"),
         (["--proposer", "fixed", "--proposer=random"], "--proposer is given twice"),
-        (["--robots", "0"], "number of robots must be at least 1, got 0"),
-        (["--robots", "-3"], "number of robots must be at least 1, got -3"),
+        (["--robots", "0"], "robots must be at least 1, got 0"),
+        (["--robots", "-3"], "robots must be at least 1, got -3"),
         (["--robots", "5", "--cohort-size", "2"], "multiple of the cohort size, 2, got 5"),
         (["--cohort-size", "0"], "cohort size must be at least 1, got 0"),
-        (["--processes", "0"], "number of processes must be at least 1, got 0"),
+        (["--processes", "0"], "processes must be at least 1, got 0"),
         (["--time-scale", "0"], "time scale must lie in (0, 1], got 0"),
         (["--time-scale", "nan"], "time scale must lie in (0, 1], got nan"),
         (["--seed", "-1"], "seed must not be negative, got -1"),
-        (["--brain", "divine"], "brain must be one of paper, steady, steady-neurons, "),
-        (["--nose", "red"], "nose must be 'inverse' or 'printed', got 'red'"),
-        (["--kinematics", "wall=slides"], "only the kinematic body is told how it drives"),
+        (["--brain", "divine"], "brain must be one of paper, steady, steady-hidden_neurons, "),
+        (["--nose", "red"], "nose must be one of inverse, printed, got 'red'"),
+        (["--kinematics", "wall=slides"], "kinematics are parameters of the body 'kinematic' only"),
         (
             ["--body=kinematic", "--kinematics", "tyre=flat"],
             "one of radius, wheel_base, wall, felt",
@@ -170,20 +176,33 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--body=kinematic", "--kinematics", "wall=soft"], "wall must be one of holds, slides,"),
         (["--body=kinematic", "--kinematics", "felt=warm"], "felt must be one of near, pushed"),
         (["--body=kinematic", "--kinematics", "lag=long"], "lag must be a number, got 'long'"),
-        (["--body=kinematic", "--kinematics", "radius"], "can be told as NAME=VALUE, got 'radius'"),
+        (["--body=kinematic", "--kinematics", "radius"], "an override is NAME=VALUE for one of"),
+        (["--body=kinematic", "--kinematics", "radius"], "got 'radius'"),
         (["--body=kinematic", "--kinematics", "radius=0.4"], "radius must be less than 0.1 m"),
-        (["--body=kinematic", "--kinematics", "lag=0", "lag=1"], "lag is told twice"),
+        (["--body=kinematic", "--kinematics", "lag=0", "lag=1"], "lag is given twice"),
         (["--body=kinematic", "--kinematics", "any_contact=1"], "must be true or false, got 1"),
         (["--body=kinematic", "--kinematics", "pieces=1.5"], "must be a whole number"),
-        (["--but", "soul=1"], "can be told as NAME=VALUE, got 'soul=1'"),
-        (["--but", "ideas=2.5"], "ideas must be a whole number, got 2.5"),
-        (["--brain=steady", "--but", "centred=0"], "centred must be true or false, got 0"),
-        (["--but", "epsilon=true"], "epsilon must be a number, got True"),
-        (["--but", "fixed_motors=0.5"], "fixed_motors must be several numbers, got 0.5"),
-        (["--but", "young_epsilon=None"], "young_epsilon must be a number or none, got 'None'"),
-        (["--but", "epsilon=2"], "epsilon must lie in [0, 1], got 2"),
+        (["--set", "soul=1"], "an override is NAME=VALUE for one of evaluation_hidden, "),
+        (["--set", "soul=1"], "got 'soul=1'"),
+        (["--set", "ideas=2.5"], "ideas must be a whole number of at least 1, got 2.5"),
+        (
+            ["--brain=steady", "--set", "centred_inputs=0"],
+            "centred_inputs must be true or false, got 0",
+        ),
+        (["--set", "epsilon=true"], "epsilon must lie in [0, 1], got True"),
+        (["--set", "fixed_motors=0.5"], "fixed_motors must be one or more numbers"),
+        (
+            ["--set", "initial_epsilon=None"],
+            "initial_epsilon must lie in [0, 1] or be none, got 'None'",
+        ),
+        (["--set", "epsilon=2"], "epsilon must lie in [0, 1], got 2"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
-        (["--engine", "steam"], "engine must be local or ray, got 'steam'"),
+        (["--protocol", "night"], "protocol must be one of paper, continual, walls, got 'night'"),
+        (
+            ["--protocol", "continual", "--task", "wall_avoidance"],
+            "the protocol continual has only spot_finding, got wall_avoidance",
+        ),
+        (["--agent", "hand"], "proposer must be one of fixed, random, creative, or an agent's"),
     ],
 )
 def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, tmp_path, capsys):
@@ -194,27 +213,29 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_stand_in_drives_as_it_is_told(tmp_path, capsys):
+def test_the_kinematic_simulator_has_the_given_parameters(tmp_path, capsys):
     words = "--body kinematic --kinematics wall=slides felt=pushed lag=.08 any_contact=true"
     scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
     assert cli.main(["run", str(tmp_path), *words.split(), *scale]) == 0
-    told = load_plan(tmp_path / "experiment.json").experiment.kinematics
-    assert told == Kinematics(wall="slides", felt="pushed", lag=0.08, any_contact=True)
+    kept = read_manifest(tmp_path).experiment.kinematics
+    assert kept == Kinematics(wall="slides", felt="pushed", lag=0.08, any_contact=True)
     assert cli.main(["run", str(tmp_path), "--kinematics", "lag=0.08"]) == 0
     assert cli.main(["run", str(tmp_path), "--kinematics", "lag=0.1"]) == 2
     held = "holds an experiment with kinematics wall=slides felt=pushed any_contact=true lag=0.08"
     assert f"{held}, not lag=0.1" in capsys.readouterr().err
 
 
-def test_a_brain_is_the_named_one_but_for_what_is_told(tmp_path, capsys):
-    words = "--brain steady --but action_gap=0.4 fixed_motors=[0.0,0.5]".split()
+def test_a_brain_is_the_named_one_with_its_overrides(tmp_path, capsys):
+    words = "--brain steady --set advantage_scale=0.4 fixed_motors=[0.0,0.5]".split()
     scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
     for again in ([], words):
         assert cli.main(["run", str(tmp_path), *(again or words), *scale]) == 0
-    own = load_plan(tmp_path / "experiment.json").experiment.brain
-    assert own == dataclasses.replace(BRAINS["steady"], action_gap=0.4, fixed_motors=(0.0, 0.5))
-    assert "brain: steady fixed_motors=[0.0,0.5] action_gap=0.4" in capsys.readouterr().out
-    assert cli.main(["run", str(tmp_path), "--but", "action_gap=0.3"]) == 2
+    own = read_manifest(tmp_path).experiment.brain
+    assert own == dataclasses.replace(
+        BRAINS["steady"], advantage_scale=0.4, fixed_motors=(0.0, 0.5)
+    )
+    assert "brain: steady fixed_motors=[0.0,0.5] advantage_scale=0.4" in capsys.readouterr().out
+    assert cli.main(["run", str(tmp_path), "--set", "advantage_scale=0.3"]) == 2
     assert "holds an experiment with brain steady" in capsys.readouterr().err
 
 
@@ -240,7 +261,7 @@ def test_an_out_that_is_a_file_or_below_one_is_refused(tmp_path, capsys):
 
 
 def test_an_unwritable_out_is_refused(tmp_path, capsys, monkeypatch):
-    # Told by the system, not tried: root, who runs the tests in a container, may write anything.
+    # Simulated: root, who runs the tests in a container, may write anything.
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     assert cli.main(["run", str(tmp_path / "run")]) == 2
     assert f"{tmp_path} cannot be written" in capsys.readouterr().err
@@ -261,26 +282,26 @@ def test_other_parameters_than_a_folders_own_are_refused_and_nothing_changes(run
     assert listing(run) == before
 
 
-def test_a_run_of_another_brain_goes_on_with_it_and_says_so(tmp_path, capsys):
+def test_a_run_of_another_brain_continues_with_it_and_names_it(tmp_path, capsys):
     out = str(tmp_path / "run")
     short = ["--robots", "2", "--time-scale", "0.001", "--body", "kinematic", "--processes", "1"]
     which = ["--task", "spot_finding", "--proposer", "creative"]
     assert cli.main(["run", out, *short, *which, "--brain", "steady"]) == 0
-    title = "Spot finding (table 2), brain: steady, body: kinematic, a rehearsal"
+    title = "Spot finding (table 2), brain: steady, body: kinematic, all durations times 0.001"
     assert title in capsys.readouterr().out
     assert cli.main(["run", out, "--brain", "paper"]) == 2
     assert "holds an experiment with brain steady, not paper" in capsys.readouterr().err
     assert cli.main(["run", out, *which, "--robots", "4"]) == 0
-    plan = load_plan(tmp_path / "run" / "experiment.json")
+    plan = read_manifest(tmp_path / "run")
     assert plan.experiment.brain == BRAINS["steady"]
-    assert plan.robots == {("spot_finding", "creative"): 4}
+    assert plan.robots == {Condition("spot_finding", "creative"): 4}
     capsys.readouterr()
     assert cli.main(["tables", out, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["brain"] == "steady"
 
 
 @pytest.mark.parametrize("asked", [["tables"], ["run", "--help"]], ids=" ".join)
-def test_who_reads_no_further_is_not_complained_to(run, asked):
+def test_a_reader_that_closes_the_pipe_early_sees_no_complaint(run, asked):
     read, write = os.pipe()
     os.close(read)
     with open(write, "wb") as closed:
@@ -291,11 +312,11 @@ def test_who_reads_no_further_is_not_complained_to(run, asked):
     assert (done.returncode, done.stderr) == (141, "")
 
 
-def test_two_folders_of_one_name_are_told_apart(run, tmp_path, capsys):
+def test_two_folders_of_one_name_are_named_by_their_paths(run, tmp_path, capsys):
     copy = tmp_path / run.name
     shutil.copytree(run, copy)
-    assert cli.main(["tables", str(run), "--beside", str(copy)]) == 0
-    assert f"**{run}** beside **{copy}**" in capsys.readouterr().out
+    assert cli.main(["tables", str(run), "--compare", str(copy)]) == 0
+    assert f"**{run}** compared with **{copy}**" in capsys.readouterr().out
 
 
 def test_tables_of_nothing_are_refused(tmp_path, capsys):
@@ -318,12 +339,76 @@ def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("verb", ["run", "tables", "film", "report", "explore", "bench", "doctor"])
-def test_every_verb_explains_itself(verb, capsys):
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_every_verb_has_a_help_text(verb, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([verb, "--help"])
     assert stop.value.code == 0
     assert len(capsys.readouterr().out) > 100
+
+
+def test_the_verbs_are_these():
+    verbs = "run tables film report study explore bench doctor"
+    assert " ".join(cli.VERBS) == verbs
+
+
+@pytest.mark.parametrize("study", STUDIES)
+def test_every_study_has_a_help_text_that_begins_with_its_line(study, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["study", study, "--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert f"usage: musebot study {study}" in text
+    assert STUDIES[study][2] in " ".join(text.split())
+    assert "--processes" in text and "--engine" in text
+
+
+def test_the_studies_are_listed_with_a_line_each(capsys):
+    assert cli.main(["study"]) == 0
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert lines == [[name, line] for name, (_, _, line) in STUDIES.items()]
+
+
+def test_an_unknown_study_is_refused_with_all_names(capsys):
+    assert cli.main(["study", "alchemy", "out"]) == 2
+    sentence = f"musebot: the study must be one of {', '.join(STUDIES)}, got 'alchemy'\n"
+    assert capsys.readouterr().err == sentence
+
+
+def test_help_loads_neither_torch_nor_mujoco():
+    code = (
+        "import sys\n"
+        "from musebot.protocols import cli\n"
+        "try: cli.main(['run', '--help'])\n"
+        "except SystemExit: pass\n"
+        "assert cli.main(['study']) == 0\n"
+        "assert not {'torch', 'mujoco', 'dm_control', 'matplotlib'} & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [(["--engine", "steam"], 2), (["--but", "epsilon=1"], 2)],
+)
+def test_a_command_line_that_cannot_be_parsed_has_exit_status_2(words, status, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["run", str(tmp_path / "new"), *words])
+    assert stop.value.code == status
+    assert list(tmp_path.iterdir()) == []
+
+
+def choices(text):
+    """Returns the values that help shows as "{a,b,c}"."""
+    return tuple(text.strip("{}").split(","))
+
+
+def test_the_values_that_help_shows_are_those_of_the_code():
+    assert choices(options.TASK_CHOICES) == PAPER_TASKS
+    assert choices(options.PROPOSER_CHOICES) == tuple(PROPOSERS)
+    assert choices(options.BODY_CHOICES) == BODIES
 
 
 def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
@@ -335,13 +420,80 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
     ours = {f"steady-{ingredient}" for ingredient in INGREDIENTS}
     assert {*whole} == BRAINS.keys() - ours and less == "steady-X"
     assert {name: tuple(values.split(",")) for name, values in named.items()} == {
-        "task": TASKS,
+        "task": PAPER_TASKS,
         "proposer": tuple(PROPOSERS),
-        "course": tuple(COURSES),
+        "protocol": tuple(PROTOCOLS),
         "nose": get_args(NoseForm),
         "body": BODIES,
         "engine": ("local", "ray"),
     }
+
+
+SHORT = "--robots 2 --time-scale 0.001 --body kinematic".split()
+
+
+@pytest.mark.parametrize("protocol", ["continual", "walls"])
+def test_a_run_keeps_its_protocol_and_has_spot_finding_only(
+    protocol, tmp_path, capsys, commands_in_process
+):
+    out = str(tmp_path)
+    command = ["run", out, *SHORT, "--proposer", "creative", "--protocol", protocol]
+    assert cli.main(command) == 0
+    assert f"protocol: {protocol}" in capsys.readouterr().out
+    plan = read_manifest(tmp_path)
+    assert plan.experiment.protocol == protocol
+    assert plan.robots == {Condition("spot_finding", "creative"): 2}
+    assert cli.main(["run", out]) == 0
+    assert cli.main(["run", out, "--protocol", "paper"]) == 2
+    sentence = f"holds an experiment with protocol {protocol}, not paper"
+    assert sentence in capsys.readouterr().err
+
+
+def test_options_that_are_not_given_keep_the_stored_values(tmp_path, commands_in_process):
+    out = str(tmp_path)
+    which = ["--task", "wall_avoidance", "--proposer", "fixed", "--seed", "5"]
+    assert cli.main(["run", out, *SHORT, *which]) == 0
+    before = read_manifest(tmp_path)
+    assert cli.main(["run", out]) == 0
+    assert read_manifest(tmp_path) == before
+    assert cli.main(["run", out, "--robots", "4"]) == 0
+    assert read_manifest(tmp_path) == dataclasses.replace(
+        before, robots={Condition("wall_avoidance", "fixed"): 4}
+    )
+    assert cli.main(["run", out, "--proposer", "random", "--task", "spot_finding"]) == 0
+    assert read_manifest(tmp_path).robots == {
+        Condition("wall_avoidance", "fixed"): 4,
+        Condition("spot_finding", "random"): 4,
+    }
+
+
+def test_a_run_with_names_of_an_earlier_version_is_continued(tmp_path, capsys, commands_in_process):
+    command = ["run", str(tmp_path), *SHORT, "--task", "spot_finding", "--proposer", "creative"]
+    assert cli.main([*command, "--brain", "steady"]) == 0
+    content = json.loads((tmp_path / MANIFEST).read_text())
+    brain = content["experiment"]["brain"]
+    for new, old in (("centred_inputs", "centred"), ("advantage_scale", "action_gap")):
+        brain[old] = brain.pop(new)
+    assert brain.pop("bootstrap") == "max" and brain.pop("reward_form") == "difference"
+    brain |= {"next_value": "best", "reward": "change"}
+    content["experiment"]["course"] = content["experiment"].pop("protocol")
+    (tmp_path / MANIFEST).write_text(json.dumps(content))
+    capsys.readouterr()
+    assert cli.main(["run", str(tmp_path), "--robots", "4"]) == 0
+    assert "brain: steady" in capsys.readouterr().out
+    assert read_manifest(tmp_path).experiment.brain == BRAINS["steady"]
+    (part,) = read_results(tmp_path).values()
+    assert [robot.robot for robot in part.robots] == [0, 1, 2, 3]
+
+
+def test_tables_of_runs_of_two_protocols_are_not_compared(tmp_path, capsys, commands_in_process):
+    for protocol in ("paper", "walls"):
+        command = ["run", str(tmp_path / protocol), *SHORT, "--task", "spot_finding"]
+        assert cli.main([*command, "--proposer", "fixed", "--protocol", protocol]) == 0
+    capsys.readouterr()
+    words = ["tables", str(tmp_path / "paper"), "--compare", str(tmp_path / "walls")]
+    assert cli.main(words) == 2
+    assert "protocols" in capsys.readouterr().err
 
 
 def test_importing_musebot_is_light_and_writes_nothing(tmp_path):
