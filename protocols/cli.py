@@ -175,7 +175,6 @@ class TablesCommand:
         """Reads and prints; changes nothing."""
         from .results.run_files import read_run
 
-        text: Any
         if self.compare:
             from .analysis.comparison import compare_runs
             from .reporting import comparison_tables as reporting
@@ -357,6 +356,7 @@ def _study_command(name: str) -> type:
     from .studies.study import conduct
 
     cls = study_class(name)
+    folder = tyro.conf.arg(metavar="OUT", help="folder of the study; an unfinished one continues")
 
     def call(self: Any) -> None:
         page = conduct(self.study, self.out, self.workers.executor())
@@ -365,7 +365,7 @@ def _study_command(name: str) -> type:
     command = dataclasses.make_dataclass(
         "StudyCommand",
         [
-            ("out", Out),
+            ("out", Annotated[Path, tyro.conf.Positional, folder]),
             ("study", Annotated[cls, tyro.conf.arg(name="")]),
             ("workers", WorkersOption, HERE),
         ],
