@@ -2,7 +2,7 @@
 
 import pytest
 
-from musebot.protocols.agents.base import senses_of
+from musebot.protocols.agents.factory import senses_of
 from musebot.tasks.suite import TASKS
 
 
@@ -12,4 +12,4 @@ def test_every_task_describes_its_signals(task):
     rules = TASKS[task].rules
     assert len(senses.state) == sum(length for length, _, _ in rules.shapes.values())
     assert (senses.reward.low, senses.reward.high) == rules.rewards
-    assert set(rules.full) <= {*rules.shapes, "reward"}
+    assert set(rules.maximal) <= {*rules.shapes, "reward"}
