@@ -107,7 +107,7 @@ BRAINS: Mapping[str, Parameters] = MappingProxyType(
 )
 
 # A parameter as a function of the number of training steps.
-Schedule = Callable[[Tensor], float]
+Decaying = Callable[[Tensor], float]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,8 +135,8 @@ class Parts:
     lesson: Lesson
     proposer: ActionProposer
     exploration: Exploration
-    epsilon: Schedule
-    learn_rate: Schedule
+    epsilon: Decaying
+    learn_rate: Decaying
 
 
 def assemble(
@@ -236,5 +236,5 @@ def _proposer(
     return FixedActions(p.fixed_motors) if name == "fixed" else RandomActions(p.ideas, generator)
 
 
-def _schedule(initial: float | None, final: float, steps: float) -> Schedule:
+def _schedule(initial: float | None, final: float, steps: float) -> Decaying:
     return (lambda age: final) if initial is None else Decay(initial, final, steps)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Literal, get_args
 
-Activation = Literal["logistic", "tanh"]
+ActivationName = Literal["logistic", "tanh"]
 RewardForm = Literal["signal", "difference"]
 Bootstrap = Literal["on_policy", "max"]
 OptimizerName = Literal["sgd", "adam"]
@@ -143,7 +143,7 @@ class Parameters:
     keep_main_idea: bool = flag(False)
     initial_range: float = number(1.0, 0)
 
-    activation: Activation = choice("logistic", Activation)
+    activation: ActivationName = choice("logistic", ActivationName)
     centred_inputs: bool = flag(False)
     raw_signals: bool = flag(False)
     raw_reward: bool = flag(False)

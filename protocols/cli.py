@@ -22,7 +22,7 @@ from .options import (
     Out,
     option,
 )
-from .simulation.workers import HERE, WorkersOption
+from .simulation.executor_choice import HERE, WorkersOption
 from .studies import STUDIES, study_class
 
 if TYPE_CHECKING:

@@ -12,8 +12,6 @@ from collections.abc import Callable
 
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 
-EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
-
 
 class InputError(Exception):
     """The user's request cannot be carried out; the text says why."""

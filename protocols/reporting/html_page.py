@@ -45,7 +45,7 @@ class Medium:
 
 
 @dataclasses.dataclass(frozen=True)
-class Cell:
+class PageCell:
     """A cell of a table on the page: our value, its interval, and the paper's value."""
 
     ours: str
@@ -63,7 +63,7 @@ class Table:
     """
 
     columns: Sequence[tuple[str, str]]
-    rows: Sequence[tuple[str, Sequence[Cell]]]
+    rows: Sequence[tuple[str, Sequence[PageCell]]]
 
 
 def page(
@@ -124,11 +124,11 @@ def _tables(run: Run, task: str) -> Iterator[Table]:
         yield Table([(proposer, colour(proposer)) for proposer in group], rows)
 
 
-def _column(run: Run, condition: Condition) -> list[Cell]:
+def _column(run: Run, condition: Condition) -> list[PageCell]:
     ours, paper = column(run, condition), paper_column(run.experiment, condition)
     own = [*tables.cells(ours), tables.variation_cell(ours, paper)]
     theirs = [value for value, _ in tables.cells(paper)] if paper else [""] * (len(own) - 1)
-    return [Cell(*cell, other) for cell, other in zip(own, [*theirs, ""], strict=True)]
+    return [PageCell(*cell, other) for cell, other in zip(own, [*theirs, ""], strict=True)]
 
 
 def _emphasis(text: str) -> Markup:

@@ -16,7 +16,7 @@ from .learn_ability import INVALID, category, learn_ability
 
 When = Literal["before", "after"]
 WHEN: tuple[When, When] = ("before", "after")
-Networks = dict[str, np.ndarray]
+NetworkArrays = dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Lives:
     events: np.ndarray
     minutes: np.ndarray
     valid: np.ndarray
-    before: Networks
-    after: Networks
+    before: NetworkArrays
+    after: NetworkArrays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +84,7 @@ class ConditionResults:
 
     robots: list[Robot]
     curves: np.ndarray
-    networks: Mapping[When, Networks]
+    networks: Mapping[When, NetworkArrays]
 
     def rows(self, which: np.ndarray) -> ConditionResults:
         """Returns the results of some robots.

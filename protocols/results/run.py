@@ -11,7 +11,7 @@ from ...tasks.arena import CONTROL_TIMESTEP
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from .learn_ability import Summary, summarise
-from .results import Networks, Results, Robot, When
+from .results import NetworkArrays, Results, Robot, When
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Run:
         """Returns each valid robot's share of each minute with the event, shape (n, M)."""
         return self.results[condition].curves[self.valid_rows(condition)]
 
-    def networks(self, condition: Condition, when: When) -> Networks:
+    def networks(self, condition: Condition, when: When) -> NetworkArrays:
         """Returns the networks of all robots before or after training, each (N, ...)."""
         return self.results[condition].networks[when] if condition in self.results else {}
 

@@ -18,7 +18,7 @@ from ..experiment.plan import Plan
 from ..storage import check_folder, is_draft, load_arrays, save_arrays, write_atomically
 from ..terminal import notice
 from .learn_ability import INVALID
-from .results import WHEN, ConditionResults, Networks, Results, Robot, When, category_in
+from .results import WHEN, ConditionResults, NetworkArrays, Results, Robot, When, category_in
 from .run import Run
 
 ROBOTS_FILE, CURVES_FILE, BRAINS_FILE = "robots.csv", "curves.npz", "brains.safetensors"
@@ -89,7 +89,7 @@ def run_names(directories: Sequence[Path]) -> list[str]:
     return names if len({*names}) == len(names) else [str(directory) for directory in directories]
 
 
-def flat_networks(results: Results, when: Sequence[When] = WHEN) -> Networks:
+def flat_networks(results: Results, when: Sequence[When] = WHEN) -> NetworkArrays:
     """Returns all networks by "task/proposer/before|after/network.tensor", as the file has them."""
     return {
         f"{condition}/{w}/{name}": array
@@ -148,7 +148,7 @@ def _condition_results(
     condition: Condition,
     robots: list[Robot],
     curves: Mapping[str, np.ndarray],
-    brains: Networks,
+    brains: NetworkArrays,
 ) -> ConditionResults:
     """Cuts curves and networks to the rows of robots.csv, which is written last."""
     if str(condition) not in curves:
@@ -159,7 +159,7 @@ def _condition_results(
             raise DamagedFileError(f"{directory} has fewer robots in {name} than rows")
         return array[: len(robots)]
 
-    networks: dict[When, Networks] = {}
+    networks: dict[When, NetworkArrays] = {}
     for when in WHEN:
         prefix = f"{condition}/{when}/"
         networks[when] = {

@@ -20,7 +20,7 @@ from ..reporting import style
 from ..simulation.jobs import Executor, Job, Report, Stop, execute
 from ..storage import check_folder, is_draft, locked, remove_drafts, write_atomically
 
-MANIFEST = "study.json"
+STUDY_FILE = "study.json"
 
 _DEFAULT = {"default": Experiment()}  # whose physics a study without experiments is checked by
 
@@ -173,7 +173,7 @@ def check_positive(**numbers: int) -> None:
 def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> list[Any]:
     """Checks that OUT can hold a study; returns what its files were made with."""
     check_folder(out)
-    path = out / MANIFEST
+    path = out / STUDY_FILE
     if not path.is_file():
         if out.is_dir() and not all(map(is_draft, out.iterdir())):
             raise InputError(f"{out} is not empty and holds no study of musebot's")
@@ -214,7 +214,7 @@ def _write_manifest(
         "details": study.details(),
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }
-    write_atomically(out / MANIFEST, (json.dumps(content, indent=2) + "\n").encode())
+    write_atomically(out / STUDY_FILE, (json.dumps(content, indent=2) + "\n").encode())
 
 
 def _plain(details: Mapping[str, Any]) -> dict[str, Any]:

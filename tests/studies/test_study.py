@@ -172,7 +172,7 @@ def test_another_study_option_or_physics_is_refused(tmp_path, here, listing):
         (Nothing(), "holds a study of robots, not of "),
     ):
         refused(other, tmp_path, words, here, listing)
-    path = tmp_path / study.MANIFEST
+    path = tmp_path / study.STUDY_FILE
     known = json.loads(path.read_text())
     known["physics"]["robots"][0] += 0.001
     path.write_text(json.dumps(known))
@@ -182,7 +182,7 @@ def test_another_study_option_or_physics_is_refused(tmp_path, here, listing):
 def test_a_study_without_experiments_is_refused_in_another_physics(tmp_path, here, listing):
     conduct(Nothing(), tmp_path, here)
     conduct(Nothing(), tmp_path, here)
-    path = tmp_path / study.MANIFEST
+    path = tmp_path / study.STUDY_FILE
     known = json.loads(path.read_text())
     known["physics"]["default"][0] += 0.001
     path.write_text(json.dumps(known))
@@ -191,7 +191,7 @@ def test_a_study_without_experiments_is_refused_in_another_physics(tmp_path, her
 
 @pytest.mark.parametrize("content", ["{}", "[]", "nonsense", '{"study": "squares"}'])
 def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, here, listing, content):
-    (tmp_path / study.MANIFEST).write_text(content)
+    (tmp_path / study.STUDY_FILE).write_text(content)
     refused(Squares(), tmp_path, "is no study of musebot's", here, listing)
 
 
@@ -204,7 +204,7 @@ def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, here, monk
     for versions in ("old", "old", "new"):
         monkeypatch.setattr(study, "machine", lambda versions=versions: {"musebot": versions})
         conduct(Squares(), tmp_path, here)
-    known = json.loads((tmp_path / study.MANIFEST).read_text())
+    known = json.loads((tmp_path / study.STUDY_FILE).read_text())
     assert known["made_with"] == [{"musebot": "old"}, {"musebot": "new"}]
 
 
