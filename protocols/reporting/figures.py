@@ -196,7 +196,7 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.set_xlim(-0.5, len(names) - 0.5)
         axis.set_ylim(0, 1)
         in_per_cent(axis.yaxis)
-        axis.set_title(TASK_NAMES[task])
+        axis.set_title(TASK_NAMES[task], pad=10)
     axes[0, 0].set_ylabel("share of the time spinning")
     handles = [
         Line2D([], [], marker="o", ls="", ms=3.5, color=INK, mfc=face, label=f"{when} training")
