@@ -41,7 +41,7 @@ STEADY = Parameters(
     activation="tanh",
     # Inputs centred at zero: no signal moves all neurons in one direction.
     centred_inputs=True,
-    # s / (1 + s) is 0.90 at the rim and 0.91 inside: only raw is arriving worth the way.
+    # x / (1 + x) hardly differs near and inside the spot (0.90 and 0.91); the raw x does.
     raw_signals=True,
     raw_reward=True,
     # Approaching is rewarded, staying is not: a robot in the spot has nothing to unlearn.

@@ -1,12 +1,13 @@
-"""The evaluation network: values, and TD(0) as Eq. 1 has it, against autograd."""
+"""Values of the evaluation network, and TD(0) by Eq. 1, against autograd."""
 
-import math
-
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.controller import EvaluationNetwork, Parameters
+from musebot.controller.evaluation import TDTarget
+from musebot.controller.step import Step
 
 quick = settings(deadline=None, max_examples=30)
 numbers = st.floats(-3, 3, width=32)
@@ -14,13 +15,11 @@ numbers = st.floats(-3, 3, width=32)
 
 @st.composite
 def situations(draw):
-    """An evaluation network, and everything that a step of learning needs."""
+    """An evaluation network, and the arguments of one step of learning."""
     robots, sensors = draw(st.integers(1, 4)), draw(st.integers(1, 5))
     parameters = Parameters(
         evaluation_hidden=draw(st.integers(1, 8)),
         learn_rate=draw(st.floats(0, 0.5)),
-        discount=draw(st.floats(0, 1)),
-        error_limit=draw(st.none() | st.floats(0.01, 3)),
     )
     generator = torch.Generator().manual_seed(draw(st.integers(0, 2**31)))
     network = EvaluationNetwork(parameters, robots, sensors, generator)
@@ -30,8 +29,7 @@ def situations(draw):
         "network": network,
         "state": torch.rand(robots, sensors, generator=generator) * 2 - 1,
         "action": torch.rand(robots, 2, generator=generator) - 0.5,
-        "reward": draw(several),
-        "next_value": draw(several),
+        "target": draw(several),
     }
 
 
@@ -49,14 +47,14 @@ def value(w, state, action):
 
 
 def descend(w, loss, rate):
-    """A step of plain gradient descent, by autograd."""
+    """One step of plain gradient descent by autograd."""
     loss.backward()
     return {name: (tensor - rate * tensor.grad).detach() for name, tensor in w.items()}
 
 
 @quick
 @given(st.integers(1, 4), st.integers(1, 5), st.integers(1, 30), st.integers(0, 2**31))
-def test_values_of_many_actions_are_those_of_one_after_the_other(robots, sensors, count, seed):
+def test_values_of_several_actions_equal_the_values_of_single_ones(robots, sensors, count, seed):
     generator = torch.Generator().manual_seed(seed)
     network = EvaluationNetwork(Parameters(), robots, sensors, generator)
     state = torch.rand(robots, sensors, generator=generator) * 2 - 1
@@ -68,28 +66,49 @@ def test_values_of_many_actions_are_those_of_one_after_the_other(robots, sensors
         torch.testing.assert_close(values[:, index], one[:, 0], atol=1e-5, rtol=1e-5)
 
 
+def learn(network, situation, learning=1.0):
+    arguments = (situation[name] for name in ("state", "action", "target"))
+    return network.learn(*arguments, learning, situation["parameters"].learn_rate)
+
+
 @quick
 @given(situations())
-def test_learning_is_gradient_descent_on_half_the_squared_error_or_hubers_loss(given_):
-    parameters, network = given_["parameters"], given_["network"]
-    limit = parameters.error_limit or math.inf
-    wanted, errors = [], []
-    for robot in range(len(given_["state"])):
+def test_learning_is_gradient_descent_on_half_the_squared_error(situation):
+    parameters, network = situation["parameters"], situation["network"]
+    expected, errors = [], []
+    for robot in range(len(situation["state"])):
         w = copies(network, robot)
-        v = value(w, given_["state"][robot], given_["action"][robot])
-        target = (given_["reward"] + parameters.discount * given_["next_value"])[robot].double()
-        error = abs(target - v)
-        loss = error**2 / 2 if error < limit else limit * (error - limit / 2)
-        errors.append(min(limit, max(-limit, (target - v).item())))
-        wanted.append(descend(w, loss, parameters.learn_rate))
-    error = network.learn(*(given_[k] for k in ("state", "action", "reward", "next_value")))
+        v = value(w, situation["state"][robot], situation["action"][robot])
+        error = situation["target"][robot].double() - v
+        errors.append(error.item())
+        expected.append(descend(w, error**2 / 2, parameters.learn_rate))
+    error = learn(network, situation)
     torch.testing.assert_close(error.double(), torch.tensor(errors).double(), atol=1e-5, rtol=0)
-    for robot, after in enumerate(wanted):
+    for robot, after in enumerate(expected):
         for name, tensor in network.networks.tensors().items():
             torch.testing.assert_close(tensor[robot].double(), after[name], atol=1e-5, rtol=0)
 
 
-def test_the_next_value_is_not_differentiated_though_the_same_network_gives_it():
+@quick
+@given(st.floats(0, 1), numbers, numbers)
+def test_the_target_is_the_reward_and_the_discounted_value_of_the_selected_action(
+    discount, reward, next_value
+):
+    before, now = Step(2, 1), Step(2, 1)
+    now.record(torch.zeros(2, 1), torch.zeros(2, 3, 2), *fixed_choice(next_value))
+    before.chained[0] = 1
+    target, learning = TDTarget(discount)(torch.full((2,), reward), before, now)
+    assert target.tolist() == pytest.approx([reward + discount * next_value] * 2, abs=1e-5)
+    assert learning.tolist() == [1, 0]
+
+
+def fixed_choice(value):
+    """Values of three actions, of which the last is selected, and the indices of a step."""
+    values = torch.tensor([[value + 1, value - 1, value]] * 2)
+    return values, torch.tensor([2, 2]), torch.tensor([0, 0])
+
+
+def test_the_target_is_not_differentiated():
     generator = torch.Generator().manual_seed(1)
     parameters = Parameters(learn_rate=0.5)
     network = EvaluationNetwork(parameters, 1, 2, generator)
@@ -104,7 +123,7 @@ def test_the_next_value_is_not_differentiated_though_the_same_network_gives_it()
 
     semi, full = step(False), step(True)
     ahead = network.values(following, then[:, None])[:, 0]
-    network.learn(state, action, torch.ones(1), ahead)
+    network.learn(state, action, 1 + parameters.discount * ahead, 1.0, parameters.learn_rate)
     for name, tensor in network.networks.tensors().items():
         torch.testing.assert_close(tensor[0].double(), semi[name], atol=1e-5, rtol=0)
     assert (semi["hidden_weights"] - full["hidden_weights"]).abs().max() > 1e-3
@@ -112,17 +131,16 @@ def test_the_next_value_is_not_differentiated_though_the_same_network_gives_it()
 
 @quick
 @given(situations(), st.data())
-def test_a_robot_that_does_not_learn_keeps_its_weights_and_others_do_not_notice(given_, data):
-    network = given_["network"]
-    robots = len(given_["state"])
+def test_a_robot_that_does_not_learn_keeps_its_weights_and_does_not_affect_others(situation, data):
+    network = situation["network"]
+    robots = len(situation["state"])
     mask = data.draw(st.lists(st.sampled_from([0.0, 1.0]), min_size=robots, max_size=robots))
     learning = torch.tensor(mask)
     before = {k: t.clone() for k, t in network.networks.tensors().items()}
-    step = [given_[k] for k in ("state", "action", "reward", "next_value")]
-    full_error = network.learn(*step)
+    full_error = learn(network, situation)
     full = {k: t.clone() for k, t in network.networks.tensors().items()}
     network.networks.load(before)
-    error = network.learn(*step, learning)
+    error = learn(network, situation, learning)
     for robot in range(robots):
         source = full if learning[robot] else before
         for name, tensor in network.networks.tensors().items():
@@ -132,17 +150,18 @@ def test_a_robot_that_does_not_learn_keeps_its_weights_and_others_do_not_notice(
 
 @quick
 @given(situations())
-def test_a_robot_learns_the_same_alone_and_among_others(given_):
-    network = given_["network"]
-    robots, sensors = given_["state"].shape
+def test_a_robot_learns_the_same_alone_and_in_a_batch(situation):
+    network = situation["network"]
+    robots, sensors = situation["state"].shape
     alone = []
     for robot in range(robots):
-        single = EvaluationNetwork(given_["parameters"], 1, sensors, torch.Generator())
+        single = EvaluationNetwork(situation["parameters"], 1, sensors, torch.Generator())
         row = slice(robot, robot + 1)
         single.networks.load({k: t[row] for k, t in network.networks.tensors().items()})
-        single.learn(*(given_[k][row] for k in ("state", "action", "reward", "next_value")))
+        own = {name: situation[name][row] for name in ("state", "action", "target")}
+        learn(single, situation | own)
         alone.append(single)
-    network.learn(*(given_[k] for k in ("state", "action", "reward", "next_value")))
+    learn(network, situation)
     for robot, single in enumerate(alone):
         for name, tensor in network.networks.tensors().items():
             own = single.networks.tensors()[name][0]

@@ -1,4 +1,4 @@
-"""The creative memory: noise patterns, ideas, and back-propagation, against slow oracles."""
+"""Noise patterns, ideas and back-propagation of the creative memory, against slow oracles."""
 
 import pytest
 import torch
@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from musebot.controller import CreativeMemory, NoisePatterns, Parameters
+from musebot.controller.memory import selected_action
+from musebot.controller.step import Step
 
 quick = settings(deadline=None, max_examples=30)
 
@@ -14,11 +16,11 @@ quick = settings(deadline=None, max_examples=30)
 # Noise patterns
 
 
-def complaints(patterns, noisy, noise):
-    """What is wrong with patterns, shape (M, N), that should be drawn independently.
+def deviations(patterns, noisy, noise):
+    """Finds deviations of patterns, shape (M, N), from independent draws.
 
     Each should have exactly `noisy` of its N connections at +-noise, at uniform places and
-    with independent fair signs. A fair sampler gets a complaint in fewer than 1 of 100 draws.
+    with independent fair signs. A correct sampler deviates in fewer than 1 of 100 draws.
     """
     count, connections = patterns.shape
     at, plus = patterns != 0, patterns > 0
@@ -28,11 +30,11 @@ def complaints(patterns, noisy, noise):
     if not torch.equal(patterns[at].abs(), torch.full((int(at.sum()),), noise)):
         found.add("size")
 
-    # Drawing without replacement makes the places of a pattern repel each other; the factor
-    # (N - 1) / N makes the sum a chi-square variable of N - 1 degrees of freedom again.
+    # Drawing without replacement makes the places of a pattern negatively correlated; with
+    # the factor (N - 1) / N the sum is chi-square distributed with N - 1 degrees of freedom.
     share = noisy / connections
-    deviations = at.sum(0).double() - count * share
-    place = (deviations**2).sum() / (count * share * (1 - share))
+    excess = at.sum(0).double() - count * share
+    place = (excess**2).sum() / (count * share * (1 - share))
     place *= (connections - 1) / connections
     if not 0.001 < stats.chi2(connections - 1).cdf(place.item()) < 0.999:
         found.add("places")
@@ -44,9 +46,9 @@ def complaints(patterns, noisy, noise):
     if 2 * len(z) * stats.norm.sf(z.max().item()) < 0.001:
         found.add("pairs of places")
 
-    # Given the places, the signs are independent throws of a coin.
-    heads, throws = plus.sum(0).double(), at.sum(0).double()
-    sign = ((2 * heads - throws) ** 2 / throws.clamp(min=1)).sum()
+    # Given the places, the signs are independent tosses of a fair coin.
+    heads, tosses = plus.sum(0).double(), at.sum(0).double()
+    sign = ((2 * heads - tosses) ** 2 / tosses.clamp(min=1)).sum()
     if not 0.001 < stats.chi2(connections).cdf(sign.item()) < 0.999:
         found.add("signs")
     squares = (patterns.sign().sum(1).double() ** 2).sum() - count * noisy
@@ -62,11 +64,11 @@ def fresh_pool(connections, seed, share=0.25, noise=0.76):
 
 
 @pytest.mark.parametrize("connections", [15, 35])
-def test_patterns_have_their_number_of_noisy_connections_at_fair_places_with_fair_signs(
+def test_patterns_have_the_right_number_of_noisy_connections_at_uniform_places_with_fair_signs(
     connections,
 ):
     pool, noisy = fresh_pool(connections, seed=11)
-    assert complaints(pool, noisy, 0.76) == set()
+    assert deviations(pool, noisy, 0.76) == set()
 
 
 def wrong_sampler(kind, connections=35, noisy=9, count=16384, noise=0.76):
@@ -93,7 +95,7 @@ def wrong_sampler(kind, connections=35, noisy=9, count=16384, noise=0.76):
 
 
 @pytest.mark.parametrize(
-    ("kind", "complaint"),
+    ("kind", "deviation"),
     [
         ("biased places", "places"),
         ("the same places", "places"),
@@ -104,15 +106,15 @@ def wrong_sampler(kind, connections=35, noisy=9, count=16384, noise=0.76):
         ("noise of any size", "size"),
     ],
 )
-def test_that_check_complains_of_a_wrong_sampler(kind, complaint):
-    assert complaints(wrong_sampler("none"), 9, 0.76) == set()
-    assert complaint in complaints(wrong_sampler(kind), 9, 0.76)
+def test_the_check_detects_a_wrong_sampler(kind, deviation):
+    assert deviations(wrong_sampler("none"), 9, 0.76) == set()
+    assert deviation in deviations(wrong_sampler(kind), 9, 0.76)
 
 
 @pytest.mark.parametrize(
     ("sensors", "connections", "noisy"), [(5, 35, 9), (1, 15, 4)], ids=["walls", "spot"]
 )
-def test_a_quarter_of_the_memorys_connections_is_noisy(sensors, connections, noisy):
+def test_a_quarter_of_the_connections_is_noisy(sensors, connections, noisy):
     memory = CreativeMemory(Parameters(), 1, sensors, torch.Generator().manual_seed(0))
     patterns = memory.patterns.draw(1000)
     assert patterns.shape == (1000, connections)
@@ -122,7 +124,7 @@ def test_a_quarter_of_the_memorys_connections_is_noisy(sensors, connections, noi
 
 
 @pytest.mark.parametrize(("sensors", "connections"), [(5, 42), (1, 22)])
-def test_biases_are_connections_only_where_noise_falls_on_them(sensors, connections):
+def test_biases_count_as_connections_only_with_noise_on_biases(sensors, connections):
     parameters = Parameters(noise_on_biases=True)
     memory = CreativeMemory(parameters, 1, sensors, torch.Generator().manual_seed(0))
     patterns = memory.patterns.draw(10)
@@ -132,7 +134,7 @@ def test_biases_are_connections_only_where_noise_falls_on_them(sensors, connecti
 
 @quick
 @given(st.integers(1, 60), st.floats(0, 1), st.integers(0, 2**31))
-def test_the_number_of_noisy_connections_is_the_share_to_the_nearest(connections, share, seed):
+def test_the_number_of_noisy_connections_is_rounded_to_the_nearest(connections, share, seed):
     class Small(NoisePatterns):
         POOL = 8
 
@@ -142,7 +144,7 @@ def test_the_number_of_noisy_connections_is_the_share_to_the_nearest(connections
     assert abs(counts[0].item() - share * connections) <= 0.5 + 1e-9
 
 
-def test_ideas_take_patterns_from_all_over_the_pool():
+def test_patterns_are_drawn_uniformly_from_the_pool():
     patterns = NoisePatterns(15, 0.25, 0.76, torch.Generator().manual_seed(2))
     patterns.draw(1)
     pool = patterns.tensors()["pool"]
@@ -151,7 +153,7 @@ def test_ideas_take_patterns_from_all_over_the_pool():
     assert stats.chisquare(taken.numpy()).pvalue > 0.001
 
 
-def test_the_pool_is_drawn_anew_after_its_lifetime_and_not_before():
+def test_the_pool_is_redrawn_after_its_lifetime_and_not_before():
     class Small(NoisePatterns):
         POOL = 64
 
@@ -168,7 +170,7 @@ def test_the_pool_is_drawn_anew_after_its_lifetime_and_not_before():
         assert (drawn[:, None] == pool).all(-1).any(1).all()
 
 
-def test_what_is_done_to_a_drawn_pattern_does_not_reach_the_pool():
+def test_changing_a_drawn_pattern_does_not_change_the_pool():
     patterns = NoisePatterns(15, 0.25, 0.76, torch.Generator().manual_seed(2))
     drawn = patterns.draw(100)
     pool = patterns.tensors()["pool"].clone()
@@ -179,14 +181,14 @@ def test_what_is_done_to_a_drawn_pattern_does_not_reach_the_pool():
 # Ideas
 
 
-def born(robots, sensors, seed, **fields):
+def initial(robots, sensors, seed, **fields):
     generator = torch.Generator().manual_seed(seed)
     memory = CreativeMemory(Parameters(**fields), robots, sensors, generator)
     return memory, torch.rand(robots, sensors, generator=generator) * 3 - 1.5
 
 
-def tap(memory):
-    """Keeps a copy of every pattern that the memory draws from now on."""
+def record_patterns(memory):
+    """Records a copy of every pattern that the memory draws."""
     drawn, draw = [], memory.patterns.draw
 
     def recorded(count):
@@ -199,13 +201,13 @@ def tap(memory):
 
 
 def motors(w, x):
-    """A memory network by the textbook: logistic everywhere, [0, 1] moved to [-0.5, 0.5]."""
+    """A memory network with logistic neurons, its outputs shifted to [-0.5, 0.5]."""
     hidden = torch.sigmoid(w["hidden_weights"] @ x + w["hidden_biases"])
     return torch.sigmoid(w["output_weights"] @ hidden + w["output_biases"]) - 0.5
 
 
 def noisy_network(w, pattern, on_biases):
-    """W + N, built in full: sensor weights, motor weights, and the biases where they count."""
+    """The noisy network W + N: sensor weights, motor weights, and the biases if they count."""
     names = ["hidden_weights", "output_weights"]
     if on_biases:
         names += ["hidden_biases", "output_biases"]
@@ -225,10 +227,10 @@ def noisy_network(w, pattern, on_biases):
     noise_on_biases=st.booleans(),
     keep_main_idea=st.booleans(),
 )
-def test_ideas_are_what_networks_with_noisy_connections_do(robots, sensors, seed, **fields):
-    memory, state = born(robots, sensors, seed, **fields)
-    drawn = tap(memory)
-    ideas = memory.ideas(state)
+def test_ideas_equal_the_outputs_of_noisy_networks(robots, sensors, seed, **fields):
+    memory, state = initial(robots, sensors, seed, **fields)
+    drawn = record_patterns(memory)
+    ideas = memory.ideas(state, fields["ideas"])
     assert ideas.shape == (robots, fields["ideas"], 2)
     assert ideas.abs().max() <= 0.5
     patterns = drawn[0].view(robots, fields["ideas"], -1)
@@ -238,57 +240,57 @@ def test_ideas_are_what_networks_with_noisy_connections_do(robots, sensors, seed
             noisy = noisy_network(w, patterns[robot, index], fields["noise_on_biases"])
             if fields["keep_main_idea"] and index == 0:
                 noisy = w
-            wanted = motors(noisy, state[robot].double())
-            torch.testing.assert_close(ideas[robot, index].double(), wanted, atol=1e-5, rtol=0)
+            expected = motors(noisy, state[robot].double())
+            torch.testing.assert_close(ideas[robot, index].double(), expected, atol=1e-5, rtol=0)
 
 
-def test_every_idea_of_every_robot_and_step_has_noise_of_its_own():
-    memory, state = born(6, 5, seed=1)
+def test_noise_differs_between_ideas_robots_and_steps():
+    memory, state = initial(6, 5, seed=1)
     alike = {k: t[:1].expand_as(t) for k, t in memory.networks.tensors().items()}
     memory.networks.load({k: t.clone() for k, t in alike.items()})
     state = state[:1].expand(6, -1)
-    ideas = torch.stack([memory.ideas(state) for _ in range(4)])
+    ideas = torch.stack([memory.ideas(state, 25) for _ in range(4)])
     different = len(ideas.reshape(-1, 2).unique(dim=0))
     assert different > 0.95 * 4 * 6 * 25  # the pool holds 16384, two may take the same
 
 
-def test_the_main_idea_comes_first_where_it_is_kept_and_nowhere_else():
-    memory, state = born(4, 5, seed=1, keep_main_idea=True)
-    torch.testing.assert_close(memory.ideas(state)[:, 0], memory.recall(state))
-    memory, state = born(4, 5, seed=1)
-    assert (memory.ideas(state) - memory.recall(state)[:, None]).abs().amax(-1).min() > 1e-4
+def test_the_main_idea_comes_first_only_if_it_is_kept():
+    memory, state = initial(4, 5, seed=1, keep_main_idea=True)
+    torch.testing.assert_close(memory.ideas(state, 25)[:, 0], memory.recall(state))
+    memory, state = initial(4, 5, seed=1)
+    assert (memory.ideas(state, 25) - memory.recall(state)[:, None]).abs().amax(-1).min() > 1e-4
 
 
-def test_keeping_the_main_idea_does_not_rub_noise_out_of_the_pool():
-    memory, state = born(4, 5, seed=1, keep_main_idea=True)
-    memory.ideas(state)
+def test_keeping_the_main_idea_does_not_change_the_pool():
+    memory, state = initial(4, 5, seed=1, keep_main_idea=True)
+    memory.ideas(state, 25)
     assert ((memory.patterns.tensors()["pool"] != 0).sum(1) == 9).all()
 
 
 def test_without_noise_every_idea_is_the_main_idea():
-    memory, state = born(4, 5, seed=1, noise=0.0, noise_on_biases=True)
+    memory, state = initial(4, 5, seed=1, noise=0.0, noise_on_biases=True)
     main = memory.recall(state)[:, None].expand(-1, 25, -1)
-    torch.testing.assert_close(memory.ideas(state), main, atol=1e-6, rtol=0)
+    torch.testing.assert_close(memory.ideas(state, 25), main, atol=1e-6, rtol=0)
 
 
-def test_having_ideas_changes_no_connection():
-    memory, state = born(4, 5, seed=1)
+def test_ideas_do_not_change_the_networks():
+    memory, state = initial(4, 5, seed=1)
     before = {k: t.clone() for k, t in memory.networks.tensors().items()}
-    memory.ideas(state)
+    memory.ideas(state, 25)
     assert all(torch.equal(before[k], t) for k, t in memory.networks.tensors().items())
 
 
-def test_a_robot_has_the_same_ideas_alone_and_among_others():
-    memory, state = born(5, 5, seed=3)
-    drawn = tap(memory)
-    together = memory.ideas(state)
+def test_a_robot_has_the_same_ideas_alone_and_in_a_batch():
+    memory, state = initial(5, 5, seed=3)
+    drawn = record_patterns(memory)
+    together = memory.ideas(state, 25)
     for robot in range(5):
         row = slice(robot, robot + 1)
-        alone, _ = born(1, 5, seed=0)
+        alone, _ = initial(1, 5, seed=0)
         alone.networks.load({k: t[row] for k, t in memory.networks.tensors().items()})
         own = drawn[0].view(5, 25, -1)[robot]
         alone.patterns.draw = lambda count, own=own: own.clone()
-        torch.testing.assert_close(alone.ideas(state[row]), together[row], atol=1e-6, rtol=0)
+        torch.testing.assert_close(alone.ideas(state[row], 25), together[row], atol=1e-6, rtol=0)
 
 
 # Learning
@@ -302,14 +304,14 @@ def test_a_robot_has_the_same_ideas_alone_and_among_others():
     memory_hidden=st.integers(1, 6),
     data=st.data(),
 )
-def test_learning_is_gradient_descent_on_half_the_squared_error_in_the_outputs_of_0_to_1(
+def test_learning_is_gradient_descent_on_half_the_squared_error_of_the_outputs(
     robots, sensors, seed, memory_hidden, data
 ):
-    memory, state = born(robots, sensors, seed, memory_hidden=memory_hidden)
+    memory, state = initial(robots, sensors, seed, memory_hidden=memory_hidden)
     rate = st.floats(-2, 2, width=32)
     rates = torch.tensor(data.draw(st.lists(rate, min_size=robots, max_size=robots)))
     action = torch.rand(robots, 2, generator=torch.Generator().manual_seed(seed)) - 0.5
-    wanted = []
+    expected = []
     for robot in range(robots):
         w = {
             k: t[robot].double().clone().requires_grad_()
@@ -317,15 +319,15 @@ def test_learning_is_gradient_descent_on_half_the_squared_error_in_the_outputs_o
         }
         outputs = motors(w, state[robot].double()) + 0.5
         ((action[robot].double() + 0.5 - outputs) ** 2 / 2).sum().backward()
-        wanted.append({k: (t - rates[robot] * t.grad).detach() for k, t in w.items()})
+        expected.append({k: (t - rates[robot] * t.grad).detach() for k, t in w.items()})
     memory.learn(state, action, rates)
-    for robot, after in enumerate(wanted):
+    for robot, after in enumerate(expected):
         for name, tensor in memory.networks.tensors().items():
             torch.testing.assert_close(tensor[robot].double(), after[name], atol=1e-5, rtol=0)
 
 
-def test_a_positive_rate_draws_the_main_idea_to_the_action_and_a_negative_one_away():
-    memory, state = born(2, 5, seed=4)
+def test_a_positive_rate_moves_the_main_idea_towards_the_action_and_a_negative_one_away():
+    memory, state = initial(2, 5, seed=4)
     state, action = state[:1].expand(2, -1), torch.tensor([[0.3, -0.2]]).expand(2, -1)
     memory.networks.load(
         {k: t[:1].expand_as(t).clone() for k, t in memory.networks.tensors().items()}
@@ -337,9 +339,18 @@ def test_a_positive_rate_draws_the_main_idea_to_the_action_and_a_negative_one_aw
     assert after[1] > before[1]
 
 
-def test_what_is_repeated_is_remembered():
-    memory, state = born(3, 5, seed=5)
+def test_a_repeated_action_is_learned():
+    memory, state = initial(3, 5, seed=5)
     action = torch.tensor([[0.4, -0.4], [0.0, 0.0], [-0.3, 0.2]])
     for _ in range(2000):
         memory.learn(state, action, torch.ones(3))
     torch.testing.assert_close(memory.recall(state), action, atol=0.02, rtol=0)
+
+
+def test_the_papers_lesson_is_the_selected_action_at_the_td_error():
+    step, error = Step(3, 5), torch.tensor([0.3, -0.2, 0.0])
+    step.action = torch.rand(3, 2)
+    action, rates, rate = selected_action(step, error, torch.ones(3), 0.01)
+    assert action is step.action
+    assert rates is error
+    assert rate == 1.0

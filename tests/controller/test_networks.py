@@ -1,4 +1,4 @@
-"""One-hidden-layer networks: their outputs and their gradient, against autograd."""
+"""Outputs and gradients of one-hidden-layer networks, against autograd."""
 
 import pytest
 import torch
@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from musebot.controller import Networks
+from musebot.controller.networks import ACTIVATIONS
 
 quick = settings(deadline=None, max_examples=30)
 shapes = st.fixed_dictionaries(
@@ -22,16 +23,17 @@ shapes = st.fixed_dictionaries(
 
 
 def drawn(robots, inputs, hidden, outputs, seed, initial_range=1.0, activation="logistic"):
-    """Networks, an input and a step for each output, all of one seed."""
+    """Networks, an input and a step for each output, all from one seed."""
     generator = torch.Generator().manual_seed(seed)
-    networks = Networks(robots, inputs, hidden, outputs, initial_range, generator, activation)
+    networks = Networks(robots, inputs, hidden, outputs, initial_range, generator)
+    networks.activation = ACTIVATIONS[activation]
     x = torch.rand(robots, inputs, generator=generator) * 4 - 2
     steps = torch.rand(robots, outputs, generator=generator) * 2 - 1
     return networks, x, steps
 
 
 def weights(networks, robot):
-    """One robot's weights and biases in double precision, ready for autograd."""
+    """One robot's weights and biases in double precision, with gradients."""
     return {
         name: tensor[robot].double().clone().requires_grad_()
         for name, tensor in networks.tensors().items()
@@ -45,7 +47,7 @@ def output_sums(w, x, activation):
 
 
 def only(networks, robot):
-    """A batch of one, with the weights of one of many."""
+    """A batch of one, with the weights of one robot of a batch."""
     robots, hidden, inputs = networks.hidden_weights.shape
     outputs = networks.output_biases.shape[1]
     alone = Networks(1, inputs, hidden, outputs, 1.0, torch.Generator())
@@ -56,7 +58,7 @@ def only(networks, robot):
 
 @quick
 @given(shapes)
-def test_forward_is_a_layer_of_hidden_neurons_and_a_linear_one(shape):
+def test_forward_equals_a_hidden_layer_and_a_linear_output_layer(shape):
     networks, x, _ = drawn(**shape)
     hidden, output = networks.forward(x)
     assert hidden.shape == (shape["robots"], shape["hidden"])
@@ -73,23 +75,23 @@ def test_forward_is_a_layer_of_hidden_neurons_and_a_linear_one(shape):
 
 @quick
 @given(shapes)
-def test_ascend_goes_along_the_gradient_that_autograd_finds(shape):
+def test_ascend_follows_the_gradient_of_autograd(shape):
     networks, x, steps = drawn(**shape)
-    wanted = []
+    expected = []
     for robot in range(shape["robots"]):
         w = weights(networks, robot)
         sums = output_sums(w, x[robot], shape["activation"])
         (steps[robot].double() * sums).sum().backward()
-        wanted.append({name: (t + t.grad).detach() for name, t in w.items()})
+        expected.append({name: (t + t.grad).detach() for name, t in w.items()})
     networks.ascend(x, networks.forward(x)[0], steps)
-    for robot, after in enumerate(wanted):
+    for robot, after in enumerate(expected):
         for name, tensor in networks.tensors().items():
             torch.testing.assert_close(tensor[robot].double(), after[name], atol=1e-5, rtol=0)
 
 
 @quick
 @given(shapes)
-def test_adding_the_gradient_is_ascending(shape):
+def test_adding_the_gradient_equals_ascend(shape):
     (one, x, steps), (other, _, _) = drawn(**shape), drawn(**shape)
     one.ascend(x, one.forward(x)[0], steps)
     other.add(other.gradient(x, other.forward(x)[0], steps))
@@ -99,7 +101,7 @@ def test_adding_the_gradient_is_ascending(shape):
 
 @quick
 @given(shapes)
-def test_a_batch_is_as_many_batches_of_one(shape):
+def test_a_batch_equals_batches_of_one(shape):
     networks, x, steps = drawn(**shape)
     alone = [only(networks, robot) for robot in range(shape["robots"])]
     hidden, output = networks.forward(x)
@@ -120,7 +122,7 @@ def test_a_step_of_zero_changes_nothing():
     assert all(torch.equal(before[name], t) for name, t in networks.tensors().items())
 
 
-def test_newborn_weights_and_biases_are_uniform_within_the_initial_range():
+def test_initial_weights_and_biases_are_uniform_in_the_initial_range():
     networks, _, _ = drawn(500, 7, 7, 1, seed=4, initial_range=0.8)
     for name, tensor in networks.tensors().items():
         sample = tensor.flatten().numpy()
@@ -129,7 +131,7 @@ def test_newborn_weights_and_biases_are_uniform_within_the_initial_range():
         assert stats.kstest(sample, stats.uniform(-1.0, 2.0).cdf).pvalue < 0.001, name
 
 
-def test_no_two_robots_are_born_alike():
+def test_initial_networks_differ_between_robots():
     networks, _, _ = drawn(50, 3, 7, 1, seed=5)
     for tensor in networks.tensors().values():
         assert len(tensor.flatten(1).unique(dim=0)) == 50
@@ -145,7 +147,7 @@ def test_load_overwrites_in_place():
 
 
 @pytest.mark.parametrize("name", Networks.NAMES)
-def test_load_names_what_is_missing_or_misshapen_and_then_changes_nothing(name):
+def test_load_refuses_a_missing_or_misshapen_tensor_by_name_and_changes_nothing(name):
     networks, _, _ = drawn(2, 3, 4, 1, seed=6)
     other, _, _ = drawn(2, 3, 4, 1, seed=7)
     before = {name: tensor.clone() for name, tensor in networks.tensors().items()}

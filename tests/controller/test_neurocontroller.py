@@ -1,4 +1,4 @@
-"""The modular neurocontroller: what it chooses, when it learns from what, and how it goes on."""
+"""The modular neurocontroller: selection, learning, and continuation from a checkpoint."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ from musebot.controller import (
 )
 
 quick = settings(deadline=None, max_examples=20)
-everyone = pytest.mark.parametrize("proposer", PROPOSERS)
+every_proposer = pytest.mark.parametrize("proposer", PROPOSERS)
 
 
 def states(steps, robots, sensors, seed=0):
@@ -37,15 +37,15 @@ def same(first, second):
     return first.keys() == second.keys() and all(torch.equal(first[k], second[k]) for k in first)
 
 
-# The sequence of a step
+# Learning step by step
 
 
 class SlowBrain:
-    """One robot's two networks in double precision; all learning is autograd's.
+    """One robot's two networks in double precision; autograd computes the gradients.
 
-    Sutton and Barto's SARSA with the paper's Eq. 1: on arriving in s', choose a' first; then
-    move V(s, a), computed anew, towards r + gamma V(s', a'), a constant; then train the
-    memory towards a in s, the TD error being its learn rate.
+    SARSA (Sutton and Barto) with the paper's Eq. 1: in s', select a' first; then move V(s, a),
+    computed again, towards the constant r + gamma V(s', a'); then train the memory towards a in
+    s, with the TD error as its learn rate.
     """
 
     def __init__(self, tensors, robot, parameters):
@@ -60,10 +60,10 @@ class SlowBrain:
     def value(self, state, action, w=None):
         return self._layers(w or self.w, "evaluation", torch.cat([state, action]))[0]
 
-    def _surprise(self, w, state, action, target):
+    def _value_loss(self, w, state, action, target):
         return (target - self.value(state, action, w)) ** 2 / 2
 
-    def _mistake(self, w, state, action):
+    def _memory_loss(self, w, state, action):
         outputs = torch.sigmoid(self._layers(w, "memory", state))
         return ((action + 0.5 - outputs) ** 2 / 2).sum()
 
@@ -75,20 +75,20 @@ class SlowBrain:
                 self.w[name] = (tensor - rate * tensor.grad).detach()
 
     def arrive(self, state, action, reward):
-        """Learns from the step that ends in `state`, where `action` is chosen."""
+        """Learns from the step that ends in `state`, in which `action` is selected."""
         error = 0.0
         if self.before is not None:
             target = reward + self.parameters.discount * self.value(state, action)
             error = (target - self.value(*self.before)).item()
-            self._descend(self.parameters.learn_rate, self._surprise, *self.before, target)
+            self._descend(self.parameters.learn_rate, self._value_loss, *self.before, target)
             if "memory.output_weights" in self.w:
-                self._descend(error, self._mistake, *self.before)
+                self._descend(error, self._memory_loss, *self.before)
         self.before = (state, action)
         return error
 
 
-def watch(brain):
-    """Keeps what the memory proposes (or, without one, the fixed actions) at every step."""
+def record_proposals(brain):
+    """Records the ideas of the memory (or, without one, the fixed actions) in every step."""
     proposed = []
     if brain.memory is None:
         motors = torch.tensor(Parameters().fixed_motors)
@@ -96,8 +96,8 @@ def watch(brain):
         return lambda: grid.expand(len(brain.networks()["evaluation.output_biases"]), -1, -1)
     ideas = brain.memory.ideas
 
-    def recorded(state):
-        proposed.append(ideas(state))
+    def recorded(state, count):
+        proposed.append(ideas(state, count))
         return proposed[-1]
 
     brain.memory.ideas = recorded
@@ -115,7 +115,7 @@ def watch(brain):
     explore=st.booleans(),
     data=st.data(),
 )
-def test_each_step_learns_as_autograd_does_from_the_step_before(
+def test_each_step_learns_from_the_previous_one_as_autograd_does(
     proposer, robots, sensors, seed, learn_rate, discount, explore, data
 ):
     steps = 5
@@ -126,22 +126,22 @@ def test_each_step_learns_as_autograd_does_from_the_step_before(
     parameters = Parameters(learn_rate=learn_rate, discount=discount, epsilon=0.5)
     brain = Neurocontroller(parameters, proposer, robots, sensors, seed)
     slow = [SlowBrain(brain.networks(), robot, parameters) for robot in range(robots)]
-    proposals = watch(brain)
+    proposals = record_proposals(brain)
     for state, reward in zip(states(steps, robots, sensors, seed), rewards, strict=True):
         actions = brain.act(state, explore=explore)
         error = brain.learn(torch.tensor(reward))
         for robot, own in enumerate(slow):
             s, a = state[robot].double(), actions[robot].double()
             best = max(own.value(s, idea.double()) for idea in proposals()[robot])
-            # Floats may break a near tie differently.
+            # Single precision may order nearly equal values differently.
             assert explore or own.value(s, a) > best - 1e-5
             assert error[robot].item() == pytest.approx(own.arrive(s, a, reward[robot]), abs=1e-5)
             for name, tensor in brain.networks().items():
                 torch.testing.assert_close(tensor[robot].double(), own.w[name], atol=1e-5, rtol=0)
 
 
-@everyone
-def test_the_first_step_of_a_life_teaches_nothing(proposer):
+@every_proposer
+def test_nothing_is_learned_from_the_first_step(proposer):
     brain = Neurocontroller(Parameters(), proposer, 4, 5, seed=1)
     before = snapshot(brain.networks())
     first, second = states(2, 4, 5)
@@ -153,8 +153,8 @@ def test_the_first_step_of_a_life_teaches_nothing(proposer):
     assert not same(before, brain.networks())
 
 
-@everyone
-def test_acting_alone_changes_no_network(proposer):
+@every_proposer
+def test_acting_changes_no_network(proposer):
     brain = Neurocontroller(Parameters(epsilon=0.5), proposer, 4, 5, seed=1)
     before = snapshot(brain.networks())
     for state in states(20, 4, 5):
@@ -163,7 +163,7 @@ def test_acting_alone_changes_no_network(proposer):
     assert same(before, brain.networks())
 
 
-def test_learning_begun_after_a_test_starts_from_the_last_step_of_the_test():
+def test_training_after_a_test_starts_from_the_last_step_of_the_test():
     brain = Neurocontroller(Parameters(), "fixed", 2, 5, seed=1)
     sensed = states(3, 2, 5)
     slow = SlowBrain(brain.networks(), 0, Parameters())
@@ -172,13 +172,13 @@ def test_learning_begun_after_a_test_starts_from_the_last_step_of_the_test():
     slow.before = (sensed[1, 0].double(), action[0].double())
     action = brain.act(sensed[2], explore=False)
     error = brain.learn(torch.tensor([0.5, -0.5]))
-    wanted = slow.arrive(sensed[2, 0].double(), action[0].double(), 0.5)
-    assert error[0].item() == pytest.approx(wanted, abs=1e-5)
+    expected = slow.arrive(sensed[2, 0].double(), action[0].double(), 0.5)
+    assert error[0].item() == pytest.approx(expected, abs=1e-5)
 
 
-@everyone
+@every_proposer
 @pytest.mark.parametrize("placed", [[1], [0, 3], [0, 1, 2, 3], None])
-def test_a_robot_placed_anew_learns_nothing_from_the_step_across_and_others_do(proposer, placed):
+def test_a_robot_placed_elsewhere_does_not_learn_across_and_others_do(proposer, placed):
     across = Neurocontroller(Parameters(), proposer, 4, 5, seed=2)
     anew = Neurocontroller(Parameters(), proposer, 4, 5, seed=2)
     sensed = states(4, 4, 5)
@@ -203,7 +203,7 @@ def test_a_robot_placed_anew_learns_nothing_from_the_step_across_and_others_do(p
     assert anew.learn(reward).abs().min() > 0
 
 
-def test_what_is_done_to_a_returned_action_does_not_change_what_is_learnt():
+def test_changing_a_returned_action_or_a_given_state_does_not_affect_learning():
     careful = Neurocontroller(Parameters(), "creative", 2, 5, seed=3)
     careless = Neurocontroller(Parameters(), "creative", 2, 5, seed=3)
     for state in states(5, 2, 5):
@@ -219,7 +219,7 @@ def test_what_is_done_to_a_returned_action_does_not_change_what_is_learnt():
 # Independence
 
 
-def test_robots_live_the_same_alone_and_among_others():
+def test_robots_behave_the_same_alone_and_in_a_batch():
     parameters = Parameters(learn_rate=0.1)
     together = Neurocontroller(parameters, "fixed", 4, 5, seed=5)
     alone = [Neurocontroller(parameters, "fixed", 1, 5, seed=0) for _ in range(4)]
@@ -245,10 +245,10 @@ SENSES = Senses((Signal(-1.0, 1.0, 10.0), *[Signal(-1.0, 1.0)] * 4), Signal(-1.0
 
 @pytest.mark.parametrize(
     "parameters",
-    [Parameters(), Parameters(content_steps=1), BRAINS["steady"]],
-    ids=["paper", "paper-content", "steady"],
+    [Parameters(), Parameters(stopping_steps=1), BRAINS["steady"]],
+    ids=["paper", "stopping", "steady"],
 )
-def test_what_one_robot_senses_reaches_no_other(parameters):
+def test_signals_of_one_robot_do_not_affect_others(parameters):
     one, other = (
         Neurocontroller(parameters, "creative", 3, 5, seed=5, senses=SENSES) for _ in range(2)
     )
@@ -267,38 +267,38 @@ def test_what_one_robot_senses_reaches_no_other(parameters):
 # Epsilon-greedy
 
 
-def strays(brain, state, explore):
-    """Indices of the fixed actions chosen where they are not the best, and how many robots."""
+def exploratory(brain, state, explore):
+    """Indices of the selected fixed actions that are not the best, and of the best ones."""
     motors = torch.tensor(Parameters().fixed_motors)
     grid = torch.cartesian_prod(motors, motors)
     best = brain.evaluation.values(state, grid.expand(len(state), -1, -1)).argmax(dim=1)
     actions = brain.act(state, explore=explore)
-    chosen = (actions[:, None] == grid).all(-1).long().argmax(dim=1)
-    return chosen[chosen != best], best
+    selected = (actions[:, None] == grid).all(-1).long().argmax(dim=1)
+    return selected[selected != best], best
 
 
-def test_without_exploration_every_choice_is_the_best():
+def test_without_exploration_the_best_action_is_selected():
     brain = Neurocontroller(Parameters(epsilon=1.0), "fixed", 500, 5, seed=6)
     for state in states(10, 500, 5):
-        assert len(strays(brain, state, explore=False)[0]) == 0
+        assert len(exploratory(brain, state, explore=False)[0]) == 0
 
 
-def test_with_exploration_and_epsilon_zero_every_choice_is_the_best():
+def test_with_epsilon_zero_the_best_action_is_selected():
     brain = Neurocontroller(Parameters(epsilon=0.0), "fixed", 500, 5, seed=6)
     for state in states(10, 500, 5):
-        assert len(strays(brain, state, explore=True)[0]) == 0
+        assert len(exploratory(brain, state, explore=True)[0]) == 0
 
 
 @pytest.mark.parametrize("epsilon", [0.01, 0.3])
-def test_with_exploration_a_share_of_epsilon_is_drawn_from_all_the_actions(epsilon):
+def test_a_share_of_epsilon_of_the_actions_is_exploratory(epsilon):
     brain = Neurocontroller(Parameters(epsilon=epsilon), "fixed", 2000, 5, seed=6)
-    count = sum(len(strays(brain, state, explore=True)[0]) for state in states(20, 2000, 5))
-    # One in 25 random choices is the best one all the same.
+    count = sum(len(exploratory(brain, state, explore=True)[0]) for state in states(20, 2000, 5))
+    # One of 25 exploratory actions is the best one.
     assert stats.binomtest(count, 20 * 2000, epsilon * 24 / 25).pvalue > 0.001
     assert stats.binomtest(count, 20 * 2000, epsilon * 0.6).pvalue < 0.001
 
 
-def test_a_random_choice_falls_on_every_action_alike():
+def test_exploratory_actions_are_uniform_over_all_actions():
     brain = Neurocontroller(Parameters(epsilon=1.0), "fixed", 5000, 1, seed=6)
     motors = torch.tensor(Parameters().fixed_motors)
     grid = torch.cartesian_prod(motors, motors)
@@ -308,16 +308,22 @@ def test_a_random_choice_falls_on_every_action_alike():
     assert stats.chisquare(counts.numpy()).pvalue > 0.001
 
 
-def test_robots_stray_independently_of_one_another():
+def test_robots_explore_independently():
     brain = Neurocontroller(Parameters(epsilon=0.5), "fixed", 1000, 1, seed=7)
-    counts = [len(strays(brain, state, explore=True)[0]) for state in states(30, 1000, 1)]
+    counts = [len(exploratory(brain, state, explore=True)[0]) for state in states(30, 1000, 1)]
     share = 0.5 * 24 / 25
     squares = sum((c - 1000 * share) ** 2 for c in counts) / (1000 * share * (1 - share))
     assert 0.001 < stats.chi2(30).cdf(squares) < 0.999
 
 
-@everyone
-def test_an_action_is_a_motor_value_for_each_wheel(proposer):
+def test_tests_explore_with_the_epsilon_of_tests():
+    brain = Neurocontroller(Parameters(test_epsilon=0.3), "fixed", 2000, 5, seed=6)
+    count = sum(len(exploratory(brain, s, explore=False)[0]) for s in states(20, 2000, 5))
+    assert stats.binomtest(count, 20 * 2000, 0.3 * 24 / 25).pvalue > 0.001
+
+
+@every_proposer
+def test_an_action_is_one_motor_value_per_wheel(proposer):
     brain = Neurocontroller(Parameters(epsilon=0.5), proposer, 7, 1, seed=6)
     for state in states(20, 7, 1):
         actions = brain.act(state, explore=True)
@@ -325,11 +331,11 @@ def test_an_action_is_a_motor_value_for_each_wheel(proposer):
         assert actions.abs().max() <= 0.5
 
 
-# Birth, and going on
+# Initial brains, and checkpoints
 
 
-@everyone
-def test_a_seed_decides_a_life(proposer):
+@every_proposer
+def test_a_seed_determines_a_life(proposer):
     def life(seed):
         brain = Neurocontroller(Parameters(epsilon=0.2), proposer, 3, 5, seed)
         for state in states(10, 3, 5):
@@ -341,7 +347,7 @@ def test_a_seed_decides_a_life(proposer):
     assert not same(life(8), life(9))
 
 
-@everyone
+@every_proposer
 def test_only_creative_robots_have_a_memory(proposer):
     brain = Neurocontroller(Parameters(), proposer, 3, 5, seed=1)
     owners = {name.split(".")[0] for name in brain.networks()}
@@ -353,11 +359,11 @@ def test_only_creative_robots_have_a_memory(proposer):
 
 
 def test_an_unknown_proposer_is_refused_by_name():
-    with pytest.raises(ValueError, match="got 'divine'"):
-        Neurocontroller(Parameters(), "divine", 1, 1, seed=1)
+    with pytest.raises(ValueError, match="got 'oracle'"):
+        Neurocontroller(Parameters(), "oracle", 1, 1, seed=1)
 
 
-def live(brain, sensed):
+def run(brain, sensed):
     actions = []
     for index, state in enumerate(sensed):
         if index % 7 == 3:
@@ -368,30 +374,30 @@ def live(brain, sensed):
     return actions
 
 
-@everyone
+@every_proposer
 @pytest.mark.parametrize("steps", [0, 1, 5, 6, 10])
-def test_a_brain_goes_on_from_its_state_to_the_bit(proposer, steps, monkeypatch):
-    monkeypatch.setattr(NoisePatterns, "LIFETIME", 6)  # the pool is redrawn on the way
+def test_a_brain_continues_bit_exactly_from_its_state(proposer, steps, monkeypatch):
+    monkeypatch.setattr(NoisePatterns, "LIFETIME", 6)  # so that the pool is redrawn
     monkeypatch.setattr(NoisePatterns, "POOL", 256)
     parameters = Parameters(epsilon=0.3, learn_rate=0.1)
     first = Neurocontroller(parameters, proposer, 3, 5, seed=10)
     sensed = states(30, 3, 5)
-    live(first, sensed[:steps])
+    run(first, sensed[:steps])
     kept = snapshot(first.state())
     second = Neurocontroller(parameters, proposer, 3, 5, seed=999)
-    live(second, sensed[:3])
+    run(second, sensed[:3])
     second.load_state(kept)
     assert same(second.state(), kept)
-    for one, other in zip(live(first, sensed[steps:]), live(second, sensed[steps:]), strict=True):
+    for one, other in zip(run(first, sensed[steps:]), run(second, sensed[steps:]), strict=True):
         assert torch.equal(one, other)
     assert same(second.state(), first.state())
 
 
 @pytest.mark.parametrize("proposer", ["fixed", "creative"])
-def test_a_state_with_something_missing_or_misshapen_is_refused_and_changes_nothing(proposer):
+def test_a_state_with_a_missing_or_misshapen_tensor_is_refused_and_changes_nothing(proposer):
     brain = Neurocontroller(Parameters(), proposer, 3, 5, seed=10)
     other = Neurocontroller(Parameters(), proposer, 3, 5, seed=11)
-    live(brain, states(4, 3, 5))
+    run(brain, states(4, 3, 5))
     before, kept = snapshot(brain.state()), snapshot(other.state())
     assert {"generator", "now.state", "now.action", "now.value", "now.chained"} < kept.keys()
     assert ({"noise.pool", "noise.age"} < kept.keys()) == (proposer == "creative")
@@ -399,11 +405,11 @@ def test_a_state_with_something_missing_or_misshapen_is_refused_and_changes_noth
         with pytest.raises(ValueError, match=f"{name} is missing"):
             brain.load_state({k: t for k, t in kept.items() if k != name})
         with pytest.raises(ValueError, match=f"{name} must have shape"):
-            brain.load_state(kept | {name: torch.cat([kept[name], kept[name]])})
+            brain.load_state(kept | {name: torch.stack([kept[name], kept[name]])})
         assert same(brain.state(), before)
 
 
-def test_another_brain_can_be_put_into_a_robot():
+def test_networks_of_another_brain_can_be_loaded():
     brain, other = (Neurocontroller(Parameters(), "creative", 3, 5, seed) for seed in (1, 2))
     brain.load_networks(snapshot(other.networks()))
     assert same(brain.networks(), other.networks())
@@ -416,10 +422,18 @@ def test_another_brain_can_be_put_into_a_robot():
         brain.load_networks(Neurocontroller(Parameters(), "creative", 3, 1, seed=3).networks())
 
 
-# What a brain knows of the world
+@pytest.mark.parametrize("given", [None, Senses(SENSES.state[:2], SENSES.reward)])
+def test_a_brain_that_needs_senses_refuses_a_wrong_number_of_signals(given):
+    with pytest.raises(
+        ValueError, match="senses must give the range of all 3 signals, got (none|2)"
+    ):
+        Neurocontroller(BRAINS["steady"], "creative", 1, 3, seed=1, senses=given)
 
 
-def test_the_controller_knows_neither_mujoco_nor_the_rest_of_musebot():
+# Imports
+
+
+def test_the_controller_imports_neither_mujoco_nor_other_packages_of_musebot():
     code = "import sys, musebot.controller; print(*sys.modules)"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     result = subprocess.run(

@@ -1,4 +1,4 @@
-"""The brain's numbers: the paper's by default, and none that makes no sense."""
+"""The parameters of a brain: the paper's by default, and their ranges."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import pytest
 from musebot.controller import Parameters
 
 
-def test_the_defaults_are_the_papers_numbers():
+def test_the_defaults_are_the_papers_parameters():
     assert dataclasses.asdict(Parameters()) == {
         "evaluation_hidden": 7,  # "seven hidden neurons in the evaluation net"
         "learn_rate": 0.01,  # eta
@@ -23,24 +23,24 @@ def test_the_defaults_are_the_papers_numbers():
         "keep_main_idea": False,
         "initial_range": 1.0,  # "from the interval [-1.0, 1.0]"
         "activation": "logistic",  # "neurons with logistic activation function"
-        "centred": False,
+        "centred_inputs": False,
         "raw_signals": False,
         "raw_reward": False,
-        "reward": "signal",  # "reward is identical to specific sensor signals"
-        "lingering": 0.0,
-        "next_value": "selected",  # SARSA
-        "next_value_capped": False,
-        "action_gap": 0.0,
-        "error_limit": None,
-        "optimizer": "plain",
-        "memory_goal": "selected",  # "trained with the state-action pair selected"
+        "reward_form": "signal",  # "reward is identical to specific sensor signals"
+        "reward_decay": 0.0,
+        "bootstrap": "on_policy",  # SARSA
+        "clipped_bootstrap": False,
+        "advantage_scale": 0.0,
+        "td_error_limit": None,
+        "optimizer": "sgd",
+        "memory_target": "selected",  # "trained with the state-action pair selected"
         "random_share": 0.0,
-        "held_steps": 0,
-        "young_epsilon": None,
-        "epsilon_youth": 24000.0,
-        "young_learn_rate": None,
-        "learn_rate_youth": 62400.0,
-        "content_steps": 0,
+        "exploration_steps": 0,
+        "initial_epsilon": None,
+        "epsilon_decay_steps": 24000.0,
+        "initial_learn_rate": None,
+        "learn_rate_decay_steps": 62400.0,
+        "stopping_steps": 0,
     }
 
 
@@ -48,7 +48,7 @@ NAN, INFINITY = float("nan"), float("inf")
 BAD = {
     "evaluation_hidden": (0, -1),
     "ideas": (0, -25, 2.5, "many"),
-    "centred": (1, "yes"),
+    "centred_inputs": (1, "yes"),
     "memory_hidden": (0, -5),
     "discount": (-0.1, 1.1, NAN, INFINITY),
     "epsilon": (-0.1, 1.1, NAN),
@@ -57,29 +57,29 @@ BAD = {
     "learn_rate": (-0.01, NAN),
     "noise": (-0.76, NAN),
     "initial_range": (-1.0, NAN),
-    "action_gap": (-0.1, NAN, INFINITY),
-    "error_limit": (0.0, -0.1, NAN, INFINITY),
-    "held_steps": (-1,),
-    "content_steps": (-1, INFINITY),
-    "young_epsilon": (-0.1, 1.1, NAN),
-    "young_learn_rate": (-0.1, NAN, INFINITY),
-    "epsilon_youth": (0.0, -1.0, NAN, INFINITY),
-    "learn_rate_youth": (0.0, -1.0, NAN, INFINITY),
-    "lingering": (-0.1, 1.0, NAN),
+    "advantage_scale": (-0.1, NAN, INFINITY),
+    "td_error_limit": (0.0, -0.1, NAN, INFINITY),
+    "exploration_steps": (-1,),
+    "stopping_steps": (-1, INFINITY),
+    "initial_epsilon": (-0.1, 1.1, NAN),
+    "initial_learn_rate": (-0.1, NAN, INFINITY),
+    "epsilon_decay_steps": (0.0, -1.0, NAN, INFINITY),
+    "learn_rate_decay_steps": (0.0, -1.0, NAN, INFINITY),
+    "reward_decay": (-0.1, 1.0, NAN),
     "random_share": (-0.1, 1.0, NAN),
     "activation": ("relu", ""),
-    "optimizer": ("sgd",),
-    "reward": ("none",),
-    "next_value": ("worst",),
-    "memory_goal": ("worst",),
-    "fixed_motors": ((), (0.0, 0.6), (-0.51,), (0.0, NAN), (INFINITY,)),
+    "optimizer": ("plain", None),
+    "reward_form": ("none",),
+    "bootstrap": ("worst",),
+    "memory_target": ("worst",),
+    "fixed_motors": ((), (0.0, 0.6), (-0.51,), (0.0, NAN), (INFINITY,), [0.0], 0.0),
 }
 
 
 @pytest.mark.parametrize(
     ("name", "value"), [(name, value) for name, values in BAD.items() for value in values]
 )
-def test_a_number_that_makes_no_sense_is_refused_by_name(name, value):
+def test_a_value_out_of_range_is_refused_by_name(name, value):
     with pytest.raises(ValueError, match=f"^{name} must .*got "):
         Parameters(**{name: value})
 
@@ -94,8 +94,37 @@ def test_a_number_that_makes_no_sense_is_refused_by_name(name, value):
         {"fixed_motors": (-0.5, 0.5)},
     ],
 )
-def test_the_edges_of_every_range_belong_to_it(fields):
+def test_closed_ranges_include_their_ends(fields):
     assert dataclasses.asdict(Parameters(**fields)).items() >= fields.items()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("epsilon", 2, "epsilon must lie in [0, 1], got 2"),
+        ("reward_decay", 1.0, "reward_decay must lie in [0, 1), got 1.0"),
+        ("noise", -1, "noise must lie in [0, inf), got -1"),
+        ("td_error_limit", 0, "td_error_limit must lie in (0, inf) or be none, got 0"),
+        ("ideas", 2.5, "ideas must be a whole number of at least 1, got 2.5"),
+        ("raw_reward", 1, "raw_reward must be true or false, got 1"),
+        ("optimizer", "plain", "optimizer must be 'sgd' or 'adam', got 'plain'"),
+        (
+            "fixed_motors",
+            (0.6,),
+            "fixed_motors must be one or more numbers, all of which lie in [-0.5, 0.5], got (0.6,)",
+        ),
+    ],
+)
+def test_an_error_names_the_field_its_range_and_the_value(name, value, message):
+    with pytest.raises(ValueError) as error:
+        Parameters(**{name: value})
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize(("count", "random"), [(25, 8), (9, 3), (5, 2), (3, 1), (1, 0)])
+def test_the_random_ideas_are_rounded_and_leave_one_idea_to_the_memory(count, random):
+    assert Parameters(ideas=count, random_share=0.32).random_ideas == random
+    assert Parameters(ideas=count, random_share=0.99).random_ideas == count - 1
 
 
 def test_parameters_cannot_be_changed():

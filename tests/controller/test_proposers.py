@@ -4,8 +4,14 @@ import pytest
 import torch
 from scipy import stats
 
-from musebot.controller import PROPOSERS, CreativeMemory, Parameters
-from musebot.controller.proposers import FixedActions, RandomActions, make_proposer
+from musebot.controller import (
+    PROPOSERS,
+    CreativeMemory,
+    Neurocontroller,
+    Parameters,
+    RandomActions,
+)
+from musebot.controller.proposers import CreativeActions, FixedActions
 
 
 def fixed_actions(robots=2):
@@ -20,7 +26,7 @@ def test_the_fixed_actions_are_the_papers_25_pairs_for_every_robot():
         assert set(own) == {(left, right) for left in values for right in values}
 
 
-def test_standing_still_and_pure_spinning_stand_five_times_among_the_fixed_actions():
+def test_five_fixed_actions_are_pure_spinning_or_standing_still():
     (own,) = fixed_actions(1)
     assert (0.0, 0.0) in own
     assert (0.5, -0.5) in own
@@ -36,7 +42,7 @@ def test_the_fixed_actions_do_not_depend_on_the_state():
 
 
 def uniform_enough(actions):
-    """Kolmogorov-Smirnov for each motor, and no correlation between the two."""
+    """Tests each motor value for uniformity, and both for correlation."""
     left, right = actions.reshape(-1, 2).double().numpy().T
     whole = stats.uniform(-0.5, 1.0)
     tests = (
@@ -47,7 +53,7 @@ def uniform_enough(actions):
     return min(test.pvalue for test in tests) > 0.001
 
 
-def test_random_actions_are_uniform_over_the_square():
+def test_random_actions_are_uniform_in_the_square():
     proposer = RandomActions(25, torch.Generator().manual_seed(3))
     actions = torch.stack([proposer.propose(torch.zeros(40, 5)) for _ in range(20)])
     assert actions.shape == (20, 40, 25, 2)
@@ -65,7 +71,7 @@ def test_random_actions_are_uniform_over_the_square():
     ],
     ids=["skewed", "narrow", "both motors equal", "clipped normal"],
 )
-def test_that_check_notices_a_wrong_distribution(wrong):
+def test_the_check_detects_a_wrong_distribution(wrong):
     u = torch.rand(20, 40, 25, 2, generator=torch.Generator().manual_seed(3))
     assert uniform_enough(u - 0.5)
     assert not uniform_enough(wrong(u))
@@ -80,24 +86,19 @@ def test_random_actions_differ_between_steps_robots_and_actions():
 def test_creative_actions_are_the_ideas_of_the_memory():
     generator = torch.Generator().manual_seed(0)
     memory = CreativeMemory(Parameters(), 3, 5, generator)
-    proposer = make_proposer("creative", Parameters(), memory, generator)
+    proposer = CreativeActions(memory, 25)
     state = torch.rand(3, 5)
     start = generator.get_state()
-    ideas = memory.ideas(state)
-    memory.patterns.tensors()["age"].fill_(memory.patterns.LIFETIME)  # as before the first
+    ideas = memory.ideas(state, 25)
+    memory.patterns.tensors()["age"].fill_(
+        memory.patterns.LIFETIME
+    )  # the age before the first draw
     generator.set_state(start)
     assert torch.equal(proposer.propose(state), ideas)
 
 
 @pytest.mark.parametrize("proposer", PROPOSERS)
 def test_every_proposer_offers_25_actions_to_every_robot(proposer):
-    generator = torch.Generator().manual_seed(0)
-    memory = CreativeMemory(Parameters(), 3, 5, generator)
-    actions = make_proposer(proposer, Parameters(), memory, generator).propose(torch.rand(3, 5))
+    actions = Neurocontroller(Parameters(), proposer, 3, 5, seed=0).propose(torch.rand(3, 5))
     assert actions.shape == (3, 25, 2)
     assert actions.abs().max() <= 0.5
-
-
-def test_an_unknown_proposer_is_refused_by_name():
-    with pytest.raises(ValueError, match="one of fixed, random, creative, got 'divine'"):
-        make_proposer("divine", Parameters(), None, torch.Generator())
