@@ -355,6 +355,7 @@ def _study_command(name: str) -> type:
     from .studies.study import conduct
 
     cls = study_class(name)
+    folder = tyro.conf.arg(metavar="OUT", help="folder of the study; an unfinished one continues")
 
     def call(self: Any) -> None:
         page = conduct(self.study, self.out, self.workers.executor())
@@ -363,7 +364,7 @@ def _study_command(name: str) -> type:
     command = dataclasses.make_dataclass(
         "StudyCommand",
         [
-            ("out", Out),
+            ("out", Annotated[Path, tyro.conf.Positional, folder]),
             ("study", Annotated[cls, tyro.conf.arg(name="")]),
             ("workers", WorkersOption, HERE),
         ],

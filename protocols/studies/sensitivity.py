@@ -163,8 +163,7 @@ def _verdict(comparisons: Sequence[tuple[Variant, Sequence[Cell]]]) -> str:
     return (
         f"After Holm's correction {sum(cell.differs for cell in every)} of {len(every)} cells "
         f"differ from the baseline's.{none} *Difference*: variant minus baseline. *Two seeds*: "
-        "another seed minus baseline; their robots were born with different brains and are not "
-        "pairs."
+        "another seed minus baseline, two independent groups of robots."
     )
 
 

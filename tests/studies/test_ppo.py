@@ -1,0 +1,107 @@
+"""Policies are trained by Stable-Baselines3's PPO, kept one by one, and joined."""
+
+import importlib.util
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, read_policies
+from musebot.protocols.errors import InputError
+from musebot.protocols.studies import ppo
+from musebot.protocols.studies.ppo import PPOTraining
+from musebot.protocols.studies.study import conduct
+
+TASK = "spot_finding_unit"
+ROLLOUT = ppo.ROBOTS * ppo.SETTINGS["n_steps"]
+needs_it = pytest.mark.skipif(
+    importlib.util.find_spec("stable_baselines3") is None, reason="needs the extra `baselines`"
+)
+
+
+@needs_it
+def test_a_kept_policy_acts_as_stable_baselines_does_before_and_after_training():
+    from stable_baselines3 import PPO
+
+    from musebot.tasks.stable_baselines import ArenaVecEnv
+
+    task = "wall_avoidance_unit"
+    ours = Policies(task, ppo.train(task, ROLLOUT, seed=3) or {})
+    torch.set_num_threads(1)
+    env = ArenaVecEnv(task, ppo.ROBOTS)
+    theirs = PPO("MlpPolicy", env, seed=3, device="cpu", **ppo.SETTINGS)
+    states = np.random.default_rng(0).uniform(-1, 1, (20, 1, 5)).astype(np.float32)
+    for trained in (False, True):
+        for state in states:
+            expected = theirs.predict(state, deterministic=True)[0] / 2
+            np.testing.assert_allclose(ours.act(state, trained), expected, atol=1e-6)
+        theirs.learn(ROLLOUT)
+
+
+@needs_it
+def test_policies_added_later_equal_those_trained_together(tmp_path, here, listing):
+    for out, numbers in (("grown", (1, 2)), ("whole", (2,))):
+        for policies in numbers:
+            page = conduct(PPOTraining(TASK, policies, steps=1, seed=5), tmp_path / out, here)
+    assert "2 policies for the task `spot_finding_unit`" in page.markdown
+    assert "seeds 5 to 6, each for 4,096 control steps" in page.markdown
+    assert [job.path.name for job in here.jobs] == [f"000{n}.safetensors" for n in (0, 1, 0, 1)]
+    path = tmp_path / "grown" / POLICIES_FILE
+    assert path.read_bytes() == (tmp_path / "whole" / POLICIES_FILE).read_bytes()
+    task, arrays, notes = read_policies(path)
+    settings = {"steps": 1, "seed": 5, "settings": ppo.SETTINGS, "robots": ppo.ROBOTS}
+    assert (task, notes) == (TASK, settings)
+    assert arrays["after.0.weights"].shape == (2, 64, 1)
+    assert (arrays["after.0.weights"][0] != arrays["after.0.weights"][1]).any()
+    before = listing(tmp_path)
+    for options, words in (
+        ({"steps": 2}, "holds a study with steps 1, not 2"),
+        ({"policies": 1}, "holds 2 policies, more than 1"),
+    ):
+        with pytest.raises(InputError, match=words):
+            asked = {"policies": 2, "steps": 1, "seed": 5} | options
+            conduct(PPOTraining(TASK, **asked), tmp_path / "grown", here)
+    assert listing(tmp_path) == before
+
+
+@needs_it
+def test_training_stops_between_rollouts_when_asked(tmp_path):
+    reports = []
+    job = ppo.TrainingJob(tmp_path / "policy", TASK, 10 * ROLLOUT, seed=0)
+    assert job.run(lambda: len(reports) == 1, lambda *report: reports.append(report)) is False
+    assert reports == [(0, ""), (ROLLOUT * 0.1, "")]
+    assert not job.done()
+
+
+@needs_it
+def test_a_stopped_study_keeps_its_policies_and_says_that_it_continues(tmp_path, stopped):
+    line = [sys.executable, "-m", "musebot", "study", "ppo", str(tmp_path / "out")]
+    line += ["--task", TASK, "--steps", "1", "--processes", "1"]
+    status, said = stopped(line, tmp_path, "out/policies/0001.safetensors")
+    assert status == 130, said
+    assert "the same command continues from here" in said and "Traceback" not in said
+    assert 2 <= len([*tmp_path.glob("out/policies/*.safetensors")]) < 60
+    assert not (tmp_path / "out" / POLICIES_FILE).exists()
+
+
+def test_without_stable_baselines_nothing_is_made(tmp_path, here, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="pip install 'musebot\\[baselines\\]'"):
+        conduct(PPOTraining(TASK), tmp_path / "out", here)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"task": "flying"}, "the task must be one of"),
+        ({"policies": 0}, "policies must be at least 1, got 0"),
+        ({"steps": 0}, "steps must be at least 1, got 0"),
+        ({"seed": -1}, r"the seed must lie in \[0"),
+        ({"seed": 2**32}, r"must lie in \[0, 4294967236\], got 4294967296"),
+    ],
+)
+def test_an_invalid_option_is_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        PPOTraining(**({"task": TASK} | options)).experiments()
