@@ -193,7 +193,7 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--set", "fixed_motors=0.5"], "fixed_motors must be one or more numbers"),
         (
             ["--set", "initial_epsilon=None"],
-            "initial_epsilon must lie in [0, 1] or be none, got 'None'",
+            "initial_epsilon must lie in [0, 1] or be none",
         ),
         (["--set", "epsilon=2"], "epsilon must lie in [0, 1], got 2"),
         (["--save-every", "0"], "save-every must be positive, got 0"),

@@ -1,4 +1,4 @@
-"""Wherever a run dies, the same command takes it up and leaves the undisturbed run's bytes."""
+"""After a crash at any moment the same command leaves the bytes of the undisturbed run."""
 
 import contextlib
 import json
@@ -14,51 +14,54 @@ import time
 
 import pytest
 
-from musebot.protocols.experiment.experiment import Experiment, Plan
-from musebot.protocols.results.results import BRAINS, CURVES, ROBOTS
-from musebot.protocols.simulation import engine
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import MANIFEST
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.results.run_files import BRAINS_FILE, CURVES_FILE, ROBOTS_FILE, planned
+from musebot.protocols.simulation.engine import simulate
 
-FILES = {ROBOTS, CURVES, BRAINS}
+FILES = {ROBOTS_FILE, CURVES_FILE, BRAINS_FILE}
 
 
 def contents(directory):
-    """What a finished run leaves, and proof that it leaves nothing else but its tables."""
+    """Returns the files of a finished run; checks that it left no others but its tables."""
     left = {path.name for path in directory.iterdir()}
-    assert left - {"tables.md"} == {engine.PLAN, *FILES}
+    assert left - {"tables.md"} == {MANIFEST, *FILES}
     return {name: (directory / name).read_bytes() for name in FILES}
 
 
-# Between any two things that are done to the disk
+# Between any two operations on the disk
 
 
 class Dead(BaseException):
-    """The process is no more: nothing catches this, and nothing is cleaned up after it."""
+    """The process was killed: nothing catches this, and nothing is cleaned up."""
 
 
 class Disk:
-    """Counts what is done to the disk, and fails at the n-th deed.
+    """Counts the operations on the disk, and fails at the n-th.
 
-    A process that is killed there does nothing more, and leaves half a file where it was
-    writing one; one that is refused there goes on with what it does then.
+    A process that is killed there does nothing more, and leaves half a file if it was writing
+    one. A process whose operation fails there handles the error.
     """
 
-    DEEDS = ("fsync", "mkdir", "replace", "rmdir", "unlink")
+    OPERATIONS = ("fsync", "mkdir", "replace", "rmdir", "unlink")
 
     def __init__(self, fails_at, error):
         self.done = 0
         self._fails_at = fails_at
         self._error = error
-        self._real = {name: getattr(os, name) for name in self.DEEDS}
+        self._real = {name: getattr(os, name) for name in self.OPERATIONS}
 
     @contextlib.contextmanager
     def mounted(self):
         with pytest.MonkeyPatch.context() as patch:
-            for name in self.DEEDS:
-                patch.setattr(os, name, self._deed(name))
+            for name in self.OPERATIONS:
+                patch.setattr(os, name, self._operation(name))
             yield self
 
-    def _deed(self, name):
-        def deed(*args, **kwargs):
+    def _operation(self, name):
+        def operation(*args, **kwargs):
             failing, self.done = self.done == self._fails_at, self.done + 1
             if failing and name == "fsync":
                 with contextlib.suppress(OSError):  # a folder has no half
@@ -67,106 +70,74 @@ class Disk:
                 raise self._error(28, "No space left on device")
             return self._real[name](*args, **kwargs)
 
-        return deed
+        return operation
 
 
-def live_here(jobs, display):
-    """Lives cohorts in this process, a checkpoint after each look at the clock."""
-    for job in jobs:
-        assert engine.live(job, stop=lambda: False, report=lambda step, message: None)
-        yield job
-
-
-CONDITIONS = (("wall_avoidance", "creative"), ("spot_finding", "random"))
+CONDITIONS = (Condition("wall_avoidance", "creative"), Condition("spot_finding", "random"))
 
 
 def plan(robots):
     return Plan.of(Experiment(cohort_size=1, time_scale=0.0005), CONDITIONS, robots)
 
 
-def live(directory, robots, fails_at=10**9, error=Dead):
-    """Lives robots, a cohort each, as the command does.
+@pytest.fixture
+def run(in_process):
+    """Simulates robots in this process, a cohort each, as the command does.
 
-    Returns:
-      How many deeds were done to the disk, and whether the run came to its end.
+    A checkpoint is written after each look at the clock. Returns the number of operations on the
+    disk, and whether the run was finished.
     """
-    with Disk(fails_at, error).mounted() as disk:
-        try:
-            engine.open_directory(directory)
-            engine.run(directory, plan(robots), live_here, save_every=0, quiet=True)
-        except error:
-            return disk.done, False
-    return disk.done, True
+
+    def run(directory, robots, fails_at=10**9, error=Dead):
+        with Disk(fails_at, error).mounted() as disk:
+            try:
+                planned(directory)
+                simulate(directory, plan(robots), in_process(), save_every=0, quiet=True)
+            except error:
+                return disk.done, False
+        return disk.done, True
+
+    return run
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [Dead, OSError])
-@pytest.mark.parametrize("lived", [0, 1])
-def test_a_run_can_fail_between_any_two_deeds_and_then_again(error, lived, tmp_path):
+@pytest.mark.parametrize("finished", [0, 1])
+def test_a_run_can_fail_between_any_two_operations_and_then_again(error, finished, tmp_path, run):
     before, whole = tmp_path / "before", tmp_path / "whole"
     before.mkdir()
-    if lived:
-        live(before, lived)
+    if finished:
+        run(before, finished)
     shutil.copytree(before, whole)
-    deeds, ended = live(whole, lived + 1)
+    operations, ended = run(whole, finished + 1)
     assert ended
     undisturbed = contents(whole)
     moments = random.Random(0)
     survived = 0
-    for deed in range(deeds):
-        directory = tmp_path / str(deed)
+    for operation in range(operations):
+        directory = tmp_path / str(operation)
         shutil.copytree(before, directory)
-        survived += live(directory, lived + 1, deed, error)[1]
-        live(directory, lived + 1, moments.randrange(deeds), error)
-        assert live(directory, lived + 1)[1]
-        assert contents(directory) == undisturbed, f"failed at deed {deed} of {deeds}"
+        survived += run(directory, finished + 1, operation, error)[1]
+        run(directory, finished + 1, moments.randrange(operations), error)
+        assert run(directory, finished + 1)[1]
+        message = f"failed at operation {operation} of {operations}"
+        assert contents(directory) == undisturbed, message
         shutil.rmtree(directory)
-    # What a run can do without: that a folder is made which is there, or goes once it is empty.
-    assert survived < deeds / 4 if error is OSError else not survived
-
-
-def live_both(directory, fails_at=10**9, error=Dead):
-    """Lives two runs together, a cohort each; returns what `live` does."""
-    plans = {
-        directory / name: Plan.of(Experiment(cohort_size=1, time_scale=0.0005, seed=seed), [c], 1)
-        for name, seed, c in (("one", 1, CONDITIONS[0]), ("two", 2, CONDITIONS[1]))
-    }
-    with Disk(fails_at, error).mounted() as disk:
-        try:
-            engine.run_all(plans, live_here, save_every=0, quiet=True)
-        except error:
-            return disk.done, False
-    return disk.done, True
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("error", [Dead, OSError])
-def test_runs_that_live_together_can_fail_between_any_two_deeds(error, tmp_path):
-    deeds, ended = live_both(tmp_path / "whole")
-    assert ended
-    undisturbed = [contents(tmp_path / "whole" / name) for name in ("one", "two")]
-    survived = 0
-    for deed in range(deeds):
-        directory = tmp_path / str(deed)
-        survived += live_both(directory, deed, error)[1]
-        assert live_both(directory)[1]
-        both = [contents(directory / name) for name in ("one", "two")]
-        assert both == undisturbed, f"failed at deed {deed} of {deeds}"
-        shutil.rmtree(directory)
-    assert survived < deeds / 4 if error is OSError else not survived
+    # A run survives a failure to make a folder that is there, or to remove an empty one.
+    assert survived < operations / 4 if error is OSError else not survived
 
 
 # At any moment
 
-# The command, forked again and again from one process that has imported everything: twenty
-# kills then fall into lives, not into imports.
+# The command, forked from one process that has imported everything: kills then fall into
+# simulations, not into imports.
 FORKS = """
 import json, os, sys
 from multiprocessing import get_context
 from musebot.protocols import cli
-from musebot.protocols.simulation import local as processes
+from musebot.protocols.simulation import local
 
-processes.multiprocessing.get_context = lambda method: get_context("fork")
+local.multiprocessing.get_context = lambda method: get_context("fork")
 for line in sys.stdin:
     if (child := os.fork()) == 0:
         os.setsid()
@@ -210,7 +181,7 @@ class Commands:
             except ProcessLookupError:
                 return status
             time.sleep(0.05)
-        raise AssertionError(f"its processes live on: {self._log.read_text()}")
+        raise AssertionError(f"its processes are still there: {self._log.read_text()}")
 
     def close(self):
         self._process.stdin.close()
@@ -225,7 +196,7 @@ def commands(tmp_path):
 
 
 def held(directory):
-    """What of a run a kill has met: nothing, checkpoints, or finished cohorts as well."""
+    """Returns what a kill left of a run: nothing, checkpoints, or finished cohorts too."""
     kept = [path.name for path in directory.glob("checkpoints/[!.]*")]
     if any(name.endswith(".finished.safetensors") for name in kept):
         return "finished"
@@ -253,7 +224,7 @@ def test_a_run_killed_at_twenty_random_moments_leaves_the_undisturbed_runs_bytes
         began, before, latest = time.monotonic(), len(met), seconds
         while (status := run(directory, moments.uniform(0, latest))) == -signal.SIGKILL:
             met.append(held(directory))
-            latest *= 1.25  # it comes to its end, however busy the machine has become meanwhile
+            latest *= 1.25  # so that it ends however busy the machine is
         if len(met) == before:
             seconds = time.monotonic() - began
         assert status == 0

@@ -29,7 +29,7 @@ print(time.process_time() - began)
 
 
 def python(code, cwd):
-    # A module of the tests' own folder must not stand in for one of musebot's.
+    # Elsewhere, so that no module of the tests' folder is imported instead of one of musebot's.
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -38,7 +38,7 @@ def python(code, cwd):
 def test_import_is_light_and_sets_nothing(tmp_path):
     seen = [python(LIGHT, tmp_path) for _ in range(3)]
     assert all(run["loaded"] == [] and run["environment"] for run in seen)
-    assert min(run["seconds"] for run in seen) < 0.3  # of this process: whatever else runs here
+    assert min(run["seconds"] for run in seen) < 0.3  # processor time, whatever else runs
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""What takes a quarter of an hour or more, and is run by hand: CONTRIBUTING.md says how."""
+"""Tests that take a quarter of an hour or more, run by hand (CONTRIBUTING.md)."""
 
 import json
 import subprocess
@@ -6,33 +6,33 @@ import sys
 
 import pytest
 
-# A process of a run, less its neighbours: a whole life of spot finding, six simulated hours, and
-# the peak of its memory by the end of each.
+# One process of a run: a whole life of spot finding, six simulated hours, and the peak of its
+# memory by the end of each.
 LIFE = """
 import json, pathlib, sys
-from musebot.protocols.simulation import engine
-from musebot.protocols.simulation import local as processes
-from musebot.protocols.bench.workers import peak_bytes
-from musebot.protocols.experiment.experiment import CohortKey, Experiment
+from musebot.protocols.bench.lives import peak_bytes
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.simulation.jobs import CohortJob
+from musebot.protocols.simulation.worker import prepare_process
 
-processes.prepare_process()
+prepare_process()
 experiment = Experiment(cohort_size=50, time_scale=float(sys.argv[2]))
-key = CohortKey("spot_finding", "creative", 0)
-steps = sum(experiment.schedule(key.task).steps())
+key = CohortKey(Condition("spot_finding", "creative"), 0)
+job = CohortJob(pathlib.Path(sys.argv[1]), experiment, key, save_every=10.0)
 peaks = {}
 
-def report(step, message):
+def report(done, message):
     assert not message, message
-    peaks[min(6 * step // steps, 5) + 1] = peak_bytes() / 1e6
+    peaks[min(int(6 * done / job.cost), 5) + 1] = peak_bytes() / 1e6
 
-job = engine.Job(pathlib.Path(sys.argv[1]), experiment, key, save_every=10.0)
-assert engine.live(job, lambda: False, report)
+assert job.run(lambda: False, report)
 print(json.dumps(peaks))
 """
 
 
 def peaks(directory, time_scale):
-    """Peak memory in MB of 10^6 bytes by the end of each sixth of a life, 1 to 6."""
+    """Returns the peak memory in MB (10^6 bytes) by the end of each sixth of a life, 1 to 6."""
     command = [sys.executable, "-c", LIFE, str(directory), str(time_scale)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Files are whole or not there, and what is damaged is never taken for sound."""
+"""Files are whole or absent, and a damaged file is never taken for a sound one."""
 
 import os
 import random
@@ -14,8 +14,18 @@ from hypothesis.extra import numpy as npst
 from safetensors.numpy import save
 
 from musebot.controller import Neurocontroller, Parameters
-from musebot.protocols.errors import DamagedFileError
-from musebot.protocols.storage import load_arrays, remove_drafts, save_arrays, write_atomically
+from musebot.protocols.errors import DamagedFileError, InputError
+from musebot.protocols.storage import (
+    check_folder,
+    check_place,
+    digest,
+    is_draft,
+    load_arrays,
+    locked,
+    remove_drafts,
+    save_arrays,
+    write_atomically,
+)
 
 quick = settings(deadline=None, max_examples=50)
 
@@ -29,7 +39,7 @@ NOTES = {"step": 7, "random": {"state": 2**127 + 1}}
 
 
 def files(folder):
-    """Everything in a folder, hidden or not."""
+    """Returns the content of every file in a folder, hidden or not."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -65,7 +75,7 @@ json = st.recursive(
 
 @quick
 @given(arrays, st.dictionaries(st.sampled_from(["step", "random", "o"]), json))
-def test_arrays_and_notes_come_back_as_they_were(tmp_path_factory, arrays, notes):
+def test_arrays_and_notes_survive_the_file(tmp_path_factory, arrays, notes):
     path = tmp_path_factory.mktemp("storage") / "file.safetensors"
     save_arrays(path, arrays, **notes)
     read, read_notes = load_arrays(path)
@@ -73,7 +83,7 @@ def test_arrays_and_notes_come_back_as_they_were(tmp_path_factory, arrays, notes
     assert read_notes == notes
 
 
-def test_arrays_that_are_views_come_back_as_they_look(tmp_path):
+def test_views_of_arrays_survive_the_file(tmp_path):
     whole = np.arange(24.0).reshape(2, 3, 4)
     views = {"t": whole.T, "every other": whole[:, ::2], "back": whole[::-1], "f": whole.copy("F")}
     save_arrays(tmp_path / "file", views)
@@ -116,7 +126,7 @@ def assert_damaged(path):
     assert str(path) in str(caught.value)
 
 
-def test_a_file_truncated_anywhere_is_damaged(sound):
+def test_a_file_that_is_truncated_anywhere_is_damaged(sound):
     whole = sound.read_bytes()
     for length in range(len(whole)):
         sound.write_bytes(whole[:length])
@@ -135,7 +145,7 @@ def test_a_file_with_a_flipped_bit_in_any_byte_is_damaged(sound):
         assert_damaged(sound)
 
 
-def test_a_file_with_something_after_its_end_is_damaged(sound):
+def test_a_file_with_a_byte_after_its_end_is_damaged(sound):
     sound.write_bytes(sound.read_bytes() + b"\0")
     assert_damaged(sound)
 
@@ -147,7 +157,7 @@ def test_a_file_of_another_kind_is_damaged(tmp_path, content):
     assert_damaged(path)
 
 
-def test_a_file_of_safetensors_that_is_not_ours_is_damaged(tmp_path):
+def test_a_file_of_safetensors_without_our_metadata_is_damaged(tmp_path):
     ours = [
         "",
         "[]",
@@ -170,7 +180,7 @@ def test_a_missing_file_is_missing_and_not_damaged(tmp_path):
 # Writing
 
 
-def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path):
+def test_a_written_file_is_whole_and_leaves_no_other(tmp_path):
     path = tmp_path / "new" / "folder" / "file"
     write_atomically(path, b"first")
     write_atomically(path, b"second")
@@ -201,7 +211,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_draft(tmp_path):
     assert files(tmp_path) == {"file": b"old"}
 
 
-def test_the_old_file_stands_until_the_new_one_is_whole_on_disk(tmp_path, monkeypatch):
+def test_the_old_file_stays_until_the_new_one_is_whole_on_disk(tmp_path, monkeypatch):
     path = tmp_path / "file"
     path.write_bytes(b"old")
     seen, fsync = [], os.fsync
@@ -214,15 +224,17 @@ def test_the_old_file_stands_until_the_new_one_is_whole_on_disk(tmp_path, monkey
 
     monkeypatch.setattr(os, "fsync", look)
     write_atomically(path, b"new")
-    # The draft is whole on disk before it takes the old one's place, and then the folder is.
+    # The draft is on disk before it replaces the old file, and the folder after it did.
     assert seen == [b"old", b"new", b"new"]
     assert files(tmp_path) == {"file": b"new"}
 
 
-def test_drafts_of_killed_writers_are_removed_and_nothing_else(tmp_path):
+def test_drafts_of_interrupted_writes_are_removed_and_nothing_else(tmp_path):
     kept = {"file": b"1", ".hidden": b"2", ".file.12.draft.txt": b"3"}
     for name, content in (kept | {".file.12.draft": b"4"}).items():
         (tmp_path / name).write_bytes(content)
+    drafts = {path.name for path in tmp_path.iterdir() if is_draft(path)}
+    assert drafts == {".file.12.draft"}
     remove_drafts(tmp_path)
     assert files(tmp_path) == kept
 
@@ -235,7 +247,58 @@ def test_a_failed_save_of_arrays_leaves_the_old_ones(sound, monkeypatch):
     assert list(files(sound.parent)) == [sound.name]
 
 
-def test_nothing_is_pickled(tmp_path):
+def test_objects_are_not_pickled(tmp_path):
     with pytest.raises(Exception, match="(?i)object"):
         save_arrays(tmp_path / "file", {"what": np.array([sys], dtype=object)})
     assert files(tmp_path) == {}
+
+
+# Digests
+
+
+def test_a_digest_depends_on_names_types_shapes_values_and_notes():
+    arrays = {"a": np.arange(4.0), "b": np.zeros((2, 2))}
+    others = [
+        {"c": np.arange(4.0), "b": np.zeros((2, 2))},
+        {"a": np.arange(4.0, dtype=np.float32), "b": np.zeros((2, 2))},
+        {"a": np.arange(4.0).reshape(2, 2), "b": np.zeros((2, 2))},
+        {"a": np.arange(1.0, 5.0), "b": np.zeros((2, 2))},
+    ]
+    assert digest(arrays) == digest(dict(reversed(arrays.items())))
+    assert len({digest(arrays), digest(arrays, "notes"), *map(digest, others)}) == 6
+    assert len(bytes.fromhex(digest(arrays))) == 16
+
+
+# Places and locks
+
+
+def test_a_place_for_a_file_is_checked_before_the_work(tmp_path, monkeypatch):
+    check_place(tmp_path / "file")
+    with pytest.raises(InputError, match="is a folder"):
+        check_place(tmp_path)
+    with pytest.raises(InputError, match="there is no folder"):
+        check_place(tmp_path / "new" / "file")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(InputError, match="cannot be written"):
+        check_place(tmp_path / "file")
+
+
+def test_a_folder_can_be_made_or_is_refused(tmp_path, monkeypatch):
+    check_folder(tmp_path / "new" / "folder")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is not a folder"):
+        check_folder(tmp_path / "file" / "below")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(InputError, match="cannot be written"):
+        check_folder(tmp_path / "new")
+
+
+def test_a_locked_folder_is_refused_until_it_is_free(tmp_path):
+    folder = tmp_path / "new" / "folder"
+    with locked(folder):
+        with pytest.raises(InputError) as caught, locked(folder):
+            pass
+        assert str(caught.value) == f"another musebot is running in {folder}"
+    with locked(folder):
+        pass
+    assert files(folder) == {}

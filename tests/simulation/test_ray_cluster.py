@@ -1,4 +1,4 @@
-"""Cohorts on a Ray cluster leave the local run's bytes, even when a node is lost."""
+"""A run on a Ray cluster leaves the bytes of the local run, even when a node is lost."""
 
 import os
 import shutil
@@ -10,23 +10,28 @@ import time
 
 import pytest
 
-from musebot.protocols.experiment.experiment import Experiment, Plan
-from musebot.protocols.results.results import BRAINS, CURVES, ROBOTS
-from musebot.protocols.simulation import engine
-from musebot.protocols.simulation.local import Processes
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import MANIFEST
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.results.run_files import BRAINS_FILE, CURVES_FILE, ROBOTS_FILE
+from musebot.protocols.simulation.engine import simulate
+from musebot.protocols.simulation.local import Local
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
 RAY = shutil.which("ray", path=os.path.dirname(sys.executable))
 
 PLAN = Plan.of(
     Experiment(cohort_size=2, time_scale=0.03),
-    (("wall_avoidance", "fixed"), ("wall_avoidance", "creative")),
+    [Condition("wall_avoidance", "fixed"), Condition("wall_avoidance", "creative")],
     4,
 )
 
 
 def contents(directory):
-    return {name: (directory / name).read_bytes() for name in (ROBOTS, CURVES, BRAINS)}
+    return {
+        name: (directory / name).read_bytes() for name in (ROBOTS_FILE, CURVES_FILE, BRAINS_FILE)
+    }
 
 
 def free_port():
@@ -36,7 +41,7 @@ def free_port():
 
 
 def join(nodes, *arguments):
-    """Starts a node, a process group to be killed whole; returns once its cluster knows it."""
+    """Starts a node as a process group of its own; returns once its cluster knows it."""
     settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
     process = subprocess.Popen(
         [RAY, "start", "--block", *settings],
@@ -69,7 +74,7 @@ def cluster():
 
 
 def begun(directory, address):
-    """A run on a cluster, once both nodes live a cohort."""
+    """Starts a run on a cluster; returns it once both nodes simulate a cohort."""
     run = subprocess.Popen(
         [
             sys.executable, "-m", "musebot", "run", str(directory), "--robots", "4",
@@ -91,7 +96,7 @@ def begun(directory, address):
 @pytest.fixture(scope="module")
 def here(tmp_path_factory):
     directory = tmp_path_factory.mktemp("here") / "run"
-    engine.run(directory, PLAN, Processes(2), quiet=True)
+    simulate(directory, PLAN, Local(2), quiet=True)
     return contents(directory)
 
 
@@ -106,19 +111,19 @@ def test_a_run_that_loses_a_node_leaves_the_local_runs_bytes(cluster, tmp_path, 
 
 
 @pytest.mark.slow
-def test_a_run_that_is_stopped_is_gone_on_with_elsewhere(cluster, tmp_path, here):
+def test_a_stopped_run_continues_elsewhere(cluster, tmp_path, here):
     address, _ = cluster
     run = begun(tmp_path / "there", address)
     signalled = time.time()
     run.send_signal(signal.SIGINT)
     output = run.communicate(timeout=300)[0]
     assert run.returncode == 130, output
-    assert "the same command goes on from here" in output
-    assert {path.name for path in (tmp_path / "there").iterdir()} == {engine.PLAN, "checkpoints"}
+    assert "the same command continues from here" in output
+    assert {path.name for path in (tmp_path / "there").iterdir()} == {MANIFEST, "checkpoints"}
     checkpoints = [*(tmp_path / "there" / "checkpoints").iterdir()]
     assert len(checkpoints) >= 2 and {path.suffix for path in checkpoints} == {".safetensors"}
     assert all(path.stat().st_mtime > signalled - 1 for path in checkpoints)
-    engine.run(tmp_path / "there", PLAN, Processes(2), quiet=True)
+    simulate(tmp_path / "there", PLAN, Local(2), quiet=True)
     assert contents(tmp_path / "there") == here
 
 
@@ -126,22 +131,23 @@ def test_a_run_that_is_stopped_is_gone_on_with_elsewhere(cluster, tmp_path, here
 def test_a_study_on_a_cluster_leaves_the_local_ones_bytes(cluster, tmp_path):
     address, _ = cluster
     command = [
-        sys.executable, "-m", "musebot.protocols.studies.ablation", "--robots", "2", "--task",
+        sys.executable, "-m", "musebot", "study", "ablation", "--robots", "2", "--task",
         "wall_avoidance", "--body", "kinematic", "--time-scale", "0.001",
     ]  # fmt: skip
     workers = {"there": ["--engine", "ray", "--address", address], "here": ["--processes", "2"]}
     for name, options in workers.items():
-        study = [*command, str(tmp_path / name), *options]
+        study = [*command, *options]
+        study.insert(study.index("ablation") + 1, str(tmp_path / name))
         subprocess.run(study, check=True, capture_output=True, timeout=300)
     here, there = tmp_path / "here", tmp_path / "there"
-    names = sorted(path.name for path in here.iterdir())
-    assert len(names) == 13 and names == sorted(path.name for path in there.iterdir())
+    runs, there_too = (sorted(p.name for p in out.iterdir() if p.is_dir()) for out in (here, there))
+    assert len(runs) == 12 and runs == there_too
     assert (here / "ablation.md").read_bytes() == (there / "ablation.md").read_bytes()
-    for name in names[1:]:
+    for name in runs:
         assert contents(here / name) == contents(there / name)
 
 
-@pytest.mark.parametrize("command", ["musebot run", "musebot.protocols.studies.ablation"])
+@pytest.mark.parametrize("command", ["musebot run", "musebot study ablation"])
 def test_no_cluster_is_one_sentence_and_exit_status_2(command, tmp_path):
     address = f"127.0.0.1:{free_port()}"
     run = subprocess.run(
