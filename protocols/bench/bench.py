@@ -21,7 +21,8 @@ from rich.markdown import Markdown
 
 from ...tasks import stop_timers
 from ..errors import InputError
-from ..experiment.experiment import machine
+from ..experiment.conditions import PAPER_TASKS
+from ..experiment.provenance import machine
 from ..options import cores
 from ..storage import check_place, write_atomically
 from . import lives, models, sections, workers
@@ -32,7 +33,6 @@ from .measurements import (
     PROPOSERS,
     SMALL,
     STEADY,
-    TASKS,
     Measurements,
     as_json,
     draw,
@@ -167,7 +167,7 @@ def _measure(effort: Effort, car: mujoco.MjModel | None, printer: _Printer) -> M
     printer.show(sections.sizes_section(sizes))
 
     brains = {}
-    for task in TASKS:
+    for task in PAPER_TASKS:
         printer.begin(f"brains, {task}")
         setting = effort.setting(task, "creative", MAIN)
         cohorts = [

@@ -18,8 +18,10 @@ from ...controller import BRAINS
 from ...tasks import Batch
 from ..agents.base import Agent
 from ..errors import RunError
-from ..experiment.experiment import CohortKey, Experiment
-from ..simulation.cohort import Cohort, legs
+from ..experiment.conditions import CohortKey, Condition
+from ..experiment.experiment import Experiment
+from ..simulation.cohort import Cohort
+from ..simulation.placement import legs
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
@@ -55,7 +57,7 @@ class Setting:
 
 def new_cohort(setting: Setting) -> Cohort:
     """Returns a cohort before its first control step."""
-    return Cohort(setting.experiment, CohortKey(setting.task, setting.proposer, 0))
+    return Cohort(setting.experiment, CohortKey(Condition(setting.task, setting.proposer), 0))
 
 
 def begin_training(cohort: Cohort, task: str) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 
 from ...controller import PROPOSERS
 from ...tasks import CONTROL_TIMESTEP
-from ..experiment.experiment import TASKS, Experiment
+from ..experiment.conditions import PAPER_TASKS
+from ..experiment.experiment import Experiment
 from .lives import BrainCost, PairedTiming, Setting
 from .models import LIKE_CAR, OURS, EnvironmentCost, StepCost
 from .workers import Scaling, Work
@@ -68,7 +69,7 @@ class Measurements:
     @property
     def env_overhead(self) -> float:
         """Time of `env.step` outside the physics in [us], in the more expensive of our tasks."""
-        return max(self.environments[task].overhead_us for task in TASKS)
+        return max(self.environments[task].overhead_us for task in PAPER_TASKS)
 
     @property
     def point_mass_overhead(self) -> float:
@@ -91,7 +92,7 @@ class Measurements:
     @property
     def tables_hours(self) -> float:
         """Hours of both of the paper's tables with two processes."""
-        return sum(self.hours(task, proposer) for task in TASKS for proposer in PROPOSERS)
+        return sum(self.hours(task, proposer) for task in PAPER_TASKS for proposer in PROPOSERS)
 
 
 def life_steps(task: str) -> int:
@@ -121,7 +122,7 @@ def as_json(measured: Measurements) -> dict[str, Any]:
             task: {name: cost.microseconds for name, cost in costs.items()}
             for task, costs in measured.brains.items()
         },
-        "brain_cost_ratio": {task: measured.brain_ratio(task) for task in TASKS},
+        "brain_cost_ratio": {task: measured.brain_ratio(task) for task in PAPER_TASKS},
         "timers_on_cost_ratio": on / off,
         "process_scaling": measured.scaling["live"].ratio,
         "process_scaling_bare": measured.scaling["replay"].ratio,

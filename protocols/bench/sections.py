@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from statistics import median
 from typing import Any
 
+from ..experiment.conditions import PAPER_TASKS
 from .lives import BrainCost, PairedTiming, Setting
 from .measurements import (
     MAIN,
@@ -14,7 +15,6 @@ from .measurements import (
     SMALL,
     STEADY,
     TABLE_ROBOTS,
-    TASKS,
     Measurements,
     life_steps,
 )
@@ -221,7 +221,7 @@ def hours_section(measured: Measurements) -> Section:
             f"{measured.timing(task, proposer, MAIN).microseconds['total']:.1f}",
             f"{measured.hours(task, proposer):.2f}",
         )
-        for task in TASKS
+        for task in PAPER_TASKS
         for proposer in PROPOSERS
     ]
     rows.append(("both tables", "", "", f"**{measured.tables_hours:.2f}**"))
@@ -253,7 +253,7 @@ def targets_section(measured: Measurements) -> Section:
         (f"{proposer}, {robots} robots, over bare", f"{ratio:.3f}", f">= {least}", ratio >= least)
         for proposer, robots, ratio, least in ratios
     ]
-    for task in TASKS:
+    for task in PAPER_TASKS:
         name = f"acting and learning of {STEADY} over the {PAPER} brain, {_words(task)}"
         ratio = measured.brain_ratio(task)
         targets.append((name, f"{ratio:.2f}", "<= 2", ratio <= 2))

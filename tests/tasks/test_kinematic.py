@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, Kinematics, arena_spec
-from musebot.protocols.experiment.experiment import CohortKey, Experiment
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.tasks import make_batch, make_kinematic_batch
 
@@ -144,7 +145,7 @@ def test_a_lag_of_0_08_s_is_that_of_the_mujoco_body():
 
 def test_a_cohort_continues_from_a_checkpoint_bit_exactly():
     experiment = Experiment(cohort_size=3, time_scale=0.01, body="kinematic")
-    key = CohortKey("wall_avoidance", "creative", 0)
+    key = CohortKey(Condition("wall_avoidance", "creative"), 0)
     whole, first, second = (Cohort(experiment, key) for _ in range(3))
     whole.advance(10**9)
     first.advance(333)
@@ -156,7 +157,7 @@ def test_a_cohort_continues_from_a_checkpoint_bit_exactly():
 
 
 def test_equal_seeds_give_equal_brains_in_both_simulators():
-    key = CohortKey("spot_finding", "creative", 0)
+    key = CohortKey(Condition("spot_finding", "creative"), 0)
     real, kinematic = (
         Cohort(Experiment(cohort_size=2, body=body), key) for body in ("mujoco", "kinematic")
     )
