@@ -65,13 +65,15 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results"
 def study_of(page):
     """Returns the study whose page is kept, with the runs that it read, in their order."""
     kind = study_class(page.stem)
-    if "runs" not in {field.name for field in dataclasses.fields(kind)}:
+    fields = {field.name for field in dataclasses.fields(kind)}
+    if "runs" not in fields:
         return kind()
-    if (manifest := page.with_name("study.json")).exists():
-        names = [*json.loads(manifest.read_text())["experiments"]]
-    else:
-        names = re.findall(r"(?m)^- (\S+): ", page.read_text())
-    return kind(runs=tuple(map(RESULTS.joinpath, names)))
+    manifest = json.loads(page.with_name("study.json").read_text())
+    options = {"runs": tuple(RESULTS / name for name in manifest["experiments"])}
+    if "proposer" in fields:  # of the evaluated conditions
+        conditions = [c for robots in manifest["details"]["robots"].values() for c in robots]
+        options["proposer"] = tuple({c.partition("/")[2]: None for c in conditions})
+    return kind(**options)
 
 
 def made_again(page, capsys):

@@ -21,6 +21,7 @@ from rich.markdown import Markdown
 
 from ...tasks import stop_timers
 from ..errors import InputError
+from ..experiment.conditions import PAPER_TASKS
 from ..experiment.provenance import machine
 from ..options import cores
 from ..storage import check_place, write_atomically
@@ -29,7 +30,6 @@ from .lives import PairedTiming, Setting, TimedCohort
 from .measurements import (
     MAIN,
     PAPER,
-    PAPER_TASKS,
     PROPOSERS,
     SMALL,
     STEADY,

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from statistics import median
 from typing import Any
 
+from ..experiment.conditions import PAPER_TASKS
 from .lives import BrainCost, PairedTiming, Setting
 from .measurements import (
     MAIN,

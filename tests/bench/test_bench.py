@@ -44,8 +44,9 @@ def test_json_has_every_figure_finite_and_positive(quick):
     assert content["throughput_ratio"].keys() == {"fixed", "random", "creative"}
     assert all(ratio.keys() == {"50", "250"} for ratio in content["throughput_ratio"].values())
     assert content["peak_memory_mb"].keys() == {"50", "250", "1000"}
-    tasks, proposers = bench.PAPER_TASKS, bench.PROPOSERS
-    conditions = {f"{task}/{proposer}/250" for task in tasks for proposer in proposers}
+    conditions = {
+        f"{task}/{proposer}/250" for task in bench.PAPER_TASKS for proposer in bench.PROPOSERS
+    }
     assert conditions < content["robot_step_us"].keys()  # docs/scaling.md uses them
     for name in (
         "throughput_ratio",

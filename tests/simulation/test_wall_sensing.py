@@ -3,40 +3,47 @@
 import numpy as np
 import pytest
 
-from musebot.protocols.experiment.experiment import BODIES, CohortKey, Experiment, Plan
-from musebot.protocols.experiment.schedules import COURSES, SPOT_FINDING, WALLS
-from musebot.protocols.playback import viewer as explore
-from musebot.protocols.playback.stored_brains import Candidate
-from musebot.protocols.simulation import engine
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import BODIES, Experiment
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.experiment.schedules import PROTOCOLS, SPOT_FINDING, WALLS_SENSED
+from musebot.protocols.playback.stored_brains import StoredRobot
+from musebot.protocols.playback.viewer import Driver
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.local import Processes
-from musebot.protocols.studies.robustness import CHANGES, Job, sit
+from musebot.protocols.simulation.engine import simulate
+from musebot.protocols.simulation.local import Local
+from musebot.protocols.studies.robustness import (
+    PERTURBATIONS,
+    EvaluationJob,
+    evaluate,
+)
 
 SF = "spot_finding"
-SHORT = Experiment(cohort_size=2, time_scale=0.001, course="walls")
+CREATIVE = Condition(SF, "creative")
+SHORT = Experiment(cohort_size=2, time_scale=0.001, protocol="walls")
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("walls") / "run"
-    engine.run(out, Plan.of(SHORT, [(SF, "creative")], 2), Processes(1))
-    return engine.read_run(out)
+    return simulate(out, Plan.of(SHORT, [CREATIVE], 2), Local(1), quiet=True)
 
 
-def candidate(run):
-    experiment, results = run
-    return Candidate(experiment, results, SF, "creative", 1, "post")
+@pytest.fixture
+def robot(run):
+    return StoredRobot(run, CREATIVE, 1, "post")
 
 
 def test_the_walls_protocol_differs_from_the_paper_in_the_sensors_only():
-    assert COURSES["walls"] == {SF: WALLS}
-    assert WALLS.task == "spot_finding_walls"
-    assert (WALLS.phases, WALLS.wanted) == (SPOT_FINDING.phases, SPOT_FINDING.wanted)
+    assert PROTOCOLS["walls"] == {SF: WALLS_SENSED}
+    assert WALLS_SENSED.task == "spot_finding_walls"
+    assert (WALLS_SENSED.phases, WALLS_SENSED.wanted) == (SPOT_FINDING.phases, SPOT_FINDING.wanted)
 
 
 @pytest.mark.parametrize("body", BODIES)
 def test_robots_sense_the_walls_and_their_brains_have_the_inputs(body):
-    cohort = Cohort(Experiment(cohort_size=2, body=body, course="walls"), CohortKey(SF, "fixed", 0))
+    experiment = Experiment(cohort_size=2, body=body, protocol="walls")
+    cohort = Cohort(experiment, CohortKey(Condition(SF, "fixed"), 0))
     cohort.batch.place(np.arange(2), np.array([[0.4, 0, 0], [-0.4, 0.1, 1]]))
     nose, distances, contact = np.split(cohort.rules.state(cohort.batch.sensordata), [1, 5], axis=1)
     assert (nose == 0).all()
@@ -46,16 +53,15 @@ def test_robots_sense_the_walls_and_their_brains_have_the_inputs(body):
     assert cohort.agent.act(state, False).shape == (2, 2)
 
 
-def test_stored_brains_drive_robots_with_wall_sensing(run):
-    episode = candidate(run).episode()
+def test_stored_brains_drive_robots_with_wall_sensing(robot):
+    episode = robot.episode()
     assert episode.task == "spot_finding_walls"
     assert len(list(episode.moments())) > 1
-    driver = explore.Driver.of_candidate(candidate(run))
+    driver = Driver.of_robot(robot)
     assert driver.task == "spot_finding_walls"
 
 
 def test_stored_brains_are_evaluated_by_the_robustness_study(run, tmp_path):
-    experiment, results = run
-    job = Job(tmp_path / "f", experiment, results, (SF, "creative"), (0, 1), CHANGES[-5])
-    assert job.change.noise
-    assert sit(job)["valid"].all()
+    noise = next(one for one in PERTURBATIONS if one.noise)
+    job = EvaluationJob(tmp_path / "f", run, CREATIVE, (0, 1), noise)
+    assert evaluate(job)["valid"].all()
