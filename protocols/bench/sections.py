@@ -11,7 +11,6 @@ from .lives import BrainCost, PairedTiming, Setting
 from .measurements import (
     MAIN,
     PAPER,
-    PAPER_TASKS,
     PROPOSERS,
     SMALL,
     STEADY,
