@@ -1,8 +1,8 @@
 """The robot's brain: an evaluation network and a creative memory. Depends on torch only."""
 
 from .brains import BRAINS, INGREDIENTS
-from .evaluation import EvaluationNetwork
-from .memory import CreativeMemory, NoisePatterns
+from .creative_memory import CreativeMemory, NoisePatterns
+from .evaluation_network import EvaluationNetwork
 from .networks import Networks
 from .neurocontroller import Neurocontroller
 from .parameters import Parameters

@@ -9,7 +9,8 @@ from types import MappingProxyType
 import torch
 from torch import Tensor
 
-from .evaluation import EvaluationNetwork, Target, TDTarget, on_policy, td_error
+from .creative_memory import CreativeMemory, Lesson, selected_action
+from .evaluation_network import EvaluationNetwork, Target, TDTarget, on_policy, td_error
 from .exploration import EpsilonGreedy, Exploration
 from .extensions.adam import Adam
 from .extensions.decay import Decay
@@ -27,7 +28,6 @@ from .extensions.targets import (
     max_value,
 )
 from .extensions.td_error import LimitedTDError
-from .memory import CreativeMemory, Lesson, selected_action
 from .optimizers import SGD
 from .parameters import Parameters
 from .proposers import PROPOSERS, ActionProposer, CreativeActions, FixedActions, RandomActions

@@ -8,7 +8,7 @@ from typing import Literal, Protocol, get_args
 import torch
 from torch import Tensor
 
-from .memory import CreativeMemory
+from .creative_memory import CreativeMemory
 
 Proposer = Literal["fixed", "random", "creative"]
 PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)

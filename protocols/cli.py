@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from .errors import InputError, complain, exit_status
+from .errors import InputError
+from .exit_status import complain, exit_status
 from .options import (
     BODY_CHOICES,
     COHORT_SIZE,
@@ -86,7 +87,7 @@ class RunCommand:
         from .reporting import tables
         from .results.run_files import planned
         from .simulation.cohort import check_agents
-        from .simulation.engine import simulate
+        from .simulation.runs import simulate
         from .storage import write_atomically
 
         if not self.save_every > 0:
@@ -104,6 +105,7 @@ class RunCommand:
         from .agents.factory import recorded_name
         from .experiment.conditions import Condition
         from .experiment.experiment import Experiment
+        from .experiment.manifest import check_same_experiment
         from .experiment.plan import Plan, default_cohort_size
 
         wanted = self._wanted(held)
@@ -111,7 +113,7 @@ class RunCommand:
             raise InputError(f"robots must be at least 1, got {self.robots}")
         if held:
             experiment = held.experiment
-            self._check_held(experiment, wanted)
+            check_same_experiment(self.out, experiment, wanted)
         else:
             wanted.setdefault("cohort_size", default_cohort_size(self.robots or 60))
             experiment = Experiment(**wanted)
@@ -142,21 +144,6 @@ class RunCommand:
             own = held.experiment.brain if held else Parameters()
             wanted["brain"] = with_overrides(wanted.get("brain", own), self.set)
         return wanted
-
-    def _check_held(self, held: Any, wanted: dict[str, Any]) -> None:
-        """Raises InputError where a given field differs from that of the experiment in OUT."""
-        from ..models import Kinematics
-        from .experiment.overrides import overrides_of
-
-        for name, value in wanted.items():
-            if value == (own := getattr(held, name)):
-                continue
-            if name == "brain":
-                own, value = held.brain_name, " ".join(filter(None, [self.brain, *self.set]))
-            if name == "kinematics":
-                own, value = overrides_of(own, Kinematics()), self.kinematics
-                own, value = " ".join(own), " ".join(value)
-            raise InputError(f"{self.out} holds an experiment with {name} {own}, not {value}")
 
 
 @dataclasses.dataclass

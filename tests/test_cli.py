@@ -21,8 +21,8 @@ from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import PROTOCOLS
 from musebot.protocols.results.run_files import read_results
-from musebot.protocols.simulation.engine import simulate
 from musebot.protocols.simulation.local import Local
+from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.studies import STUDIES, study_class
 from musebot.tasks.sensors import NoseForm
 
@@ -178,7 +178,10 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--body=kinematic", "--kinematics", "wall=soft"], "wall must be one of holds, slides,"),
         (["--body=kinematic", "--kinematics", "felt=warm"], "felt must be one of near, pushed"),
         (["--body=kinematic", "--kinematics", "lag=long"], "lag must be a number, got 'long'"),
-        (["--body=kinematic", "--kinematics", "radius"], "a parameter is set as NAME=VALUE, NAME one of"),
+        (
+            ["--body=kinematic", "--kinematics", "radius"],
+            "a parameter is set as NAME=VALUE, NAME one of",
+        ),
         (["--body=kinematic", "--kinematics", "radius"], "got 'radius'"),
         (["--body=kinematic", "--kinematics", "radius=0.4"], "radius must be less than 0.1 m"),
         (["--body=kinematic", "--kinematics", "lag=0", "lag=1"], "lag is given twice"),

@@ -19,7 +19,7 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import MANIFEST
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.results.run_files import BRAINS_FILE, CURVES_FILE, ROBOTS_FILE, planned
-from musebot.protocols.simulation.engine import simulate
+from musebot.protocols.simulation.runs import simulate
 
 FILES = {ROBOTS_FILE, CURVES_FILE, BRAINS_FILE}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..evaluation import Target
+from ..evaluation_network import Target
 from ..senses import Senses
 from ..step import Step
 

@@ -33,7 +33,8 @@ class DetailedStep(Step):
         return super().tensors() | {
             "best_action": self.best_action.clone(),
             "best_value": self.best_value.clone(),
-            "reward": self.reward.clone(),
+            # An unknown reward is 0, so that equal steps have equal checkpoints.
+            "reward": self.reward.clone() if self.rewarded else torch.zeros_like(self.reward),
             "rewarded": torch.tensor(self.rewarded),
         }
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from ..evaluation import Target
+from ..evaluation_network import Target
 from ..step import Step
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ..evaluation import td_error
+from ..evaluation_network import td_error
 
 
 class LimitedTDError:

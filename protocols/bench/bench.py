@@ -38,6 +38,7 @@ from .measurements import (
     draw,
 )
 from .section import Section
+from .targets import targets_section
 
 SIZES = (1, 2, 5, 10, 20, SMALL, 100, MAIN, 500, 1000, 2000)
 MEMORY_SIZES = (SMALL, MAIN, 1000)
@@ -123,7 +124,7 @@ def run(
         content = _measure_interfaces(quick, printer)
     else:
         measured = _measure(QUICK if quick else FULL, car, printer)
-        printer.show(sections.targets_section(measured))
+        printer.show(targets_section(measured))
         if figure is not None:
             draw(measured.sizes, figure)
         content = as_json(measured)

@@ -10,45 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from ...controller import Parameters
 from ...models import Kinematics
 from ..errors import DamagedFileError, InputError
 from ..storage import write_atomically
 from .conditions import Condition
 from .experiment import Experiment
+from .former_names import experiment_from
+from .overrides import brain_name, overrides_of
 from .physics_probe import is_physics_of, physics_probe
 from .plan import Plan
 from .provenance import machine
 
 MANIFEST = "experiment.json"
-
-# Names that earlier versions gave to fields of an experiment and of a brain, and to their values.
-_RENAMED = {
-    "course": "protocol",
-    "centred": "centred_inputs",
-    "reward": "reward_form",
-    "lingering": "reward_decay",
-    "next_value": "bootstrap",
-    "next_value_capped": "clipped_bootstrap",
-    "action_gap": "advantage_scale",
-    "error_limit": "td_error_limit",
-    "memory_goal": "memory_target",
-    "held_steps": "exploration_steps",
-    "young_epsilon": "initial_epsilon",
-    "epsilon_youth": "epsilon_decay_steps",
-    "young_learn_rate": "initial_learn_rate",
-    "learn_rate_youth": "learn_rate_decay_steps",
-    "content_steps": "stopping_steps",
-}
-_RENAMED_VALUES = {
-    ("course", "day"): "continual",
-    ("reward", "change"): "difference",
-    ("next_value", "selected"): "on_policy",
-    ("next_value", "best"): "max",
-    ("optimizer", "plain"): "sgd",
-}
-# Fields that no longer exist, and the values with which they had no effect.
-_REMOVED = {"judge_rate": 1.0, "noticed_signals": False, "capped": False, "ages_with": "time"}
 
 
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
@@ -116,30 +89,23 @@ def same_physics(directory: Path) -> bool:
     return is_physics_of(content["physics"], experiment_from(content["experiment"]))
 
 
-def experiment_from(fields: Mapping[str, Any]) -> Experiment:
-    """Returns the experiment whose fields were stored as JSON, by this or an earlier version.
+def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str, Any]) -> None:
+    """Refuses to continue a run with other settings than those it was begun with.
+
+    Args:
+      directory: Folder of the run.
+      held: Experiment of the run.
+      wanted: Fields of an experiment that were asked for.
 
     Raises:
-      KeyError, TypeError: the fields are not those of an experiment.
-      InputError: a value is invalid.
+      InputError: a field differs.
     """
-    brain: dict[str, Any] = dict(fields["brain"]) | {
-        "fixed_motors": tuple(fields["brain"]["fixed_motors"])
-    }
-    if "random_ideas" in brain:  # a number of ideas before it became a share of them
-        brain["random_share"] = brain.pop("random_ideas") / brain["ideas"]
-    for name, neutral in _REMOVED.items():
-        if brain.get(name) == neutral:
-            del brain[name]
-    kinematics = Kinematics(**fields.get("kinematics", {}))
-    parts = {"brain": Parameters(**_renamed(brain)), "kinematics": kinematics}
-    return Experiment(**(_renamed(fields) | parts))
-
-
-def _renamed(fields: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        _RENAMED.get(name, name): _RENAMED_VALUES.get((name, value), value)
-        if isinstance(value, str)
-        else value
-        for name, value in fields.items()
-    }
+    for name, value in wanted.items():
+        if value == (own := getattr(held, name)):
+            continue
+        if name == "brain":
+            own, value = held.brain_name, brain_name(value)
+        if name == "kinematics":
+            own = " ".join(overrides_of(held.kinematics, Kinematics()))
+            value = " ".join(overrides_of(wanted["kinematics"], Kinematics()))
+        raise InputError(f"{directory} holds an experiment with {name} {own}, not {value}")

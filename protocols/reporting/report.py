@@ -24,7 +24,7 @@ from ..playback.stored_brains import StoredRobot
 from ..results.run import Run
 from ..storage import check_place, write_atomically
 from ..terminal import bar
-from . import figures, html_page, robot_figures, style
+from . import example_robots, figures, html_page, robot_figures, style
 from .html_page import Medium
 
 PAGE = "report.html"
@@ -193,11 +193,11 @@ def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
     for task in run.tasks():
         if any(path.name.startswith(task) for path in _kept(folder)):
             continue
-        example = robot_figures.favourite(run, task)
+        example = example_robots.favourite(run, task)
         if example is None:
             missing.append(f"{TASK_NAMES[task]} has no valid robot to film.")
             continue
-        condition = Condition(task, robot_figures.proposer_of(run, task))
+        condition = Condition(task, example_robots.proposer_of(run, task))
         speed, kind = _FILM_SPEEDS[task], f"{example.kind}_{condition.proposer}_{example.robot}"
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)

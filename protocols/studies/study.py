@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment, check_same
-from ..experiment.manifest import experiment_from
+from ..experiment.former_names import experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.provenance import machine
 from ..reporting import style

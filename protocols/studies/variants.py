@@ -17,8 +17,8 @@ from ..experiment.manifest import MANIFEST, same_physics
 from ..experiment.plan import Plan
 from ..results.run import Run
 from ..results.run_files import planned, read_run
-from ..simulation.engine import UnfinishedRun
 from ..simulation.jobs import CohortJob, Job
+from ..simulation.runs import UnfinishedRun
 from ..storage import locked
 from ..terminal import notice
 from .study import Page, Study, check_positive

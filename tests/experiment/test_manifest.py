@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from musebot.controller import BRAINS, PROPOSERS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.experiment import manifest, provenance
+from musebot.protocols.experiment import former_names, provenance
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import (
@@ -223,9 +223,9 @@ def test_the_tables_of_old_names_hold_every_old_name_and_value():
     pairs = [*OLD_BRAIN, *OLD_EXPERIMENT]
     tested = [(next(iter(o.items())), next(iter(n.items()))) for o, n in pairs]
     names = {old: new for (old, _), (new, _) in tested if old != new}
-    assert names == manifest._RENAMED
+    assert names == former_names._RENAMED
     values = {(old, o): n for (old, o), (_, n) in tested if o != n}
-    assert values == manifest._RENAMED_VALUES
+    assert values == former_names._RENAMED_VALUES
     now = {field.name for kind in (Experiment, Parameters) for field in dataclasses.fields(kind)}
     assert set(names.values()) <= now and not set(names) & now
 
@@ -234,7 +234,7 @@ def test_what_is_written_now_has_new_names_only_and_is_read_unchanged():
     for brain in BRAINS.values():
         experiment = Experiment(brain=brain, protocol="continual")
         fields = json.loads(json.dumps(dataclasses.asdict(experiment)))
-        assert not {*fields, *fields["brain"]} & set(manifest._RENAMED)
+        assert not {*fields, *fields["brain"]} & set(former_names._RENAMED)
         assert experiment_from(fields) == experiment
 
 

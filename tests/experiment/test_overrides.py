@@ -65,7 +65,10 @@ def test_overrides_of_kinematics_turn_the_reference_into_them():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["soul=1"], "a parameter is set as NAME=VALUE, NAME one of radius, wheel_base, wall, felt, "),
+        (
+            ["soul=1"],
+            "a parameter is set as NAME=VALUE, NAME one of radius, wheel_base, wall, felt, ",
+        ),
         (["lag"], "got 'lag'"),
         (["lag=0", "lag=1"], "lag is given twice"),
         (["lag=long", "wall=slides"], "lag=long wall=slides is invalid: lag must be a number"),

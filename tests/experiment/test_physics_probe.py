@@ -5,7 +5,7 @@ import numpy as np
 from musebot.models import Kinematics, arena_spec, kinematic
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.physics_probe import is_physics_of, physics_probe
-from musebot.tasks import suite
+from musebot.tasks import arena
 
 probe = physics_probe.__wrapped__  # without the cache
 
@@ -21,7 +21,7 @@ def test_the_probe_moves_with_a_mass_and_not_with_a_colour(monkeypatch):
                 setattr(getattr(edited, part)(name), attribute, value)
             return edited
 
-        monkeypatch.setattr(suite, "arena_spec", spec)
+        monkeypatch.setattr(arena, "arena_spec", spec)
 
     edit("body", "robot", mass=0.08)
     assert np.abs(np.subtract(probe(), ours)).max() > 1e-5

@@ -19,8 +19,8 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.reporting.report import report
 from musebot.protocols.results.run_files import read_run
-from musebot.protocols.simulation.engine import simulate
 from musebot.protocols.simulation.local import Local
+from musebot.protocols.simulation.runs import simulate
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.reporting import robot_figures, style
+from musebot.protocols.reporting import example_robots, robot_figures, style
 from musebot.protocols.results.results import collect
 from musebot.protocols.results.run import Run
 from musebot.protocols.simulation.cohort import Cohort
@@ -48,9 +48,9 @@ def run() -> Run:
 
 
 def test_examples_cover_every_kind(run):
-    kinds = {e.kind: e.robot for e in robot_figures.examples(run, WA)}
+    kinds = {e.kind: e.robot for e in example_robots.examples(run, WA)}
     assert kinds == {"genius": 0, "learner": 1, "spoiled": 2}
-    kinds = {e.kind: e.robot for e in robot_figures.examples(run, SF)}
+    kinds = {e.kind: e.robot for e in example_robots.examples(run, SF)}
     assert kinds == {"ignorant": 0, "learner": 1, "spoiled": 2}
 
 
@@ -72,8 +72,8 @@ def test_without_valid_robots_there_is_no_figure(run):
         for condition, part in run.results.items()
     }
     empty = dataclasses.replace(run, results=results)
-    assert robot_figures.examples(empty, WA) == []
-    assert robot_figures.favourite(empty, WA) is None
+    assert example_robots.examples(empty, WA) == []
+    assert example_robots.favourite(empty, WA) is None
     assert robot_figures.trajectories(empty, WA) is None
     assert robot_figures.values(empty, SF) is None
     assert robot_figures.ticks(empty) == 0

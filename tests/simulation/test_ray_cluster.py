@@ -15,8 +15,8 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import MANIFEST
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.results.run_files import BRAINS_FILE, CURVES_FILE, ROBOTS_FILE
-from musebot.protocols.simulation.engine import simulate
 from musebot.protocols.simulation.local import Local
+from musebot.protocols.simulation.runs import simulate
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
 RAY = shutil.which("ray", path=os.path.dirname(sys.executable))

@@ -10,8 +10,8 @@ from musebot.protocols.experiment.schedules import PROTOCOLS, SPOT_FINDING, WALL
 from musebot.protocols.playback.stored_brains import StoredRobot
 from musebot.protocols.playback.viewer import Driver
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.engine import simulate
 from musebot.protocols.simulation.local import Local
+from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.studies.robustness import (
     PERTURBATIONS,
     EvaluationJob,

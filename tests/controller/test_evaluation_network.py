@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.controller import EvaluationNetwork, Parameters
-from musebot.controller.evaluation import TDTarget
+from musebot.controller.evaluation_network import TDTarget
 from musebot.controller.step import Step
 
 quick = settings(deadline=None, max_examples=30)

@@ -31,8 +31,8 @@ from musebot.protocols.results.run_files import (
 from musebot.protocols.simulation import checkpoints
 from musebot.protocols.simulation.checkpoints import finished_file
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.engine import simulate
 from musebot.protocols.simulation.local import Local
+from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.storage import locked
 
 FILES = (ROBOTS_FILE, CURVES_FILE, BRAINS_FILE)
@@ -324,7 +324,7 @@ def test_the_executor_is_closed_where_results_cannot_be_written(tmp_path, monkey
 
     one = plan(robots=2, conditions=BOTH[:1])
     with monkeypatch.context() as patch:
-        patch.setattr("musebot.protocols.simulation.engine.write_results", refuse)
+        patch.setattr("musebot.protocols.simulation.runs.write_results", refuse)
         with pytest.raises(OSError, match="No space left"):
             simulate(tmp_path, one, executor, quiet=True)
     assert closed == [True]

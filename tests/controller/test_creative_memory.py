@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from musebot.controller import CreativeMemory, NoisePatterns, Parameters
-from musebot.controller.memory import selected_action
+from musebot.controller.creative_memory import selected_action
 from musebot.controller.step import Step
 
 quick = settings(deadline=None, max_examples=30)

@@ -1,0 +1,59 @@
+"""Which robots of a run stand as examples in the report's figures and films."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ..experiment.conditions import Condition
+from ..experiment.schedules import SCHEDULES
+from ..results.run import Run
+
+
+@dataclasses.dataclass(frozen=True)
+class Example:
+    """A robot that is an example of a kind.
+
+    Attributes:
+      kind: "genius" or "ignorant", "learner", or "spoiled".
+      row: Index of the robot within its condition.
+      robot: Number of the robot within its condition.
+    """
+
+    kind: str
+    row: int
+    robot: int
+
+
+def proposer_of(run: Run, task: str) -> str:
+    """Returns the proposer of the robots that are shown: creative if present; "" for none."""
+    names = [c.proposer for c in run.conditions() if c.task == task and c.has_brain]
+    return "creative" if "creative" in names else next(iter(names), "")
+
+
+def examples(run: Run, task: str) -> list[Example]:
+    """Returns an unmeasured robot, the robot that gained most in training, and that lost most.
+
+    Gain is the difference of the time with the event between the two tests. A kind without a robot
+    is left out.
+    """
+    if not (proposer := proposer_of(run, task)):
+        return []
+    schedule, rows = SCHEDULES[task], run.robots(Condition(task, proposer))
+    sign = 1 if schedule.wanted else -1
+    gains = {
+        index: sign * (row.t_post_s - row.t_pre_s)
+        for index, row in enumerate(rows)
+        if row.valid and row.category != schedule.unmeasured
+    }
+    unmeasured = [i for i, row in enumerate(rows) if row.category == schedule.unmeasured]
+    best, worst = (pick(gains, key=gains.__getitem__, default=None) for pick in (max, min))
+    found = [(schedule.unmeasured, unmeasured[0] if unmeasured else None)]
+    found.append(("learner", best if best is not None and gains[best] > 0 else None))
+    found.append(("spoiled", worst if worst is not None and gains[worst] < 0 else None))
+    return [Example(kind, i, rows[i].robot) for kind, i in found if i is not None]
+
+
+def favourite(run: Run, task: str) -> Example | None:
+    """Returns the learner, or else the first example; None without examples."""
+    found = examples(run, task)
+    return next((one for one in found if one.kind == "learner"), found[0] if found else None)
