@@ -107,5 +107,5 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
             own, value = held.brain_name, brain_name(value)
         if name == "kinematics":
             own = " ".join(overrides_of(held.kinematics, Kinematics()))
-            value = " ".join(overrides_of(wanted["kinematics"], Kinematics()))
+            value = " ".join(overrides_of(wanted["kinematics"], held.kinematics))
         raise InputError(f"{directory} holds an experiment with {name} {own}, not {value}")

@@ -52,7 +52,7 @@ class Local:
                     progress.show(reports)
                     if request.stop:
                         stop.set()
-                    for future in done:
+                    for future in [f for f in waiting if f in done]:  # in the jobs' order
                         job = waiting.pop(future)
                         if future.result():
                             yield job
