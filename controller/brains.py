@@ -117,14 +117,15 @@ class Parts:
     Attributes:
       encoding: Encoding of signals and motor values as network inputs.
       evaluation: Evaluation network.
-      step: Class of the remembered steps.
-      target: Target of the value in Eq. 1.
+      step: Class of the steps that a brain remembers until it has learned from them.
+      target: Function that computes the target of the value in Eq. 1.
       memory: Creative memory; None for the fixed and random proposers.
-      lesson: What the memory learns.
+      lesson: Function that returns the memory's target action and learn rates.
       proposer: Action proposer.
-      exploration: Exploration during training.
-      epsilon: Probability of an exploratory action during training.
-      learn_rate: Learn rate of the evaluation network.
+      exploration: Source of the exploratory actions during training.
+      epsilon: Probability of an exploratory action, as a function of the number of training steps.
+      learn_rate: Learn rate of the evaluation network, as a function of the number of training
+        steps.
     """
 
     encoding: Encoding

@@ -1,4 +1,4 @@
-"""The creative memory: recalled actions, and ideas by noise in its connections (section 3)."""
+"""The creative memory: recalled actions, and ideas made by noise in its connections (section 3)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from .optimizers import SGD, Optimizer
 from .parameters import Parameters
 from .step import Step
 
-# From a step, its TD error, who learns and the learn rate of the evaluation network to the
-# memory's target action, the learn rate of each robot and a common factor of these rates.
+# Takes a step, its TD error, 1 or 0 for a robot that learns or does not, and the learn rate of the
+# evaluation network. Returns the memory's target action, each robot's learn rate, and a factor by
+# which all of these rates are multiplied.
 Lesson = Callable[[Step, Tensor, Tensor, float], tuple[Tensor, Tensor, float]]
 
 
 def selected_action(
     before: Step, error: Tensor, learning: Tensor, rate: float
 ) -> tuple[Tensor, Tensor, float]:
-    """Returns the paper's lesson: the selected action, at the TD error as learn rate.
+    """Returns the selected action, with the TD error as learn rate, as in the paper.
 
     Args:
       before: Step at time t.
@@ -33,7 +34,7 @@ def selected_action(
 
 
 class NoisePatterns:
-    """The noise of ideas: which connections are noisy, and the sign of their noise.
+    """Noise patterns, one for each idea: which connections are noisy, and the sign of the noise.
 
     A pattern has exactly n = round(share * N) of N connections at +noise or -noise, and the
     others at 0; positions and signs are uniform. A pool of `POOL` patterns is drawn at once,
@@ -53,8 +54,8 @@ class NoisePatterns:
         Args:
           connections: Number N of connections.
           share: Share of noisy connections, in [0, 1].
-          noise: Magnitude of the noise.
-          generator: Random stream of the draws.
+          noise: Magnitude of the noise, which is added to or subtracted from a noisy connection.
+          generator: Random stream from which patterns are drawn.
         """
         self.noisy = round(share * connections)
         self.noise = noise
@@ -83,12 +84,12 @@ class NoisePatterns:
 
 
 class CreativeMemory:
-    """Networks from a state to two logistic outputs, the motor values (section 3).
+    """Networks that map a state to two logistic outputs, the motor values (section 3).
 
     Attributes:
       networks: The networks, one for each of B robots.
       optimizer: Optimizer of the networks.
-      patterns: Noise of the ideas.
+      patterns: Source of the noise patterns, one for each idea.
     """
 
     def __init__(
@@ -113,7 +114,7 @@ class CreativeMemory:
         self.networks = Networks(robots, inputs, hidden, 2, initial_range, generator)
         self.networks.activation = ACTIVATIONS[parameters.activation]
         self.optimizer = optimizer(self.networks)
-        # Connections of an idea side by side: sensor weights, motor weights (and biases).
+        # Numbers of connections, in the order of a pattern: sensor, motor weights (and biases).
         self._sizes = [hidden * inputs, 2 * hidden]
         if parameters.noise_on_biases:
             self._sizes += [hidden, 2]
@@ -122,7 +123,7 @@ class CreativeMemory:
         )
 
     def ideas(self, state: Tensor, count: int) -> Tensor:
-        """Returns ideas: the memory's actions under individual noise.
+        """Returns ideas: actions of the memory, each with its own noise in the connections.
 
         Args:
           state: Network inputs, shape (B, I).
@@ -174,7 +175,7 @@ class CreativeMemory:
           action: Motor values to learn, shape (B, 2).
           rates: Learn rate of each robot, shape (B,); negative to unlearn the action, 0 for a
             robot that does not learn.
-          rate: Common factor of the learn rates.
+          rate: Factor by which all learn rates are multiplied.
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()

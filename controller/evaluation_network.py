@@ -29,7 +29,7 @@ class Target(Protocol):
     """Computes the target of the value V_t in Eq. 1."""
 
     def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
-        """Returns the targets, and 1 for the robots that have one (else 0), shapes (B,).
+        """Returns the targets, and 1 for each robot that has a target (else 0), both of shape (B,).
 
         Args:
           reward: Reward signal at time t + 1, shape (B,).
@@ -71,7 +71,7 @@ class TDTarget:
 
 
 class EvaluationNetwork:
-    """Networks from a state and two motor values to one value (section 3).
+    """Networks that map a state and two motor values to one value (section 3).
 
     Attributes:
       networks: The networks, one for each of B robots.

@@ -30,7 +30,7 @@ class Exploration(Protocol):
 
 
 class EpsilonGreedy:
-    """Explores with any of the proposed actions, for single steps (section 2)."""
+    """Explores with a random one of the proposed actions, for one step at a time (section 2)."""
 
     def __init__(self, generator: torch.Generator) -> None:
         """Takes the random stream of the draws."""

@@ -15,8 +15,8 @@ class Activation:
 
     Attributes:
       apply: Function that turns sums into activations, in place.
-      back: Function of an error at the activations and of the activations, which returns the
-        error at the sums.
+      back: Function that returns the error at the sums, given the error at the activations and the
+        activations.
     """
 
     apply: Callable[[Tensor], Tensor]
@@ -61,7 +61,7 @@ class Networks:
           inputs: Number I of inputs.
           hidden: Number H of hidden neurons.
           outputs: Number O of outputs.
-          initial_range: Half-width of the interval of the initial weights.
+          initial_range: Half-width of the interval around 0 from which initial weights are drawn.
           generator: Random stream of the initial weights.
         """
 
@@ -94,7 +94,7 @@ class Networks:
         Args:
           inputs: Network inputs, shape (B, I).
           hidden: Hidden activations at these inputs, shape (B, H).
-          steps: Factor of the gradient of each output sum, shape (B, O).
+          steps: Factors by which the gradients of the output sums are multiplied, shape (B, O).
         """
         back = self._back(hidden, steps)
         self.output_weights.baddbmm_(steps[..., None], hidden[:, None])
@@ -108,7 +108,7 @@ class Networks:
         Args:
           inputs: Network inputs, shape (B, I).
           hidden: Hidden activations at these inputs, shape (B, H).
-          steps: Factor of the gradient of each output sum, shape (B, O).
+          steps: Factors by which the gradients of the output sums are multiplied, shape (B, O).
 
         Returns:
           The gradient with respect to the P weights and biases of a robot, shape (B, P).
@@ -122,7 +122,7 @@ class Networks:
         """Adds to every weight its step.
 
         Args:
-          steps: Steps in the order of `gradient`, shape (B, P).
+          steps: Step of every weight, in the order of `gradient`, shape (B, P).
         """
         tensors = list(self.tensors().values())
         parts = steps.split([tensor[0].numel() for tensor in tensors], dim=1)
@@ -135,7 +135,7 @@ class Networks:
         return self.activation.back(error, hidden)
 
     def tensors(self) -> dict[str, Tensor]:
-        """Returns the weights and biases themselves, by name."""
+        """Returns the weights and biases themselves, not copies, by name."""
         return {name: getattr(self, name) for name in self.NAMES}
 
     def load(self, tensors: dict[str, Tensor]) -> None:

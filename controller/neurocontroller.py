@@ -69,7 +69,7 @@ class Neurocontroller:
 
         Args:
           state: Sensor signals, shape (B, S).
-          explore: Whether epsilon is that of training; otherwise it is `test_epsilon`.
+          explore: Whether to explore with the epsilon of training; otherwise with `test_epsilon`.
 
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).

@@ -32,7 +32,7 @@ class Optimizer(Protocol):
 
 
 class SGD:
-    """The gradient times the learn rate (Eq. 1)."""
+    """Plain gradient steps: the gradient times the learn rate (Eq. 1)."""
 
     def __init__(self, networks: Networks) -> None:
         """Optimizes these networks."""

@@ -89,8 +89,8 @@ class Parameters:
         (section 3).
       memory_hidden: Number of hidden neurons of the creative memory (section 3).
       noise: Constant sigma that is added to or subtracted from a noisy connection (section 3).
-      noisy_share: Share of the connections that are noisy in an idea, "a quarter" (section 3);
-        their number is rounded to the nearest.
+      noisy_share: Share of the connections that are noisy in an idea, "a quarter" (section 3); the
+        number of noisy connections is rounded to the nearest whole number.
       noise_on_biases: Whether biases count as connections (not stated in the paper).
       keep_main_idea: Whether the first idea is the memory's output without noise (not stated in
         the paper).
@@ -102,9 +102,9 @@ class Parameters:
       raw_reward: Whether a saturating reward is replaced by its raw value, 1 at maximal smell.
       reward_form: Form of the reward, the "signal" (section 2) or its "difference" from the
         previous step.
-      reward_decay: Lower bound of a positive reward in the next step, as a share of it; a lost
-        reward thus decays geometrically. Negative rewards are not affected. The clipped
-        bootstrap has no effect while the reward decays.
+      reward_decay: Lower bound of the next step's reward, as a share of this step's reward; a lost
+        reward thus decays geometrically. Negative rewards are not affected. The clipped bootstrap
+        has no effect while the reward decays.
       bootstrap: Action whose value is V at t + 1 in Eq. 1: the selected one ("on_policy") or the
         best of the proposed ones ("max").
       clipped_bootstrap: Whether V at t + 1 is clipped to max(r(t), 0) in a step in which the
@@ -115,10 +115,11 @@ class Parameters:
       optimizer: Optimizer of the networks, "sgd" (Eq. 1) or "adam".
       memory_target: Action that the memory learns: the "selected" one, at the TD error as learn
         rate (section 3), or the "best" of the proposed ones, at `learn_rate`.
-      random_share: Share of the creative proposer's ideas that are drawn uniformly at random;
-        their number is rounded to the nearest and leaves the memory at least one idea.
-      exploration_steps: Longest duration of an exploratory action, a random motor pair held for 1
-        to this many steps; 0 for single steps with one of the proposed actions (section 2).
+      random_share: Share of the creative proposer's ideas that are drawn uniformly at random; their
+        number is rounded to the nearest whole number, and at least one idea is the memory's.
+      exploration_steps: Longest duration of an exploratory action, which is then a random motor
+        pair held for 1 to `exploration_steps` steps; 0 for single steps with one of the proposed
+        actions (section 2).
       initial_epsilon: Epsilon when training starts, from which it decays to `epsilon`; None for
         no decay.
       epsilon_decay_steps: Time constant of the decay of epsilon, in steps of training.

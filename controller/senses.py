@@ -16,8 +16,8 @@ class Signal:
     Attributes:
       low: Smallest value.
       high: Largest value.
-      maximal: Raw signal x at maximal smell, where the signal saturates as s = x / (1 + x)
-        (Eq. 3); None where it does not saturate.
+      maximal: Raw signal x at maximal smell, for a signal that saturates as s = x / (1 + x) (Eq.
+        3); None for a signal that does not saturate.
     """
 
     low: float
@@ -39,11 +39,11 @@ class Signal:
 
 @dataclasses.dataclass(frozen=True)
 class Senses:
-    """The signals of a robot, equal for all robots of a batch.
+    """The ranges of a robot's signals and reward, equal for all robots of a batch.
 
     Attributes:
-      state: Signals of the state, one for each of its S numbers.
-      reward: Signal of the reward.
+      state: Ranges of the signals of a state, one for each of its S numbers.
+      reward: Range of the reward.
     """
 
     state: tuple[Signal, ...]
@@ -76,7 +76,7 @@ class DirectEncoding:
     """
 
     def __init__(self, sensors: int) -> None:
-        """Encodes states of S numbers."""
+        """Encodes states with this number of sensor signals."""
         self.inputs = sensors
 
     def state(self, signals: Tensor) -> Tensor:

@@ -9,8 +9,9 @@ from torch import Tensor
 class Step:
     """What B robots sensed and selected in one control step.
 
-    A step can be recorded again and again. Before the first time nothing is chained to it. The
-    last four attributes exist only in a `DetailedStep`, for parts beyond the paper.
+    A step can be recorded again and again. Until its first recording, no next
+    step continues it. The last four attributes exist only in a `DetailedStep`, for parts beyond
+    the paper.
 
     Attributes:
       state: Network inputs, shape (B, I).
@@ -56,7 +57,7 @@ class Step:
         self.chained.fill_(1)
 
     def forget(self, robots: Tensor | None = None) -> None:
-        """Breaks the chain to the next step.
+        """Marks that the next step does not continue this one.
 
         Args:
           robots: Indices of the robots concerned; None for all.

@@ -87,7 +87,7 @@ def robot_pose(qpos: np.ndarray) -> np.ndarray:
 
 
 def half_size(arena: mujoco.MjModel | mujoco.MjSpec) -> tuple[float, float]:
-    """Returns half of the arena's length along x and width along y in [m].
+    """Returns half of the arena's length, along x, and half of its width, along y, in [m].
 
     Args:
       arena: Arena with its walls, compiled or not.
@@ -100,14 +100,14 @@ class Dimensions:
     """Dimensions of robot, arena and spot, read from a compiled arena.
 
     Attributes:
-      half_length: Half of the arena along x in [m].
-      half_width: Half of the arena along y in [m].
+      half_length: Half of the arena's length, along x, in [m].
+      half_width: Half of the arena's width, along y, in [m].
       radius: Radius of the robot in [m].
       wheel_base: Distance between the wheels in [m].
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
       contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
       spot_radius: Radius of the odorous spot in [m].
-      obstacles: x, y and radius of each obstacle in [m].
+      obstacles: Position x, y and radius of each obstacle in [m].
     """
 
     half_length: float

@@ -15,12 +15,12 @@ NOSE_ANGLE = np.pi / 6  # [rad] off the front: position and direction of each of
 
 
 def hide_spot(spec: mujoco.MjSpec) -> None:
-    """Makes the spot invisible, for tasks without it."""
+    """Makes the spot invisible, for tasks without a spot."""
     spec.material("spot").rgba[3] = 0
 
 
 def enlarge(spec: mujoco.MjSpec, factor: float) -> None:
-    """Moves the walls apart, with the cameras; the spot keeps its distance to its corner.
+    """Moves the walls apart and the cameras back; the spot keeps its distance to its corner.
 
     Args:
       spec: Arena to edit.

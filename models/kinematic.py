@@ -1,8 +1,8 @@
 """The kinematic simulator: an ideal differential drive without mass, between the same walls.
 
 It has the floor, the walls and the sensors of the MuJoCo body, so that a comparison of both
-separates the effects of physics from those of the brain. `Kinematics` sets its contact rule and
-its motion at a wall. The paper's own simulator was of this kind.
+separates the effects of physics from those of the brain. `Kinematics` sets the contact rule and
+the motion at a wall. The paper's own simulator was of this kind.
 """
 
 from __future__ import annotations
@@ -39,14 +39,15 @@ class Kinematics:
       wall: Motion of a robot that drives into a wall. "holds": it stops and is free to turn.
         "slides": it moves along the wall. "sticks": it can only reverse. "turns": it slips along
         the wall and is turned towards it, as measured on the MuJoCo body.
-      felt: Contact rule. "near": the gap between rim and wall is within the contact margin.
-        "pushed": the wheels push the robot into a wall, as in MuJoCo, where a wall pushes away a
-        robot that does not push.
-      any_contact: Whether contact at any time of a control step counts; else only contact at its
-        end.
-      lag: Time constant of the wheels' speed in [s]; 0 for none. The MuJoCo body's is about 0.08
-        straight ahead, from its mass and its servos.
-      pieces: Number of equal parts of a control step, each along one arc.
+      felt: Condition for contact. "near": the gap between rim and wall is within the contact
+        margin. "pushed": the wheels push the robot into a wall, as in MuJoCo, where a wall pushes
+        away a robot that does not push.
+      any_contact: Whether contact at any time of a control step counts; otherwise only contact at
+        the end of the step counts.
+      lag: Time constant in [s] with which the wheels' speed follows the motors; 0 for no lag. The
+        MuJoCo body has about 0.08 straight ahead, because of its mass and its servos.
+      pieces: Number of equal parts into which a control step is divided; the robot follows one arc
+        in each part.
     """
 
     radius: float | None = None
@@ -79,7 +80,7 @@ class Kinematics:
             raise ValueError(f"pieces must be a whole number of at least 1, got {self.pieces}")
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:
-        """Returns the dimensions of an arena with this robot's size."""
+        """Returns an arena's dimensions with the radius and wheel base of this robot."""
         return dataclasses.replace(
             dimensions,
             radius=self.radius or dimensions.radius,
@@ -93,10 +94,10 @@ def follow_motors(
     """Returns the speeds of wheels that follow their motors with a lag.
 
     Args:
-      wheels: Speeds at the start, in motor values, shape (B, 2).
-      motors: Commanded motor values, shape (B, 2).
-      seconds: Duration in [s].
-      lag: Time constant in [s].
+      wheels: Speeds of the left and right wheel at the start, in motor values, shape (B, 2).
+      motors: Commanded motor values, left and right, shape (B, 2).
+      seconds: Duration of the motion in [s].
+      lag: Time constant of the lag in [s]; 0 for no lag.
 
     Returns:
       Mean speeds and speeds at the end, in motor values, each of shape (B, 2).
@@ -111,12 +112,12 @@ def follow_motors(
 def drive(
     poses: np.ndarray, motors: np.ndarray, seconds: float, wall: Wall, size: Dimensions
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moves robots along the arcs of their wheels, as far as the walls allow.
+    """Moves robots along arcs, as far as the walls allow.
 
     Args:
       poses: x, y in [m] and heading in [rad], shape (B, 3).
-      motors: Left and right, in [-0.5, 0.5], shape (B, 2).
-      seconds: Duration in [s].
+      motors: Left and right motor value in [-0.5, 0.5], shape (B, 2).
+      seconds: Duration of the motion in [s].
       wall: Motion of a robot that drives into a wall, see `Kinematics`.
       size: Dimensions of robot and arena.
 
@@ -153,13 +154,13 @@ def drive(
 def graze(
     lost: np.ndarray, into: np.ndarray, speed: np.ndarray, seconds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns slip and turn of robots that drive into a wall, as measured on the MuJoCo body.
+    """Returns the slip and turn of robots that drive into a wall, as measured on the MuJoCo body.
 
     A robot in a corner, between two walls, is held.
 
     Args:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
-      into: Whether the first wall bounds x, or y, shape (2, B).
+      into: Whether the wall that a robot meets first bounds x (row 0) or y (row 1), shape (2, B).
       speed: Speed of the robots in [m/s], shape (B,).
       seconds: Duration of driving into the wall in [s], shape (B,).
 
@@ -210,15 +211,15 @@ def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
 
 
 def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:
-    """Returns the spots in the frame of the nose, at the front of the rim.
+    """Returns the spots' centres in the frame of the nose, which is at the front of the rim.
 
     Args:
       poses: x, y in [m] and heading in [rad], shape (B, 3).
-      spots: x, y in [m], shape (B, 2).
+      spots: Centres of the spots: x, y in [m], shape (B, 2).
       size: Dimensions of the robot.
 
     Returns:
-      Spots: ahead and left in [m], shape (B, 2).
+      Distances of the spots' centres ahead and to the left in [m], shape (B, 2).
     """
     offset = spots - poses[:, :2]
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])

@@ -49,7 +49,7 @@ class RunCommand:
     """
 
     out: Out
-    """folder for everything that the run leaves; an unfinished run continues"""
+    """folder for all files of the run; an unfinished run continues"""
     task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "those of the protocol")] = ()
     """tasks to learn"""
     proposer: Annotated[tuple[str, ...], option(f"{PROPOSER_CHOICES} ..", "all three")] = ()
@@ -126,7 +126,7 @@ class RunCommand:
         return Plan.of(experiment, conditions, robots)
 
     def _wanted(self, held: Plan | None) -> dict[str, Any]:
-        """Returns the fields of the experiment that were given."""
+        """Returns the experiment's fields that were given as options."""
         from ..controller import Parameters
         from ..models import Kinematics
         from .experiment.overrides import named_brain, with_overrides
@@ -158,7 +158,7 @@ class TablesCommand:
     """print JSON instead of Markdown"""
 
     def __call__(self) -> None:
-        """Reads and prints; changes nothing."""
+        """Prints the tables; changes no file."""
         from .results.run_files import read_run
 
         if self.compare:
@@ -183,17 +183,17 @@ class FilmCommand:
     """Film a robot: its stored brain in a test, or a policy in an episode."""
 
     out: Out
-    """folder of a run, or a .safetensors of policies (`musebot study ppo`)"""
+    """folder of a run, or a .safetensors file of policies (`musebot study ppo`)"""
     task: Annotated[str, tyro.conf.arg(metavar="TASK")]
     """task of the run, wall_avoidance or spot_finding; or that of the policies (docs/tasks.md)"""
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """film to write, an .mp4 or a small .gif"""
     proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
-    """proposer of the robot, in a run"""
+    """proposer of the robot; only for a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
-    """before or after training"""
+    """show the robot before (pre) or after (post) training"""
     seconds: float = 30.0
     """length of the film in seconds"""
     speed: float = 4.0
@@ -250,7 +250,7 @@ class ExploreCommand:
     """Open a window on a task, driven at random, by a brain, a policy or the arrow keys."""
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")] = "wall_avoidance"
-    """any task of docs/tasks.md; brains of a run know wall_avoidance or spot_finding"""
+    """task of docs/tasks.md; with --out only wall_avoidance or spot_finding"""
     out: Annotated[Path | None, option("OUT", "none")] = None
     """folder of a run to take a brain from"""
     policies: Annotated[Path | None, option("FILE", "none")] = None
@@ -258,14 +258,14 @@ class ExploreCommand:
     keys: bool = False
     """drive with the arrow keys"""
     proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
-    """proposer of the robot, in a run"""
+    """proposer of the robot; only for a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
-    """before or after training"""
+    """show the robot before (pre) or after (post) training"""
 
     def __call__(self) -> None:
-        """Needs a display."""
+        """Opens the window, which needs a display."""
         from .playback import viewer
 
         if sum((self.out is not None, self.policies is not None, self.keys)) > 1:
@@ -275,7 +275,7 @@ class ExploreCommand:
         viewer.explore(self.task, self._driver())
 
     def _driver(self) -> Driver | None:
-        """Returns what drives; None for random motor values."""
+        """Returns the driver; None for random motor values."""
         from .agents.ppo import Policies
         from .experiment.conditions import Condition
         from .playback.stored_brains import StoredRobot
@@ -298,11 +298,11 @@ class BenchCommand:
     """Measure the speed compared with the raw physics, on an idle machine: about 7 minutes."""
 
     json: Annotated[Path | None, option("FILE", "none")] = None
-    """file for every number"""
+    """file to write all measured numbers to"""
     figure: Annotated[Path | None, option("FILE", "none")] = None
-    """figure of the cost against the number of robots, an .svg, .png or .pdf"""
+    """file for a figure of the cost against the number of robots, an .svg, .png or .pdf"""
     car_xml: Annotated[Path | None, option("FILE", "looked for where MuJoCo usually is")] = None
-    """MuJoCo's own model/car/car.xml"""
+    """path of MuJoCo's model/car/car.xml, to time the original car too"""
     quick: bool = False
     """measure next to nothing, to see that everything works"""
     interfaces: bool = False

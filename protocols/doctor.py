@@ -60,8 +60,8 @@ class Check:
     """A line of the report.
 
     Attributes:
-      name: What was checked.
-      text: What was found.
+      name: Name of what was checked.
+      text: Description of what was found.
       remedy: Command that installs what is missing; empty if nothing required is missing.
       passed: Whether nothing required is missing.
     """
@@ -76,7 +76,7 @@ def report(probes: Mapping[str, Probe] | None = None) -> int:
     """Prints all checks.
 
     Args:
-      probes: Probes by name; None for all.
+      probes: Functions that check one thing each, by name; None for all checks.
 
     Returns:
       Exit status: 0 if nothing required is missing, else 1.

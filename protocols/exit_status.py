@@ -1,6 +1,6 @@
 """The exit status of a command, and the one sentence that explains a failure.
 
-Light: importing it loads nothing else of musebot.
+Light to import: it loads nothing else of musebot.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ _DRAFT = re.compile(r"\..*\.\d+\.draft")
 
 
 def check_place(path: Path) -> None:
-    """Raises InputError where no file could be written, before the work whose result it holds."""
+    """Raises InputError if a file could not be written; called before the work on its content."""
     if path.is_dir():
         raise InputError(f"{path} is a folder")
     if not path.parent.is_dir():
@@ -32,7 +32,7 @@ def check_place(path: Path) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Raises InputError where a folder can neither be written nor made."""
+    """Raises InputError if a folder can neither be made nor written to."""
     while not path.exists():
         path = path.parent
     if not path.is_dir():
@@ -61,7 +61,7 @@ def locked(directory: Path) -> Iterator[None]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Writes a file so that a reader, or a crash, meets the old file or the new one, whole.
+    """Writes a file so that readers, even after a crash, find the whole old or the whole new file.
 
     Raises:
       OSError: the file cannot be written; the old one is untouched.

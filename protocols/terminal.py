@@ -33,19 +33,19 @@ def bar() -> Progress:
 class JobProgress:
     """Progress of several jobs together, with their speed, and the messages they send.
 
-    A job's costs are simulated seconds of all its robots together.
+    A job's cost is its amount of work: simulated seconds, added up over the job's robots.
     """
 
     def __init__(self, what: str, costs: Sequence[float], quiet: bool = False) -> None:
         """Prepares the display.
 
         Args:
-          what: Description of the jobs.
-          costs: Cost of each job.
+          what: Description of the jobs, shown next to the progress bar.
+          costs: Cost of each job, in simulated seconds.
           quiet: Whether to show nothing.
         """
         self._done: dict[int, float] = {}
-        self._first: dict[int, float] = {}  # what earlier calls simulated is not this one's speed
+        self._first: dict[int, float] = {}  # the speed does not count earlier calls
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -76,7 +76,7 @@ class JobProgress:
         self._progress.console.print(f"[yellow]{sentence}[/yellow]")
 
     def show(self, reports: Any) -> None:
-        """Shows all reports in a queue of (number of the job, its cost done, message)."""
+        """Shows all reports in a queue: (number of the job, simulated seconds done, message)."""
         with contextlib.suppress(queue.Empty):
             while True:
                 number, done, message = reports.get_nowait()

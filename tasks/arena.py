@@ -64,7 +64,7 @@ def checked_actions(actions: Any, shape: tuple[int, ...], limit: float) -> np.nd
     """Returns the motor values of actions in [-limit, limit], in the same shape.
 
     Args:
-      actions: Left and right; values beyond the limits are clipped.
+      actions: Left and right action; values beyond the limits are clipped.
       shape: Required shape, (..., 2).
       limit: Action that corresponds to motor value 0.5.
 
@@ -87,7 +87,8 @@ class Task(base.Task):
       rules: Observations and reward of the task.
       start: Places of robot and spot at the start of an episode.
       limit: Largest action, which corresponds to motor value 0.5.
-      spot_steps: Control steps between two jumps of the spot to a random place; 0 for none.
+      spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
+        spot that stays.
     """
 
     def __init__(
@@ -105,7 +106,8 @@ class Task(base.Task):
           rules: Observations and reward of the task.
           start: Places of robot and spot at the start of an episode.
           limit: Largest action, which corresponds to motor value 0.5.
-          spot_steps: Control steps between two jumps of the spot; 0 for none.
+          spot_steps: Number of control steps between two jumps of the spot; 0 for a spot that
+            stays.
           random: Random stream, or its seed; None for a seed of the operating system.
         """
         super().__init__(random=None if isinstance(random, np.random.Generator) else random)
@@ -123,7 +125,7 @@ class Task(base.Task):
         self._random = random
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
-        """Returns the bounds of the motors, left and right."""
+        """Returns the bounds of the two actions, left and right."""
         del physics
         high = np.full(2, self.limit)
         return specs.BoundedArray(high.shape, np.float64, -high, high, name="motors")
@@ -161,7 +163,7 @@ class Task(base.Task):
         )
 
     def get_reward(self, physics: Physics) -> float:
-        """Returns the reward of the rules."""
+        """Returns the task's reward for the current measurements."""
         return float(self.rules.reward(physics.data.sensordata[None])[0])
 
     def after_step(self, physics: Physics) -> None:
@@ -178,7 +180,7 @@ class Task(base.Task):
 
 
 class Environment(control.Environment):
-    """dm_control's environment with bounded rewards, flat observation specs and exact limits."""
+    """dm_control's environment with bounded rewards, flat observation specs, exact time limits."""
 
     def __init__(self, physics: Physics, task: Task, **settings: Any) -> None:
         """Initialises with the keywords of `dm_control.rl.control.Environment`."""

@@ -1,6 +1,6 @@
 """Robots in lockstep, each alone in its arena, on `mujoco.rollout`.
 
-Model, rules and sensor instants are those of the dm_control tasks: a batch of one equals the
+Model, rules and times of sensing are those of the dm_control tasks: a batch of one equals the
 environment bit-exactly (tests/tasks/test_batch.py).
 """
 
@@ -25,7 +25,7 @@ _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_MOCAP_PO
 
 
 def stop_timers() -> bool:
-    """Stops MuJoCo's clock readings in this process: a seventh of the time of a small model's step.
+    """Stops MuJoCo's clock readings in this process (a seventh of a small model's step).
 
     MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
     clock is a global callback of the library; there is no public switch.
@@ -68,7 +68,7 @@ class Robots(abc.ABC):
           robots: Number of robots, B.
           rules: Observations, reward and event of the task.
           dimensions: Dimensions of robot, arena and spot.
-          nsensordata: Count of a robot's sensor numbers.
+          nsensordata: Number of values in a robot's `sensordata`.
 
         Raises:
           ValueError: robots is below 1.
@@ -102,11 +102,11 @@ class Robots(abc.ABC):
 
     @abc.abstractmethod
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
-        """Moves robots' spots; sensors show it after the next step or placement.
+        """Moves robots' spots; sensors show the move after the next step or placement.
 
         Args:
           robots: Indices of the robots, shape (n,).
-          spots: x, y in [m], shape (n, 2).
+          spots: Centres of the spots: x, y in [m], shape (n, 2).
         """
 
     @abc.abstractmethod
@@ -126,7 +126,7 @@ class Robots(abc.ABC):
         """Restores a checkpoint; the robots continue from it bit-exactly.
 
         Args:
-          arrays: What `arrays` returned.
+          arrays: Arrays that `arrays` returned.
 
         Raises:
           ValueError: An array is missing or has the wrong shape.
@@ -141,7 +141,7 @@ class Robots(abc.ABC):
         """Makes robots invalid.
 
         Args:
-          robots: Indices of the robots, or a mask.
+          robots: Indices of the robots, shape (n,), or a mask, shape (B,).
         """
         self.valid[robots] = False
         self.sensordata[robots] = 0

@@ -99,7 +99,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Simulates 0.1 s.
 
         Args:
-          action: Left and right, within `action_space`, shape (2,).
+          action: Left and right action within `action_space`, shape (2,).
 
         Returns:
           Observation (S,), reward, termination (False), truncation (False) and an empty
@@ -140,7 +140,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class ArenaVectorEnv(gymnasium.vector.VectorEnv):
-    """A batch of B robots, each with its own seed, bit-exactly equal to B of `ArenaEnv`.
+    """A batch of B robots, each with its own seed, bit-exactly equal to B instances of `ArenaEnv`.
 
     Actions beyond the limits are clipped; an action that is not finite raises ValueError.
     """
@@ -203,7 +203,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._max_steps = np.inf if endless else float(max_episode_steps or 0)
         self._randoms: list[np.random.Generator] | None = None
         self._seeds: list[int] = []
-        self._steps = np.zeros(num_envs, dtype=np.int64)  # in each robot's episode
+        self._steps = np.zeros(num_envs, dtype=np.int64)  # so far in each robot's episode
         self._over = np.zeros(num_envs, dtype=bool)
 
     @property
@@ -226,8 +226,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         """Starts an episode of every robot.
 
         Args:
-          seed: Seeds of the robots; or one seed s, and robot k gets s + k. None continues a
-            robot's random stream.
+          seed: Seeds of the robots; or one seed s, which gives robot k the seed s + k. None
+            continues a robot's random stream.
           options: Unused.
 
         Returns:
@@ -252,7 +252,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         """Simulates 0.1 s.
 
         Args:
-          actions: Left and right of every robot, within `action_space`, shape (B, 2).
+          actions: Left and right action of every robot, within `action_space`, shape (B, 2).
 
         Returns:
           Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and a dictionary

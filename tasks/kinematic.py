@@ -1,4 +1,4 @@
-"""Robots in lockstep in the kinematic simulator: the rules and the interface of `batch.Batch`."""
+"""Robots in lockstep in the kinematic simulator, with the interface of `batch.Batch`."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class KinematicBatch(Robots):
         Args:
           dimensions: Dimensions of the arena's MuJoCo model.
           rules: Rules of the task for that model.
-          nsensordata: Count of that model's sensor numbers.
+          nsensordata: Number of values in that model's `sensordata`.
           robots: Number of robots, B.
-          kinematics: Motion of the robots.
+          kinematics: Settings of the kinematic simulator.
 
         Raises:
           ValueError: robots is below 1.
@@ -121,7 +121,7 @@ def make_kinematic_batch(
       task_name: Name of a task whose robot and arena are the paper's: no pillars, no second
         nose, no sense of velocity.
       robots: Number of robots.
-      kinematics: Motion of the robots.
+      kinematics: Settings of the kinematic simulator.
       nose: Form of Eq. 3.
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the model.
       edits: Further edits of the arena's model, after the task's own.

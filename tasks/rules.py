@@ -21,7 +21,7 @@ def sensor_slice(model: mujoco.MjModel, name: str, length: int) -> slice:
     Args:
       model: Compiled arena.
       name: Name of the sensor, or of the first of several adjacent sensors.
-      length: Count of numbers.
+      length: Number of values that the sensors return.
 
     Raises:
       KeyError: The arena lacks the sensor.
@@ -35,9 +35,10 @@ class SensorLayout:
     """Indices of each sensor's numbers in MuJoCo's `sensordata`.
 
     Attributes:
-      distances: The four rangefinders, in the order of `RANGEFINDERS`, in [m]; -1 for no hit.
-      touch: Force on the rim, in [N].
-      smell: Spot's centre in the frame of the nose: ahead, left, up, in [m].
+      distances: Indices of the four rangefinders' distances in [m], in the order of `RANGEFINDERS`;
+        a distance is -1 for no hit.
+      touch: Indices of the force on the rim in [N].
+      smell: Indices of the spot's centre in the frame of the nose: ahead, left, up, in [m].
     """
 
     distances: slice

@@ -89,7 +89,7 @@ class Nose:
 
         Returns:
           Signal in [0, 1), shape (...): o / (1 + o) inside the spot in every direction; outside
-          it 0 for a spot more than alpha / 2 off the front.
+          the spot, 0 if it is more than alpha / 2 off the front.
         """
         distance = _distance(spot)
         beta = np.abs(np.arctan2(spot[..., 1], spot[..., 0]))

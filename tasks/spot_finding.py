@@ -54,11 +54,11 @@ class SpotFindingRules(Rules):
 class TwoNosesRules(SpotFindingRules):
     """Spot finding with a nose on either side: their difference gives the side of the spot.
 
-    The event stays that of one nose: the front of the rim is inside the spot.
+    The event is the same as with one nose: the front of the rim is inside the spot.
 
     Attributes:
-      left: Indices in `sensordata` of the spot in the left nose's frame.
-      right: Indices in `sensordata` of the spot in the right nose's frame.
+      left: Indices in `sensordata` of the spot's centre in the frame of the left nose.
+      right: Indices in `sensordata` of the spot's centre in the frame of the right nose.
     """
 
     left: slice

@@ -59,7 +59,7 @@ def load(
     """Returns an environment, with the signature of `dm_control.suite.load`.
 
     Args:
-      domain_name: "arena".
+      domain_name: Name of the domain; must be "arena".
       task_name: Name of a task, see `ALL_TASKS`.
       task_kwargs: Keywords of the task, see `arena.Settings`.
       environment_kwargs: Keywords of `dm_control.rl.control.Environment`.

@@ -1,1 +1,1 @@
-"""Parts of a brain beyond the paper, each of which replaces or wraps a part of the paper's."""
+"""Parts of a brain beyond the paper; each replaces or wraps a part of the paper's brain."""

@@ -11,12 +11,12 @@ from ..step import Step
 
 
 def unsaturated(signal: Tensor, maximal: Tensor) -> Tensor:
-    """Returns the raw signal x of s = x / (1 + x), as a share of the one at maximal smell.
+    """Returns the raw signal x, where s = x / (1 + x), as a share of x at maximal smell.
 
     The result is clipped to [0, 1], for signals with noise.
 
     Args:
-      signal: Saturating signal s.
+      signal: Saturating signal s, of any shape.
       maximal: Raw signal at maximal smell, broadcast against `signal`.
     """
     signal = torch.minimum(signal.clamp(min=0), maximal / (1 + maximal))
@@ -24,7 +24,7 @@ def unsaturated(signal: Tensor, maximal: Tensor) -> Tensor:
 
 
 class InputEncoding:
-    """Scaled inputs, and raw signals as further inputs.
+    """Encoding that scales the inputs, adds raw signals as further inputs, or both.
 
     Attributes:
       inputs: Number I of network inputs for the state.

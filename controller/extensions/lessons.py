@@ -10,7 +10,7 @@ from ..step import Step
 def best_action(
     before: Step, error: Tensor, learning: Tensor, rate: float
 ) -> tuple[Tensor, Tensor, float]:
-    """Returns the best proposed action, at the learn rate of the evaluation network.
+    """Returns the best proposed action as target, at the learn rate of the evaluation network.
 
     Args:
       before: Step at time t.

@@ -19,15 +19,15 @@ class StoppingRule:
         Args:
           robots: Number B of robots.
           steps: Number of training steps in a row at maximal smell after which training stops.
-          maximal: Reward signal at maximal smell; infinity where there is none.
+          maximal: Reward signal at maximal smell; infinity if the reward does not saturate.
         """
         self._limit = steps
         self._maximal = torch.tensor(maximal)
-        # Steps at maximal smell in a row, and all steps after the stop.
+        # Count of steps in a row at maximal smell; after the stop, every step is counted.
         self._steps = torch.zeros(robots, dtype=torch.int64)
 
     def stopped(self) -> Tensor:
-        """Returns which robots' training has stopped, shape (B,)."""
+        """Returns whether each robot's training has stopped, shape (B,)."""
         return self._steps >= self._limit
 
     def update(self, reward: Tensor) -> None:
@@ -41,7 +41,7 @@ class StoppingRule:
 
 
 class StoppingTarget:
-    """A target that stopped robots do not learn."""
+    """A target for robots in training only: a robot whose training has stopped learns nothing."""
 
     def __init__(self, target: Target, rule: StoppingRule) -> None:
         """Takes the target of robots in training."""
@@ -56,7 +56,7 @@ class StoppingTarget:
 
 
 class StoppingExploration:
-    """An exploration from which stopped robots are excluded."""
+    """An exploration for robots in training only: other robots do not explore."""
 
     def __init__(self, exploration: Exploration, rule: StoppingRule) -> None:
         """Takes the exploration of robots in training."""

@@ -57,13 +57,13 @@ class AdvantageLearning:
 
 
 class RewardDifference:
-    """The difference of successive rewards as the reward, r(t + 1) - r(t).
+    """A target whose reward is the difference of successive rewards, r(t + 1) - r(t).
 
     It needs the rewards that `RememberedReward` keeps.
     """
 
     def __init__(self, target: Target) -> None:
-        """Takes the target."""
+        """Takes the target that receives the difference as its reward."""
         self._target = target
 
     def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
@@ -81,8 +81,9 @@ class RememberedReward:
         """Takes the parts of the target.
 
         Args:
-          target: Target computed from the kept rewards.
-          decay: Lower bound of a positive reward in the next step, as a share of it in [0, 1).
+          target: Target that is computed from the rewards kept in the steps.
+          decay: Lower bound of the next step's reward, as a share in [0, 1) of this step's reward;
+            negative rewards are kept.
         """
         self._target = target
         self._decay = decay

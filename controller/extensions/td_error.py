@@ -1,4 +1,4 @@
-"""A limit on the TD error, the gradient of the Huber loss."""
+"""A limit on the TD error, which makes it the gradient of the Huber loss."""
 
 from __future__ import annotations
 
@@ -15,5 +15,5 @@ class LimitedTDError:
         self._limit = limit
 
     def __call__(self, target: Tensor, value: Tensor, learning: Tensor | float) -> Tensor:
-        """See `evaluation.td_error`."""
+        """See `evaluation_network.td_error`."""
         return td_error(target, value, learning).clamp(-self._limit, self._limit)

@@ -1,4 +1,4 @@
-"""What drives robots: the neurocontroller, or any agent of a user's, a subclass of `Agent`."""
+"""Agents that drive the robots: the neurocontroller, or a user's own subclass of `Agent`."""
 
 from .base import Agent
 

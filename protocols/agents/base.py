@@ -1,4 +1,4 @@
-"""What drives robots: the interface that every agent implements. docs/agents.md has an example."""
+"""The interface of every agent that drives robots. docs/agents.md has an example."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Agent(abc.ABC):
 
         Args:
           reward: Reward of the previous action, observed together with the state last given to
-            `act`; of no action after a `reset`; float32, shape (B,).
+            `act`, float32, shape (B,). After a `reset` it belongs to no action.
         """
 
     @abc.abstractmethod
@@ -50,7 +50,7 @@ class Agent(abc.ABC):
 
     @abc.abstractmethod
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Restores a `state`, so that the next steps are bit-exact.
+        """Restores what `state` returned, so that the next steps are bit-exact.
 
         Raises:
           ValueError: an array is missing, or its shape differs.

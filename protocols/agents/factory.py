@@ -21,7 +21,7 @@ from .base import Agent
 from .neurocontroller import NeurocontrollerAgent
 
 # Short names of our own agents, and the names that runs record: a cohort's random streams depend
-# on the recorded name, so that it must not follow a move of the code.
+# on the recorded name, which must not change when the code is moved.
 RECORDED_NAMES = {
     "q_learner": "musebot.protocols.baselines:q_learner",
     "hand_coded": "musebot.protocols.baselines:hand_coded",
@@ -35,7 +35,7 @@ _MOVED = {
 
 
 def recorded_name(name: str) -> str:
-    """Returns the name under which a run records an agent: that of the table, or as given."""
+    """Returns the name under which a run records an agent: from `RECORDED_NAMES`, or as given."""
     for recorded, moved in _MOVED.items():
         if name == moved:
             return recorded
@@ -58,11 +58,11 @@ def senses_of(task: str) -> Senses:
 
 
 def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:
-    """Makes the newborn agent of B robots.
+    """Makes the untrained agent of B robots.
 
     Args:
       experiment: Experiment that decides the brain's parameters.
-      condition: Task, and proposer or factory.
+      condition: Task, and proposer or agent's factory.
       robots: Number of robots, B.
       seed: Seed of the agent's random stream.
 
@@ -77,7 +77,7 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     check_proposer(proposer)
     module, _, name = _MOVED.get(proposer, proposer).partition(":")
     here = str(Path.cwd())
-    if here not in sys.path:  # a script's own folder, as with `python -m`
+    if here not in sys.path:  # the working folder, as with `python -m`
         sys.path.insert(0, here)
     try:
         factory = getattr(importlib.import_module(module), name)

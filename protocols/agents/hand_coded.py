@@ -49,7 +49,7 @@ def hand_coded(robots: int, sensors: int, seed: int) -> Agent:
 
     Args:
       robots: Number of robots; any, since nothing is stored for each.
-      sensors: Number of sensor signals, 1.
+      sensors: Number of sensor signals; must be 1.
       seed: Seed; unused, since nothing is random.
 
     Raises:

@@ -11,7 +11,7 @@ from .neurocontroller import NeurocontrollerAgent
 
 
 class PerturbedBrain(NeurocontrollerAgent):
-    """Brains that receive noisy signals, or miss a distance sensor."""
+    """Brains that receive noisy signals, or lack a distance sensor."""
 
     def __init__(
         self,
@@ -29,8 +29,8 @@ class PerturbedBrain(NeurocontrollerAgent):
           random: Random stream of the noise.
           noise: Standard deviation of a normally distributed factor with mean 1, drawn anew for
             every signal, robot and control step; the results are clipped to the signal's range.
-          dead: Name of the distance sensor that senses nothing; only wall avoidance has them, as
-            its first signals.
+          dead: Name of the distance sensor that is switched off; None for none. Only wall avoidance
+            has distance sensors; they are the first of its signals.
         """
         super().__init__(agent.controller)
         self._noise, self._random = noise, random

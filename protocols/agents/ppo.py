@@ -20,7 +20,7 @@ from .base import Agent
 
 LAYERS = 3  # two hidden layers of 64 tanh neurons, and the mean action
 
-# The tasks in whose units the policies of `ppo` are trained, by the number of sensor signals.
+# Tasks on which the policies of `ppo` are trained, by the number of sensor signals.
 TRAINED_ON = {5: "wall_avoidance_unit", 1: "spot_finding_unit"}
 FOLDER = Path("policies")
 POLICIES_FILE = "policies.safetensors"
@@ -30,7 +30,7 @@ class Policies:
     """B policies for one task, each before and after training.
 
     Attributes:
-      task: Task of the table on which the policies were trained.
+      task: Name of the task on which the policies were trained.
       arrays: Weights "before.*" and "after.*": `0.weights` (B, H, S), `0.biases` (B, H), and those
         of the layers 1 and 2.
     """
@@ -44,7 +44,7 @@ class Policies:
 
     @classmethod
     def load(cls, path: Path, task: str) -> Self:
-        """Reads the policies that `musebot study ppo` left.
+        """Reads the policies that `musebot study ppo` wrote.
 
         Raises:
           InputError: there is no such file, it holds no policies, or policies for another task.
@@ -65,7 +65,7 @@ class Policies:
         return np.frombuffer(bytes.fromhex(digest(self.arrays)), dtype=np.uint8)
 
     def some(self, robots: slice) -> Policies:
-        """Returns some of the policies."""
+        """Returns the policies of some robots."""
         return Policies(self.task, {name: array[robots] for name, array in self.arrays.items()})
 
     def one(self, robot: int) -> Policies:
@@ -84,7 +84,7 @@ class Policies:
 
         Args:
           state: Observations, float32, shape (B, S).
-          trained: Whether the policies act as after training, or as before it.
+          trained: Whether to use the policies after training; otherwise those before training.
 
         Returns:
           Left and right motor value in [-0.5, 0.5], shape (B, 2).
@@ -105,11 +105,12 @@ class Policies:
 class PolicyAgent(Agent):
     """Robots with one policy each, trained before their lives.
 
-    Until their training begins the policies act as before training, from then on as after it.
+    The untrained policies drive until the training phase of a life begins; from then on, the
+    trained ones drive.
     """
 
     def __init__(self, policies: Policies) -> None:
-        """Takes one policy a robot."""
+        """Takes one policy for each robot."""
         self._policies = policies
         self._trained = np.zeros(1, dtype=np.uint8)
 
@@ -147,7 +148,7 @@ class PolicyAgent(Agent):
 def ppo(robots: int, sensors: int, seed: int) -> Agent:
     """Makes robots driven by PPO, one policy each, from `policies/TASK/policies.safetensors`.
 
-    Every cohort has the first B policies, so that only one cohort makes independent robots.
+    Every cohort has the first B policies, so that several cohorts are not independent.
 
     Args:
       robots: Number of robots, B.
@@ -174,7 +175,7 @@ def ppo(robots: int, sensors: int, seed: int) -> Agent:
 
 
 def policy_arrays() -> list[str]:
-    """Returns the names of the arrays of a policy."""
+    """Returns the names of a policy's arrays, such as "before.0.weights"."""
     return [
         f"{when}.{layer}.{what}"
         for when in ("before", "after")
@@ -187,7 +188,7 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
     """Reads a file of policies.
 
     Returns:
-      The task, the weights by `policy_arrays`, and the notes on how they were trained.
+      The task, the weights, named as in `policy_arrays`, and the notes on how they were trained.
 
     Raises:
       InputError: there is no such file, or it holds no policies.

@@ -12,12 +12,12 @@ from .base import Agent
 
 
 class QLearner(Agent):
-    """Q-learning with one network a robot that outputs the values of 25 fixed actions.
+    """Q-learning with one network per robot that outputs the values of 25 fixed actions.
 
     The update of Watkins, Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], follows the gradient
     of one hidden layer, one step at a time, without replay and without a target network. Actions,
     discount and number of updates are those of the paper's fixed proposer. Two things differ: the
-    target is that of the best next action, and actions are outputs, not inputs.
+    target contains the best next action, and actions are outputs, not inputs.
     """
 
     MOTORS = (-0.5, -0.25, 0.0, 0.25, 0.5)
@@ -27,7 +27,7 @@ class QLearner(Agent):
     EPSILON = 0.05
 
     def __init__(self, robots: int, sensors: int, seed: int) -> None:
-        """Draws newborn networks.
+        """Draws the initial networks.
 
         Args:
           robots: Number of robots, B.
@@ -40,7 +40,8 @@ class QLearner(Agent):
         count = len(self._actions)
         self._networks = Networks(robots, sensors, self.HIDDEN, count, 0.1, self._generator)
         self._rows = torch.arange(robots)
-        # Observation and action of the previous step, whether it led here, and of this step.
+        # Observation and action of the previous step, whether this step continues it, and the
+        # observation and action of this step.
         self._before = torch.zeros(robots, sensors)
         self._chosen_before = torch.zeros(robots, dtype=torch.int64)
         self._chained = torch.zeros(1)
@@ -106,5 +107,5 @@ class QLearner(Agent):
 
 
 def q_learner(robots: int, sensors: int, seed: int) -> Agent:
-    """Makes one Q-learner a robot; see `QLearner`."""
+    """Makes one Q-learner for each robot; see `QLearner`."""
     return QLearner(robots, sensors, seed)

@@ -17,7 +17,7 @@ _FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 class Condition:
     """A column of table 1 or 2: a task and how actions are proposed in it.
 
-    Conditions sort as the paper's tables do, agents by name after the paper's proposers.
+    Conditions sort as in the paper's tables; agents follow the paper's proposers, by name.
 
     Attributes:
       task: "wall_avoidance" or "spot_finding".
@@ -29,7 +29,7 @@ class Condition:
     proposer: str
 
     def __post_init__(self) -> None:
-        """Raises InputError where there is no such task, or no such name of a proposer."""
+        """Raises InputError if the task or the name of the proposer is unknown."""
         if self.task not in PAPER_TASKS:
             raise InputError(f"the task must be one of {', '.join(PAPER_TASKS)}, got {self.task!r}")
         check_proposer(self.proposer)
@@ -44,7 +44,7 @@ class Condition:
 
     @property
     def has_brain(self) -> bool:
-        """Whether a neurocontroller drives the robots, not an agent of a user's."""
+        """Whether a neurocontroller drives the robots, not a user's agent."""
         return self.proposer in PROPOSERS
 
     @property
@@ -55,7 +55,7 @@ class Condition:
 
 @dataclasses.dataclass(frozen=True)
 class CohortKey:
-    """Which robots are simulated in lockstep: a condition and the cohort's number in it."""
+    """The identity of a cohort: its condition, and its number within the condition."""
 
     condition: Condition
     index: int
@@ -71,7 +71,7 @@ class CohortKey:
 
 
 def check_proposer(name: str) -> None:
-    """Raises InputError where a name is neither a proposer nor the form of an agent's factory."""
+    """Raises InputError if a name is neither a proposer's nor in the form of an agent's factory."""
     if name not in PROPOSERS and not _FACTORY.fullmatch(name):
         raise InputError(
             f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "

@@ -40,13 +40,14 @@ class Experiment:
       nose: Form of Eq. 3 (see `tasks.sensors.Nose`).
       learn_across_placement: Whether robots learn from the step that spans a new placement (not
         stated in the paper).
-      turned_start: Angle in degrees by which a robot in a corner is turned away from facing it.
-      motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for the robot's own.
+      turned_start: Angle in degrees by which a robot that starts in a corner is turned away from
+        the corner.
+      motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
       body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
       kinematics: Parameters of the kinematic simulator.
       brain: Parameters of the neurocontroller.
-      protocol: Name of the schedules (`schedules.PROTOCOLS`): the "paper" ones, the "continual"
-        day of spot finding, or spot finding with "walls" sensed.
+      protocol: Name of the protocol (see `schedules.PROTOCOLS`): "paper", "continual" (24 hours of
+        spot finding) or "walls" (spot finding with wall sensing).
     """
 
     seed: int = 1
@@ -92,12 +93,12 @@ class Experiment:
 
     @property
     def brain_name(self) -> str:
-        """The nearest named brain, and the overrides that lead from it."""
+        """Name of the nearest named brain, with the overrides that turn it into this brain."""
         return brain_name(self.brain)
 
     @property
     def tasks(self) -> tuple[str, ...]:
-        """The tasks of its protocol."""
+        """The tasks of the experiment's protocol."""
         return tuple(PROTOCOLS[self.protocol])
 
     def schedule(self, task: str) -> Schedule:
@@ -125,9 +126,9 @@ class Experiment:
         return make_batch(task, robots, **shared)
 
     def seeds(self, key: CohortKey) -> tuple[int, np.random.Generator]:
-        """Returns a cohort's random streams: a seed for its brains, a generator for its world.
+        """Returns a cohort's random streams: a seed for its brains, a generator for placements.
 
-        They depend on the experiment's seed, the condition's name and the cohort's number only.
+        They depend only on the experiment's seed, the condition's name and the cohort's number.
         """
         condition = zlib.crc32(str(key.condition).encode())
         sequence = np.random.SeedSequence(self.seed, spawn_key=(condition, key.index))
@@ -142,10 +143,10 @@ def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]
 
 
 def check_same(what: str, held: Experiment, wanted: Experiment) -> None:
-    """Raises InputError where a stored experiment differs from the one that is wanted.
+    """Raises InputError if a stored experiment differs from the wanted one.
 
     Args:
-      what: Beginning of the sentence that says so.
+      what: Beginning of the error message, up to the name of the field that differs.
       held: Stored experiment.
       wanted: Experiment that was asked for.
     """

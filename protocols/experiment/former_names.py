@@ -1,4 +1,4 @@
-"""Experiments stored by earlier versions: their former names of fields, parameters and values."""
+"""Reads experiments of earlier versions: former names of fields, parameters and values."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
     brain: dict[str, Any] = dict(fields["brain"]) | {
         "fixed_motors": tuple(fields["brain"]["fixed_motors"])
     }
-    if "random_ideas" in brain:  # a number of ideas before it became a share of them
+    if "random_ideas" in brain:  # formerly a number of ideas, now a share of them
         brain["random_share"] = brain.pop("random_ideas") / brain["ideas"]
     for name, neutral in _REMOVED.items():
         if brain.get(name) == neutral:

@@ -1,4 +1,4 @@
-"""The file `experiment.json` of a run: plan, physics and provenance; also of older versions."""
+"""The file `experiment.json` of a run: plan, physics and provenance; reads older versions too."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ MANIFEST = "experiment.json"
 
 
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
-    """Writes `experiment.json`: the plan, its physics, and what it is simulated with.
+    """Writes `experiment.json`: the plan, its physics, and the versions that simulate it.
 
-    `made_with` lists every set of versions and machine with which the run was begun, continued or
-    enlarged.
+    `made_with` lists every combination of versions and machine with which the run was begun,
+    continued or enlarged.
 
     Args:
       directory: Folder of the run.
-      plan: Plan that asks for at least what the present file asks for (`Plan.merged_with`).
-      begun: Whether any life was begun with the versions of the present file.
+      plan: Plan with at least the robots in the plan of the existing file (see `Plan.merged_with`).
+      begun: Whether any robot was simulated with the versions that the existing file lists;
+        otherwise these are dropped.
 
     Raises:
-      InputError: the present file is of another physics.
+      InputError: the existing file records another physics.
     """
     path = directory / MANIFEST
     made_with: list[Any] = []
@@ -75,7 +76,7 @@ def read_manifest(directory: Path) -> Plan:
 
 
 def check_physics(directory: Path) -> None:
-    """Raises InputError where a run was simulated in another physics than this version's."""
+    """Raises InputError if a run was simulated in another physics than this version's."""
     if not same_physics(directory):
         raise InputError(
             f"{directory} was simulated in another physics than this version's: "
@@ -84,7 +85,7 @@ def check_physics(directory: Path) -> None:
 
 
 def same_physics(directory: Path) -> bool:
-    """Returns whether a run that `read_manifest` reads has this version's physics."""
+    """Returns whether a run with a valid manifest has this version's physics."""
     content = json.loads((directory / MANIFEST).read_bytes())
     return is_physics_of(content["physics"], experiment_from(content["experiment"]))
 
@@ -94,8 +95,8 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
 
     Args:
       directory: Folder of the run.
-      held: Experiment of the run.
-      wanted: Fields of an experiment that were asked for.
+      held: Experiment that the run's folder stores.
+      wanted: Values that the user asked for, by the name of the experiment's field.
 
     Raises:
       InputError: a field differs.

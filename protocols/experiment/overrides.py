@@ -28,7 +28,7 @@ def named_brain(name: str) -> Parameters:
 
 
 def brain_name(brain: Parameters) -> str:
-    """Returns the name of the nearest named brain, and the overrides that lead from it."""
+    """Returns the name of the nearest named brain, with the overrides that turn it into `brain`."""
     overrides = {name: overrides_of(brain, named) for name, named in BRAINS.items()}
     nearest = min(overrides, key=lambda name: len(overrides[name]))
     return " ".join([nearest, *overrides[nearest]])
@@ -39,7 +39,7 @@ def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
 
     Args:
       numbers: Parameters to start from.
-      words: Overrides such as "epsilon=0.1" or "wall=slides"; lists as JSON.
+      words: Overrides such as "epsilon=0.1" or "wall=slides"; a list is written as JSON.
 
     Raises:
       InputError: a name is unknown or given twice, or a value is invalid.

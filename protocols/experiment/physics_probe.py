@@ -1,4 +1,4 @@
-"""Numbers that identify a physics: any change of a mass, a friction or the timestep moves them."""
+"""Numbers that identify a physics: a changed mass, friction or timestep changes them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _IDEAL = Kinematics()
 
 @functools.cache
 def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tuple[float, ...]:
-    """Drives a robot into a wall and returns its pose and its sensors there.
+    """Drives a robot into a wall and returns its pose and sensor readings there.
 
-    Decoration does not move these numbers. With non-default kinematics robots also drive along a
-    wall at several angles.
+    Decoration does not change these numbers. With non-default kinematics, robots also
+    drive along a wall at several angles.
 
     Args:
       body: Body of the robot.
@@ -44,6 +44,6 @@ def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tup
 
 
 def is_physics_of(probe: Sequence[float], experiment: Experiment) -> bool:
-    """Returns whether a stored probe is that of this version for an experiment's body."""
+    """Returns whether a stored probe equals this version's probe of an experiment's body."""
     ours = physics_probe(experiment.body, experiment.kinematics)
     return np.shape(ours) == np.shape(probe) and bool(np.allclose(probe, ours, rtol=0, atol=1e-6))

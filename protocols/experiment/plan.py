@@ -15,7 +15,7 @@ class Plan:
     """The robots of an experiment that are wanted.
 
     Attributes:
-      experiment: What decides the robots' lives.
+      experiment: Experiment that decides the robots' lives.
       robots: Number of robots in each condition, a multiple of the cohort size.
     """
 
@@ -24,7 +24,7 @@ class Plan:
 
     @classmethod
     def of(cls, experiment: Experiment, conditions: Iterable[Condition], robots: int) -> Plan:
-        """Returns the plan of equally many robots in several conditions."""
+        """Returns a plan with the same number of robots in every condition."""
         return cls(experiment, dict.fromkeys(conditions, robots))
 
     def __post_init__(self) -> None:
@@ -53,7 +53,7 @@ class Plan:
         return tuple(self.robots)
 
     def cohorts(self) -> list[CohortKey]:
-        """Returns all cohorts, the longest lives first, so that processes end together."""
+        """Returns all cohorts, the longest lives first, so that processes end nearly together."""
         keys = [
             CohortKey(condition, index)
             for condition, robots in self.robots.items()
@@ -66,7 +66,7 @@ class Plan:
         return sum(self.experiment.schedule(key.condition.task).steps())
 
     def merged_with(self, older: Plan) -> Plan:
-        """Returns the plan that asks for the robots of both.
+        """Returns a plan with the robots of both plans.
 
         Raises:
           InputError: the experiments differ.

@@ -29,7 +29,7 @@ def machine() -> dict[str, Any]:
 
 @functools.cache
 def _commit() -> str | None:
-    """Returns the commit of this package, "-dirty" if files are changed; None without Git."""
+    """Returns the commit of this package, with "-dirty" if files differ; None without Git."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():  # an installed copy, perhaps inside another repository
         return None

@@ -24,12 +24,13 @@ class Phase:
     """A stretch of a life with one rule of placement and learning.
 
     Attributes:
-      part: Part of the life: "pre" and "post" are the tests, between them is "training".
+      part: Part of the life: "pre" or "post", the tests before and after training, or "training".
       minutes: Duration in simulated minutes.
       learning: Whether the robot learns and explores.
-      robot: Pose at the start, x, y in [m] and heading in [rad]; "random" draws it; None leaves
-        the robot where it is.
-      spot: Centre of the spot at the start, x, y in [m]; "random" draws it; None leaves it.
+      robot: Pose of the robot at the start, x, y in [m] and heading in [rad]; "random" draws it;
+        None leaves the robot where it is.
+      spot: Centre of the spot at the start, x, y in [m]; "random" draws it; None leaves the spot
+        where it is.
       every_minutes: Period in simulated minutes after which robot and spot are placed again; None
         places them once.
     """
@@ -48,9 +49,9 @@ class Schedule:
 
     Attributes:
       task: Task of the domain "arena".
-      phases: Phases in order.
-      wanted: Whether the measured event is good (in the spot) or bad (in contact): the sign of
-        Learn Ability.
+      phases: Phases of the life, in order.
+      wanted: True if the measured event is good (in the spot), False if it is bad (in contact);
+        decides the sign of Learn Ability.
       unmeasured: Class of a robot for which the event happens in neither test.
     """
 
@@ -95,7 +96,7 @@ class Schedule:
         return sum(steps for phase, steps in pairs if phase.part == part)
 
     def minutes_of(self, part: Part) -> slice:
-        """Returns the slice of a part of the life in a curve with one value a minute.
+        """Returns a slice: the part's minutes in a curve with one value per minute of the life.
 
         With a small time scale two parts may share a minute, which then is in both.
         """
@@ -154,7 +155,7 @@ CONTINUAL = dataclasses.replace(
     ),
 )
 
-# Beyond the paper: the robot also senses walls, and contact earns nothing.
+# Beyond the paper: the robot also senses walls, and the reward is 0 in contact.
 WALLS_SENSED = dataclasses.replace(SPOT_FINDING, task="spot_finding_walls")
 
 SCHEDULES = {schedule.task: schedule for schedule in (WALL_AVOIDANCE, SPOT_FINDING)}

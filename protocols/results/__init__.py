@@ -1,1 +1,1 @@
-"""What a run leaves: Learn Ability, the results of every robot, and the run's files."""
+"""The results of a run: Learn Ability, the results of every robot, and the run's files."""

@@ -12,15 +12,15 @@ INVALID = "invalid"
 
 
 def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray:
-    """Computes Eq. 4, L = (t_pre - t_post) / (t_pre + t_post), or -L where time is wanted.
+    """Computes Eq. 4, L = (t_pre - t_post) / (t_pre + t_post), or -L for time in the spot.
 
     Args:
-      pre: Time before training, in any unit, shape (n,).
-      post: Time after training, in the same unit, shape (n,).
+      pre: Time in contact, or in the spot, before training, in any unit, shape (n,).
+      post: Time in contact, or in the spot, after training, in the same unit, shape (n,).
       wanted: False for wall contact, True for time in the spot.
 
     Returns:
-      L in [-1, 1], shape (n,); NaN where both times are zero (a genius, an ignorant).
+      L in [-1, 1], shape (n,); NaN where both times are zero (genius or ignorant).
     """
     pre, post = np.asarray(pre, dtype=float), np.asarray(post, dtype=float)
     total = pre + post
@@ -45,9 +45,10 @@ class Summary:
 
     Attributes:
       counts: Number of robots in each of `CATEGORIES`.
-      mean: Mean L of the measured robots; NaN without any.
-      deviation: Standard deviation of L of the measured robots.
-      post_share: Mean share of the test after training, over all robots.
+      mean: Mean L of the robots that have a Learn Ability; NaN if none has.
+      deviation: Standard deviation of L over the robots that have a Learn Ability.
+      post_share: Mean share of the test after training in contact, or in the spot, over all valid
+        robots.
       invalid: Number of robots whose simulation became unstable; they count nowhere else.
     """
 
@@ -77,10 +78,10 @@ def summarise(
     """Summarises valid robots as tables 1 and 2 do.
 
     Args:
-      abilities: L of each robot, NaN for the unmeasured.
-      post_times: Time of each robot after training, in [s].
+      abilities: L of each robot; NaN for a genius or an ignorant.
+      post_times: Time of each robot in contact, or in the spot, in the test after training, in [s].
       test_time: Duration of the test after training, in [s].
-      invalid: Number of robots left out.
+      invalid: Number of invalid robots, which the other arguments leave out.
     """
     rows = [category(ability) for ability in abilities]
     measured = np.array([ability for ability in abilities if not np.isnan(ability)])
@@ -94,5 +95,5 @@ def summarise(
 
 
 def total_variation(first: Summary, second: Summary) -> float:
-    """Returns half the summed difference of two columns' class shares, in [0, 1]."""
+    """Returns half the sum of absolute differences of two columns' class shares, in [0, 1]."""
     return float(np.abs(first.shares - second.shares).sum() / 2)

@@ -1,4 +1,4 @@
-"""The results of an experiment: what every robot did, and its networks before and after."""
+"""The results of an experiment: what every robot did, its networks before and after training."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ NetworkArrays = dict[str, np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Lives:
-    """What a finished cohort of B robots leaves.
+    """The results of a finished cohort of B robots.
 
     Attributes:
-      events: Control steps in contact, or in the spot, before, in and after training, shape
-        (B, 3).
-      minutes: Control steps in contact, or in the spot, in each simulated minute, shape (B, M).
-      valid: False where the simulation became unstable, shape (B,).
-      before: Networks of the newborn robots, each of shape (B, ...).
+      events: Number of control steps in contact, or in the spot, in the test before training, in
+        training, and in the test after training, shape (B, 3).
+      minutes: Number of control steps in contact, or in the spot, in each of M simulated minutes,
+        shape (B, M).
+      valid: False for a robot whose simulation became unstable, shape (B,).
+      before: Networks before training, each of shape (B, ...).
       after: Networks after training, each of shape (B, ...).
     """
 
@@ -45,14 +46,15 @@ class Robot:
 
     Attributes:
       task: Task of the robot.
-      proposer: How its actions were proposed.
+      proposer: Proposer of the robot's actions, or the factory of its agent.
       seed: Seed of the experiment.
-      cohort: Number of its cohort within the condition.
-      robot: Its number within the condition.
-      t_pre_s: Time in contact, or in the spot, before training, in [s].
-      t_post_s: Time in contact, or in the spot, after training, in [s].
-      learn_ability: Eq. 4; NaN (an empty cell) for the unmeasured and the invalid.
-      category: Class in tables 1 and 2, "genius" or "ignorant" for the unmeasured, or "invalid".
+      cohort: Number of the robot's cohort within the condition.
+      robot: Number of the robot within the condition.
+      t_pre_s: Time in contact, or in the spot, in the test before training, in [s].
+      t_post_s: Time in contact, or in the spot, in the test after training, in [s].
+      learn_ability: Learn Ability L (Eq. 4); NaN (an empty cell) for a genius, an ignorant or an
+        invalid robot.
+      category: Class in tables 1 and 2, such as "L = 1" or "genius"; or "invalid".
     """
 
     task: str
@@ -67,19 +69,19 @@ class Robot:
 
     @property
     def valid(self) -> bool:
-        """Whether its simulation was stable to the end; all others count nowhere."""
+        """Whether the robot's simulation was stable to the end; others are in no statistic."""
         return self.category != INVALID
 
 
 @dataclasses.dataclass(frozen=True)
 class ConditionResults:
-    """The results of all N robots of a condition, rows in the order of their numbers.
+    """The results of all N robots of a condition, rows in the order of the robots' numbers.
 
     Attributes:
-      robots: Row of each robot, of length N.
-      curves: Share of each simulated minute in contact, or in the spot, shape (N, M).
-      networks: Networks before and after training, each of shape (N, ...); none of an agent
-        without weights.
+      robots: Rows of robots.csv, one for each of the N robots.
+      curves: Share of each of M simulated minutes in contact, or in the spot, shape (N, M).
+      networks: Networks before and after training, each of shape (N, ...); empty if the agent has
+        no weights.
     """
 
     robots: list[Robot]

@@ -16,12 +16,12 @@ from .results import NetworkArrays, Results, Robot, When
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """A run, as everybody who reads results receives it.
+    """A run, as read from its folder.
 
     Attributes:
-      name: Name of its folder.
-      experiment: What decided the robots' lives.
-      results: What the robots did.
+      name: Name of the run's folder.
+      experiment: Experiment that decided the robots' lives.
+      results: Results of the robots, by condition.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Run:
         return [condition.proposer for condition in self.results if condition.task == task]
 
     def robots(self, condition: Condition) -> list[Robot]:
-        """Returns the rows of a condition, invalid robots included; none if it has no robots."""
+        """Returns the rows of a condition, invalid robots included; empty if there are none."""
         return self.results[condition].robots if condition in self.results else []
 
     def valid(self, condition: Condition) -> list[Robot]:
@@ -53,7 +53,7 @@ class Run:
         return [index for index, row in enumerate(self.robots(condition)) if row.valid]
 
     def curves(self, condition: Condition) -> np.ndarray:
-        """Returns each valid robot's share of each minute with the event, shape (n, M)."""
+        """Returns each valid robot's share of each minute in contact, or in the spot, (n, M)."""
         return self.results[condition].curves[self.valid_rows(condition)]
 
     def networks(self, condition: Condition, when: When) -> NetworkArrays:
@@ -61,11 +61,11 @@ class Run:
         return self.results[condition].networks[when] if condition in self.results else {}
 
     def abilities(self, condition: Condition) -> np.ndarray:
-        """Returns L of each valid robot, NaN for the unmeasured, shape (n,)."""
+        """Returns L of each valid robot, NaN for a genius or an ignorant, shape (n,)."""
         return abilities(self.valid(condition))
 
     def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
-        """Returns each valid robot's share of the test before or after training, shape (n,)."""
+        """Returns each valid robot's share of a test in contact, or in the spot, shape (n,)."""
         return shares(self.valid(condition), self.test_seconds(condition.task), part)
 
     def summary(self, condition: Condition) -> Summary:
@@ -84,11 +84,11 @@ class Run:
 
 
 def abilities(rows: list[Robot]) -> np.ndarray:
-    """Returns L of each robot, NaN for the unmeasured, shape (n,)."""
+    """Returns L of each robot, NaN for a genius or an ignorant, shape (n,)."""
     return np.array([row.learn_ability for row in rows], dtype=float)
 
 
 def shares(rows: list[Robot], test_seconds: float, part: Literal["pre", "post"]) -> np.ndarray:
-    """Returns each robot's share of the test before or after training, in [0, 1], shape (n,)."""
+    """Returns each robot's share of a test in contact, or in the spot, in [0, 1], shape (n,)."""
     times = [row.t_pre_s if part == "pre" else row.t_post_s for row in rows]
     return np.array(times, dtype=float) / test_seconds

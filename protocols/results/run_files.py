@@ -47,9 +47,9 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
 
     Args:
       directory: Folder of the run.
-      name: Name of the run; empty for the folder's.
-      replay: Whether its brains are to be put back into robots: a notice then says so where the
-        physics is another version's.
+      name: Name of the run; empty for the folder's name.
+      replay: Whether the run's brains will drive robots again; a notice then warns of a physics
+        that differs from this version's.
 
     Raises:
       InputError: the folder holds no such run, or what it holds is damaged.
@@ -90,7 +90,7 @@ def run_names(directories: Sequence[Path]) -> list[str]:
 
 
 def flat_networks(results: Results, when: Sequence[When] = WHEN) -> NetworkArrays:
-    """Returns all networks by "task/proposer/before|after/network.tensor", as the file has them."""
+    """Returns all networks, named as in the file: "task/proposer/before|after/network.tensor"."""
     return {
         f"{condition}/{w}/{name}": array
         for condition, part in results.items()
@@ -121,7 +121,7 @@ def write_results(directory: Path, results: Results) -> None:
 
 
 def read_results(directory: Path) -> Results:
-    """Reads the three files; without robots.csv, which is written last, there are no results.
+    """Reads the three files; returns no results without robots.csv, which is written last.
 
     Raises:
       DamagedFileError: a file is damaged or missing, or the files contradict each other.

@@ -1,4 +1,4 @@
-"""The files of cohorts in `OUT/checkpoints`: unfinished ones continue, finished ones wait."""
+"""The files in `OUT/checkpoints`: checkpoints of unfinished cohorts, results of finished ones."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def checkpoint_file(directory: Path, key: CohortKey) -> Path:
 
 
 def finished_file(directory: Path, key: CohortKey) -> Path:
-    """Returns the file in which a finished cohort waits for the others of its run."""
+    """Returns the file that keeps a finished cohort's results until the whole run is finished."""
     return directory / CHECKPOINTS / f"{key}.finished.safetensors"
 
 
@@ -35,7 +35,7 @@ def save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
 
 
 def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> tuple[Cohort, str]:
-    """Returns a cohort as its checkpoint has it, or newborn, and a message about a damaged file."""
+    """Returns a cohort from its checkpoint, or a new one, and a message about a damaged file."""
     path = checkpoint_file(directory, key)
     cohort = Cohort(experiment, key)
     try:
@@ -48,7 +48,7 @@ def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> 
 
 
 def save_lives(path: Path, lives: Lives) -> None:
-    """Writes what a finished cohort leaves.
+    """Writes the results of a finished cohort.
 
     Raises:
       OSError: the file cannot be written.
@@ -60,7 +60,7 @@ def save_lives(path: Path, lives: Lives) -> None:
 
 
 def read_lives(path: Path) -> Lives:
-    """Reads what a finished cohort left.
+    """Reads the results of a finished cohort.
 
     Raises:
       FileNotFoundError: there is no such file.

@@ -1,4 +1,4 @@
-"""A cohort: robots simulated in lockstep, each alone in its arena, from birth to the last test."""
+"""A cohort: robots simulated in lockstep, each alone in its arena, from the first test on."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class Cohort:
 
     Attributes:
       batch: Robots in their arenas.
-      rules: What the robots observe and are rewarded for.
-      agent: What drives them.
-      step: Number of control steps simulated.
+      rules: Observations, reward and event of the task.
+      agent: Agent that drives the robots.
+      step: Number of control steps simulated so far.
       steps: Number of control steps of a whole life.
     """
 
     def __init__(self, experiment: Experiment, key: CohortKey) -> None:
-        """Makes newborn robots.
+        """Makes robots at the start of their lives.
 
         Args:
-          experiment: Experiment that decides their lives.
+          experiment: Experiment that decides the robots' lives.
           key: Condition and number of the cohort.
         """
         robots, task = experiment.cohort_size, key.condition.task
@@ -55,7 +55,7 @@ class Cohort:
         return self.step == self.steps
 
     def advance(self, steps: int) -> None:
-        """Simulates up to so many more control steps."""
+        """Simulates the given number of control steps, or fewer if the life ends before."""
         until = min(self.step + steps, self.steps)
         for leg in self._legs:
             if leg.stop <= self.step:
@@ -89,7 +89,7 @@ class Cohort:
                     batch.stop(np.flatnonzero(~finite.all(axis=1)))
 
     def lives(self) -> Lives:
-        """Returns what the finished cohort leaves."""
+        """Returns the results of the finished cohort."""
         return Lives(
             self._events,
             self._minutes,
@@ -113,8 +113,8 @@ class Cohort:
         """Continues from a checkpoint of the same cohort.
 
         Args:
-          arrays: Arrays of the checkpoint.
-          notes: Notes of the checkpoint.
+          arrays: Arrays that `checkpoint` returned.
+          notes: JSON notes that `checkpoint` returned.
 
         Raises:
           KeyError, ValueError: an array is missing, or its shape differs.
@@ -137,7 +137,7 @@ class Cohort:
 
 
 def check_agents(plan: Plan) -> None:
-    """Makes a cohort of every user's agent in a plan and lets it act once.
+    """Makes a cohort of every user's agent in a plan and lets the agent act once.
 
     Raises:
       InputError: there is no such agent, or it does not return motor values.

@@ -1,6 +1,6 @@
 """The options of a command that say what runs its jobs.
 
-Light: processes and clusters are imported once they are needed.
+Light to import: the modules for processes and clusters are imported when they are needed.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Workers:
-    """What runs the jobs of a run or a study."""
+    """The processes that run the jobs of a run or a study."""
 
     processes: int = cores()
     """number of jobs that this machine runs at a time, one core each"""
     engine: Literal["local", "ray"] = "local"
-    """ray: on an existing cluster, with OUT on storage that all its nodes share"""
+    """local: this machine; ray: an existing cluster, with OUT on storage that all its nodes share"""
     address: str = "auto"
     """address of the Ray cluster, as host:port"""
 
     def executor(self) -> Executor:
-        """Returns the executor, connected.
+        """Returns the executor; with Ray, it is connected to the cluster.
 
         Raises:
           InputError: a value is invalid, there is no such cluster, or Ray is not installed.

@@ -1,4 +1,4 @@
-"""Jobs: pieces of work that leave one file each, and can stop and continue at any moment."""
+"""Jobs: pieces of work that write one file each, and can stop and continue at any moment."""
 
 from __future__ import annotations
 
@@ -27,28 +27,29 @@ _CHUNK = 50  # control steps between two looks at the clock
 
 
 class Job(Protocol):
-    """A piece of work that runs in a process of its own and leaves exactly one file."""
+    """A piece of work that runs in a process of its own and writes exactly one file."""
 
     @property
     def path(self) -> Path:
-        """The file that it leaves, in an existing folder."""
+        """The file that the job writes, in an existing folder."""
         ...
 
     @property
     def cost(self) -> float:
-        """Simulated seconds of all its robots together."""
+        """Amount of work: simulated seconds, added up over the job's robots."""
         ...
 
     def done(self) -> bool:
-        """Returns whether its file is there."""
+        """Returns whether the job's file exists."""
         ...
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """Does the work from where it was stopped.
+        """Does the work, or continues where it was stopped.
 
         Args:
-          stop: Returns whether to stop.
-          report: Receives the cost done so far and a message, about twice a second.
+          stop: Function that returns whether the job must stop.
+          report: Function that is called about twice a second with the amount of work done so far,
+            in the unit of `cost`, and a message.
 
         Returns:
           Whether the work is done and its file is written.
@@ -60,7 +61,7 @@ class Job(Protocol):
 
 
 class Executor(Protocol):
-    """Whatever runs jobs: the processes of this machine, or those of a cluster."""
+    """Runs jobs in processes of this machine or of a cluster."""
 
     def __call__(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
         """Starts jobs in their order, and yields each as soon as it is done.
@@ -74,13 +75,13 @@ class Executor(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class CohortJob:
-    """Simulates a cohort from its last checkpoint to its end.
+    """Simulates a cohort from its last checkpoint to the end of its life.
 
     Attributes:
       directory: Folder of the run, an absolute path.
       experiment: Experiment that decides the robots' lives.
       key: Condition and number of the cohort.
-      save_every: Seconds between two checkpoints.
+      save_every: Wall-clock seconds between two checkpoints.
     """
 
     directory: Path
@@ -109,7 +110,7 @@ class CohortJob:
         """See `Job.run`; also reports robots whose simulation becomes unstable."""
         if stop():
             return False
-        if self.done():  # by a node that was lost before it could say so
+        if self.done():  # by a node that was lost before it could report
             report(self.cost, "")
             return True
         cohort, message = restored_cohort(self.directory, self.experiment, self.key)
@@ -153,14 +154,14 @@ def execute(
     messages: Sequence[str] = (),
     quiet: bool = False,
 ) -> None:
-    """Runs jobs with progress and the remaining time.
+    """Runs jobs, and shows their progress and the remaining time.
 
     Args:
-      what: Description of the jobs.
+      what: Description of the jobs, shown next to the progress bar.
       jobs: Jobs to run, the longest first.
-      executor: What runs them.
-      finished: Receives each job as soon as it is done.
-      messages: Sentences to show first.
+      executor: Executor that runs the jobs.
+      finished: Function that is called with each job as soon as the job is done.
+      messages: Sentences to show before the jobs start.
       quiet: Whether to show nothing.
 
     Raises:

@@ -26,7 +26,7 @@ from .worker import (
 
 @dataclasses.dataclass(frozen=True)
 class Local:
-    """This machine's cores.
+    """Executor that runs jobs on this machine's cores.
 
     Attributes:
       processes: Number of jobs that run at a time.

@@ -38,8 +38,8 @@ def place(batch: Robots, phase: Phase, random: np.random.Generator) -> None:
 
     Args:
       batch: Robots to place.
-      phase: Phase that begins.
-      random: Random stream for what the phase leaves to chance.
+      phase: Phase that defines the places.
+      random: Random stream from which random places are drawn.
     """
     everyone = np.arange(batch.robots)
     if phase.spot == "random":

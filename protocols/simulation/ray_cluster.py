@@ -26,11 +26,11 @@ try:
 except ImportError as error:
     raise InputError("Ray is not installed; pip install 'musebot[cluster]' gets it") from error
 
-_STOP = "stop"  # a file beside a job's: a node need not reach the driver to see it
+_STOP = "stop"  # file next to a job's file: a node sees it without a connection to the driver
 
 
 class RayCluster:
-    """The cores of a Ray cluster."""
+    """Executor that runs jobs on the cores of a Ray cluster."""
 
     def __init__(self, address: str) -> None:
         """Connects to an existing cluster.

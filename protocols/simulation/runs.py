@@ -26,13 +26,14 @@ def simulate(
     save_every: float = 60.0,
     quiet: bool = False,
 ) -> Run:
-    """Simulates all robots of a plan that are not finished yet, and keeps them in a folder.
+    """Simulates all robots of a plan that are not finished yet, and stores them in a folder.
 
     Args:
-      directory: Folder: new, empty, or of the same experiment (`run_files.planned` checks that).
-      plan: Robots that are wanted.
-      executor: What runs the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
-      save_every: Seconds between two checkpoints of a cohort.
+      directory: Folder of the run: new, empty, or with the same experiment (`run_files.planned`
+        checks that).
+      plan: Plan with the robots that are wanted.
+      executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
+      save_every: Wall-clock seconds between two checkpoints of a cohort.
       quiet: Whether to show no progress.
 
     Returns:
@@ -59,10 +60,10 @@ class UnfinishedRun:
 
     Attributes:
       directory: Folder of the run, an absolute path.
-      plan: Robots that the run will have.
-      results: Robots that it has.
-      left: Cohorts that are not finished.
-      lives: Cohorts that are finished and wait for the others.
+      plan: Plan with all robots that the run will have.
+      results: Results collected so far.
+      left: Cohorts whose results are not read yet.
+      lives: Results of finished cohorts, kept until all cohorts are finished.
     """
 
     directory: Path

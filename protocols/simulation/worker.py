@@ -1,4 +1,4 @@
-"""What a process that runs jobs needs: one thread, no OpenGL, polite reactions to signals."""
+"""Set-up of a process that runs jobs: one thread, no OpenGL, an orderly stop on signals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def prepare_process() -> None:
 
 @contextlib.contextmanager
 def single_threaded_children() -> Iterator[None]:
-    """Sets the environment so that processes started within have one thread and no OpenGL.
+    """Makes processes that start in this context have one thread and no OpenGL.
 
     Several threads only slow down tensors as small as these, and nothing is drawn.
     """
@@ -43,7 +43,7 @@ def single_threaded_children() -> Iterator[None]:
 
 
 class StopRequest:
-    """What signals have requested.
+    """A request to stop, set by signals.
 
     A handler only sets a plain flag: an Event has a lock that the interrupted thread may hold.
 
