@@ -18,15 +18,15 @@ _STAYING = 0.1  # share of the time at the spot from which a robot counts as sta
 
 @dataclasses.dataclass(frozen=True)
 class Track:
-    """What B robots did in T control steps.
+    """Motion and events of B robots in T control steps.
 
     Attributes:
       poses: x, y in [m] and heading in [rad], at the start and after every step, shape
         (T + 1, B, 3).
-      events: Whether each robot was in contact, or in the spot, after every step, shape (T, B).
+      events: Whether each robot was in contact (or in the spot) after every step, shape (T, B).
       spot: x, y of the spot's centre in [m], shape (2,).
-      nose: Position of the spot's centre ahead and to the left of the nose in [m], after every
-        step, shape (T, B, 2).
+      nose: Position of the spot's centre relative to the nose, ahead and to the left, in [m],
+        after every step, shape (T, B, 2).
     """
 
     poses: np.ndarray
@@ -37,16 +37,17 @@ class Track:
 
 @dataclasses.dataclass(frozen=True)
 class Stay:
-    """How n robots behave that start at the rim of the spot and learn from there.
+    """Behaviour of n robots that start at the rim of the spot and learn from there.
 
     Attributes:
-      staying: Whether a robot spent at least a tenth of the time at the spot, shape (n,).
-      following: Share of the first and of the last third of a robot's time at the spot in which
-        it followed the contour, shape (n, 2); NaN for a robot that left at once.
-      spinning: Share of the same two thirds in which it spun inside the spot, shape (n, 2); NaN
-        for a robot that left at once.
-      minutes: Number of each of M minutes, and the shares of following and of spinning in it over
-        all staying robots, shape (M, 3); NaN in minutes without a robot at the spot.
+      staying: Whether each robot spent at least a tenth of the time at the spot, shape (n,).
+      following: Share of the time in which each robot followed the contour, in the first and the
+        last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
+      spinning: Share of the time in which each robot spun inside the spot, in the first and the
+        last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
+      minutes: A row for each of M minutes: the minute's index, the share of following and the
+        share of spinning, both of the time that the staying robots spent at the spot, shape
+        (M, 3); the shares are NaN in a minute without a robot at the spot.
     """
 
     staying: np.ndarray
@@ -60,9 +61,9 @@ class Behaviour:
     """Behaviour of a sample of a run's robots.
 
     Attributes:
-      spinning: Share of the time in which each robot spins in the test before and after training,
-        shape (n, 2), by condition.
-      stays: Behaviour of newborn robots that start at the rim of the spot and learn, by proposer.
+      spinning: Share of the time in which each robot spins, in the test before and in the test
+        after training, shape (n, 2), by condition.
+      stays: Behaviour of untrained robots that start at the rim of the spot and learn, by proposer.
     """
 
     spinning: dict[Condition, np.ndarray]
@@ -77,7 +78,7 @@ def spins(poses: np.ndarray) -> np.ndarray:
 
     Returns:
       Whether each robot spins in each whole second, shape (T // 10, B); a track shorter than a
-      second counts as one.
+      second counts as one second.
     """
     distance, turn = _seconds(poses)
     return (distance < _STATIONARY) & (turn > _TURNING)
@@ -118,7 +119,7 @@ def stay_of(track: Track, spot_radius: float) -> Stay:
 
 
 def _seconds(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the distance in [m] and the turn in [rad] between the ends of each second."""
+    """Returns the distance in [m] and the turn in [rad] of each robot in each second."""
     stride = min(_SECOND, len(poses) - 1)
     marks = np.arange(0, len(poses), stride)
     heading = np.unwrap(poses[..., 2], axis=0)[marks]
@@ -127,7 +128,12 @@ def _seconds(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _thirds(kind: np.ndarray, near: np.ndarray) -> tuple[float, float]:
-    """Returns the shares in the first and last third of a robot's time at the spot, (T,) each."""
+    """Returns the share of a behaviour in the first and last third of a robot's time at the spot.
+
+    Args:
+      kind: Whether the robot shows the behaviour, in each of T seconds, shape (T,).
+      near: Whether the robot is at the spot, in each second, shape (T,).
+    """
     there = np.flatnonzero(near)
     third = -(-len(there) // 3)
     first, last = there[:third], there[len(there) - third :]
@@ -135,5 +141,5 @@ def _thirds(kind: np.ndarray, near: np.ndarray) -> tuple[float, float]:
 
 
 def _share(kind: np.ndarray, near: np.ndarray) -> float:
-    """Returns the share of the time at the spot with a kind of behaviour; NaN if never there."""
+    """Returns the share of the time at the spot with a behaviour; NaN without time at the spot."""
     return float((kind & near).sum() / near.sum()) if near.any() else float("nan")

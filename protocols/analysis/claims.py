@@ -27,18 +27,18 @@ class Undecidable(Exception):
 
 
 class Evidence(Protocol):
-    """What claims are judged by. Every method raises Undecidable where it has no data."""
+    """Data by which claims are judged. Every method raises Undecidable where data are missing."""
 
     def summary(self, condition: Condition) -> Summary:
         """Returns a column of table 1 or 2."""
         ...
 
     def single_robots(self) -> Run:
-        """Returns the run whose robots are judged one by one."""
+        """Returns the run that has the data of single robots."""
         ...
 
     def observed(self) -> Behaviour:
-        """Returns what the brains do in their robots."""
+        """Returns the behaviour of the robots."""
         ...
 
 
@@ -48,7 +48,7 @@ class RunEvidence:
 
     Attributes:
       run: The run.
-      behaviour: What its brains do in their robots; None if they were not observed.
+      behaviour: Behaviour of the run's robots; None if they were not observed.
     """
 
     run: Run
@@ -74,7 +74,7 @@ class RunEvidence:
 
 
 class PaperEvidence:
-    """The paper's own tables, which hold no data of single robots."""
+    """The paper's own tables as evidence; they hold no data of single robots."""
 
     def summary(self, condition: Condition) -> Summary:
         """See `Evidence.summary`."""
@@ -91,13 +91,12 @@ class PaperEvidence:
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """A sentence of section 4.
+    """A claim of the paper: a sentence of its section 4.
 
     Attributes:
-      task: Task of the table that it is about.
+      task: Task of the table that the sentence is about.
       says: The sentence.
-      compare: Function that tests the inequalities, all of which the claim needs; may raise
-        Undecidable.
+      compare: Function that tests all inequalities that the claim needs; may raise Undecidable.
     """
 
     task: str
@@ -111,10 +110,10 @@ class ClaimResult:
 
     Attributes:
       claim: The claim.
-      verdict: Whether it holds.
-      why: Numbers and tests, or what is missing.
+      verdict: Whether the claim holds.
+      why: Text with the numbers and the names of the tests, or with what is missing.
       inequalities: Inequalities that the verdict rests on.
-      paper: Verdict by the paper's own tables.
+      paper: Verdict on the same claim by the paper's own tables.
     """
 
     claim: Claim
@@ -150,8 +149,9 @@ class ClaimResult:
 def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
     """Judges a claim: it holds if all inequalities do, and fails if one fails.
 
-    All inequalities must be significant for a claim to hold, which needs no correction. One is
-    enough for it to fail: those p-values are multiplied by the number of inequalities (Bonferroni).
+    A claim holds if the tests support all its inequalities significantly; that needs no correction.
+    It fails if one test contradicts its inequality significantly; the p-values against them are
+    multiplied by the number of inequalities (Bonferroni).
     """
     try:
         inequalities = tuple(claim.compare(evidence))
@@ -171,7 +171,7 @@ def _p_for(one: TestedInequality) -> float:
 
 
 def _p_against(one: TestedInequality, inequalities: Sequence[TestedInequality]) -> float:
-    """Returns the two-sided p-value against an inequality, corrected for their number."""
+    """Returns the two-sided p-value against an inequality, times the number of inequalities."""
     return min(1, 2 * one.p_against * len(inequalities))
 
 

@@ -34,9 +34,9 @@ class Match:
     Attributes:
       ours: A run.
       other: The run to compare with; may be the same.
-      condition: Condition of our robots.
-      against: Condition of the other robots, of the same task; None for that of ours. Robots of
-        two conditions are independent groups.
+      condition: Condition of the robots of our run.
+      against: Condition of the robots of the other run, of the same task; None for `condition`.
+        Robots of two different conditions are independent groups.
     """
 
     ours: Run
@@ -45,7 +45,7 @@ class Match:
     against: Condition | None = None
 
     def is_paired(self) -> bool:
-        """Returns whether robots of the same number have the same newborn brain in both runs."""
+        """Returns whether robots with the same number have the same initial brain in both runs."""
         if self.against is not None:
             return False
         first, second = (run.networks(self.condition, "before") for run in (self.ours, self.other))
@@ -63,13 +63,13 @@ class Cell:
       condition: Column of the table.
       name: Row of the table.
       share: Whether the value is a share of the robots.
-      paired: Whether the robots of the two runs are pairs with the same newborn brain.
-      robots: Number of robots that have a value, in our run and in the other.
+      paired: Whether the robots of the two runs are pairs with the same initial brain.
+      robots: Number of robots that have a value, in our run and in the other run.
       ours: Value in our run.
       other: Value in the other run.
-      interval: 95 % interval of ours minus other.
+      interval: 95 % interval of our value minus the other.
       p: Two-sided p-value under the null hypothesis of equal robots; NaN if not tested.
-      corrected: p after Holm's correction over the family of cells; NaN before it.
+      corrected: p after Holm's correction over the family of cells; NaN before the correction.
     """
 
     condition: Condition
@@ -95,7 +95,7 @@ class Cell:
 
     @property
     def difference(self) -> float:
-        """Ours minus other."""
+        """Our value minus the other."""
         return self.ours - self.other
 
     @property
@@ -108,7 +108,7 @@ def shared_conditions(ours: Run, other: Run) -> list[Condition]:
     """Returns the conditions that both runs have, in the order of the tables.
 
     Raises:
-      InputError: there are none, or the schedules differ.
+      InputError: the runs share no condition, or their schedules differ.
     """
     for what, name in (("time scales", "time_scale"), ("protocols", "protocol")):
         first, second = (getattr(run.experiment, name) for run in (ours, other))
@@ -127,8 +127,8 @@ def shared_conditions(ours: Run, other: Run) -> list[Condition]:
 def compare(match: Match, resamples: int, only: Container[str] | None = None) -> list[Cell]:
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
-    Invalid robots are left out, and in paired runs their partners too, as well as robots that only
-    one of the runs has.
+    Invalid robots are left out. In paired runs, their partners and robots without a partner are
+    left out too.
 
     Args:
       match: Robots to compare.
@@ -154,7 +154,7 @@ def compare(match: Match, resamples: int, only: Container[str] | None = None) ->
 
 
 def _measures(run: Run, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarray]:
-    """Returns what each cell is computed from, by row, shape (robots,); bool for categories."""
+    """Returns each robot's value by name of the cell, shape (robots,); bool for categories."""
     rows = [*rows]
     found = abilities(rows)
     kinds = np.array([category(ability) for ability in found], dtype=object)
@@ -201,7 +201,7 @@ def _value(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
 
 
 def resamples_for(family: int) -> int:
-    """Returns the number of permutations of which ten exceed the smallest of Holm's thresholds.
+    """Returns a number of permutations such that about ten lie beyond Holm's smallest threshold.
 
     Args:
       family: Number of cells that are corrected together.
@@ -222,7 +222,7 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
     """Compares all cells of both tables that both runs have, corrected together.
 
     Raises:
-      InputError: there are none, or the schedules differ.
+      InputError: the runs share no condition, or their schedules differ.
     """
     conditions = shared_conditions(ours, other)
     found: list[Cell] = []
@@ -239,7 +239,7 @@ def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
       matches: All robots to compare; their cells are corrected together.
 
     Returns:
-      The two cells of each match.
+      For each match, the cell of mean L and the cell of the time after training.
     """
     resamples = max(_RESAMPLES, resamples_for(2 * len(matches)))
     cells: list[Cell] = []
@@ -252,7 +252,7 @@ def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
 
 
 def verdict(cell: Cell) -> str:
-    """Returns whether ours is "better", "worse" or "undecided" in a cell of `outcomes`."""
+    """Returns whether our run is "better", "worse" or "undecided" in a cell of `outcomes`."""
     if not cell.differs:
         return "undecided"
     higher_is_better = cell.name == "mean L" or SCHEDULES[cell.task].wanted

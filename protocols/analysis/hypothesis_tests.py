@@ -17,7 +17,7 @@ _SEED = 1  # equal data give bit-exact equal p-values
 
 
 class Sample(NamedTuple):
-    """What a test of means needs: mean, sample standard deviation and number of values."""
+    """Summary of a group for a test of means: mean, standard deviation and number of values."""
 
     mean: float
     deviation: float
@@ -29,12 +29,12 @@ class TestedInequality:
     """An inequality that a claim needs, tested in both directions.
 
     Attributes:
-      words: What is compared, with its numbers.
+      words: Description of the comparison in words, with its numbers.
       test: Name of the test.
-      p_for: One-sided p-value under the null hypothesis that the inequality is false; small values
-        support it. NaN where the data do not allow the test.
-      p_against: One-sided p-value under the null hypothesis that the inequality is true; small
-        values contradict it. NaN where the data do not allow the test.
+      p_for: One-sided p-value under the null hypothesis that the inequality is false. Small values
+        support the inequality. NaN where the data do not allow the test.
+      p_against: One-sided p-value under the null hypothesis that the inequality is true. Small
+        values contradict the inequality. NaN where the data do not allow the test.
     """
 
     words: str
@@ -49,13 +49,13 @@ def larger_share(
     """Tests whether the first share is larger than `times` the second.
 
     With `times` = 1 this is Fisher's exact test. Otherwise the first count is tested as binomial,
-    given the number of robots with the property in both groups. That is exact for small shares; for
-    large ones the count scatters less, so that the test is conservative.
+    given the number of robots with the property in both groups. The test is exact for small shares
+    and conservative for large ones, because their count scatters less.
 
     Args:
-      first: Number of robots with the property, and of all robots, in the first group.
-      second: Number of robots with the property, and of all robots, in the second group.
-      words: What is compared, with its numbers.
+      first: Number of robots with the property and number of all robots, in the first group.
+      second: Number of robots with the property and number of all robots, in the second group.
+      words: Description of the comparison in words, with its numbers.
       times: Factor on the second share.
     """
     (a, n), (b, m) = first, second
@@ -80,7 +80,7 @@ def majority(count: int, robots: int, words: str, border: float = 0.5) -> Tested
     Args:
       count: Number of robots with the property.
       robots: Number of all robots.
-      words: What is compared, with its numbers.
+      words: Description of the comparison in words, with its numbers.
       border: Share in [0, 1] to exceed.
     """
     return _both_ways(
@@ -96,8 +96,8 @@ def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) 
     Args:
       first: First group.
       second: Second group.
-      words: What is compared, with its numbers.
-      margin: Least difference; negative to allow the first mean to be smaller by as much.
+      words: Description of the comparison in words, with its numbers.
+      margin: Difference that the first mean minus the second must exceed; may be negative.
     """
     if (fewest := min(first.size, second.size)) < FEWEST:
         return _untested(f"{words}: {fewest} measured robots are too few", "Welch's t test")
@@ -117,7 +117,7 @@ def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> Tested
     Args:
       first: First value of each robot, shape (n,).
       second: Second value of each robot, shape (n,).
-      words: What is compared, with its numbers.
+      words: Description of the comparison in words, with its numbers.
     """
     differences = first - second
     differences = differences[differences != 0]
@@ -133,12 +133,12 @@ def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> Tested
 def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     """Returns the two-sided p-value under the null hypothesis of equal shares.
 
-    McNemar's exact test of pairs, Fisher's exact test otherwise: the exact forms of a permutation
-    test of shares.
+    Pairs are tested by McNemar's exact test, independent groups by Fisher's exact test. Both are
+    exact forms of a permutation test of shares.
 
     Args:
-      first: Which robots of the first group have the property, shape (n,).
-      second: Which robots of the second group have it, shape (m,).
+      first: Whether each robot of the first group has the property, shape (n,).
+      second: Whether each robot of the second group has the property, shape (m,).
       paired: Whether robots of the same index are pairs; then n = m.
     """
     if paired:
@@ -162,9 +162,10 @@ def same_statistic(
     Pairs are swapped at random; robots of independent groups are dealt to the two groups at random.
 
     Args:
-      first: Values of the first group, NaN for a robot that has none, shape (n,).
-      second: Values of the second group, NaN for a robot that has none, shape (m,).
-      statistic: Function of values along an axis that ignores NaN, such as `numpy.nanmean`.
+      first: Values of the first group, shape (n,); NaN for a robot without a value.
+      second: Values of the second group, shape (m,); NaN for a robot without a value.
+      statistic: NumPy function that ignores NaN and has an argument `axis`, such as
+        `numpy.nanmean`.
       paired: Whether robots of the same index are pairs; then n = m.
       resamples: Number of permutations; the p-value is at least 1 / (resamples + 1).
 
@@ -197,16 +198,16 @@ def same_statistic(
 def holm(p_values: np.ndarray) -> np.ndarray:
     """Returns the p-values of a family after Holm's step-down correction.
 
-    The k-th smallest of m is multiplied by m - k + 1, and none becomes smaller than the one before
-    it (Scandinavian Journal of Statistics 6, 1979). Compared with alpha, the probability of
-    rejecting any true hypothesis is at most alpha.
+    The k-th smallest of m p-values is multiplied by m - k + 1, and none becomes smaller than the
+    one before it (Scandinavian Journal of Statistics 6, 1979). If hypotheses with a corrected
+    p-value below alpha are rejected, the probability of rejecting any true one is at most alpha.
 
     Args:
-      p_values: Uncorrected values, shape (m,); NaN for an impossible test, which counts as a
-        member of the family.
+      p_values: Uncorrected p-values, shape (m,); NaN for a test that the data do not allow, which
+        counts as a member of the family.
 
     Returns:
-      Corrected values, shape (m,); NaN stays NaN.
+      Corrected p-values, shape (m,); NaN stays NaN.
     """
     p_values = np.asarray(p_values, dtype=float)
     order = np.argsort(p_values)  # NaN last

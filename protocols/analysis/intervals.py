@@ -31,7 +31,7 @@ def share(count: int, robots: int) -> Interval:
       robots: Number of all robots.
 
     Returns:
-      Ends in [0, 1]; unknown without robots.
+      Lower and upper end in [0, 1]; unknown without robots.
     """
     if not robots:
         return UNKNOWN
@@ -68,7 +68,7 @@ def deviation(values: np.ndarray) -> Interval:
 
 
 def mean_from(summary: Summary) -> Interval:
-    """Returns Student's interval of the mean L, from a column's size and standard deviation."""
+    """Returns Student's t interval of the mean L, from a column's mean, deviation and robots."""
     measured = summary.robots - summary.counts[-1]
     if measured < 2 or not summary.deviation > 0:
         return UNKNOWN
@@ -80,7 +80,7 @@ def mean_from(summary: Summary) -> Interval:
 def chance_variation(first: Summary, second: Summary) -> float:
     """Returns the total variation that sampling alone exceeds with a probability of 5 %.
 
-    Both groups are drawn from the common shares of the two columns, as if all robots belonged to
+    Both groups are drawn from the pooled shares of the two columns, as if all robots belonged to
     one population.
 
     Args:
@@ -88,7 +88,7 @@ def chance_variation(first: Summary, second: Summary) -> float:
       second: The column to compare with.
 
     Returns:
-      The 95th percentile, in [0, 1]; NaN where a column has no robots.
+      The 95th percentile of the total variation, in [0, 1]; NaN where a column has no robots.
     """
     if not first.robots or not second.robots:
         return float("nan")
@@ -105,16 +105,16 @@ def chance_variation(first: Summary, second: Summary) -> float:
 def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) -> Interval:
     """Returns Newcombe's hybrid score interval of a difference of two shares.
 
-    Method 10 of both his papers (Statistics in Medicine 17, 1998): Wilson's two intervals,
-    combined with the correlation of the pairs, which is 0 for independent groups.
+    This is method 10 of both of Newcombe's papers (Statistics in Medicine 17, 1998). It combines
+    Wilson's intervals of both shares with the correlation of the pairs, 0 for independent groups.
 
     Args:
-      first: Which robots of the first group have the property, shape (n,).
-      second: Which robots of the second group have it, shape (m,).
+      first: Whether each robot of the first group has the property, shape (n,).
+      second: Whether each robot of the second group has the property, shape (m,).
       paired: Whether robots of the same index are pairs; then n = m.
 
     Returns:
-      Ends of first minus second, in [-1, 1]; unknown where a group has no robots.
+      Interval of the first share minus the second, in [-1, 1]; unknown if a group has no robots.
     """
     if not len(first) or not len(second):
         return UNKNOWN
@@ -129,7 +129,7 @@ def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) ->
 
 
 def _correlation(first: np.ndarray, second: np.ndarray) -> float:
-    """Returns phi of pairs, with Newcombe's correction for continuity where phi is positive."""
+    """Returns the phi coefficient of pairs, with Newcombe's continuity correction if positive."""
     n, both = len(first), int((first & second).sum())
     a, b = int(first.sum()), int(second.sum())
     scale = float(a * (n - a) * b * (n - b)) ** 0.5
@@ -143,14 +143,15 @@ def difference(
     """Returns the BCa bootstrap interval of a difference of two groups' statistics.
 
     Args:
-      first: Values of the first group, NaN for a robot that has none, shape (n,).
-      second: Values of the second group, NaN for a robot that has none, shape (m,).
-      statistic: Function of values along an axis that ignores NaN, such as `numpy.nanmean`.
-      paired: Whether robots of the same index are pairs, drawn together; then n = m.
+      first: Values of the first group, shape (n,); NaN for a robot without a value.
+      second: Values of the second group, shape (m,); NaN for a robot without a value.
+      statistic: NumPy function that ignores NaN and has an argument `axis`, such as
+        `numpy.nanmean`.
+      paired: Whether robots of the same index are pairs, resampled together; then n = m.
 
     Returns:
-      Ends of first minus second; unknown for fewer than `FEWEST` values, and where a resample may
-      have none.
+      Interval of the first statistic minus the second; unknown if a group has fewer than `FEWEST`
+      values, or if a resample could contain no values.
     """
     if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
         return UNKNOWN

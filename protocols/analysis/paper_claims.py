@@ -1,8 +1,8 @@
-"""The claims of section 4 of the paper, and the inequalities that they are made of.
+"""The claims of section 4 of the paper, and the inequalities that they consist of.
 
-Words without a number in the paper ("mostly", "far", "about", "many") have one here, which the
-claim states. All were chosen before any verdict was seen. The paper's own tables are judged by the
-same tests, where they print enough to do so.
+The paper uses words without a number ("mostly", "far", "about", "many"). Each claim here states a
+number for them. All numbers were chosen before any verdict was seen. The same tests judge the
+paper's own tables where these print enough data.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]
 
     Args:
       run: The run.
-      behaviour: What its brains do in their robots; None if they were not observed.
+      behaviour: Behaviour of the run's robots; None if they were not observed.
 
     Returns:
-      A result for every claim; none for a run with another protocol, another brain, or no
-      condition of the paper's: it neither supports the claims nor contradicts them.
+      A result for every claim; empty for a run with another protocol, another brain, or none of
+      the paper's conditions, because it neither supports nor contradicts the claims.
     """
     experiment = run.experiment
     comparable = experiment.protocol == "paper" and experiment.brain_name == "paper"
@@ -65,7 +65,7 @@ def robots(evidence: Evidence, condition: Condition) -> list[Robot]:
     """Returns the valid robots of a condition.
 
     Raises:
-      Undecidable: there are none.
+      Undecidable: the condition has no valid robots.
     """
     rows = evidence.single_robots().valid(condition)
     if not rows:
@@ -74,29 +74,29 @@ def robots(evidence: Evidence, condition: Condition) -> list[Robot]:
 
 
 def count(evidence: Evidence, condition: Condition, category: str) -> tuple[int, int]:
-    """Returns the number of a condition's robots in a category, and the number of all."""
+    """Returns the number of a condition's robots in a category, and of all its robots."""
     summary = evidence.summary(condition)
     return summary.counts[CATEGORIES.index(category)], summary.robots
 
 
 def ability(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns L of a condition's measured robots."""
+    """Returns the Learn Ability L of a condition's measured robots."""
     summary = evidence.summary(condition)
     return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
 
 
 def post_share(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the robots' shares of the test after training with the event."""
+    """Returns the share of the test after training in contact (or in the spot)."""
     rows = robots(evidence, condition)
     found = evidence.single_robots().shares(condition, "post")
     return Sample(float(found.mean()), float(found.std(ddof=min(1, len(rows) - 1))), len(rows))
 
 
 def arrival_minutes(evidence: Evidence, condition: Condition) -> np.ndarray:
-    """Returns when robots are in the spot for the first time in the test after training.
+    """Returns the minute of the test after training in which each robot is first in the spot.
 
     Returns:
-      Number of the minute, from 0, shape (n,); NaN for robots that never arrive.
+      Index of the minute, from 0, shape (n,); NaN for robots that never arrive.
 
     Raises:
       Undecidable: there are no robots, or no data of the test.
@@ -120,7 +120,7 @@ def ranks(condition: Condition, category: str, *, most: bool, times: float = 1) 
       condition: The condition.
       category: One of `CATEGORIES`.
       most: True for the most, False for the fewest.
-      times: Factor by which the larger share exceeds the smaller.
+      times: Least ratio of the larger share to the smaller one.
     """
 
     def compare(evidence: Evidence) -> list[TestedInequality]:
@@ -162,9 +162,9 @@ def leads(values: Values, condition: Condition, what: str, *, highest: bool) -> 
     """Returns the test that a condition's mean is the highest, or the lowest.
 
     Args:
-      values: Function that returns the values of a condition.
+      values: Function that returns the compared values of a condition.
       condition: The condition.
-      what: Name of the values.
+      what: Name of the compared values.
       highest: True for the highest, False for the lowest.
     """
 
@@ -182,7 +182,7 @@ def leads(values: Values, condition: Condition, what: str, *, highest: bool) -> 
 
 
 def far_below(gap: float) -> Compare:
-    """Returns the test that all mean L of spot finding are below wall avoidance's by a gap."""
+    """Returns the test that every mean L of spot finding is below wall avoidance's by a gap."""
 
     def compare(evidence: Evidence) -> list[TestedInequality]:
         found = []
@@ -226,7 +226,7 @@ def spoiled_without_contact(condition: Condition) -> Compare:
 
 
 def arrive_late(condition: Condition, least: float) -> Compare:
-    """Returns the test that a share of the arriving robots needs 20 minutes or more."""
+    """Returns the test that at least a share of the arriving robots needs 20 minutes or more."""
 
     def compare(evidence: Evidence) -> list[TestedInequality]:
         if evidence.single_robots().experiment.time_scale != 1:
@@ -264,7 +264,7 @@ def spin(task: str) -> Compare:
 
 
 def contour_then_spin(evidence: Evidence) -> list[TestedInequality]:
-    """Tests that robots follow the spot's contour less, and spin inside more, as time passes."""
+    """Tests that, over time, robots follow the spot's contour less and spin inside it more."""
     found = {who: stay for who, stay in evidence.observed().stays.items() if stay.staying.any()}
     if not found:
         raise Undecidable("no robot stays at the spot")

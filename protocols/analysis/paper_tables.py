@@ -22,10 +22,11 @@ class Column:
 
     Attributes:
       summary: Values of the cells.
-      shares: Interval of each category's share.
+      shares: Intervals of the categories' shares of the robots.
       mean: Interval of the mean L.
       deviation: Interval of the standard deviation of L.
-      post_share: Interval of the mean share of the test after training.
+      post_share: Interval of the mean share of time in contact (or in the spot) in the test after
+        training.
     """
 
     summary: Summary
@@ -36,7 +37,7 @@ class Column:
 
 
 def column(run: Run, condition: Condition) -> Column:
-    """Returns the column that the robots of a condition fill."""
+    """Returns the column of a run's condition, computed from its robots."""
     abilities, summary = run.abilities(condition), run.summary(condition)
     measured = abilities[~np.isnan(abilities)]
     return Column(

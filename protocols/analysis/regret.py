@@ -1,4 +1,4 @@
-"""Regret: how much value the best idea of a brain falls short of the best of all actions."""
+"""Regret: value of the best of all actions minus value of a brain's best idea."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GRID = 41  # motor values along each side of the grid of all actions
 
 
 def grid() -> torch.Tensor:
-    """Returns actions that cover the square of motor values, left motor first.
+    """Returns actions on a grid over all motor values, left motor first.
 
     Returns:
       Motor values in [-0.5, 0.5], shape (1, 41 x 41, 2).
@@ -24,12 +24,12 @@ def grid() -> torch.Tensor:
 
 @torch.inference_mode()
 def regret(brain: Neurocontroller, sensed: torch.Tensor, ideas: torch.Tensor) -> torch.Tensor:
-    """Returns the value of the best action minus the value of the best idea.
+    """Returns the regret of ideas: the value of the best action minus that of the best idea.
 
     Args:
       brain: Brains of B robots, whose evaluation networks give the values.
       sensed: Sensor signals, shape (B, S).
-      ideas: D draws of A ideas, shape (B, D, A, 2).
+      ideas: D draws of A ideas each for every robot, as motor values, shape (B, D, A, 2).
 
     Returns:
       Regret of each draw as a share of the range of all actions' values, in [0, 1], shape (B, D).
@@ -41,10 +41,10 @@ def regret(brain: Neurocontroller, sensed: torch.Tensor, ideas: torch.Tensor) ->
 
 
 def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
-    """Returns what a robot senses in three typical situations of a task.
+    """Returns the sensor signals of a robot in three typical situations of a task.
 
     Args:
-      batch: One robot, which is placed in each situation.
+      batch: Batch of one robot, which is placed in each situation.
       task: Task of the batch.
 
     Returns:

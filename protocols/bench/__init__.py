@@ -1,1 +1,1 @@
-"""Speed and memory, compared with the bare physics: `musebot bench`."""
+"""Measures speed and memory, compared with bare physics (`musebot bench`)."""

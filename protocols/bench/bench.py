@@ -1,4 +1,4 @@
-"""The benchmark: measures one thing after another and prints each as Markdown.
+"""The benchmark: makes one measurement after another and prints each as Markdown.
 
 docs/performance.md describes the methods.
 """
@@ -47,17 +47,18 @@ _LONGEST = 500  # control steps in a block
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """Lengths of all measurements.
+    """Numbers of blocks, rounds and steps in all measurements.
 
     Attributes:
-      blocks: Blocks of a cohort and of its bare physics, wall avoidance.
-      fewer_blocks: Blocks of other tasks and other numbers of robots.
-      robot_steps: Approximate robot-steps in a block.
-      turns: Repetitions of one process, two and all.
-      rounds: Rounds of the models' and the environments' steps.
-      physics_steps: Physics steps of a model in a round.
-      env_steps: Calls of `env.step` in a round.
-      memory_steps: Control steps before a process's peak memory is read.
+      blocks: Number of blocks for each cohort in wall avoidance, and for each brain.
+      fewer_blocks: Number of blocks for each cohort in spot finding, for each cohort that is only
+        in the measurement of cohort sizes, and for MuJoCo's timers.
+      robot_steps: Approximate number of robot-steps in a block.
+      turns: Number of repetitions of the measurement of one, two and all processes.
+      rounds: Number of rounds in which models and environments are timed.
+      physics_steps: Number of physics steps of a model in a round.
+      env_steps: Number of calls of `env.step` in a round.
+      memory_steps: Number of control steps before the peak memory of a process is read.
     """
 
     blocks: int
@@ -70,7 +71,7 @@ class Effort:
     memory_steps: int
 
     def setting(self, task: str, proposer: str, robots: int) -> Setting:
-        """Returns the setting of a cohort with blocks of this effort's length."""
+        """Returns the setting of a cohort, with about `robot_steps` robot-steps in a block."""
         # The creative memory draws its noise patterns every 500 steps. With few robots that
         # matters, and every block contains it once; with many it is below one percent.
         steps = max(1, min(self.robot_steps // robots, _LONGEST))
@@ -91,16 +92,16 @@ def run(
     """Measures everything and prints every section as soon as it is known.
 
     Args:
-      json_file: File for all numbers, or None.
-      figure: File for the plot of the cost against the number of robots, or None.
-      own_car: MuJoCo's own model/car/car.xml; None searches the usual folders.
+      json_file: File to which all numbers are written; None for no file.
+      figure: File to which the plot of cost against number of robots is written; None for no plot.
+      own_car: Path of MuJoCo's own model/car/car.xml; None searches the usual folders.
       quick: Whether to measure as little as possible, to check that everything works.
-      interfaces: Whether to measure the Gymnasium interfaces, and nothing else.
+      interfaces: Whether to measure only the Gymnasium interfaces.
 
     Raises:
       InputError: A file cannot be written, the car cannot be read, Gymnasium is not installed,
         or options exclude each other.
-      RunError: A process died, or a replay ended in other states than its cohort.
+      RunError: A process died, or the final states of a replay differ from its cohort's.
     """
     for path, suffixes in ((json_file, ()), (figure, (".svg", ".png", ".pdf"))):
         if path is not None:

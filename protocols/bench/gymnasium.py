@@ -1,6 +1,6 @@
-"""Speed of the Gymnasium interfaces: the batch against bare physics and single environments.
+"""Speed of the Gymnasium batch, compared with bare physics and with single environments.
 
-Needs the extra `gym`. If EnvPool is installed, its PointMass is timed for scale.
+Needs the extra `gym`. If EnvPool is installed, its PointMass is timed for comparison.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from .section import Section
 
 @dataclasses.dataclass(frozen=True)
 class InterfaceCosts:
-    """Durations of a control step of all robots in [s], for each round.
+    """Durations in [s] of a control step of all robots, one for each round.
 
-    All are measured in alternation, so that other load on the machine slows them equally.
+    All interfaces are timed in alternation, so that other load on the machine slows them equally.
 
     Attributes:
       robots: Number of robots.
-      threads: Threads of the batch and of bare physics.
-      substeps: Physics steps in a control step.
-      batch: The batch that `make_vec` returns.
-      bare: `mujoco.rollout` alone, from the same states with the same motor commands: one call
-        a control step, with sensors, arrays allocated before.
-      single: Gymnasium's SyncVectorEnv of single environments.
-      pool: EnvPool's PointMass with as many environments and threads, one physics step each;
-        empty without EnvPool.
+      threads: Number of threads of the batch, and of bare physics.
+      substeps: Number of physics steps in a control step.
+      batch: Durations of a step of the batch that `make_vec` returns.
+      bare: Durations of `mujoco.rollout` alone, from the same states with the same motor commands:
+        one call per control step, with sensors, and arrays allocated before.
+      single: Durations of a step of Gymnasium's SyncVectorEnv of single environments.
+      pool: Durations of a step of EnvPool's PointMass with as many environments and threads, one
+        physics step each; empty without EnvPool.
     """
 
     robots: int
@@ -48,16 +48,16 @@ class InterfaceCosts:
 
     @property
     def over_bare(self) -> float:
-        """Median rate of the batch over that of bare physics."""
+        """Median ratio of the batch's steps per second to those of bare physics."""
         return median(b / a for a, b in zip(self.batch, self.bare, strict=True))
 
     @property
     def over_single(self) -> float:
-        """Median rate of the batch over that of single environments."""
+        """Median ratio of the batch's steps per second to those of single environments."""
         return median(b / a for a, b in zip(self.batch, self.single, strict=True))
 
     def section(self) -> Section:
-        """Returns the rates as Markdown."""
+        """Returns the section with the steps per second of all interfaces."""
         rows = [
             ("bare `mujoco.rollout`", self.bare, self.substeps),
             ("`make_vec`, the batch", self.batch, self.substeps),
@@ -82,13 +82,13 @@ class InterfaceCosts:
 def measure(
     robots: int = 500, threads: int = 2, rounds: int = 5, steps: int = 10
 ) -> InterfaceCosts:
-    """Measures wall avoidance with unit actions.
+    """Times the interfaces in wall avoidance with unit actions.
 
     Args:
       robots: Number of robots.
-      threads: Threads of the batch and of bare physics; 0 uses the calling thread.
-      rounds: Number of rounds, after one to warm up.
-      steps: Control steps of all robots in a round.
+      threads: Number of threads of the batch, and of bare physics; 0 uses the calling thread.
+      rounds: Number of timed rounds, after an additional round to warm up.
+      steps: Number of control steps in a round.
 
     Raises:
       RunError: Bare physics and the batch ended in different states.

@@ -1,6 +1,6 @@
-"""Paired timing: cohorts in training against the bare physics of the same control steps.
+"""Times cohorts in training, paired with bare physics of the same control steps.
 
-A worker process imports no more than one of `musebot run`, so that its memory is comparable.
+A worker process imports no more than a process of `musebot run`, so that its memory is comparable.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """The cohort to measure, and the length of a block.
+    """Cohort to measure, and length of a block.
 
     Attributes:
       task: "wall_avoidance" or "spot_finding".
       proposer: "fixed", "random" or "creative".
       robots: Number of robots in the cohort.
-      steps: Control steps in a block.
+      steps: Number of control steps in a block.
       brain: Name of the robots' brain.
     """
 
@@ -46,12 +46,12 @@ class Setting:
 
     @property
     def robot_steps(self) -> int:
-        """Robots times control steps of a block."""
+        """Number of robot-steps in a block: robots times control steps."""
         return self.robots * self.steps
 
     @property
     def experiment(self) -> Experiment:
-        """The experiment that the cohort belongs to."""
+        """Experiment that the cohort belongs to."""
         return Experiment(brain=BRAINS[self.brain], cohort_size=self.robots)
 
 
@@ -72,11 +72,11 @@ class RecordingBatch(Batch):
 
     Attributes:
       motors: Motor commands of every control step, each of shape (B, 2).
-      physics_seconds: Time spent in MuJoCo.
+      physics_seconds: Time in [s] spent in MuJoCo.
     """
 
     def __init__(self, batch: Batch) -> None:
-        """Creates robots with the model and the rules of `batch`, all at the origin."""
+        """Creates robots with the model and rules of `batch`, all at the origin."""
         self.motors: list[np.ndarray] = []
         self.physics_seconds = 0.0
         super().__init__(batch.model, batch.rules, batch.robots)
@@ -94,10 +94,10 @@ class RecordingBatch(Batch):
 
 
 class TimedAgent(Agent):
-    """An agent that forwards every call to another one, and times acting and learning.
+    """An agent that forwards every call to another agent, and times acting and learning.
 
     Attributes:
-      seconds: Time spent in `act` and `learn`.
+      seconds: Time in [s] spent in `act` and `learn`.
     """
 
     def __init__(self, agent: Agent) -> None:
@@ -136,13 +136,13 @@ class TimedAgent(Agent):
 
 
 class BareRollout:
-    """`mujoco.rollout` and nothing else: one call a control step, with all sensors.
+    """`mujoco.rollout` and nothing else: one call per control step, with all sensors.
 
-    This is the least that any program must do that chooses new motor commands in every control
-    step. Argument checks are off. Inputs and outputs are allocated before the clock starts.
+    Any program that chooses new motor commands in every control step must do at least this.
+    Argument checks are off. Inputs and outputs are allocated before the clock starts.
 
     Attributes:
-      state: State of every robot, shape (B, n).
+      state: State of every robot, n numbers each, shape (B, n).
     """
 
     def __init__(self, model: mujoco.MjModel, robots: int, substeps: int, threads: int = 0) -> None:
@@ -151,7 +151,7 @@ class BareRollout:
         Args:
           model: Compiled arena.
           robots: Number of robots, B.
-          substeps: Physics steps in a control step.
+          substeps: Number of physics steps in a control step.
           threads: Number of threads; 0 uses the calling thread.
         """
         self._substeps = substeps
@@ -163,14 +163,14 @@ class BareRollout:
         self._sensors = np.zeros((robots, substeps, model.nsensordata))
 
     def drive(self, start: np.ndarray, motors: np.ndarray) -> float:
-        """Simulates the robots with given motor commands.
+        """Simulates the robots with the given motor commands.
 
         Args:
           start: Initial states, shape (B, n).
           motors: Motor commands of T control steps, shape (T, B, 2).
 
         Returns:
-          Duration of the loop in [s].
+          Duration of the simulation in [s].
         """
         controls = np.repeat(motors[:, :, None], self._substeps, axis=2)
         self.state[:] = start
@@ -191,15 +191,15 @@ class BareRollout:
 
 
 class TimedCohort:
-    """A cohort in training, and a bare replay of its last block.
+    """A cohort in training, and the replay of its last block with bare physics.
 
     Training is measured because it is the most expensive part of a life: robots also learn.
 
     Attributes:
-      setting: The cohort and the length of a block.
-      agent: What drives the robots, timed.
-      batch: The robots, timed and recorded.
-      bare: The robots of the replay.
+      setting: Cohort to measure, and length of a block.
+      agent: Agent that drives the robots, with its time.
+      batch: Robots of the cohort, with the time of their physics and their motor commands.
+      bare: Robots of the replay.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -222,12 +222,12 @@ class TimedCohort:
 
     @property
     def brain_seconds(self) -> float:
-        """Time of the last block spent in acting and learning, in [s]."""
+        """Time in [s] that the last block spent in acting and learning."""
         return self.agent.seconds
 
     @property
     def physics_seconds(self) -> float:
-        """Time of the last block spent in MuJoCo, in [s]."""
+        """Time in [s] that the last block spent in MuJoCo."""
         return self.batch.physics_seconds
 
     def simulate(self) -> float:
@@ -243,7 +243,7 @@ class TimedCohort:
         """Replays the last block with bare physics; returns its duration in [s].
 
         Raises:
-          RunError: The final states differ, so the work was not equal.
+          RunError: The final states differ from the cohort's, so the work was not equal.
         """
         seconds = self.bare.drive(self._start, np.array(self.batch.motors, dtype=float))
         if not np.array_equal(self.bare.state, self.state):
@@ -256,14 +256,14 @@ class TimedCohort:
 
 @dataclasses.dataclass(frozen=True)
 class PairedTiming:
-    """Blocks of a cohort and of its bare physics, in alternation, in one process.
+    """Durations of a cohort's blocks and of their bare replays, in alternation, in one process.
 
     Attributes:
-      setting: The cohort and the length of a block.
+      setting: Cohort to measure, and length of a block.
       life: Duration of each simulated block in [s].
-      brain: Time in acting and learning for each block in [s].
-      physics: Time in MuJoCo for each block in [s]. A cohort evaluates the sensors in the last
-        substep of a control step only; the bare replay evaluates them in all substeps.
+      brain: Time in [s] that each block spent in acting and learning.
+      physics: Time in [s] that each block spent in MuJoCo. A cohort evaluates the sensors in the
+        last substep of a control step only; the bare replay evaluates them in all substeps.
       bare: Duration of each replayed block in [s].
     """
 
@@ -275,7 +275,7 @@ class PairedTiming:
 
     @property
     def ratios(self) -> list[float]:
-        """Throughput of the cohort over that of the bare physics, for each block."""
+        """Ratio of the cohort's throughput to that of bare physics, for each block."""
         return [bare / life for life, bare in zip(self.life, self.bare, strict=True)]
 
     @property
@@ -285,7 +285,7 @@ class PairedTiming:
 
     @property
     def microseconds(self) -> dict[str, float]:
-        """Median cost of a robot-step in [us]: total, physics, brain, rest and bare."""
+        """Median time of a robot-step in [us]: total, physics, brain, rest and bare."""
         per_step = 1e6 / self.setting.robot_steps
         rest = [a - b - c for a, b, c in zip(self.life, self.brain, self.physics, strict=True)]
         return {
@@ -298,7 +298,7 @@ class PairedTiming:
 
 
 def time_pairs(setting: Setting, blocks: int) -> PairedTiming:
-    """Simulates and replays blocks in alternation, after one block to warm up."""
+    """Simulates and replays `blocks` blocks in alternation, after one block to warm up."""
     cohort = TimedCohort(setting)
     cohort.simulate()
     cohort.replay()
@@ -312,12 +312,12 @@ def time_pairs(setting: Setting, blocks: int) -> PairedTiming:
 
 @dataclasses.dataclass(frozen=True)
 class BrainCost:
-    """Time that brains take in the blocks of a cohort.
+    """Time that acting and learning take in the blocks of a cohort.
 
     Attributes:
-      setting: The cohort and the length of a block.
+      setting: Cohort to measure, and length of a block.
       life: Duration of each block in [s].
-      brain: Time in acting and learning for each block in [s].
+      brain: Time in [s] that each block spent in acting and learning.
     """
 
     setting: Setting
@@ -326,16 +326,16 @@ class BrainCost:
 
     @property
     def microseconds(self) -> float:
-        """Median cost of acting and learning a robot-step in [us]."""
+        """Median time of acting and learning per robot-step in [us]."""
         return 1e6 * median(self.brain) / self.setting.robot_steps
 
     @property
     def share(self) -> float:
-        """Median share of the time spent in acting and learning."""
+        """Median share of a block's duration spent in acting and learning."""
         return median(brain / life for brain, life in zip(self.brain, self.life, strict=True))
 
     def ratio(self, other: BrainCost) -> float:
-        """Returns the median ratio to the cost of another brain, block by block."""
+        """Returns the median, over blocks, of this brain's time divided by the other brain's."""
         return median(a / b for a, b in zip(self.brain, other.brain, strict=True))
 
 
@@ -344,7 +344,7 @@ def brain_costs(cohorts: Sequence[TimedCohort], blocks: int) -> dict[str, BrainC
 
     Args:
       cohorts: Cohorts with different brains.
-      blocks: Number of blocks of each.
+      blocks: Number of timed blocks of each cohort.
 
     Returns:
       Costs by the name of the brain.

@@ -1,4 +1,4 @@
-"""Everything that one run of the benchmark measured, its derived figures, JSON and plot."""
+"""All measurements of one run of the benchmark, with derived numbers, JSON and plot."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ TABLE_ROBOTS = 500  # in each condition of the paper's tables
 
 @dataclasses.dataclass(frozen=True)
 class Measurements:
-    """What one run of the benchmark measured.
+    """All measurements of one run of the benchmark.
 
     Attributes:
-      lives: Every task and proposer against bare physics; wall avoidance with SMALL robots, too.
-      sizes: Creative wall avoidance with every number of robots.
-      brains: Cost of our brain and of the paper's, creative robots, by task and brain.
-      timers: Duration of a bare block in [s] with MuJoCo's timers on, and off.
-      scaling: One process against several, simulating and replaying.
-      steps: Cost of a physics step, by model.
-      environments: Cost of `env.step`, by environment.
+      lives: Paired timings of every task and proposer with MAIN robots, and of wall avoidance also
+        with SMALL robots.
+      sizes: Paired timings of creative wall avoidance, one for each number of robots.
+      brains: Time of the brains of creative robots, by task and by name of the brain.
+      timers: Durations in [s] of a bare block with MuJoCo's timers on, and with them off.
+      scaling: Timings of one, two and all processes, by kind of work: simulating or replaying.
+      steps: Time of a physics step, by name of the model.
+      environments: Time of `env.step`, by name of the environment.
       memory: Peak memory of a process in MB, by number of robots.
     """
 
@@ -58,17 +59,17 @@ class Measurements:
         raise KeyError(f"{task}, {proposer}, {robots} robots were not measured")
 
     def brain_ratio(self, task: str) -> float:
-        """Returns the cost of our brain over that of the paper's."""
+        """Returns the ratio of the time of the brain `steady` to that of the brain `paper`."""
         return self.brains[task][STEADY].ratio(self.brains[task][PAPER])
 
     @property
     def step_ratio(self) -> float:
-        """Cost of our model's physics step over that of the car-like model."""
+        """Ratio of the time of our model's physics step to that of the car-like model."""
         return self.steps[OURS].ratio(self.steps[LIKE_CAR])
 
     @property
     def env_overhead(self) -> float:
-        """Time of `env.step` outside the physics in [us], in the more expensive of our tasks."""
+        """Time of `env.step` outside the physics in [us], in the slower of our two tasks."""
         return max(self.environments[task].overhead_us for task in PAPER_TASKS)
 
     @property
@@ -78,30 +79,30 @@ class Measurements:
 
     @property
     def realtime_factor(self) -> float:
-        """Robot-seconds that all cores together simulate in a second."""
+        """Robot-seconds that all processes together simulate per second of real time."""
         return self.scaling["live"].robot_steps_per_second * CONTROL_TIMESTEP
 
     def hours(self, task: str, proposer: str) -> float:
-        """Returns the hours of a condition of the paper's tables with two processes.
+        """Returns the time in [h] of simulating a condition of the paper's tables on two processes.
 
-        The rate is that of training, also for the tests.
+        It assumes the speed of training for the tests, too.
         """
         seconds = self.timing(task, proposer, MAIN).microseconds["total"] * 1e-6
         return TABLE_ROBOTS * life_steps(task) * seconds / self.scaling["live"].ratio / 3600
 
     @property
     def tables_hours(self) -> float:
-        """Hours of both of the paper's tables with two processes."""
+        """Time in [h] of simulating both of the paper's tables on two processes."""
         return sum(self.hours(task, proposer) for task in PAPER_TASKS for proposer in PROPOSERS)
 
 
 def life_steps(task: str) -> int:
-    """Returns the control steps of a life."""
+    """Returns the number of control steps in a life."""
     return sum(Experiment().schedule(task).steps())
 
 
 def as_json(measured: Measurements) -> dict[str, Any]:
-    """Returns the figures, and the seconds of every block as `raw`, as plain data."""
+    """Returns the derived numbers, and all measurements under `raw`, as plain data."""
     ratios = {
         p: {str(n): measured.timing("wall_avoidance", p, n).ratio for n in (SMALL, MAIN)}
         for p in PROPOSERS
@@ -143,10 +144,10 @@ def _name(setting: Setting) -> str:
 
 
 def draw(sizes: Sequence[PairedTiming], path: Path) -> None:
-    """Plots the cost of a robot-step against the number of robots.
+    """Plots the time of a robot-step against the number of robots.
 
     Args:
-      sizes: Timings of different numbers of robots.
+      sizes: Paired timings of cohorts with different numbers of robots.
       path: File to write, an .svg, .png or .pdf.
     """
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""Cost of a physics step and of an environment step, by model."""
+"""Times a physics step of several models, and `env.step` of several environments."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ OURS, SENSELESS, LIKE_CAR, CAR_XML = "ours", "ours, sensors off", "car-like", "M
 
 
 def car_xml(path: Path | None) -> mujoco.MjModel | None:
-    """Returns MuJoCo's own car, or None where there is no such file.
+    """Returns MuJoCo's own car; None if there is no such file.
 
     Args:
       path: File to read; None searches the folders where MuJoCo is usually unpacked.
@@ -102,17 +102,17 @@ def car_xml(path: Path | None) -> mujoco.MjModel | None:
 
 @dataclasses.dataclass(frozen=True)
 class StepCost:
-    """Cost of a model's physics step.
+    """Time of a model's physics step, and the size of the model.
 
     Attributes:
       name: Name of the model.
       timestep: Integration timestep in [s].
       freedoms: Number of degrees of freedom.
       geoms: Number of geoms.
-      sensors: Number of sensors that a step evaluates.
-      contacts: Mean number of contacts.
-      rows: Mean number of constraint rows.
-      seconds: Duration of a step for each round in [s].
+      sensors: Number of sensors that a physics step evaluates.
+      contacts: Mean number of contacts in a physics step.
+      rows: Mean number of constraint rows in a physics step.
+      seconds: Mean duration of a physics step in [s], one value for each round.
     """
 
     name: str
@@ -125,15 +125,15 @@ class StepCost:
     seconds: tuple[float, ...]
 
     def ratio(self, other: StepCost) -> float:
-        """Returns the median ratio to another model's cost, round by round."""
+        """Returns the median, over rounds, of this model's time divided by the other model's."""
         return median(a / b for a, b in zip(self.seconds, other.seconds, strict=True))
 
 
 class ModelTimer:
-    """A model under random controls, drawn for every control step of 0.1 s."""
+    """Times a model under random controls, drawn for every control step of 0.1 s."""
 
     def __init__(self, name: str, model: mujoco.MjModel, *, sensors: bool = True) -> None:
-        """Puts the model at its initial state.
+        """Sets the model to its initial state.
 
         Args:
           name: Name of the model.
@@ -165,7 +165,7 @@ class ModelTimer:
         self._seconds.append(total / (count * self._substeps))
 
     def cost(self) -> StepCost:
-        """Returns the cost without the first round, which warms up."""
+        """Returns the time of a step in all rounds but the first, which warms up."""
         contacts, rows = map(mean, zip(*self._contacts, strict=True))
         model = self._model
         return StepCost(
@@ -181,15 +181,15 @@ class ModelTimer:
 
 
 def step_costs(own_car: mujoco.MjModel | None, rounds: int, steps: int) -> dict[str, StepCost]:
-    """Times our model with and without sensors, and a car-like one, in alternation.
+    """Times our model with and without sensors, and a car-like model, in alternation.
 
     Args:
-      own_car: MuJoCo's own car to be timed as well, or None.
-      rounds: Number of rounds, after one to warm up.
-      steps: Physics steps in a round, at least.
+      own_car: MuJoCo's own car, which is timed as well; None for no such model.
+      rounds: Number of timed rounds, after an additional round to warm up.
+      steps: Minimum number of physics steps in a round.
 
     Returns:
-      Costs by the name of the model.
+      Times of a physics step by the name of the model.
     """
     timers = [
         ModelTimer(OURS, arena_spec().compile()),
@@ -207,13 +207,13 @@ def step_costs(own_car: mujoco.MjModel | None, rounds: int, steps: int) -> dict[
 
 @dataclasses.dataclass(frozen=True)
 class EnvironmentCost:
-    """Cost of `env.step` compared with the physics steps in it.
+    """Time of `env.step`, and of its physics steps alone.
 
     Attributes:
       name: Name of the environment.
-      substeps: Physics steps in an `env.step`.
-      step: Duration of `env.step` for each round in [s].
-      bare: Duration of its physics steps alone for each round in [s].
+      substeps: Number of physics steps in an `env.step`.
+      step: Mean duration of `env.step` in [s], one value for each round.
+      bare: Mean duration of its physics steps alone in [s], one value for each round.
     """
 
     name: str
@@ -228,15 +228,15 @@ class EnvironmentCost:
 
 
 class EnvironmentTimer:
-    """An environment under random actions, and bare MuJoCo data that repeat its physics.
+    """Times an environment under random actions, and its physics repeated by bare MuJoCo.
 
     Attributes:
       name: Name of the environment.
-      substeps: Physics steps in an `env.step`.
+      substeps: Number of physics steps in an `env.step`.
     """
 
     def __init__(self, name: str, environment: Environment) -> None:
-        """Begins an episode that does not end."""
+        """Starts an episode that does not end."""
         self.name = name
         self._environment = environment
         environment.reset()
@@ -261,10 +261,10 @@ class EnvironmentTimer:
         return total / count
 
     def bare(self) -> float:
-        """Returns the mean duration of the same physics steps without the environment in [s].
+        """Returns the mean duration in [s] of the physics steps in `env.step`, simulated alone.
 
         Raises:
-          RunError: The bare physics did not end in the positions of the environment.
+          RunError: The final positions of bare physics differ from the environment's.
         """
         model, data = self._model, self._bare_data
         total = 0.0
@@ -292,11 +292,11 @@ def _physics_steps(legacy: bool, substeps: int) -> Callable[[mujoco.MjModel, muj
 
 
 def environment_costs(rounds: int, steps: int) -> list[EnvironmentCost]:
-    """Times `env.step` of our tasks and of dm_control's point_mass, and their bare physics.
+    """Times `env.step` of our tasks and of dm_control's point_mass, and their physics alone.
 
     Args:
-      rounds: Number of rounds in alternation, after one to warm up.
-      steps: Calls of `env.step` in a round.
+      rounds: Number of timed rounds, after an additional round to warm up.
+      steps: Number of calls of `env.step` in a round.
     """
     timers = [
         EnvironmentTimer(task, tasks.load("arena", task, task_kwargs={"random": 1}))

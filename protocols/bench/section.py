@@ -1,4 +1,4 @@
-"""A section of what `musebot bench` prints."""
+"""A section of the output of `musebot bench`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ class Section:
     """A heading, a paragraph and a table.
 
     Attributes:
-      title: Heading.
-      text: What is measured.
-      head: Heads of the table's columns.
-      rows: Rows of the table.
+      title: Heading of the section.
+      text: Paragraph that says what is measured.
+      head: Names of the table's columns.
+      rows: Rows of the table, a text for each cell.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""The benchmark's Markdown: a section for each thing that was measured."""
+"""Makes the sections of the benchmark's output, one for each kind of measurement."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .workers import Scaling, Work
 
 
 def machine_section(machine: Mapping[str, Any]) -> Section:
-    """Returns the versions and the processor of the measurement."""
+    """Returns a section with the versions and the processor."""
     text = "The machine of all measurements below."
     if machine["quick"]:
         text += " **Measured with --quick: too short to be quoted.**"
@@ -31,7 +31,7 @@ def machine_section(machine: Mapping[str, Any]) -> Section:
 
 
 def lives_section(timings: Iterable[PairedTiming]) -> Section:
-    """Returns the throughput of every condition against bare physics."""
+    """Returns a section on the throughput of every condition, compared with bare physics."""
     rows = []
     for timing in timings:
         us = timing.microseconds
@@ -66,7 +66,7 @@ def lives_section(timings: Iterable[PairedTiming]) -> Section:
 
 
 def sizes_section(timings: Iterable[PairedTiming]) -> Section:
-    """Returns the cost of a robot-step for every number of robots."""
+    """Returns a section on the time of a robot-step for every number of robots."""
     rows = []
     for timing in timings:
         us = timing.microseconds
@@ -83,7 +83,7 @@ def sizes_section(timings: Iterable[PairedTiming]) -> Section:
 
 
 def brains_section(brains: Mapping[str, Mapping[str, BrainCost]]) -> Section:
-    """Returns the cost of our brain and of the paper's."""
+    """Returns a section on the time of the brains `steady` and `paper`."""
     rows = []
     for task, costs in brains.items():
         for name, cost in costs.items():
@@ -105,7 +105,7 @@ def brains_section(brains: Mapping[str, Mapping[str, BrainCost]]) -> Section:
 
 
 def timers_section(timers: tuple[float, float], setting: Setting) -> Section:
-    """Returns the cost of MuJoCo's stage timers."""
+    """Returns a section on the time that MuJoCo's stage timers cost."""
     on, off = (1e6 * seconds / setting.robot_steps for seconds in timers)
     return Section(
         "MuJoCo's timers",
@@ -117,7 +117,7 @@ def timers_section(timers: tuple[float, float], setting: Setting) -> Section:
 
 
 def scaling_section(scaling: Mapping[Work, Scaling]) -> Section:
-    """Returns the throughput of one process, two and all."""
+    """Returns a section on the throughput of one, two and all processes."""
     names: dict[Work, str] = {"live": "lives", "replay": "bare rollout"}
     rows = []
     for work, name in names.items():
@@ -142,7 +142,7 @@ def scaling_section(scaling: Mapping[Work, Scaling]) -> Section:
 
 
 def steps_section(steps: Mapping[str, StepCost]) -> Section:
-    """Returns the cost of a physics step of every model."""
+    """Returns a section on the time of a physics step of every model."""
     rows = []
     for cost in steps.values():
         rows.append(
@@ -179,7 +179,7 @@ def steps_section(steps: Mapping[str, StepCost]) -> Section:
 
 
 def environments_section(costs: Iterable[EnvironmentCost]) -> Section:
-    """Returns the cost of `env.step` outside the physics."""
+    """Returns a section on the time of `env.step` outside the physics."""
     rows = tuple(
         (
             cost.name if cost.name == "point_mass" else _words(cost.name),
@@ -200,7 +200,7 @@ def environments_section(costs: Iterable[EnvironmentCost]) -> Section:
 
 
 def memory_section(memory: Mapping[int, float]) -> Section:
-    """Returns the peak memory of a process."""
+    """Returns a section on the peak memory of a process."""
     return Section(
         "Memory",
         "Peak of a new process that simulates creative wall avoidance for a short time and saves "
@@ -211,7 +211,7 @@ def memory_section(memory: Mapping[int, float]) -> Section:
 
 
 def hours_section(measured: Measurements) -> Section:
-    """Returns the duration of the paper's tables."""
+    """Returns a section on the time of simulating the paper's tables."""
     rows = [
         (
             f"{_words(task)}, {proposer}",

@@ -1,4 +1,4 @@
-"""The project's targets for speed and memory, and whether the measurements meet them."""
+"""Compares the measurements with the project's targets for speed and memory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .section import Section
 
 
 def targets_section(measured: Measurements) -> Section:
-    """Returns what was measured against the project's targets."""
+    """Returns a section with each target, the measured value, and whether it meets the target."""
     two, bare = measured.scaling["live"].ratio, measured.scaling["replay"].ratio
     env, point = measured.env_overhead, measured.point_mass_overhead
     ratios = [

@@ -1,4 +1,4 @@
-"""Worker processes: throughput of several at the same time, MuJoCo's timers, and memory."""
+"""Measures in worker processes: parallel throughput, the cost of MuJoCo's timers, and memory."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class BlockWorker:
     """A process that simulates or replays a block on request."""
 
     def __init__(self, setting: Setting, *, timers: bool = False) -> None:
-        """Starts the process; its first answer reports that it is ready.
+        """Starts the process, whose first answer means that it is ready.
 
         Args:
-          setting: The cohort and the length of a block.
-          timers: Whether MuJoCo's stage timers run, which is MuJoCo's default.
+          setting: Cohort to measure, and length of a block.
+          timers: Whether MuJoCo's stage timers are on, as by MuJoCo's default.
         """
         context = multiprocessing.get_context("spawn")
         self._pipe, far = context.Pipe()
@@ -43,7 +43,7 @@ class BlockWorker:
         far.close()  # otherwise this process would not notice that the other one died
 
     def request(self, work: Work) -> None:
-        """Starts a block."""
+        """Starts to simulate or replay a block."""
         with contextlib.suppress(OSError):  # `answer` reports that it died
             self._pipe.send(work)
 
@@ -80,11 +80,11 @@ def _serve(pipe: Connection, setting: Setting, timers: bool) -> None:
 def block_workers(
     settings: Sequence[Setting], timers: Sequence[bool] = ()
 ) -> Iterator[list[BlockWorker]]:
-    """Provides a ready process for each setting; all end with the context.
+    """Provides a ready process for each setting, until the context ends.
 
     Args:
-      settings: Cohorts to measure.
-      timers: Whether MuJoCo's stage timers run, for each process; empty for none.
+      settings: Setting of each process.
+      timers: Whether MuJoCo's stage timers are on in each process; empty if off in all.
     """
     switches = timers or [False] * len(settings)
     workers: list[BlockWorker] = []
@@ -108,14 +108,15 @@ def run_together(workers: Sequence[BlockWorker], work: Work) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Scaling:
-    """One process against several, the same block in each, in alternation.
+    """Durations of a block in one, two and all processes that work at the same time.
 
     Attributes:
-      setting: The cohort of every process.
+      setting: Setting of the cohort, the same in every process.
       processes: Number of processes in `all`.
-      one: Duration of a block alone for each turn in [s], mean of two processes.
-      two: Duration until two processes have finished a block each, for each turn in [s].
-      all: Duration until all processes have finished a block each, for each turn in [s].
+      one: Duration of a block in [s] when only one process works, one value for each repetition;
+        each is the mean of two processes that work one after the other.
+      two: Time in [s] until each of two processes has finished a block, for each repetition.
+      all: Time in [s] until each of all processes has finished a block, for each repetition.
     """
 
     setting: Setting
@@ -126,22 +127,22 @@ class Scaling:
 
     @property
     def ratio(self) -> float:
-        """Median throughput of two processes over that of one."""
+        """Median ratio of the throughput of two processes to that of one."""
         return median(2 * one / two for one, two in zip(self.one, self.two, strict=True))
 
     @property
     def robot_steps_per_second(self) -> float:
-        """Median throughput of all processes together."""
+        """Median throughput of all processes together, in robot-steps per second."""
         return self.processes * self.setting.robot_steps / median(self.all)
 
 
 def scaling(setting: Setting, processes: int, turns: int) -> dict[Work, Scaling]:
-    """Times one process, two and all of them, simulating and replaying in alternation.
+    """Times one, two and all processes, simulating and replaying in alternation.
 
     Args:
-      setting: The cohort of every process.
-      processes: Number of all processes.
-      turns: Number of repetitions.
+      setting: Setting of the cohort, the same in every process.
+      processes: Number of processes that counts as all.
+      turns: Number of repetitions of all timings.
     """
     seconds: dict[Work, list[tuple[float, float, float]]] = {"live": [], "replay": []}
     with block_workers([setting] * max(2, processes)) as workers:
@@ -159,14 +160,14 @@ def scaling(setting: Setting, processes: int, turns: int) -> dict[Work, Scaling]
 
 
 def timer_cost(setting: Setting, turns: int) -> tuple[float, float]:
-    """Times a bare block with MuJoCo's stage timers on and off.
+    """Times the bare replay of a block with MuJoCo's stage timers on and off.
 
     Args:
-      setting: The cohort whose block is replayed.
+      setting: Setting of the cohort whose block is replayed.
       turns: Number of repetitions, in alternation.
 
     Returns:
-      Median durations in [s] with the timers on, and off.
+      Median duration in [s] with the timers on, and with the timers off.
     """
     seconds = []
     with block_workers([setting] * 2, timers=[True, False]) as workers:
@@ -177,7 +178,7 @@ def timer_cost(setting: Setting, turns: int) -> tuple[float, float]:
 
 
 def peak_memory(setting: Setting) -> float:
-    """Measures a new process that simulates a block and saves a checkpoint.
+    """Measures the memory of a new process that simulates a block and saves a checkpoint.
 
     Returns:
       Peak memory in MB of 10^6 bytes.

@@ -1,1 +1,1 @@
-"""Stored brains run in robots again: evaluated, measured, filmed and shown in a window."""
+"""Puts stored brains back into robots: evaluates, measures, films and shows them in a window."""

@@ -1,4 +1,4 @@
-"""One robot driven from a start, one control step at a time: a test, or an episode of any task."""
+"""Simulates one robot from a start pose: in a test, or in an episode of any task."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Moment:
       pose: x, y in [m] and heading in [rad], shape (3,).
       spot: x, y of the spot's centre in [m], shape (2,).
       sensordata: MuJoCo's latest sensor readings, shape (nsensordata,).
-      motors: Left and right motor value of the driver, shape (2,).
-      event: Whether the robot is in contact, or in the spot; False at the start.
-      event_seconds: Time in contact, or in the spot, since the start of the episode in [s].
+      motors: Left and right motor value that the driver commands, shape (2,).
+      event: Whether the robot is in contact (or in the spot); False at the start.
+      event_seconds: Time in contact (or in the spot) since the start of the episode in [s].
     """
 
     time: float
@@ -50,16 +50,16 @@ class Moment:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """A robot at its start, and what drives it from there.
+    """A robot at its start pose, and the driver that acts from there.
 
     Attributes:
       task: Name of a task of the domain "arena".
-      driver: Description of the driver.
+      driver: Description of the driver in a few words.
       trained: Whether the driver has been trained.
-      batch: The robot, a batch of one.
-      act: Function that drives the robot.
+      batch: Batch of one robot.
+      act: Function that returns the driver's motor values for the sensor signals.
       steps: Number of control steps; infinity for an episode without end.
-      random: Random stream of a spot that jumps.
+      random: Random stream of the spot's places, for tasks in which it jumps.
     """
 
     task: str
@@ -75,10 +75,10 @@ class Episode:
         """Returns the episode that Gymnasium's `reset(seed=seed)` starts in the policies' task.
 
         Args:
-          policies: Policies, one of which drives the robot.
-          robot: Number of the policy.
+          policies: Trained policies, one of which drives the robot.
+          robot: Number of the policy that drives the robot.
           phase: "pre" or "post", the policy before or after training.
-          seed: Seed of the start of robot and spot.
+          seed: Seed of the start pose, and of the spot's places.
 
         Raises:
           InputError: there is no such policy, or a value is invalid.
@@ -98,7 +98,10 @@ class Episode:
         return self.steps * CONTROL_TIMESTEP
 
     def moments(self) -> Iterator[Moment]:
-        """Simulates the episode, once; ends early where the simulation becomes unstable."""
+        """Simulates the episode and yields its moments; ends early if the simulation is unstable.
+
+        An episode can be simulated only once.
+        """
         batch, events, event = self.batch, 0, False
         spot_steps = TASKS[self.task].spot_steps
         for step in itertools.count():
@@ -124,7 +127,7 @@ class Episode:
 
 
 def policy_act(policies: Policies, robot: int, phase: str) -> Act:
-    """Returns one of several policies, before ("pre") or after ("post") training.
+    """Returns the function that acts by one policy, before ("pre") or after ("post") training.
 
     Raises:
       InputError: there is no such policy, or no such phase.

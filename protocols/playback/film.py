@@ -34,11 +34,11 @@ _GIF = (
 
 @dataclasses.dataclass(frozen=True)
 class Format:
-    """How frames become a file.
+    """File format of a film.
 
     Attributes:
       fps: Frames per second of the film.
-      encoder: Options of imageio's FFMPEG writer.
+      encoder: Options for imageio's FFMPEG writer.
     """
 
     fps: int
@@ -66,18 +66,18 @@ FORMATS = {
 
 
 def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> None:
-    """Films an episode from its start; the film ends with the episode at the latest.
+    """Films an episode from its start, until its end at the latest.
 
     Args:
       episode: Episode to film; it is simulated once.
-      output: File to write, an .mp4 (H.264, yuv420p) or a .gif of half the size; an older file is
-        replaced when the film is complete.
-      seconds: Length of the film in [s].
+      output: File to write, an .mp4 (H.264, yuv420p) or a .gif of half the width and height; an
+        existing file is replaced when the film is complete.
+      seconds: Requested length of the film in [s].
       speed: Simulated seconds per second of the film.
 
     Raises:
       InputError: a value is invalid, the file cannot be written, or there is no EGL.
-      OSError: the film could not be written completely; nothing of it is left.
+      OSError: the film could not be written completely; the partial film is deleted.
     """
     for name, value in (("length in seconds", seconds), ("speed", speed)):
         if not (value > 0 and math.isfinite(value)):
@@ -111,11 +111,11 @@ def frame_count(seconds: float, speed: float, episode_seconds: float, fps: int) 
 def shots_at(
     times: Iterable[float], moments: Iterator[Moment], rules: Rules, speed: float
 ) -> Iterator[Shot]:
-    """Yields the shot of each time; the pose is interpolated between two control steps.
+    """Yields the content of the frame at each time; poses are interpolated between control steps.
 
     Args:
       times: Simulated times in [s], ascending.
-      moments: Moments of the episode.
+      moments: Moments of the episode, in order.
       rules: Rules of the episode's task.
       speed: Simulated seconds per second of the film.
     """
@@ -157,12 +157,12 @@ def _shot(
 
 
 def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
-    """Interpolates between two poses; the robot turns the shorter way.
+    """Interpolates between two poses; the heading turns the shorter way.
 
     Args:
-      first: x, y in [m] and heading in [rad], shape (3,).
-      second: x, y in [m] and heading in [rad], shape (3,).
-      share: Share of the way from the first to the second, in [0, 1].
+      first: x, y in [m] and heading in [rad] of the first pose, shape (3,).
+      second: x, y in [m] and heading in [rad] of the second pose, shape (3,).
+      share: Share of the way from the first to the second pose, in [0, 1].
     """
     way = second - first
     way[2] = (way[2] + np.pi) % (2 * np.pi) - np.pi
@@ -170,15 +170,15 @@ def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
 
 
 def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
-    """Writes frames into a film; an older file is replaced when the film is complete.
+    """Writes frames into a film; an existing file is replaced when the film is complete.
 
     Args:
-      output: File to write, with a suffix of `FORMATS`.
-      frames: Colours of each frame, uint8, shape (height, width, 3), even height and width.
+      output: File to write; its suffix is one of `FORMATS`.
+      frames: Pixels of each frame, uint8, shape (height, width, 3), with even height and width.
       count: Number of frames.
 
     Raises:
-      OSError: the film could not be written completely; nothing of it is left.
+      OSError: the film could not be written completely; the partial film is deleted.
     """
     suffix = output.suffix.lower()
     # imageio's FFMPEG writer refuses names that end in .gif.
@@ -206,7 +206,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
 
 
 def _append(writer: Any, frame: np.ndarray) -> bool:
-    """Appends a frame; returns False if ffmpeg has ended, as it does where the disk is full."""
+    """Appends a frame; returns False if ffmpeg has ended, for example because the disk is full."""
     try:
         writer.append_data(frame)
     except OSError:
@@ -215,7 +215,7 @@ def _append(writer: Any, frame: np.ndarray) -> bool:
 
 
 def _frames_in(path: Path) -> int:
-    """Returns the number of frames in a film; 0 for a file that is none."""
+    """Returns the number of frames in a film; 0 for a file that is not a film."""
     try:
         reader: Any = imageio.get_reader(path, "FFMPEG")
         with reader:

@@ -1,7 +1,7 @@
-"""Measures the behaviour of a run's robots: stored brains run in robots again, many at once.
+"""Measures the behaviour of a run's robots: simulates many robots with stored brains in lockstep.
 
 A run does not store the random streams of its robots. Robots therefore have the same brains as in
-the run but do not repeat the same minutes.
+the run, but their motion differs from that in the run.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def observe(run: Run, tick: Tick = lambda: None) -> Behaviour:
     """Measures the behaviour of a sample of a run's robots.
 
     Args:
-      run: Run of the robots; its time scale also shortens the observation.
-      tick: Called after every simulated minute of a batch, `ticks` times in all.
+      run: Run of the robots; its time scale also scales the duration of the observation.
+      tick: Function called after every simulated minute of a batch, `ticks(run)` times in all.
     """
     spinning = {}
     for condition in with_brains(run):
@@ -44,7 +44,7 @@ def observe(run: Run, tick: Tick = lambda: None) -> Behaviour:
 
 
 def ticks(run: Run) -> int:
-    """Returns the number of ticks of `observe`."""
+    """Returns the number of times that `observe` calls `tick`."""
     batches = [(SPIN_MINUTES, sample(run, condition, SAMPLE)) for condition in with_brains(run)]
     batches += [(STAY_MINUTES, _finders(run, condition)) for condition in _searching(run)]
     scale = run.experiment.time_scale
@@ -52,7 +52,7 @@ def ticks(run: Run) -> int:
 
 
 def with_brains(run: Run) -> list[Condition]:
-    """Returns the conditions whose robots have a neurocontroller that can run again."""
+    """Returns the conditions whose robots have a stored neurocontroller."""
     return [condition for condition in run.conditions() if condition.has_brain]
 
 
@@ -62,7 +62,7 @@ def sample(run: Run, condition: Condition, most: int) -> list[int]:
     Args:
       run: Run of the robots.
       condition: Condition of the robots.
-      most: Largest number of rows.
+      most: Largest number of rows to return.
     """
     return run.valid_rows(condition)[:most]
 
@@ -72,14 +72,14 @@ def _searching(run: Run) -> list[Condition]:
 
 
 def _finders(run: Run, condition: Condition) -> list[int]:
-    """Returns the rows of robots that spent a tenth of training or more in the spot."""
+    """Returns the rows of robots that spent at least a tenth of training in the spot."""
     minutes = run.experiment.schedule(condition.task).minutes_of("training")
     training = run.results[condition].curves[:, minutes].mean(axis=1)
     return [row for row in run.valid_rows(condition) if training[row] >= 0.1][:SAMPLE]
 
 
 def _stay(run: Run, condition: Condition, rows: list[int], tick: Tick) -> Stay:
-    """Places newborn robots with their nose at the rim of the spot and lets them learn."""
+    """Places untrained robots with their nose at the rim of the spot and lets them learn."""
     agent = stored_brains(run, condition, [(row, "before") for row in rows], SEED)
     batch = run.experiment.batch(condition.task, len(rows))
     size = batch.dimensions

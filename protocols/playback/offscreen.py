@@ -1,8 +1,8 @@
 """Images of a MuJoCo model rendered by OpenGL without a display, through EGL.
 
-`mujoco.Renderer` uses the backend that MUJOCO_GL named when MuJoCo was first imported. With EGL
-named but not installed, that import fails. The canvas here opens EGL when it is made: an absence
-is reported in one sentence, and it works in any process.
+`mujoco.Renderer` uses the backend that MUJOCO_GL named when MuJoCo was first imported. If
+MUJOCO_GL names EGL and EGL is not installed, that import fails. The canvas here opens EGL only
+when it is created. It therefore works in any process, and reports a missing EGL in one sentence.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Canvas:
     def __init__(
         self, model: mujoco.MjModel, camera: str, width: int, height: int, max_geoms: int = 4000
     ) -> None:
-        """Opens EGL.
+        """Opens EGL and prepares the scene.
 
         Args:
           model: Model to render.
@@ -69,29 +69,29 @@ class Canvas:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
 
     def look(self, data: mujoco.MjData) -> None:
-        """Updates the scene to what the camera sees in `data`."""
+        """Updates the scene to the state in `data`, as the camera sees it."""
         category = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(
             self._model, data, self._options, None, self._camera, category, self.scene
         )
 
     def pixels(self) -> np.ndarray:
-        """Renders the scene, uint8, shape (height, width, 3); the next call overwrites it."""
+        """Returns the image, uint8, shape (height, width, 3); the next call overwrites it."""
         mujoco.mjr_render(self._rectangle, self.scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rectangle, self._context)
         return self._pixels[::-1]  # OpenGL's first row is the lowest
 
     def close(self) -> None:
-        """Frees the resources of OpenGL; the canvas cannot be used any more."""
+        """Frees the resources of OpenGL; the canvas cannot be used afterwards."""
         self._context.free()
         self._gl.free()
 
 
 def probe(frames: int = 5) -> None:
-    """Prints, as JSON, the renderer and the milliseconds that an image of 640 x 480 takes.
+    """Prints the renderer and the time in [ms] of rendering an image of 640 x 480, as JSON.
 
     Args:
-      frames: Number of images; the median is printed.
+      frames: Number of images to render; the median time is printed.
     """
     model = arena_spec().compile()
     data = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""The frame around the scene: title, clock, sensor signals, motors and the measured time."""
+"""The parts of a film's frame around the scene: title, clock, sensor signals and motors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _INK, _DIM, _GROOVE, _BACK, _HEAD = "#f2f4f7", "#98a2b1", "#39414f", "#1f252f", 
 class Panel:
     """Draws the frame: a header above the scene and a panel of instruments to its right.
 
-    An instrument is a method that draws itself from height `y` down and returns the height below.
+    The method of an instrument draws it from height `y` downwards, and returns the height below it.
     """
 
     def __init__(self, task: str, driver: str, trained: bool, speed: float, seconds: float) -> None:
@@ -39,7 +39,7 @@ class Panel:
 
         Args:
           task: Name of a task of the domain "arena".
-          driver: Description of the driver.
+          driver: Description of the driver in a few words.
           trained: Whether the driver has been trained.
           speed: Simulated seconds per second of the film.
           seconds: Simulated duration of the film in [s].
@@ -72,14 +72,14 @@ class Panel:
         self._speed = f"{speed:g} \N{MULTIPLICATION SIGN} real time"
 
     def frame(self, image: np.ndarray, shot: Shot) -> np.ndarray:
-        """Returns a frame; the timeline shows the events of all earlier calls.
+        """Returns a frame; its timeline also shows the events of all earlier calls.
 
         Args:
-          image: Image of the scene, shape (scene.HEIGHT, scene.WIDTH, 3).
+          image: Image of the scene, uint8, shape (scene.HEIGHT, scene.WIDTH, 3).
           shot: Content of the frame.
 
         Returns:
-          Colours, uint8, shape (HEIGHT, WIDTH, 3).
+          Pixels of the frame, uint8, shape (HEIGHT, WIDTH, 3).
         """
         frame = self._blank.copy()
         frame.paste(Image.fromarray(image), (0, _HEADER))

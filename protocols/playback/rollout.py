@@ -1,4 +1,4 @@
-"""Batches of robots simulated with an agent, and the tracks that they leave."""
+"""Simulates batches of robots with an agent, and records their tracks."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def evaluate(
     minutes: float,
     tick: Tick = lambda: None,
 ) -> Track:
-    """Evaluates stored brains, with frozen weights, in the first minutes of their test.
+    """Evaluates stored brains with frozen weights in the first minutes of their test.
 
     Args:
       run: Run of the brains.
       condition: Condition of the brains.
-      which: Row of each brain within the condition, and "before" or "after" training.
-      minutes: Duration in simulated minutes.
-      tick: Called after every simulated minute.
+      which: For each brain, its row within the condition, and "before" or "after" training.
+      minutes: Simulated minutes to evaluate.
+      tick: Function called after every simulated minute.
     """
     agent = stored_brains(run, condition, which, SEED)
     batch = run.experiment.batch(condition.task, len(which))
@@ -47,14 +47,14 @@ def evaluate(
 
 
 def watch(batch: Robots, agent: Agent, steps: int, *, learning: bool, tick: Tick) -> Track:
-    """Simulates robots from where they are and records their track.
+    """Simulates robots from their current poses and records their track.
 
     Args:
-      batch: B placed robots.
+      batch: Batch of B robots that have been placed.
       agent: Agent that drives the robots.
       steps: Number of control steps.
       learning: Whether the robots learn and explore.
-      tick: Called after every simulated minute.
+      tick: Function called after every simulated minute.
     """
     poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
     events = np.empty((steps, batch.robots), dtype=bool)
@@ -75,5 +75,5 @@ def watch(batch: Robots, agent: Agent, steps: int, *, learning: bool, tick: Tick
 
 
 def minutes_of(minutes: float) -> int:
-    """Returns the number of ticks in a duration in simulated minutes."""
+    """Returns how often a simulation of `minutes` simulated minutes calls `tick`."""
     return -(-control_steps(minutes) // control_steps(1))

@@ -1,4 +1,4 @@
-"""The arena from above, drawn in MuJoCo with the robot's trail and what it senses."""
+"""Draws the arena from above with MuJoCo, with the robot's trail and sensor signals."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ class Shot:
       time: Simulated time since the start of the episode in [s].
       pose: x, y in [m] and heading in [rad], shape (3,).
       spot: x, y of the spot's centre in [m], shape (2,).
-      signals: Sensor signals by name, each of shape (n,).
+      signals: Sensor signals by name, each of shape (number of signals,).
       motors: Left and right motor value in [-0.5, 0.5], shape (2,).
       contact: Whether the robot is in contact.
-      event: Whether the event that the task measures happens: contact, or being in the spot.
-      event_seconds: Time of the event since the start of the episode in [s].
+      event: Whether the event of the task happens: the robot is in contact, or in the spot.
+      event_seconds: Time with the event since the start of the episode in [s].
       trail: x, y of earlier positions in [m], the latest last, shape (n, 2).
-      trail_events: Whether the event happened at each of them, shape (n,).
-      trail_ages: Age of each of them in [0, 1]; 0 is now, 1 the end of the trail, shape (n,).
+      trail_events: Whether the event happened at each position of the trail, shape (n,).
+      trail_ages: Age of each position of the trail in [0, 1], from 0 for now to 1 for the end of
+        the trail, shape (n,).
     """
 
     time: float
@@ -54,7 +55,7 @@ class Shot:
 
 
 class Scene:
-    """Draws the arena from above, with the robot's trail and what it senses.
+    """Draws the arena from above, with the robot's trail and sensor signals.
 
     Attributes:
       renderer: Name that OpenGL reports for its renderer.
@@ -192,7 +193,7 @@ def heat(signal: float, hot: Colour) -> Colour:
 
 
 def _to_wall(start: np.ndarray, rays: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
-    """Returns the distance to the wall in [m] along unit vectors, shape (n,) for rays (n, 2)."""
+    """Returns the distance to the wall in [m] along each of n unit vectors `rays`, shape (n,)."""
     half = np.array([model.geom("east").pos[0], model.geom("north").pos[1]])
     with np.errstate(divide="ignore"):
         distances = (np.copysign(half, rays) - start) / rays

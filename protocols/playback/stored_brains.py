@@ -1,4 +1,4 @@
-"""A robot's stored brain put back into a robot, at the start of a test."""
+"""Puts a stored brain back into a robot at the start of a test."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _BRAINS: dict[str, When] = {"pre": "before", "post": "after"}
 
 @dataclasses.dataclass(frozen=True)
 class StoredRobot:
-    """A robot of a run, which repeats a test with its stored brain.
+    """A robot of a run that repeats a test with its stored brain.
 
     Attributes:
       run: Run of the robot.
       condition: Condition of the robot.
       robot: Number of the robot within its condition.
-      phase: "pre" or "post", the test before or after training.
-      seed: Seed of the brain's noise; the run does not store the random stream of the original.
+      phase: Test to repeat: "pre" before training, or "post" after training.
+      seed: Seed of the brain's noise, because the run does not store the original random stream.
     """
 
     run: Run
@@ -43,7 +43,7 @@ class StoredRobot:
     seed: int = 0
 
     def brain(self) -> NeurocontrollerAgent:
-        """Returns the brain that the robot had in the test, as a batch of one.
+        """Returns the robot's brain at the time of the test, as a batch of one.
 
         Raises:
           InputError: there is no such robot, its simulation was invalid, or a value is invalid.
@@ -61,7 +61,7 @@ class StoredRobot:
     def act(self) -> Act:
         """Returns the function that drives the robot: its brain, with frozen weights.
 
-        The noise differs from that of the original test, and so does what it causes.
+        The brain's noise differs from that in the original test, and so does the robot's motion.
 
         Raises:
           InputError: see `brain`.
@@ -69,7 +69,7 @@ class StoredRobot:
         return functools.partial(self.brain().act, learning=False)
 
     def episode(self) -> Episode:
-        """Returns the first phase of the test, with robot and spot at its start.
+        """Returns the first phase of the test, with robot and spot at their start places.
 
         Raises:
           InputError: see `brain`.
@@ -116,7 +116,7 @@ def stored_brains(
     Args:
       run: Run of the brains.
       condition: Condition of the brains.
-      which: Row of each brain within the condition, and "before" or "after" training.
+      which: For each brain, its row within the condition, and "before" or "after" training.
       seed: Seed of the batch's random stream.
     """
     stored = run.results[condition].networks

@@ -1,4 +1,4 @@
-"""dm_control's viewer on a task; random motors, a brain, a policy or the arrow keys drive."""
+"""Shows a task in dm_control's viewer, driven by random motors, a brain, a policy or arrow keys."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ RELEASE = 0
 
 @dataclasses.dataclass(frozen=True)
 class Driver:
-    """What drives the robot in the window.
+    """Driver of the robot in the window.
 
     Attributes:
       name: Description of the driver.
       policy: Function that returns left and right motor value in [-0.5, 0.5], shape (2,), for a
         time step of the task.
-      nose: Form of Eq. 3 that its nose has.
-      task: Task of the domain "arena" that it has learned; None for any.
+      nose: Form of Eq. 3 by which the robot's nose computes the smell.
+      task: Task of the domain "arena" that the driver has learned; None if it can drive in any.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Driver:
 
     @classmethod
     def of_robot(cls, robot: StoredRobot) -> Driver:
-        """Returns a robot of a run; its noise is the same in every episode.
+        """Returns a robot of a run as a driver; its noise is the same in every episode.
 
         Raises:
           InputError: there is no such robot, or its body differs from that in the window.
@@ -63,7 +63,7 @@ class Driver:
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str) -> Driver:
-        """Returns a policy trained by PPO.
+        """Returns a policy trained by PPO as a driver.
 
         Raises:
           InputError: there is no such policy.
@@ -73,7 +73,7 @@ class Driver:
 
 
 def explore(task: str, driver: Driver | None = None) -> None:
-    """Opens a window on a task; robot and spot start at random, again after each Backspace.
+    """Opens a window on a task; Backspace starts again with random places of robot and spot.
 
     Args:
       task: Name of a task of the domain "arena".
@@ -124,14 +124,14 @@ def check_display() -> None:
 
 
 class RandomMotors:
-    """A policy that draws motor values uniformly and holds them for some steps."""
+    """A policy that draws uniform motor values and holds them for some control steps."""
 
     def __init__(self, seed: int, steps: int = 10) -> None:
-        """Prepares the random stream.
+        """Creates the random stream.
 
         Args:
           seed: Seed of the random stream.
-          steps: Number of control steps for which motor values are held.
+          steps: Number of control steps for which each draw of motor values is held.
         """
         self._random = np.random.default_rng(seed)
         self._steps = steps
@@ -148,10 +148,10 @@ class RandomMotors:
 
 
 class ArrowKeys:
-    """A policy of the arrow keys: up and down drive, left and right turn, while they are held.
+    """A policy by arrow keys: while they are held, up and down drive, left and right turn.
 
-    Right is also the viewer's key for a single step: in a paused window a press of it simulates
-    one step, in which the robot turns.
+    The right arrow is also the viewer's key for a single step. In a paused window it therefore
+    simulates one step, in which the robot turns.
     """
 
     def __init__(self) -> None:
@@ -175,10 +175,10 @@ class ArrowKeys:
 
 
 class Sensing:
-    """A policy that depends on what the robot senses."""
+    """A policy that acts on the robot's sensor signals."""
 
     def __init__(self, make: Callable[[], Act]) -> None:
-        """Takes a function that makes what drives the robot; it is called for each episode."""
+        """Stores `make`, which is called at the start of each episode and returns the driver."""
         self._make = make
         self._act = make()
 

@@ -1,4 +1,4 @@
-"""Comparisons of two runs as text: tables of cells, and what they mean."""
+"""Comparisons of two runs as text: tables of cells, and a note that explains them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from . import markdown as md
 
 
 def markdown(ours: Run, other: Run, cells: Sequence[Cell]) -> str:
-    """Returns the tables of two runs, what the experiments differ in, and the cells that differ.
+    """Returns Markdown: tables of two runs, differences of their experiments, and differing cells.
 
     Args:
       ours: A run.
@@ -52,7 +52,7 @@ def _differ_in(ours: Run, other: Run) -> str:
 
 
 def note(cells: Sequence[Cell]) -> str:
-    """Returns how cells that were corrected together were compared."""
+    """Returns a note on how the cells, corrected together, were compared."""
     paired = [cell.paired for cell in cells]
     pairs = "Robots of the same number have the same newborn brain and are compared in pairs"
     if not any(paired):
@@ -97,7 +97,7 @@ def words(cell: Cell) -> str:
 
 
 def number(cell: Cell, value: float) -> str:
-    """Returns one of the values of a cell, shares of robots in per cent; a dash for NaN."""
+    """Returns a value of a cell as text, in per cent if it is a share; a dash for NaN."""
     return f"{value:.1%}" if cell.share and not math.isnan(value) else md.number(value)
 
 
@@ -112,12 +112,12 @@ def difference(cell: Cell) -> str:
 
 
 def probability(value: float) -> str:
-    """Returns a p-value; a dash for NaN."""
+    """Returns a p-value as text; a dash for NaN."""
     return "< 0.0001" if value < 1e-4 else md.number(value)
 
 
 def as_json(ours: Run, other: Run, cells: Sequence[Cell]) -> dict[str, Any]:
-    """Returns a comparison as plain data; NaN as None.
+    """Returns a comparison as plain data for JSON, with None for NaN.
 
     Args:
       ours: A run.

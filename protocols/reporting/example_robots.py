@@ -1,4 +1,4 @@
-"""Which robots of a run stand as examples in the report's figures and films."""
+"""Chooses robots of a run as examples for the report's figures and films."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Example:
     """A robot that is an example of a kind.
 
     Attributes:
-      kind: "genius" or "ignorant", "learner", or "spoiled".
+      kind: Kind of example: "genius" or "ignorant", "learner", or "spoiled".
       row: Index of the robot within its condition.
       robot: Number of the robot within its condition.
     """
@@ -25,16 +25,16 @@ class Example:
 
 
 def proposer_of(run: Run, task: str) -> str:
-    """Returns the proposer of the robots that are shown: creative if present; "" for none."""
+    """Returns the proposer of the examples: creative if the run has it; "" without robots."""
     names = [c.proposer for c in run.conditions() if c.task == task and c.has_brain]
     return "creative" if "creative" in names else next(iter(names), "")
 
 
 def examples(run: Run, task: str) -> list[Example]:
-    """Returns an unmeasured robot, the robot that gained most in training, and that lost most.
+    """Returns an unmeasured robot, and the robots that gained and lost most in training.
 
-    Gain is the difference of the time with the event between the two tests. A kind without a robot
-    is left out.
+    The gain is the change of the time in contact (or in the spot) from the test before training to
+    the test after it, positive for an improvement. A kind without a robot is left out.
     """
     if not (proposer := proposer_of(run, task)):
         return []
@@ -54,6 +54,6 @@ def examples(run: Run, task: str) -> list[Example]:
 
 
 def favourite(run: Run, task: str) -> Example | None:
-    """Returns the learner, or else the first example; None without examples."""
+    """Returns the learner; the first example if there is no learner; None without examples."""
     found = examples(run, task)
     return next((one for one in found if one.kind == "learner"), found[0] if found else None)

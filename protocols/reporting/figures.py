@@ -28,7 +28,7 @@ _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its
 
 
 def learning_curves(run: Run) -> Figure:
-    """Draws the mean share of the time with the event over a life, with 95 % bands."""
+    """Draws the mean share of the time in contact (or in the spot) over a life, with 95 % bands."""
     tasks = run.tasks()
     figure, axes = canvas(2.5 * len(tasks) + 0.3, len(tasks), 1)
     for task, axis in zip(tasks, axes[:, 0], strict=True):
@@ -46,7 +46,7 @@ def learning_curves(run: Run) -> Figure:
 
 
 def _curve(axis: Axes, curves: np.ndarray, proposer: str) -> None:
-    """Draws the curve of a condition, from shares of each minute, shape (n, M)."""
+    """Draws the curve of a condition's n robots from their shares of each of M minutes, (n, M)."""
     minutes = curves.shape[1]
     width = -(-minutes // _STEPS)
     edges = np.unique(np.minimum(np.arange(0, minutes + width, width), minutes))
@@ -59,7 +59,7 @@ def _curve(axis: Axes, curves: np.ndarray, proposer: str) -> None:
 
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
-    """Marks the tests and the training, which name the upper axis."""
+    """Marks the tests and the training, and names them along the upper axis."""
     hours = [experiment.schedule(task).steps_of(part) / control_steps(60) for part in PARTS]
     ends = np.cumsum(hours)
     for border in ends[:-1]:
@@ -96,7 +96,7 @@ def categories(run: Run) -> Figure:
 
 
 def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None:
-    """Draws a stacked bar for each row: proposer, whose robots, and their column."""
+    """Draws a stacked bar for each row, a tuple of proposer, source (ours, paper) and column."""
     proposers = [proposer for proposer, _, _ in rows]
     places = [i + 0.35 * len({*proposers[: i + 1]}) for i in range(len(rows))]
     shares = np.array([summary.shares for _, _, summary in rows])
@@ -170,7 +170,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition) -> None:
 
 
 def spinning(behaviour: Behaviour) -> Figure:
-    """Draws each robot's share of spinning before and after training, and the means."""
+    """Draws the share of time that each robot spins before and after training, and the means."""
     tasks = [t for t in PAPER_TASKS if any(c.task == t for c in behaviour.spinning)]
     figure, axes = canvas(2.9, 1, max(len(tasks), 1), sharey=True)
     jitter = np.random.default_rng(0)
@@ -207,7 +207,7 @@ def spinning(behaviour: Behaviour) -> Figure:
 
 
 def stays(found: Mapping[str, Stay]) -> Figure:
-    """Draws what learning robots do at the spot in each minute: follow its contour, or spin."""
+    """Draws how much learning robots follow the spot's contour and spin inside it, by minute."""
     figure, axes = canvas(2.6, 1, max(len(found), 1), sharey=True)
     styles = {"along the contour": (0, (3, 1.5)), "spinning inside": "-"}
     for axis, (proposer, stay) in zip(axes[0], found.items(), strict=False):

@@ -1,4 +1,4 @@
-"""The report as HTML: what `report.html.jinja` shows, in one file that needs no other."""
+"""Renders the report with `report.html.jinja`, as one HTML file that needs no other file."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Medium:
     """A figure or a film of the page.
 
     Attributes:
-      path: File, a .png or an .mp4.
-      title: Its heading; empty for none.
-      caption: What it shows.
+      path: File of the figure or film, a .png or an .mp4.
+      title: Heading above the figure or film; empty for none.
+      caption: Text below the figure or film that says what it shows.
     """
 
     path: Path
@@ -73,13 +73,13 @@ def page(
     films: Sequence[Medium],
     missing: str,
 ) -> str:
-    """Returns the page.
+    """Returns the report page as HTML.
 
     Args:
       run: The run.
-      results: Results of the claims; the section is left out without any.
-      figures: Figures, in order.
-      films: Films, in order.
+      results: Verdicts on the claims; if empty, the page has no section of claims.
+      figures: Figures in the order on the page.
+      films: Films in the order on the page.
       missing: Sentence about missing films; empty for none.
     """
     environment = jinja2.Environment(
@@ -114,7 +114,7 @@ def _facts(run: Run) -> list[str]:
 
 
 def _tables(run: Run, task: str) -> Iterator[Table]:
-    """Yields a table, or several if the task has many conditions."""
+    """Yields the tables of a task: one, or several if the task has many conditions."""
     proposers = run.proposers(task)
     for first in range(0, len(proposers), _COLUMNS):
         group = proposers[first : first + _COLUMNS]
@@ -132,5 +132,5 @@ def _column(run: Run, condition: Condition) -> list[PageCell]:
 
 
 def _emphasis(text: str) -> Markup:
-    """Returns escaped text in which *words* between stars are emphasised."""
+    """Returns the text, escaped for HTML, with *words* between stars emphasised."""
     return Markup(re.sub(r"\*(.+?)\*", r"<em>\1</em>", str(escape(text))))

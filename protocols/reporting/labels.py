@@ -11,7 +11,7 @@ _STATED_APART = ("seed", "cohort_size", "time_scale", "protocol")  # or not at a
 
 
 def title(task: str, experiment: Experiment, *others: Experiment) -> str:
-    """Returns the title of a table, with every particular that all its runs share.
+    """Returns the title of a table, with the non-default fields that all its runs share.
 
     Args:
       task: Task of the table.
@@ -25,7 +25,7 @@ def title(task: str, experiment: Experiment, *others: Experiment) -> str:
 
 
 def particulars(experiment: Experiment) -> list[str]:
-    """Returns every field of an experiment that is not the default, but for seed and cohorts."""
+    """Returns the non-default fields of an experiment, without seed and cohort size, as text."""
     found = [f"protocol: {experiment.protocol}"] if experiment.protocol != "paper" else []
     if experiment.brain_name != "paper":
         found.append(f"brain: {experiment.brain_name}")
@@ -46,7 +46,7 @@ def short_name(proposer: str) -> str:
 
 
 def described(run: Run) -> str:
-    """Returns a line of Markdown with a run's brain and every field that is not the default."""
+    """Returns a line of Markdown with a run's brain and its non-default fields."""
     experiment = run.experiment
     fields = differing(experiment, Experiment(brain=experiment.brain))
     others = "".join(f", {name} {value}" for name, (value, _) in fields.items())

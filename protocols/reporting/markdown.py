@@ -12,7 +12,7 @@ from ..analysis.intervals import Interval
 
 
 def line(row: Sequence[str]) -> str:
-    """Returns a row of a table."""
+    """Returns a row of a table as a line of Markdown."""
     return "| " + " | ".join(row) + " |"
 
 
@@ -21,8 +21,8 @@ def table(rows: Sequence[Sequence[str]], align: str = "") -> list[str]:
 
     Args:
       rows: Cells of each row, the head first.
-      align: A letter for each column, l for left and r for right; empty for the first column left
-        and all others right.
+      align: Alignment of each column, a letter each: l for left, r for right. Empty aligns the
+        first column left and all others right.
     """
     align = align or "l" + "r" * (len(rows[0]) - 1)
     rule = ["---:" if letter == "r" else "---" for letter in align]
@@ -30,12 +30,12 @@ def table(rows: Sequence[Sequence[str]], align: str = "") -> list[str]:
 
 
 def number(value: float) -> str:
-    """Returns a number with four decimals; a dash for NaN."""
+    """Returns a number as text with four decimals; a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.4f}"
 
 
 def bracket(interval: Interval, percent: bool = False) -> str:
-    """Returns an interval in brackets; empty for an unknown one."""
+    """Returns an interval as text in brackets; empty text if the interval is unknown."""
     low, high = interval
     if math.isnan(low) or math.isnan(high):
         return ""

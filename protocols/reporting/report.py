@@ -45,10 +45,10 @@ class PlannedFigure:
     """A figure of the page that is still to be drawn.
 
     Attributes:
-      name: Name of its files.
-      title: Its heading.
-      caption: What it shows, in a few sentences.
-      draw: Function that draws it; None where there is nothing to show.
+      name: Name of the figure's files, without a suffix.
+      title: Heading above the figure.
+      caption: Text of a few sentences that says what the figure shows.
+      draw: Function that draws the figure; it returns None if there is nothing to show.
     """
 
     name: str
@@ -58,20 +58,20 @@ class PlannedFigure:
 
 
 def report(run: Run, out: Path, output: Path | None, film: Film = films.film) -> Path:
-    """Writes OUT/figures/, missing films where they can be rendered, and the page.
+    """Writes the figures into OUT/figures/, the page, and missing films if they can be rendered.
 
     Args:
       run: The run.
       out: Folder of the run.
-      output: Page to write, an .html; None for `report.html` in `out`.
+      output: File of the page to write, an .html; None for `report.html` in `out`.
       film: Function that writes a film.
 
     Returns:
       Path of the page.
 
     Raises:
-      InputError: a path cannot be written; nothing was.
-      OSError: something could not be written.
+      InputError: a path cannot be written; no file was changed.
+      OSError: a file could not be written.
     """
     output = output or out / PAGE
     _check(out, output)
@@ -187,7 +187,7 @@ def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
     """Renders a film for each task that has none in the folder.
 
     Returns:
-      All films of the folder, captioned by their names, and a sentence about missing ones.
+      All films of the folder, with their names as captions, and a sentence about missing films.
     """
     missing: list[str] = []
     for task in run.tasks():

@@ -27,7 +27,7 @@ _DARK = "#1b222b"
 
 
 def ticks(run: Run) -> int:
-    """Returns how often drawing all trajectories calls `tick`."""
+    """Returns how often `trajectories` calls `tick`, over all tasks of a run."""
     scale = run.experiment.time_scale
     return sum(minutes_of(MINUTES[task] * scale) for task in run.tasks() if examples(run, task))
 
@@ -36,15 +36,15 @@ def ticks(run: Run) -> int:
 
 
 def trajectories(run: Run, task: str, tick: Tick = lambda: None) -> Figure | None:
-    """Draws the paths of the examples at the start of the test, before and after training.
+    """Draws the example robots' paths in the first minutes of both tests.
 
     Args:
       run: The run.
       task: Task of the robots.
-      tick: Function called after every simulated minute (`ticks`).
+      tick: Function called after every simulated minute.
 
     Returns:
-      The figure; None without examples.
+      The figure; None if the task has no example robots.
     """
     found = examples(run, task)
     if not found:
@@ -92,17 +92,17 @@ def _path(axis: Axes, track: Track, index: int, shade: str) -> None:
 
 @torch.inference_mode()
 def values(run: Run, task: str) -> Figure | None:
-    """Draws the value of every action in three situations, and the ideas, before and after.
+    """Draws all actions' values and the ideas in three situations, before and after training.
 
-    The robot is the `favourite`. Colours span the values of one panel; dots are the ideas of one
-    step, the ring is the chosen one.
+    The robot is the `favourite`. In each panel, the colours span the range of its values, dots are
+    the ideas of one step, and a ring marks the chosen idea.
 
     Args:
       run: The run.
       task: Task of the robot.
 
     Returns:
-      The figure; None without a robot.
+      The figure; None if the task has no example robot.
     """
     example = favourite(run, task)
     if example is None:

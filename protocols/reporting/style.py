@@ -1,4 +1,4 @@
-"""The style of all figures, their canvas and their files: legible on light and on dark."""
+"""Style, canvas and files of all figures, legible on a light and on a dark background."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def colour(proposer: str) -> str:
 
 
 def styled() -> Any:
-    """Returns a context manager with the style, in which figures are made and saved."""
+    """Returns a context manager that sets the style; draw and save figures within it."""
     return matplotlib.rc_context(_STYLE)
 
 
@@ -65,10 +65,10 @@ def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figu
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Writes a figure in every format.
+    """Writes a figure in every format; returns the paths.
 
     Raises:
-      OSError: it cannot be written.
+      OSError: a file cannot be written.
     """
     paths = [folder / f"{name}.{suffix}" for suffix in FORMATS]
     for path in paths:
@@ -80,7 +80,7 @@ def write(figure: Figure, path: Path) -> None:
     """Writes a figure, in the format of the path's suffix.
 
     Raises:
-      OSError: it cannot be written; a file that was there is untouched.
+      OSError: the file cannot be written; an existing file stays as it was.
     """
     suffix, buffer = path.suffix[1:].lower(), io.BytesIO()
     metadata = {"Date": None} if suffix == "svg" else None
@@ -89,12 +89,12 @@ def write(figure: Figure, path: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Raises InputError where no figure could be written, before the work that it shows."""
+    """Raises InputError if no figure can be written to `path`; to be called before long work."""
     if path.suffix[1:].lower() not in FORMATS:
         raise InputError(f"the figure must be an .{' or .'.join(FORMATS)}, got {path}")
     check_place(path)
 
 
 def in_per_cent(axis: Axis) -> None:
-    """Labels an axis of shares in per cent."""
+    """Labels an axis of shares with per cent."""
     axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]

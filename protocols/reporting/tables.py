@@ -49,7 +49,7 @@ def cells(column: Column) -> list[tuple[str, str]]:
 
 
 def variation_cell(first: Column, second: Column | None) -> tuple[str, str]:
-    """Returns the total variation of two columns' categories, and that expected by chance."""
+    """Returns the total variation of two columns, and its 95th percentile under chance alone."""
     if second is None or not first.summary.robots:
         return "-", ""
     distance = total_variation(first.summary, second.summary)
@@ -96,7 +96,7 @@ def _claims(experiment: Experiment, results: list[ClaimResult]) -> str:
 
 
 def claims_note(experiment: Experiment) -> str:
-    """Returns how the claims are judged."""
+    """Returns a note on how the claims are judged."""
     note = (
         "A claim holds if all its inequalities are significant. It does not hold if the opposite "
         "of one is significant. Otherwise it is undecided. The level is 5 %. p is two-sided; "
@@ -109,7 +109,7 @@ def claims_note(experiment: Experiment) -> str:
 
 
 def as_json(run: Run) -> dict[str, Any]:
-    """Returns the tables of a run and of the paper, and the claims, as plain data; NaN as None."""
+    """Returns the tables of a run and of the paper, and the claims, as data; None for NaN."""
     found: dict[str, Any] = {}
     for condition in run.conditions():
         ours, paper = column(run, condition), paper_column(run.experiment, condition)

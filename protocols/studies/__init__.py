@@ -1,4 +1,4 @@
-"""Experiments of several runs or tests, each with a page of results: `musebot study NAME`."""
+"""Studies: experiments of several runs or tests, each with a page (`musebot study NAME`)."""
 
 from __future__ import annotations
 

@@ -34,8 +34,8 @@ _ONLY_IN_SPOT_FINDING = ("raw_signals", "raw_reward")
 class Ablation(VariantStudy):
     """Remove the ingredients of the brain `steady`, one at a time.
 
-    Simulates creative robots with the whole brain and without each ingredient, a run in a folder
-    each.
+    Simulates creative robots with the whole brain, and with the brain that lacks each ingredient.
+    Each run has its own folder.
     """
 
     name: ClassVar[str] = "ablation"
@@ -68,7 +68,7 @@ class Ablation(VariantStudy):
         )
 
     def variants(self) -> Sequence[Variant]:
-        """See `VariantStudy.variants`: the whole brain, and it without each ingredient."""
+        """See `VariantStudy.variants`: the whole brain, and the brains that lack one ingredient."""
         if not self.task:
             raise InputError("at least one task is needed")
         tasks = tuple(sorted(set(self.task), key=[*PAPER_TASKS, *self.task].index))
@@ -87,21 +87,21 @@ class Ablation(VariantStudy):
 
 
 def matters(ingredient: str, task: str) -> bool:
-    """Returns whether an ingredient can change a life in a task."""
+    """Returns whether an ingredient can affect the robots in a task."""
     return task == "spot_finding" or ingredient not in _ONLY_IN_SPOT_FINDING
 
 
 def compared(
     runs: Mapping[str, Run], ingredients: Sequence[str]
 ) -> dict[tuple[str, str], tuple[Cell, Cell]]:
-    """Compares the whole brain with it without each ingredient, corrected over all cells.
+    """Compares the whole brain with the brains that lack one ingredient, corrected together.
 
     Args:
       runs: Runs by the name of their brain.
       ingredients: Ingredients to report.
 
     Returns:
-      By task and ingredient, the cells of `comparison.outcomes`; ours are the whole brain's.
+      Cells of `comparison.outcomes` by task and ingredient; `ours` is the whole brain.
     """
     whole = runs[WHOLE]
     matches = {

@@ -37,7 +37,7 @@ _STYLES: tuple[tuple[tuple[int, int], Literal["--", "-"]], ...] = ((EARLY, "--")
 class Continual(Study):
     """Report spot finding over 24 hours in which the spot moves every ten minutes.
 
-    The page has the share of the time in the spot early and late; the figure has it for each hour.
+    The page shows the share of the time in the spot early and late; the figure shows each hour.
     """
 
     name: ClassVar[str] = "continual"
@@ -67,8 +67,8 @@ class Training:
     """The training of a condition's N valid robots.
 
     Attributes:
-      name: Name of the run and of the proposer.
-      minutes: Share of each minute of the training that a robot was in the spot, shape (N, 1440).
+      name: Names of the run and of the proposer, in one text.
+      minutes: Share of time in the spot, for each robot and minute of training, shape (N, 1440).
       run: Description of the run, a line of Markdown.
     """
 
@@ -77,7 +77,7 @@ class Training:
     run: str = ""
 
     def share(self, hours: tuple[int, int]) -> np.ndarray:
-        """Returns each robot's share of the time in the spot, shape (N,).
+        """Returns each robot's share of time in the spot in some hours, shape (N,).
 
         Args:
           hours: First and last hour, counted from 1, both included.
@@ -86,11 +86,11 @@ class Training:
         return self.minutes[:, 60 * (first - 1) : 60 * last].mean(axis=1)
 
     def found(self) -> np.ndarray:
-        """Returns each robot's share of the spot's places in which it was in it, shape (N,)."""
+        """Returns the share of the spot's places that each robot found, shape (N,)."""
         return (self._by_place() > 0).any(axis=2).mean(axis=1)
 
     def after_move(self, hours: tuple[int, int]) -> np.ndarray:
-        """Returns the mean share of each of the ten minutes after the spot moved, shape (10,).
+        """Returns the mean share of time in the spot by minute after the spot moved, shape (10,).
 
         Args:
           hours: First and last hour, counted from 1, both included.
@@ -103,10 +103,10 @@ class Training:
 
 
 def trainings(runs: Sequence[Run]) -> list[Training]:
-    """Returns the trainings of all conditions of several runs.
+    """Returns the training of each condition of several runs.
 
     Raises:
-      InputError: a run has another protocol or no valid robots, is a rehearsal, or there are too
+      InputError: a run has another protocol, scaled durations or no valid robots, or there are too
         many conditions for a figure.
     """
     found = []
@@ -150,7 +150,7 @@ def markdown(found: Sequence[Training]) -> str:
 
 
 def draw(found: Sequence[Training]) -> Figure:
-    """Draws the share of the time in the spot by the hour, with 95 % bands, and after a move."""
+    """Draws the share of time in the spot by hour, with 95 % bands, and by minute after a move."""
     figure, (above, below) = style.canvas(5.2 + 0.16 * len(found), 2, 1, sharey=True)
     keys = []
     with bar() as progress:

@@ -38,7 +38,7 @@ class Creativity(Study):
     """Compare creative with random robots in runs that have both.
 
     Random robots have the same evaluation network, but their ideas are uniformly random. The page
-    also reports the regret of both kinds of ideas by the creative robots' own evaluation network.
+    also reports the regret of both kinds of ideas, by the creative robots' evaluation networks.
     """
 
     name: ClassVar[str] = "creativity"
@@ -66,12 +66,13 @@ class Creativity(Study):
 
 @dataclasses.dataclass(frozen=True)
 class Contrast:
-    """Creative compared with random robots of one task of a run.
+    """Comparison of the creative with the random robots of a run in one task.
 
     Attributes:
-      run: Run that has both.
-      task: Task that they learned.
-      cells: Mean L, and the share of the time after training in contact or in the spot.
+      run: Run that has both kinds of robots.
+      task: Task that the robots learned.
+      cells: Compared cells: mean L, and the share of the test after training in contact (or in the
+        spot).
     """
 
     run: Run
@@ -80,7 +81,7 @@ class Contrast:
 
     @property
     def robots(self) -> tuple[int, int]:
-        """Number of valid creative robots, and of valid random ones."""
+        """Number of valid creative robots, and number of valid random robots."""
         creative, random = (
             len(self.run.valid(Condition(self.task, proposer))) for proposer in (_CREATIVE, _RANDOM)
         )
@@ -88,7 +89,7 @@ class Contrast:
 
 
 def check_runs(runs: Sequence[Run]) -> None:
-    """Raises InputError where a run has no task with both kinds of robots, or is a rehearsal."""
+    """Raises InputError if a run has no task with both kinds of robots, or scaled durations."""
     for run in runs:
         if not _tasks(run):
             raise InputError(f"{run.name} has no task with both creative and random robots")
@@ -100,7 +101,7 @@ def check_runs(runs: Sequence[Run]) -> None:
 
 
 def contrasts(runs: Sequence[Run]) -> list[Contrast]:
-    """Returns all contrasts of runs, their p-values corrected together.
+    """Returns all contrasts of several runs, with their p-values corrected together.
 
     Raises:
       InputError: see `check_runs`.
@@ -119,11 +120,11 @@ def _tasks(run: Run) -> list[str]:
 
 
 def regrets(contrast: Contrast) -> dict[str, tuple[float, float]]:
-    """Returns the regret of the best idea, by the trained creative robots' evaluation network.
+    """Returns the regret of ideas, by the trained creative robots' evaluation networks.
 
     Returns:
-      By situation, the regret (`analysis.regret`) of the robots' own ideas and of as many
-      uniformly random ones, means over robots and draws of ideas; empty without valid robots.
+      For each situation, by name, the mean regret (`analysis.regret`) of the robots' own ideas and
+      that of as many uniformly random ideas, over robots and draws; empty without valid robots.
     """
     run, condition = contrast.run, Condition(contrast.task, _CREATIVE)
     rows = run.valid_rows(condition)
@@ -149,7 +150,7 @@ def markdown(
     """Returns the page: a row for each contrast and cell, and the regret of ideas.
 
     Args:
-      found: Contrasts.
+      found: Contrasts to report.
       regretted: Regret of ideas in each contrast (`regrets`).
     """
     head = ["run", "ideas", "robots", "", _CREATIVE, _RANDOM, "difference", "creative is"]
@@ -191,7 +192,7 @@ def markdown(
 
 
 def draw(found: Sequence[Contrast]) -> Figure:
-    """Draws a row for each contrast: both times after training, and the difference."""
+    """Draws a row for each contrast: time after training of both kinds, and the difference."""
     figure, axes = style.canvas(1.2 + 0.34 * len(found), 1, 2, sharey=True)
     both, apart = axes[0]
     for row, contrast in enumerate(found):

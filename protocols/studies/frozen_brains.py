@@ -1,4 +1,4 @@
-"""Brains stored at nine times of their training, and their evaluation with frozen weights."""
+"""Stores brains at nine times of their training, and evaluates them with frozen weights."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _STORED = "known."  # prefix of the networks' names in the file of a life
 
 @dataclasses.dataclass(frozen=True)
 class LearningProgress:
-    """What the brains of R robots had learned at T times of their training.
+    """Networks of R robots at T times of their training.
 
     Attributes:
       experiment: Experiment of the robots.
-      name: Name of their brain.
+      name: Name of the robots' brain.
       hours: Simulated hours of training at each time, shape (T,).
-      networks: Networks at each time, each of shape (T, R, ...); of valid robots only.
+      networks: Networks of the valid robots at each time, each of shape (T, R, ...).
       invalid: Number of robots whose simulation became unstable.
     """
 
@@ -59,10 +59,10 @@ class LearningProgress:
         return self.experiment.cohort_size - self.invalid
 
     def brains(self, which: np.ndarray, seed: int = 0) -> NeurocontrollerAgent:
-        """Returns brains as one batch.
+        """Returns chosen brains as one batch.
 
         Args:
-          which: Indices of times and of robots, shape (2, B).
+          which: Index of the time and of the robot of each brain, shape (2, B).
           seed: Seed of the batch's random stream.
         """
         agent = make_agent(self.experiment, _CONDITION, which.shape[1], seed)
@@ -74,15 +74,15 @@ class LearningProgress:
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """How good brains were at T times of their training.
+    """Performance of R brains at T times of their training.
 
     Attributes:
-      progress: The brains.
-      tests: Share of the time in the spot in a frozen brain's two tests, shape (2, T, R); NaN
-        where the simulation became unstable.
-      spread: Spread of the ideas, as their mean distance from their mean in motor values, at S
-        smells, shape (T, S, R).
-      regret: Regret of the ideas (`analysis.regret`), at S smells, shape (T, S, R).
+      progress: Evaluated brains.
+      tests: Share of time in the spot of each frozen brain in two tests, shape (2, T, R); NaN where
+        the simulation became unstable.
+      spread: Mean distance of the ideas from the mean idea, in motor values, at S smells, shape
+        (T, S, R).
+      regret: Regret of the ideas (`analysis.regret`) at S smells, shape (T, S, R).
     """
 
     progress: LearningProgress
@@ -99,8 +99,8 @@ class Evaluation:
     def best(self) -> np.ndarray:
         """Share of each robot at its best time so far, shape (T, R).
 
-        The first test chooses the best time, the second gives the share: the best of many tests is
-        partly luck, and would exceed the last one even if nothing was ever forgotten.
+        The first test chooses the best time, the second test gives the share at that time. With one
+        test, the best result is partly luck and exceeds later results even without forgetting.
         """
         first = np.nan_to_num(self.tests[0], nan=-1.0)
         times = [first[: time + 1].argmax(axis=0) for time in range(len(first))]
@@ -136,7 +136,7 @@ class LifeJob:
         return self.out / f"brains-{self.name}.safetensors"
 
     def test_file(self, seed: int) -> Path:
-        """Returns the file of one of the tests of these brains."""
+        """Returns the file with the results of a test of these brains, by the test's seed."""
         return self.out / f"test-{self.name}-{seed}.safetensors"
 
     @property
@@ -149,7 +149,7 @@ class LifeJob:
         return self.path.exists() and len(_first(self.restored()[1])) == TIMES + 1
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; continues from the last of the times, bit-exactly."""
+        """See `Job.run`; continues bit-exactly from the last time at which networks were stored."""
         cohort, stored = self.restored()
         for time in times(self.experiment)[len(_first(stored)) :]:
             while cohort.step < time:
@@ -166,13 +166,13 @@ class LifeJob:
         return True
 
     def restored(self) -> tuple[Cohort, dict[str, np.ndarray]]:
-        """Returns the robots as their file has them, or newborn.
+        """Returns the robots as stored in their file; untrained robots if there is no file.
 
         Returns:
-          The cohort, and its networks at the t times so far, each of shape (t, B, ...).
+          The cohort, and its networks at the t times stored so far, each of shape (t, B, ...).
 
         Raises:
-          InputError: the file is damaged, or of other robots.
+          InputError: the file is damaged, or belongs to other robots.
         """
         cohort = Cohort(self.experiment, CohortKey(_CONDITION, 0))
         newborn = cohort.agent.weights()
@@ -193,10 +193,10 @@ class LifeJob:
         return cohort, stored
 
     def progress(self) -> LearningProgress:
-        """Returns what the brains had learned at all times.
+        """Returns the networks of the valid robots at all times.
 
         Raises:
-          InputError: the life is not finished, or see `restored`.
+          InputError: the job is not finished, or `restored` raises it.
           RunError: no robot is valid.
         """
         cohort, stored = self.restored()
@@ -220,10 +220,10 @@ def _first(networks: Mapping[str, np.ndarray]) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class FrozenTest:
-    """Evaluates all brains of a finished life in one test.
+    """Evaluates all brains of a finished `LifeJob` in one test.
 
     Attributes:
-      life: The life.
+      life: Job that stored the brains.
       seed: Seed of the brains' noise.
     """
 
@@ -240,19 +240,19 @@ class FrozenTest:
 
     @property
     def cost(self) -> float:
-        """See `Job.cost`; as if all robots were valid."""
+        """See `Job.cost`; assumes that all robots are valid."""
         experiment = self.life.experiment
         steps = control_steps(experiment.schedule(_CONDITION.task).phases[-1].minutes)
         return steps * CONTROL_TIMESTEP * experiment.cohort_size * (TIMES + 1)
 
     def done(self) -> bool:
-        """See `Job.done`; brains simulated anew, on another machine, can differ."""
+        """See `Job.done`; False for the file of other brains, such as those of another machine."""
         if not self.path.exists():
             return False
         return load_arrays(self.path)[1] == self._notes(self.life.progress())
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; a test that was stopped starts anew."""
+        """See `Job.run`; a test that was stopped starts from the beginning."""
         progress = self.life.progress()
         try:
             tick = MinuteTick(self, progress.robots * (TIMES + 1), stop, report)
@@ -263,10 +263,10 @@ class FrozenTest:
         return True
 
     def shares(self, progress: LearningProgress) -> np.ndarray:
-        """Reads what `evaluate` returned for these brains.
+        """Reads the shares that `evaluate` returned for these brains.
 
         Raises:
-          InputError: the file is missing, damaged, or of other brains.
+          InputError: the file is missing, damaged, or belongs to other brains.
         """
         if not self.path.exists():
             raise InputError(f"{self.life.out} lacks {self.path.name}")
@@ -283,9 +283,9 @@ def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -
     """Evaluates all brains in the test after training, with frozen weights.
 
     Args:
-      progress: The brains.
+      progress: Brains to evaluate.
       seed: Seed of the brains' noise.
-      tick: Called after every simulated minute of each group of robots in lockstep.
+      tick: Function called after every simulated minute of each group of robots in lockstep.
 
     Returns:
       Share of the time in the spot, shape (T, R); NaN where the simulation became unstable.
@@ -305,7 +305,7 @@ def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -
 
 
 def evaluation(life: LifeJob) -> Evaluation:
-    """Returns how good the brains of a finished life were, from its files.
+    """Returns the evaluation of the brains of a finished job, read from its files.
 
     Raises:
       InputError: a file is missing or damaged.
@@ -317,7 +317,7 @@ def evaluation(life: LifeJob) -> Evaluation:
 
 
 def smells(experiment: Experiment) -> np.ndarray:
-    """Returns what a robot senses at each of `SMELLS`, far from all walls, shape (S, signals)."""
+    """Returns the sensor signals at each of `SMELLS`, far from all walls, shape (S, signals)."""
     batch = experiment.batch(_CONDITION.task, len(SMELLS))
     everyone, radius = np.arange(batch.robots), batch.dimensions.radius
     # The spot is in the middle and ahead of the robot; for no smell it is far behind.

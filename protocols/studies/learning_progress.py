@@ -1,4 +1,4 @@
-"""The study of what brains have learned at nine times of their training in spot finding."""
+"""The study of brains at nine times of their training in spot finding, with frozen weights."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class LearningProgressStudy(Study):
     """Evaluate frozen brains at nine times of their training in spot finding.
 
     Simulates a cohort of creative robots with each brain. The brains at the beginning and at eight
-    times of the training repeat the test after training twice. The page also has the regret of
-    their ideas at four smells.
+    times of the training repeat the test after training twice. The page also reports the regret of
+    the brains' ideas at four smells.
     """
 
     name: ClassVar[str] = "learning-progress"
@@ -80,11 +80,11 @@ class LearningProgressStudy(Study):
                     load_arrays(test)
 
     def lives(self, out: Path) -> list[LifeJob]:
-        """Returns the jobs of the first stage."""
+        """Returns the jobs of the first stage, which train the brains."""
         return [LifeJob(out.resolve(), *named) for named in self.experiments().items()]
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`: the lives, then the tests of the brains that they left."""
+        """See `Study.stages`: the jobs that train brains, then the tests of the stored brains."""
         lives = self.lives(out)
         yield lives
         yield [FrozenTest(life, seed) for life, seed in itertools.product(lives, SEEDS)]
@@ -99,7 +99,7 @@ class LearningProgressStudy(Study):
 
 
 def markdown(found: Sequence[Evaluation]) -> str:
-    """Returns the page: a row for each brain, with its tests and the regret of its ideas."""
+    """Returns the page: a row for each brain, with its test results and the regret of its ideas."""
     head = ["brain", "robots", "in the spot, at its best time", "in the end", "forgotten"]
     head += [f"regret, {smell.partition(':')[0]}" for smell in SMELLS]
     rows = [head, ["---", *["---:"] * (len(head) - 1)]]
@@ -122,7 +122,7 @@ def markdown(found: Sequence[Evaluation]) -> str:
 
 
 def draw(found: Sequence[Evaluation]) -> Figure:
-    """Draws a column for each brain: its tests by the hour, and its ideas' spread and regret."""
+    """Draws a column for each brain: test results by hour, and spread and regret of the ideas."""
     figure, axes = style.canvas(6.0, 3, len(found), sharex=True, sharey="row")
     for column, one in enumerate(found):
         above, middle, below = axes[:, column]
@@ -154,7 +154,7 @@ def _line(axis: Axes, hours: np.ndarray, values: np.ndarray, shade: str, label: 
 
 @torch.inference_mode()
 def draw_brain(one: Evaluation) -> Figure:
-    """Draws the values of all actions of the median robot, at four times and smells."""
+    """Draws the median robot's values of all actions at four times and four smells."""
     middle = np.nanmedian(one.shares[-1])
     robot = int(np.nanargmin(np.abs(one.shares[-1] - middle)))
     states = smells(one.progress.experiment)

@@ -1,4 +1,4 @@
-"""The study that trains policies by PPO, to compare the robots with (docs/agents.md)."""
+"""The study that trains policies by PPO as a reference for the robots (docs/agents.md)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ROLLOUT = SETTINGS["n_steps"] * ROBOTS  # control steps
 class PPOTraining(Study):
     """Train policies by PPO on any task, one random seed each.
 
-    Leaves OUT/policies.safetensors, whose policies can drive robots, be filmed and be explored.
+    Writes OUT/policies.safetensors. Its policies can drive robots, in films and in the viewer.
     Needs Stable-Baselines3.
     """
 
@@ -63,7 +63,7 @@ class PPOTraining(Study):
         return {}
 
     def details(self) -> Mapping[str, Any]:
-        """See `Study.details`; the number of policies may grow."""
+        """See `Study.details`; the number of policies may be increased later."""
         return {"task": self.task, **self._notes()}
 
     def folders(self, out: Path) -> Sequence[Path]:
@@ -80,7 +80,7 @@ class PPOTraining(Study):
                 read_policies(job.path)
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`; joins the policies when all are trained."""
+        """See `Study.stages`; joins the policies in one file when all are trained."""
         yield self._jobs(out)
         policies = [read_policies(job.path)[1] for job in self._jobs(out)]
         arrays = {
@@ -118,7 +118,7 @@ class TrainingJob:
     """Trains one policy.
 
     Attributes:
-      path: File of the policy.
+      path: File to which the trained policy is written.
       task: Name of any task.
       steps: Control steps of all robots together, rounded up to whole rollouts.
       seed: Seed of the policy, its exploration and its episodes.
@@ -142,7 +142,7 @@ class TrainingJob:
         return self.path.exists()
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; a policy whose training was stopped starts anew."""
+        """See `Job.run`; a training that was stopped starts from the beginning."""
         policy = train(self.task, self.steps, self.seed, stop, report)
         if policy is None:
             return False
@@ -169,11 +169,12 @@ def train(
       task: Name of any task.
       steps: Control steps of all robots together, rounded up to whole rollouts.
       seed: Seed of the policy, its exploration and its episodes.
-      stop: Returns whether to stop; asked once in a rollout.
-      report: Receives the cost done so far and a message, once in a rollout.
+      stop: Function that returns whether to stop; called once per rollout.
+      report: Function called once per rollout with the simulated robot-seconds so far and a
+        message.
 
     Returns:
-      Weights as in `agents.ppo.Policies`, B = 1; None if stopped.
+      Weights in the form of `agents.ppo.Policies` with B = 1; None if stopped.
     """
     from stable_baselines3 import PPO
 
@@ -196,7 +197,7 @@ def train(
 
 
 def _weights(policy: Any, when: str) -> dict[str, np.ndarray]:
-    """Copies the weights between a state and the mean action, with a leading axis."""
+    """Copies the weights of the layers from the state to the mean action, with a leading axis."""
     modules = itertools.chain(policy.mlp_extractor.policy_net, [policy.action_net])
     layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
     weights = {}

@@ -49,19 +49,19 @@ _LOWER_LEFT = (UPPER_LEFT[0], -UPPER_LEFT[1])
 
 @dataclasses.dataclass(frozen=True)
 class Perturbation:
-    """What differs from training.
+    """A difference of robot or arena from training.
 
     Attributes:
-      name: Name in the names of files.
+      name: Name of the perturbation in file names.
       says: Description in words.
-      tasks: Tasks whose robots are evaluated with it.
+      tasks: Tasks whose robots are evaluated with the perturbation.
       speed: Factor on the speed of the robot.
-      arena: Factor on both sides of the arena; robot and spot start as far from its corners as
-        before.
-      spot: Centre of the spot in the test, x, y in [m]; None for that of the schedule.
-      noise: Standard deviation of a normally distributed factor with mean 1, drawn anew for every
-        signal, robot and control step; the results are clipped to the signal's range.
-      dead: Name of the rangefinder that senses nothing, if one does.
+      arena: Factor on both side lengths of the arena; the start places of robot and spot keep
+        their distances from the corners.
+      spot: Centre of the spot in the test, x, y in [m]; None for the place in the schedule.
+      noise: Standard deviation of the factor on each signal, normally distributed with mean 1,
+        drawn for every signal, robot and control step; signals are clipped to their range.
+      dead: Name of the distance sensor that is switched off; None for no sensor.
     """
 
     name: str
@@ -144,10 +144,10 @@ class Robustness(Study):
 
     @functools.cached_property
     def evaluated(self) -> list[EvaluatedRun]:
-        """The runs with their chosen brains.
+        """Runs with the brains to evaluate.
 
         Raises:
-          InputError: an option is invalid, a run has no such brains, or they cannot be in one
+          InputError: an option is invalid, a run has no such brains, or the runs cannot be in one
             table.
         """
         check_positive(robots=self.robots)
@@ -217,7 +217,7 @@ class Robustness(Study):
         yield self.jobs(out)
 
     def jobs(self, out: Path) -> list[EvaluationJob]:
-        """Returns all jobs, the longest first, so that processes end together."""
+        """Returns all jobs, the longest first, so that all processes end at about the same time."""
         found = [
             EvaluationJob(
                 one.file(out, condition, perturbation),
@@ -279,7 +279,7 @@ class EvaluatedRun:
 
     Attributes:
       run: The run, with the body and the seed of the study.
-      robots: Number of robots evaluated in each condition: the first valid ones.
+      robots: Number of robots to evaluate in each condition; the first valid robots are taken.
     """
 
     run: Run
@@ -291,19 +291,19 @@ class EvaluatedRun:
         return self.run.name
 
     def file(self, out: Path, condition: Condition, perturbation: Perturbation) -> Path:
-        """Returns the file of what a condition's robots did."""
+        """Returns the file with the results of a condition's robots."""
         name = f"{condition.task}-{condition.proposer}-{perturbation.name}.safetensors"
         return out / self.name / name
 
     def shares(self, out: Path, condition: Condition, perturbation: Perturbation) -> np.ndarray:
-        """Reads what a condition's robots did with a perturbation.
+        """Reads the results of a condition's robots with a perturbation.
 
         Returns:
-          Shares of the test's time in contact or in the spot, NaN for a robot whose simulation
-          became unstable, shape (B,).
+          Share of the test in contact (or in the spot) of each robot, shape (B,); NaN for a robot
+          whose simulation became unstable.
 
         Raises:
-          InputError: the file is missing, damaged, or of another perturbation of this name.
+          InputError: the file is missing, damaged, or of another perturbation with this name.
         """
         path = self.file(out, condition, perturbation)
         if not path.exists():
@@ -318,11 +318,11 @@ class EvaluationJob:
     """Evaluates a condition's robots with one perturbation, in lockstep.
 
     Attributes:
-      path: File of what they did.
+      path: File to which the results are written.
       evaluated: Run of the robots, with the body and the seed of the study.
       condition: Condition of the robots.
       rows: Rows of the robots within the condition.
-      perturbation: What differs from training.
+      perturbation: Difference of robot or arena from training.
     """
 
     path: Path
@@ -344,7 +344,7 @@ class EvaluationJob:
         return self.path.exists()
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; an evaluation that was stopped starts anew."""
+        """See `Job.run`; an evaluation that was stopped starts from the beginning."""
         try:
             arrays = evaluate(self, MinuteTick(self, len(self.rows), stop, report))
         except StoppedError:
@@ -360,12 +360,12 @@ def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndar
     perturbation.
 
     Args:
-      job: Robots and perturbation.
-      tick: Called after every simulated minute.
+      job: Job that names the robots and the perturbation.
+      tick: Function called after every simulated minute.
 
     Returns:
-      `events`, the control steps in contact or in the spot, and `valid`, whether the simulation
-      remained stable, each of shape (B,).
+      `events`, the number of control steps in contact (or in the spot), and `valid`, whether the
+      simulation remained stable, each of shape (B,).
     """
     experiment, perturbation, task = job.evaluated.experiment, job.perturbation, job.condition.task
     seed, random = experiment.seeds(CohortKey(job.condition, 0))
@@ -389,7 +389,7 @@ def measured(path: Path, perturbation: Perturbation) -> dict[str, np.ndarray]:
 
     Raises:
       FileNotFoundError: there is no such file.
-      InputError: the file is damaged, or of another perturbation of this name.
+      InputError: the file is damaged, or of another perturbation with this name.
     """
     arrays, notes = load_arrays(path)
     if notes.get("change") != _plain(perturbation):
@@ -398,17 +398,18 @@ def measured(path: Path, perturbation: Perturbation) -> dict[str, np.ndarray]:
 
 
 def _plain(perturbation: Perturbation) -> dict[str, Any]:
-    """Returns a perturbation as JSON has it."""
+    """Returns a perturbation as plain data for JSON."""
     return json.loads(json.dumps(dataclasses.asdict(perturbation)))
 
 
 def cells(shares: np.ndarray, reference: np.ndarray) -> list[str]:
-    """Returns a condition's cells of a row: share, difference, number of robots never there.
+    """Returns a condition's cells of a row: share, difference, robots without the event.
 
     Args:
-      shares: Each robot's share of the time, NaN for one that became unstable, shape (B,).
-      reference: Shares without a perturbation, shape (B,); the same object for the first row,
-        which has no difference.
+      shares: Share of the test in contact (or in the spot) of each robot, shape (B,); NaN if its
+        simulation became unstable.
+      reference: Shares without a perturbation, shape (B,); the object `shares` itself in the first
+        row, which has no difference.
     """
     sound = shares[~np.isnan(shares)]
     mean = np.nanmean

@@ -1,4 +1,4 @@
-"""The study of what the paper leaves open, one choice varied at a time."""
+"""The study of choices that the paper leaves open, each varied alone."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ CHOICES = (
 class Sensitivity(VariantStudy):
     """Vary what the paper leaves open, one choice at a time, in the kinematic simulator.
 
-    Simulates a baseline, the baseline with another seed, and each choice, a run in a folder each.
+    Simulates a baseline, the baseline with another seed, and a run for each choice.
     """
 
     name: ClassVar[str] = "sensitivity"
@@ -101,7 +101,7 @@ class Sensitivity(VariantStudy):
 def compared(
     runs: Mapping[str, Run], choices: Sequence[Variant]
 ) -> list[tuple[Variant, list[Cell]]]:
-    """Returns each choice's cells compared with the baseline's, corrected over all of them."""
+    """Returns the cells of each choice compared with the baseline, corrected together."""
     pairs = [(choice, condition) for choice in choices for condition in choice.conditions]
     resamples = resamples_for(CELLS * len(pairs))
     cells: list[Cell] = []
@@ -116,11 +116,11 @@ def compared(
 
 
 def markdown(runs: Mapping[str, Run], comparisons: Sequence[tuple[Variant, Sequence[Cell]]]) -> str:
-    """Returns the page: the cells that each choice changes, and the noise of two seeds.
+    """Returns the page: the cells that each choice changes, and how much two seeds differ.
 
     Args:
       runs: Finished runs by name.
-      comparisons: Cells of each choice (`compared`).
+      comparisons: Each choice with its compared cells (`compared`).
     """
     baseline = runs[BASELINE]
     noise = next(cells for choice, cells in comparisons if choice.name == NOISE)

@@ -1,4 +1,4 @@
-"""Studies: jobs kept as files, and a page made from them. Resume, lock and refusal are here."""
+"""Studies: jobs with result files, and a page made from these. Handles resuming and locking."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _DEFAULT = {"default": Experiment()}  # whose physics a study without experiment
 
 @dataclasses.dataclass(frozen=True)
 class Page:
-    """What a study reports.
+    """Results page of a study.
 
     Attributes:
-      markdown: Text, with tables.
-      figures: Figures by name.
+      markdown: Text with tables, as Markdown.
+      figures: Figures of the page by name.
     """
 
     markdown: str
@@ -41,40 +41,40 @@ class Page:
 class Study(abc.ABC):
     """A question, the jobs that answer it, and the page of the answer.
 
-    A subclass is a dataclass whose fields are the options of `musebot study NAME`; the first line
-    of its docstring says in the list of studies what it asks.
+    A subclass is a dataclass whose fields are the options of `musebot study NAME`. The first line
+    of its docstring is its description in the list of studies.
 
     Attributes:
-      name: Name on the command line, of the page and of its figures.
+      name: Name of the study on the command line, and of the files of its page and figures.
     """
 
     name: ClassVar[str]
 
     @abc.abstractmethod
     def experiments(self) -> Mapping[str, Experiment]:
-        """Returns what is simulated, by name: what identifies the study, with its physics.
+        """Returns the simulated experiments by name; they and their physics identify the study.
 
-        A study of no experiment is identified by its `details` and by the default robot's physics.
+        A study without experiments is identified by its `details` and the default robot's physics.
 
         Raises:
           InputError: an option is invalid, or something that the study needs is missing.
         """
 
     def details(self) -> Mapping[str, Any]:
-        """Returns whatever else identifies the study, as JSON has it."""
+        """Returns further values that identify the study, as plain data for JSON."""
         return {}
 
     def folders(self, out: Path) -> Sequence[Path]:
-        """Returns the folders of the study's files below OUT."""
+        """Returns the folders below OUT that hold the study's files."""
         del out
         return []
 
     def check(self, out: Path) -> None:
-        """Raises InputError where the study's own files in OUT cannot be continued."""
+        """Raises InputError if the study cannot be continued from its files in OUT."""
         del out
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """Yields groups of jobs; all jobs of a group are done when the next group is asked for."""
+        """Yields groups of jobs; a group is requested only when all earlier jobs are done."""
         del out
         yield from ()
 
@@ -84,7 +84,7 @@ class Study(abc.ABC):
 
     @abc.abstractmethod
     def page(self, out: Path) -> Page:
-        """Returns the page made from the finished files; changes nothing.
+        """Returns the page made from the finished files; writes no files.
 
         Raises:
           InputError: a file is missing or damaged.
@@ -102,14 +102,14 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     Args:
       study: Study to run or to continue.
       out: Folder of the study's files.
-      executor: What runs the jobs.
+      executor: Function that runs the jobs.
 
     Returns:
-      The page.
+      The page that was written.
 
     Raises:
-      InputError: OUT holds something else, another study, or another physics; nothing was done.
-      Interrupted, RunError: see `simulation.jobs.Executor`; the same study continues.
+      InputError: OUT holds other files, another study, or another physics; nothing was done.
+      Interrupted, RunError: see `simulation.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """
     experiments = study.experiments()
@@ -139,20 +139,20 @@ class MinuteTick:
     """Reports a job's progress every simulated minute, and stops it when asked."""
 
     def __init__(self, job: Job, robots: int, stop: Stop, report: Report) -> None:
-        """Begins to count.
+        """Starts the count at zero.
 
         Args:
-          job: Job that runs.
+          job: Job whose progress is reported.
           robots: Number of robots in lockstep.
-          stop: Returns whether to stop.
-          report: Receives the cost done so far and a message.
+          stop: Function that returns whether to stop.
+          report: Function called with the simulated robot-seconds so far and a message.
         """
         self._cost, self._each = job.cost, 60.0 * robots
         self._stop, self._report = stop, report
         self._done = 0.0
 
     def __call__(self) -> None:
-        """Counts a minute.
+        """Counts a simulated minute.
 
         Raises:
           StoppedError: the job is asked to stop.
@@ -171,7 +171,7 @@ def check_positive(**numbers: int) -> None:
 
 
 def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> list[Any]:
-    """Checks that OUT can hold a study; returns what its files were made with."""
+    """Checks that OUT can hold a study; returns the versions and machines that made it."""
     check_folder(out)
     path = out / STUDY_FILE
     if not path.is_file():
@@ -218,5 +218,5 @@ def _write_manifest(
 
 
 def _plain(details: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns details as JSON has them: lists for tuples, for example."""
+    """Returns details as plain data for JSON, for example with lists for tuples."""
     return json.loads(json.dumps(details))

@@ -32,9 +32,9 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 class Timestep(Study):
     """Measure how the body's motion converges with the physics timestep.
 
-    Drives robots with the same motor values at eight timesteps, and compares them with the
-    smallest one. The page also has the speed, which only an idle machine and --processes 1 measure
-    well.
+    Drives robots with the same motor values at eight timesteps, and compares their motion with that
+    at the smallest one. The page also reports the speed of the simulation; it is accurate only on
+    an idle machine with --processes 1.
     """
 
     name: ClassVar[str] = "timestep"
@@ -77,13 +77,13 @@ class Timestep(Study):
 
 @dataclasses.dataclass(frozen=True)
 class TimestepJob:
-    """Measures the motion at one timestep.
+    """Measures the robots' motion at one timestep.
 
     Attributes:
-      path: File of what is measured.
+      path: File to which the measurements are written.
       substeps: Number of physics steps in a control step.
-      robots: Number of robots that drive into walls.
-      minutes: Simulated minutes of driving.
+      robots: Number of robots that drive randomly, also into walls.
+      minutes: Simulated minutes of each long drive.
     """
 
     path: Path
@@ -154,16 +154,17 @@ class TimestepJob:
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """What B robots did in T control steps with given motor values.
+    """Motion of B robots in T control steps with given motor values.
 
     Attributes:
       poses: x, y in [m] and heading in [rad] at the end of every control step, shape (B, T, 3).
-      gap: Distance from the rim to the nearest wall, at the instant of the last sensor reading of
-        every control step, in [m], shape (B, T).
-      touch: Reading of the touch sensor at that instant, in [N], shape (B, T).
-      deepest: Smallest gap at any substep, in [m].
-      tilt: Largest tilt at any substep, in degrees.
-      microseconds: Duration of a physics step.
+      gap: Distance in [m] from the robot's rim to the nearest wall, at the last sensor reading of
+        every control step, shape (B, T).
+      touch: Force in [N] at the touch sensor, at the last sensor reading of every control step,
+        shape (B, T).
+      deepest: Smallest distance in [m] from the rim to a wall over all robots and substeps.
+      tilt: Largest tilt in degrees over all robots and substeps.
+      microseconds: Computing time in [us] of a physics step of one robot.
     """
 
     poses: np.ndarray
@@ -180,16 +181,16 @@ def drive(
     start: tuple[float, float, float],
     stop: Stop = lambda: False,
 ) -> Motion:
-    """Drives B robots, each alone, from the same start.
+    """Drives B robots, each alone in its arena, from the same start pose.
 
     Args:
       substeps: Number of physics steps in a control step.
-      motors: Motor values in [-0.5, 0.5], shape (B, T, 2).
-      start: x, y in [m] and heading in [rad].
-      stop: Returns whether to stop; asked every simulated minute.
+      motors: Left and right motor values in [-0.5, 0.5], shape (B, T, 2).
+      start: x, y in [m] and heading in [rad] of the start pose.
+      stop: Function that returns whether to stop; called every simulated minute.
 
     Raises:
-      StoppedError: it was asked to stop.
+      StoppedError: `stop` returned True.
     """
     spec = arena_spec()
     spec.option.timestep = CONTROL_TIMESTEP / substeps
@@ -230,25 +231,25 @@ def drive(
 
 
 def _gap(states: np.ndarray, size: Dimensions) -> np.ndarray:
-    """Returns the distance from the rim to the nearest wall in [m], of states (..., n)."""
+    """Returns the distance from the rim to the nearest wall in [m], for states (..., n)."""
     x, y = np.abs(states[..., 1]), np.abs(states[..., 2])
     return np.minimum(size.half_length - x, size.half_width - y) - size.radius
 
 
 def _tilt(states: np.ndarray) -> np.ndarray:
-    """Returns the tilt in degrees, of states (..., n)."""
+    """Returns the tilt in degrees, for states (..., n)."""
     i, j = states[..., 5], states[..., 6]
     return np.degrees(np.arccos(1 - 2 * (i * i + j * j)))
 
 
 def random_motors(robots: int, steps: int, *, full_speed: bool, seed: int = 0) -> np.ndarray:
-    """Draws motor values held for 1 to 20 control steps, shape (robots, steps, 2).
+    """Draws motor values, each held for 1 to 20 control steps, shape (robots, steps, 2).
 
     Args:
       robots: Number of robots.
       steps: Number of control steps.
-      full_speed: Whether values are -0.5 or 0.5 only, instead of anything between.
-      seed: Seed of the draw.
+      full_speed: Whether all motor values are -0.5 or 0.5; if not, they lie in [-0.5, 0.5].
+      seed: Seed of the random motor values.
     """
     random = np.random.default_rng(seed)
     motors = np.empty((robots, steps, 2))
@@ -266,7 +267,7 @@ def markdown(found: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> str:
     """Returns the page: a row for each timestep.
 
     Args:
-      found: Numbers of substeps, the reference first, and what their jobs measured.
+      found: Number of substeps and measurements of each timestep, the reference first.
     """
     size = Dimensions.of(arena_spec().compile())
     reference = found[0][1]["calm"]
@@ -288,7 +289,7 @@ def markdown(found: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> str:
 
 
 def _accuracy(error: np.ndarray) -> dict[str, str]:
-    """Describes the errors of poses relative to the reference's, shape (B, 3)."""
+    """Describes the errors of poses relative to the reference, shape (B, 3)."""
     turn = np.abs((error[:, 2] + np.pi) % (2 * np.pi) - np.pi)
     return {
         "position error after 5 s, mm": f"{1e3 * np.hypot(error[:, 0], error[:, 1]).mean():.2f}",
@@ -297,7 +298,7 @@ def _accuracy(error: np.ndarray) -> dict[str, str]:
 
 
 def _speeds(fast: np.ndarray, spin: np.ndarray, size: Dimensions) -> dict[str, str]:
-    """Describes errors of the speed, straight ahead and on the spot; poses of shape (T, 3)."""
+    """Describes the errors of speed, driving straight and spinning, from poses of shape (T, 3)."""
     speed = (fast[-1, 0] - fast[9, 0]) / 1.0
     rate = np.diff(np.unwrap(spin[:, 2]))[20:].mean() / CONTROL_TIMESTEP
     wanted = 2 * size.motor_speed / size.wheel_base
@@ -308,7 +309,7 @@ def _speeds(fast: np.ndarray, spin: np.ndarray, size: Dimensions) -> dict[str, s
 
 
 def _drifts(spin: np.ndarray, rest: np.ndarray) -> dict[str, str]:
-    """Describes how far robots drift that should stay in place; poses of shape (T, 3)."""
+    """Describes how far a spinning and a resting robot drift, from poses of shape (T, 3)."""
     return {
         "drift spinning, mm": f"{1e3 * np.hypot(*(spin[:, :2] - spin[0, :2]).T).max():.4f}",
         "drift at rest, mm": f"{1e3 * np.hypot(*rest[:, :2].T).max():.4f}",
@@ -316,7 +317,7 @@ def _drifts(spin: np.ndarray, rest: np.ndarray) -> dict[str, str]:
 
 
 def _contacts(arrays: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Describes contact with walls."""
+    """Describes the contacts with walls."""
     return {
         "deepest into a wall, mm": f"{max(0.0, -1e3 * float(arrays['deepest'])):.2f}",
         "tilt, deg": f"{arrays['tilt']:.1f}",

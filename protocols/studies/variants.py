@@ -1,4 +1,4 @@
-"""Studies of several runs that differ from a baseline in one thing each, a folder of OUT a run."""
+"""Studies of runs that each differ from a baseline in one thing; each run has a folder in OUT."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class Variant:
       name: Name of the run and of its folder.
       says: Description of the difference, in words.
       fields: Fields of the experiment that differ from the baseline's.
-      tasks: Tasks in which it can matter; in the others the lives would be the baseline's,
-        bit-exactly.
-      proposers: Proposers with which it can matter; with the others the lives would be the
-        baseline's, bit-exactly.
+      tasks: Tasks in which the difference can affect the robots; in other tasks, their lives would
+        equal the baseline's bit-exactly.
+      proposers: Proposers with which the difference can affect the robots; with other proposers,
+        their lives would equal the baseline's bit-exactly.
     """
 
     name: str
@@ -46,16 +46,16 @@ class Variant:
 
     @property
     def conditions(self) -> list[Condition]:
-        """The conditions in which it can matter, in the order of the tables."""
+        """Conditions in which the difference can affect the robots, in the order of the tables."""
         return [Condition(task, proposer) for task in self.tasks for proposer in self.proposers]
 
     def experiment(self, baseline: Experiment) -> Experiment:
-        """Returns the baseline's experiment with this one difference."""
+        """Returns the baseline's experiment, changed by this difference."""
         return dataclasses.replace(baseline, **self.fields)
 
 
 class VariantStudy(Study):
-    """Runs that are simulated together, so that a run of few cohorts leaves no core idle.
+    """A study of several runs, simulated together to keep all cores busy.
 
     A run's results are in its folder as soon as its own last cohort is done.
 
@@ -67,7 +67,7 @@ class VariantStudy(Study):
 
     @abc.abstractmethod
     def baseline(self) -> Experiment:
-        """Returns what all runs have in common.
+        """Returns the experiment from which each run differs in one thing.
 
         Raises:
           InputError: an option is invalid.
@@ -75,7 +75,7 @@ class VariantStudy(Study):
 
     @abc.abstractmethod
     def variants(self) -> Sequence[Variant]:
-        """Returns the runs, the baseline's first.
+        """Returns the runs to simulate, the baseline first.
 
         Raises:
           InputError: an option is invalid.
@@ -83,10 +83,10 @@ class VariantStudy(Study):
 
     @abc.abstractmethod
     def report(self, runs: Mapping[str, Run]) -> Page:
-        """Returns the page made from the finished runs, by name."""
+        """Returns the page made from the finished runs, which are given by name."""
 
     def plans(self) -> Mapping[str, Plan]:
-        """Returns the robots that are wanted, by the name of the run.
+        """Returns the plan of the robots to simulate, by the name of the run.
 
         Raises:
           InputError: an option is invalid.
