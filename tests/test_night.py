@@ -10,7 +10,7 @@ import pytest
 # memory by the end of each.
 LIFE = """
 import json, pathlib, sys
-from musebot.protocols.bench.lives import peak_bytes
+from musebot.protocols.bench.memory import peak_bytes
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.simulation.jobs import CohortJob

@@ -37,6 +37,7 @@ from .measurements import (
     as_json,
     draw,
 )
+from .memory import peak_memory
 from .section import Section
 from .targets import targets_section
 
@@ -199,7 +200,7 @@ def _measure(effort: Effort, car: mujoco.MjModel | None, printer: _Printer) -> M
     for robots in MEMORY_SIZES:
         printer.begin(f"memory, {robots} robots")
         setting = Setting("wall_avoidance", "creative", robots, effort.memory_steps)
-        memory[robots] = workers.peak_memory(setting)
+        memory[robots] = peak_memory(setting)
     printer.show(sections.memory_section(memory))
 
     environments = {cost.name: cost for cost in costs}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import zlib
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -18,7 +17,6 @@ from ...tasks.sensors import NoseForm
 from ...tasks.starts import FROM_WALLS
 from ...tasks.suite import Edit, make_batch
 from ..errors import InputError
-from .conditions import CohortKey
 from .overrides import brain_name
 from .schedules import PROTOCOLS, ProtocolName, Schedule
 
@@ -124,16 +122,6 @@ class Experiment:
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)
         return make_batch(task, robots, **shared)
-
-    def seeds(self, key: CohortKey) -> tuple[int, np.random.Generator]:
-        """Returns a cohort's random streams: a seed for its brains, a generator for placements.
-
-        They depend only on the experiment's seed, the condition's name and the cohort's number.
-        """
-        condition = zlib.crc32(str(key.condition).encode())
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(condition, key.index))
-        brains, world = sequence.spawn(2)
-        return int(brains.generate_state(1, np.uint64)[0] >> 1), np.random.default_rng(world)
 
 
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Plan
+from ..experiment.random_streams import random_streams
 from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.results import Lives
 from .placement import legs, place
@@ -38,7 +39,7 @@ class Cohort:
           key: Condition and number of the cohort.
         """
         robots, task = experiment.cohort_size, key.condition.task
-        seed, self._random = experiment.seeds(key)
+        seed, self._random = random_streams(experiment.seed, key)
         self.batch = experiment.batch(task, robots)
         self.rules = self.batch.rules
         self.agent = make_agent(experiment, key.condition, robots, seed)

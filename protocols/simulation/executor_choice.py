@@ -24,7 +24,7 @@ class Workers:
     processes: int = cores()
     """number of jobs that this machine runs at a time, one core each"""
     engine: Literal["local", "ray"] = "local"
-    """local: this machine; ray: an existing cluster, with OUT on storage that all its nodes share"""
+    """local: this machine; ray: a cluster, with OUT on storage that all its nodes share"""
     address: str = "auto"
     """address of the Ray cluster, as host:port"""
 

@@ -14,12 +14,11 @@ from typing import Any
 from ..errors import Interrupted
 from ..terminal import JobProgress
 from .jobs import Job
+from .signals import StopRequest, stop_on_signals
 from .worker import (
-    StopRequest,
     follow_parent,
     prepare_process,
     single_threaded_children,
-    stop_on_signals,
     stopped_by,
 )
 

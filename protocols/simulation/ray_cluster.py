@@ -16,7 +16,8 @@ from typing import Any
 from ..errors import InputError, Interrupted
 from ..terminal import JobProgress
 from .jobs import Job
-from .worker import prepare_process, stop_on_signals, stopped_by
+from .signals import stop_on_signals
+from .worker import prepare_process, stopped_by
 
 try:
     import ray

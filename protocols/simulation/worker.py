@@ -1,14 +1,12 @@
-"""Set-up of a process that runs jobs: one thread, no OpenGL, an orderly stop on signals."""
+"""Set-up of a process that runs jobs: one thread, no OpenGL, an end with its parent."""
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
 import os
-import signal
 import threading
 from collections.abc import Iterator
-from typing import Any
 
 import torch
 
@@ -40,35 +38,6 @@ def single_threaded_children() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-class StopRequest:
-    """A request to stop, set by signals.
-
-    A handler only sets a plain flag: an Event has a lock that the interrupted thread may hold.
-
-    Attributes:
-      stop: Whether Ctrl-C or SIGTERM has asked to stop.
-    """
-
-    stop = False
-
-
-@contextlib.contextmanager
-def stop_on_signals() -> Iterator[StopRequest]:
-    """Turns Ctrl-C and SIGTERM into a request to stop."""
-    request = StopRequest()
-
-    def handler(number: int, frame: Any) -> None:
-        del number, frame
-        request.stop = True
-
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield request
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)
 
 
 def follow_parent() -> None:

@@ -20,6 +20,7 @@ from ..analysis import intervals
 from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS, CohortKey, Condition
 from ..experiment.experiment import Body, Experiment
+from ..experiment.random_streams import random_streams
 from ..experiment.schedules import (
     SCHEDULES,
     TASK_NAMES,
@@ -368,7 +369,7 @@ def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndar
       simulation remained stable, each of shape (B,).
     """
     experiment, perturbation, task = job.evaluated.experiment, job.perturbation, job.condition.task
-    seed, random = experiment.seeds(CohortKey(job.condition, 0))
+    seed, random = random_streams(experiment.seed, CohortKey(job.condition, 0))
     which: list[tuple[int, When]] = [(row, "after") for row in job.rows]
     brains = stored_brains(job.evaluated, job.condition, which, seed)
     agent = PerturbedBrain(

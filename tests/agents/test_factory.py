@@ -25,6 +25,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import read_manifest
+from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.results.run_files import read_run
 from musebot.protocols.simulation.cohort import Cohort
 
@@ -80,7 +81,7 @@ def test_a_run_records_the_name_of_the_table(given, tmp_path, commands_in_proces
 )
 def test_the_streams_of_an_agent_depend_on_its_recorded_name(task, name, index, brains, world):
     key = CohortKey(Condition(task, recorded_name(name)), index)
-    seed, random = Experiment(seed=1).seeds(key)
+    seed, random = random_streams(1, key)
     assert (seed, random.integers(2**63)) == (brains, world)
     by_hand = zlib.crc32(f"{task}/{RECORDED[name]}".encode())
     sequence = np.random.SeedSequence(1, spawn_key=(by_hand, index)).spawn(2)

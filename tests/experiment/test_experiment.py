@@ -15,6 +15,7 @@ from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import PAPER_TASKS, CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment, check_same, differing
+from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.experiment.schedules import PROTOCOLS, SCHEDULES
 
 quick = settings(deadline=None, max_examples=50)
@@ -151,7 +152,7 @@ def test_a_brain_with_changed_parameters_is_named_by_them():
 
 
 def streams(experiment, key):
-    brains, world = experiment.seeds(key)
+    brains, world = random_streams(experiment.seed, key)
     return brains, tuple(world.integers(2**63, size=4))
 
 
@@ -175,7 +176,7 @@ def test_a_stream_depends_on_seed_condition_and_number_alone(experiment, conditi
 
 
 def test_the_brains_and_the_world_have_streams_of_their_own():
-    brains, world = Experiment().seeds(CohortKey(Condition("wall_avoidance", "fixed"), 0))
+    brains, world = random_streams(1, CohortKey(Condition("wall_avoidance", "fixed"), 0))
     again = np.random.default_rng(brains)
     assert tuple(again.integers(2**63, size=4)) != tuple(world.integers(2**63, size=4))
 
@@ -183,9 +184,9 @@ def test_the_brains_and_the_world_have_streams_of_their_own():
 def test_another_process_draws_the_same_streams():
     code = (
         "from musebot.protocols.experiment.conditions import *\n"
-        "from musebot.protocols.experiment.experiment import *\n"
+        "from musebot.protocols.experiment.random_streams import *\n"
         "key = CohortKey(Condition('spot_finding', 'creative'), 5)\n"
-        "brains, world = Experiment(seed=3).seeds(key)\n"
+        "brains, world = random_streams(3, key)\n"
         "print(brains, *world.integers(2**63, size=4))"
     )
     path = os.pathsep.join(filter(None, sys.path))

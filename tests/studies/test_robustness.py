@@ -13,6 +13,7 @@ from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import write_manifest
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.experiment.schedules import SPOT_FINDING, WALL_AVOIDANCE, control_steps
 from musebot.protocols.playback.stored_brains import stored_brains
 from musebot.protocols.results.results import collect
@@ -208,7 +209,7 @@ def test_a_dead_sensor_always_reads_the_same_and_the_others_are_unchanged(runs, 
 def test_without_a_perturbation_it_is_the_test_of_the_schedule(runs, task):
     wanted = job(runs[0], task, REFERENCE, seed=5)
     experiment = wanted.evaluated.experiment
-    seed, random = experiment.seeds(CohortKey(wanted.condition, 0))
+    seed, random = random_streams(experiment.seed, CohortKey(wanted.condition, 0))
     which = [(row, "after") for row in wanted.rows]
     brains = stored_brains(wanted.evaluated, wanted.condition, which, seed)
     weights = {name: array.copy() for name, array in brains.weights().items()}
