@@ -25,8 +25,8 @@ class Track:
         (T + 1, B, 3).
       events: Whether each robot was in contact (or in the spot) after every step, shape (T, B).
       spot: x, y of the spot's centre in [m], shape (2,).
-      nose: Position of the spot's centre relative to the nose, ahead and to the left, in [m],
-        after every step, shape (T, B, 2).
+      nose: Position of the spot's centre relative to the nose after every step, in [m]: first the
+        coordinate ahead, then the coordinate to the left; shape (T, B, 2).
     """
 
     poses: np.ndarray
@@ -41,13 +41,15 @@ class Stay:
 
     Attributes:
       staying: Whether each robot spent at least a tenth of the time at the spot, shape (n,).
-      following: Share of the time in which each robot followed the contour, in the first and the
-        last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
-      spinning: Share of the time in which each robot spun inside the spot, in the first and the
-        last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
-      minutes: A row for each of M minutes: the minute's index, the share of following and the
-        share of spinning, both of the time that the staying robots spent at the spot, shape
-        (M, 3); the shares are NaN in a minute without a robot at the spot.
+      following: Share of time in which each robot followed the contour, in the first third (first
+        column) and in the last third (second column) of its time at the spot, shape (n, 2); NaN for
+        a robot that left at once.
+      spinning: Share of time in which each robot spun inside the spot, in the first third (first
+        column) and in the last third (second column) of its time at the spot, shape (n, 2); NaN for
+        a robot that left at once.
+      minutes: One row per minute with three numbers, shape (M, 3): the minute's index, the share of
+        following, the share of spinning. Both are shares of the time that the staying robots spent
+        at the spot in this minute; NaN if no robot was there.
     """
 
     staying: np.ndarray
@@ -61,8 +63,8 @@ class Behaviour:
     """Behaviour of a sample of a run's robots.
 
     Attributes:
-      spinning: Share of the time in which each robot spins, in the test before and in the test
-        after training, shape (n, 2), by condition.
+      spinning: By condition: share of time in which each robot spins, in the tests before (first
+        column) and after training (second column), shape (n, 2).
       stays: Behaviour of untrained robots that start at the rim of the spot and learn, by proposer.
     """
 

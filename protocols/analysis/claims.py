@@ -111,7 +111,8 @@ class ClaimResult:
     Attributes:
       claim: The claim.
       verdict: Whether the claim holds.
-      why: Text with the numbers and the names of the tests, or with what is missing.
+      why: Text with the numbers and the names of the tests; if data are missing for a verdict, a
+        text that says which.
       inequalities: Inequalities that the verdict rests on.
       paper: Verdict on the same claim by the paper's own tables.
     """

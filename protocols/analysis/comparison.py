@@ -33,9 +33,9 @@ class Match:
 
     Attributes:
       ours: A run.
-      other: The run to compare with; may be the same.
+      other: The run to compare with; may be `ours` itself.
       condition: Condition of the robots of our run.
-      against: Condition of the robots of the other run, of the same task; None for `condition`.
+      against: Condition of the robots of the other run, with the same task; None means `condition`.
         Robots of two different conditions are independent groups.
     """
 
@@ -64,10 +64,10 @@ class Cell:
       name: Row of the table.
       share: Whether the value is a share of the robots.
       paired: Whether the robots of the two runs are pairs with the same initial brain.
-      robots: Number of robots that have a value, in our run and in the other run.
+      robots: Two numbers of robots that have a value: in our run, and in the other run.
       ours: Value in our run.
       other: Value in the other run.
-      interval: 95 % interval of our value minus the other.
+      interval: 95 % confidence interval of the difference `ours` - `other`.
       p: Two-sided p-value under the null hypothesis of equal robots; NaN if not tested.
       corrected: p after Holm's correction over the family of cells; NaN before the correction.
     """
@@ -239,7 +239,8 @@ def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
       matches: All robots to compare; their cells are corrected together.
 
     Returns:
-      For each match, the cell of mean L and the cell of the time after training.
+      For each match, two cells: mean L, and the share of time in contact (or in the spot) in the
+      test after training.
     """
     resamples = max(_RESAMPLES, resamples_for(2 * len(matches)))
     cells: list[Cell] = []

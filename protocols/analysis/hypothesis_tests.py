@@ -53,10 +53,10 @@ def larger_share(
     and conservative for large ones, because their count scatters less.
 
     Args:
-      first: Number of robots with the property and number of all robots, in the first group.
-      second: Number of robots with the property and number of all robots, in the second group.
+      first: Two numbers of robots in the first group: those with the property, and all.
+      second: Two numbers of robots in the second group: those with the property, and all.
       words: Description of the comparison in words, with its numbers.
-      times: Factor on the second share.
+      times: Factor by which the second share is multiplied before the comparison.
     """
     (a, n), (b, m) = first, second
     if times == 1:

@@ -120,7 +120,7 @@ def ranks(condition: Condition, category: str, *, most: bool, times: float = 1) 
       condition: The condition.
       category: One of `CATEGORIES`.
       most: True for the most, False for the fewest.
-      times: Least ratio of the larger share to the smaller one.
+      times: Factor by which the smaller share is multiplied before the comparison.
     """
 
     def compare(evidence: Evidence) -> list[TestedInequality]:

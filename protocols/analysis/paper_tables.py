@@ -22,7 +22,7 @@ class Column:
 
     Attributes:
       summary: Values of the cells.
-      shares: Intervals of the categories' shares of the robots.
+      shares: For each category, the interval of its share of the robots.
       mean: Interval of the mean L.
       deviation: Interval of the standard deviation of L.
       post_share: Interval of the mean share of time in contact (or in the spot) in the test after

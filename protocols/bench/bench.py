@@ -52,14 +52,15 @@ class Effort:
 
     Attributes:
       blocks: Number of blocks for each cohort in wall avoidance, and for each brain.
-      fewer_blocks: Number of blocks for each cohort in spot finding, for each cohort that is only
-        in the measurement of cohort sizes, and for MuJoCo's timers.
+      fewer_blocks: Number of blocks where less precision suffices: for each cohort in spot finding,
+        for each cohort that is only measured to compare cohort sizes, and for each of the two
+        processes with MuJoCo's timers on or off.
       robot_steps: Approximate number of robot-steps in a block.
-      turns: Number of repetitions of the measurement of one, two and all processes.
-      rounds: Number of rounds in which models and environments are timed.
-      physics_steps: Number of physics steps of a model in a round.
-      env_steps: Number of calls of `env.step` in a round.
-      memory_steps: Number of control steps before the peak memory of a process is read.
+      turns: Number of times that one, two and all processes are timed.
+      rounds: Number of timed rounds of each model and of each environment.
+      physics_steps: Minimum number of physics steps of each model in a round.
+      env_steps: Number of calls of each environment's `step` in a round.
+      memory_steps: Number of control steps that a process simulates before its peak memory is read.
     """
 
     blocks: int

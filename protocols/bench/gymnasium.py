@@ -28,14 +28,15 @@ class InterfaceCosts:
 
     Attributes:
       robots: Number of robots.
-      threads: Number of threads of the batch, and of bare physics.
+      threads: Number of threads used by the batch; `mujoco.rollout` uses as many.
       substeps: Number of physics steps in a control step.
-      batch: Durations of a step of the batch that `make_vec` returns.
-      bare: Durations of `mujoco.rollout` alone, from the same states with the same motor commands:
-        one call per control step, with sensors, and arrays allocated before.
-      single: Durations of a step of Gymnasium's SyncVectorEnv of single environments.
-      pool: Durations of a step of EnvPool's PointMass with as many environments and threads, one
-        physics step each; empty without EnvPool.
+      batch: Durations of a control step with the batch that `make_vec` returns.
+      bare: Durations of a control step with `mujoco.rollout` alone, called once per control step.
+        It starts from the batch's states, gets the batch's motor commands and evaluates all
+        sensors. Its arrays are allocated before the clock starts.
+      single: Durations of a control step with Gymnasium's SyncVectorEnv, one environment per robot.
+      pool: Durations of a control step with EnvPool's PointMass: one environment per robot, and one
+        physics step in a control step. Empty if EnvPool is not installed.
     """
 
     robots: int
@@ -86,12 +87,13 @@ def measure(
 
     Args:
       robots: Number of robots.
-      threads: Number of threads of the batch, and of bare physics; 0 uses the calling thread.
+      threads: Number of threads used by the batch, and again by `mujoco.rollout` alone; 0 uses the
+        calling thread.
       rounds: Number of timed rounds, after an additional round to warm up.
       steps: Number of control steps in a round.
 
     Raises:
-      RunError: Bare physics and the batch ended in different states.
+      RunError: `mujoco.rollout` alone and the batch ended in different states.
     """
     name = "musebot/WallAvoidanceUnit-v0"
     batch = gymnasium.make_vec(name, robots, threads=threads, max_episode_steps=-1)

@@ -1,4 +1,4 @@
-"""Times cohorts in training, paired with bare physics of the same control steps.
+"""Times cohorts in training, paired with bare physics: `mujoco.rollout` alone.
 
 A worker process imports no more than a process of `musebot run`, so that its memory is comparable.
 """
@@ -142,7 +142,7 @@ class BareRollout:
     Argument checks are off. Inputs and outputs are allocated before the clock starts.
 
     Attributes:
-      state: State of every robot, n numbers each, shape (B, n).
+      state: MuJoCo's physics state of every robot, n numbers each, shape (B, n).
     """
 
     def __init__(self, model: mujoco.MjModel, robots: int, substeps: int, threads: int = 0) -> None:
@@ -191,15 +191,15 @@ class BareRollout:
 
 
 class TimedCohort:
-    """A cohort in training, and the replay of its last block with bare physics.
+    """A cohort in training, and `mujoco.rollout` alone, which repeats the last block's physics.
 
     Training is measured because it is the most expensive part of a life: robots also learn.
 
     Attributes:
       setting: Cohort to measure, and length of a block.
-      agent: Agent that drives the robots, with its time.
-      batch: Robots of the cohort, with the time of their physics and their motor commands.
-      bare: Robots of the replay.
+      agent: Agent that drives the robots; it also records the time of acting and learning.
+      batch: Robots of the cohort; it also records their motor commands, and the time in MuJoCo.
+      bare: Robots with which `mujoco.rollout` alone repeats the last block.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -240,7 +240,7 @@ class TimedCohort:
         return time.perf_counter() - began
 
     def replay(self) -> float:
-        """Replays the last block with bare physics; returns its duration in [s].
+        """Repeats the last block by `mujoco.rollout` alone; returns the duration in [s].
 
         Raises:
           RunError: The final states differ from the cohort's, so the work was not equal.
@@ -256,15 +256,17 @@ class TimedCohort:
 
 @dataclasses.dataclass(frozen=True)
 class PairedTiming:
-    """Durations of a cohort's blocks and of their bare replays, in alternation, in one process.
+    """Durations of a cohort's blocks, and of their physics repeated by `mujoco.rollout` alone.
+
+    Blocks and repetitions alternate in one process.
 
     Attributes:
       setting: Cohort to measure, and length of a block.
       life: Duration of each simulated block in [s].
       brain: Time in [s] that each block spent in acting and learning.
       physics: Time in [s] that each block spent in MuJoCo. A cohort evaluates the sensors in the
-        last substep of a control step only; the bare replay evaluates them in all substeps.
-      bare: Duration of each replayed block in [s].
+        last substep of a control step only; `mujoco.rollout` evaluates them in all substeps.
+      bare: Duration in [s] of each block's physics when repeated by `mujoco.rollout` alone.
     """
 
     setting: Setting

@@ -26,12 +26,15 @@ class Measurements:
     """All measurements of one run of the benchmark.
 
     Attributes:
-      lives: Paired timings of every task and proposer with MAIN robots, and of wall avoidance also
-        with SMALL robots.
+      lives: Paired timings: with MAIN robots for every task and proposer, with SMALL robots for
+        every proposer in wall avoidance.
       sizes: Paired timings of creative wall avoidance, one for each number of robots.
-      brains: Time of the brains of creative robots, by task and by name of the brain.
-      timers: Durations in [s] of a bare block with MuJoCo's timers on, and with them off.
-      scaling: Timings of one, two and all processes, by kind of work: simulating or replaying.
+      brains: Time that acting and learning take with each brain, by task and by name of the brain;
+        all robots are creative.
+      timers: Two median durations in [s] of a block's physics, repeated by `mujoco.rollout` alone:
+        first with MuJoCo's stage timers on, then with the timers off.
+      scaling: Timings of one, two and all processes, by kind of work: "live" simulates a cohort,
+        "replay" repeats its physics by `mujoco.rollout` alone.
       steps: Time of a physics step, by name of the model.
       environments: Time of `env.step`, by name of the environment.
       memory: Peak memory of a process in MB, by number of robots.

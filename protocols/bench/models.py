@@ -212,8 +212,9 @@ class EnvironmentCost:
     Attributes:
       name: Name of the environment.
       substeps: Number of physics steps in an `env.step`.
-      step: Mean duration of `env.step` in [s], one value for each round.
-      bare: Mean duration of its physics steps alone in [s], one value for each round.
+      step: Mean duration of `env.step` in [s]; one value for each round.
+      bare: Mean duration in [s] of the physics steps of one `env.step`, repeated by MuJoCo alone;
+        one value for each round.
     """
 
     name: str
@@ -264,7 +265,7 @@ class EnvironmentTimer:
         """Returns the mean duration in [s] of the physics steps in `env.step`, simulated alone.
 
         Raises:
-          RunError: The final positions of bare physics differ from the environment's.
+          RunError: MuJoCo alone ended in other positions than the environment.
         """
         model, data = self._model, self._bare_data
         total = 0.0

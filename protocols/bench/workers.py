@@ -29,7 +29,7 @@ class BlockWorker:
 
         Args:
           setting: Cohort to measure, and length of a block.
-          timers: Whether MuJoCo's stage timers are on, as by MuJoCo's default.
+          timers: Whether MuJoCo's stage timers are on; MuJoCo's own default is on.
         """
         context = multiprocessing.get_context("spawn")
         self._pipe, far = context.Pipe()
@@ -79,7 +79,8 @@ def block_workers(
 
     Args:
       settings: Setting of each process.
-      timers: Whether MuJoCo's stage timers are on in each process; empty if off in all.
+      timers: Whether MuJoCo's stage timers are on, one value for each process; if empty, the timers
+        are off in all processes.
     """
     switches = timers or [False] * len(settings)
     workers: list[BlockWorker] = []
@@ -107,11 +108,12 @@ class Scaling:
 
     Attributes:
       setting: Setting of the cohort, the same in every process.
-      processes: Number of processes in `all`.
+      processes: Number of processes that worked at the same time for the durations `all`.
       one: Duration of a block in [s] when only one process works, one value for each repetition;
         each is the mean of two processes that work one after the other.
-      two: Time in [s] until each of two processes has finished a block, for each repetition.
-      all: Time in [s] until each of all processes has finished a block, for each repetition.
+      two: Time in [s] until both of two processes have finished a block, one value for each
+        repetition.
+      all: Time in [s] until all processes have finished a block, one value for each repetition.
     """
 
     setting: Setting
@@ -136,8 +138,8 @@ def scaling(setting: Setting, processes: int, turns: int) -> dict[Work, Scaling]
 
     Args:
       setting: Setting of the cohort, the same in every process.
-      processes: Number of processes that counts as all.
-      turns: Number of repetitions of all timings.
+      processes: Number of processes that work together when all processes are timed.
+      turns: Number of times that one, two and all processes are timed.
     """
     seconds: dict[Work, list[tuple[float, float, float]]] = {"live": [], "replay": []}
     with block_workers([setting] * max(2, processes)) as workers:
@@ -155,14 +157,14 @@ def scaling(setting: Setting, processes: int, turns: int) -> dict[Work, Scaling]
 
 
 def timer_cost(setting: Setting, turns: int) -> tuple[float, float]:
-    """Times the bare replay of a block with MuJoCo's stage timers on and off.
+    """Times a block's physics, by `mujoco.rollout` alone, with MuJoCo's timers on and off.
 
     Args:
-      setting: Setting of the cohort whose block is replayed.
-      turns: Number of repetitions, in alternation.
+      setting: Setting of the cohort whose block is repeated by `mujoco.rollout` alone.
+      turns: Number of timings with the timers on, and again with the timers off.
 
     Returns:
-      Median duration in [s] with the timers on, and with the timers off.
+      Two median durations in [s]: first with the timers on, then with the timers off.
     """
     seconds = []
     with block_workers([setting] * 2, timers=[True, False]) as workers:

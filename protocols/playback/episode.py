@@ -34,7 +34,7 @@ class Moment:
       pose: x, y in [m] and heading in [rad], shape (3,).
       spot: x, y of the spot's centre in [m], shape (2,).
       sensordata: MuJoCo's latest sensor readings, shape (nsensordata,).
-      motors: Left and right motor value that the driver commands, shape (2,).
+      motors: Motor values that the driver commands, left motor first, shape (2,).
       event: Whether the robot is in contact (or in the spot); False at the start.
       event_seconds: Time in contact (or in the spot) since the start of the episode in [s].
     """
@@ -58,7 +58,7 @@ class Episode:
       trained: Whether the driver has been trained.
       batch: Batch of one robot.
       act: Function that returns the driver's motor values for the sensor signals.
-      steps: Number of control steps; infinity for an episode without end.
+      steps: Number of control steps in the episode; infinity for an episode without end.
       random: Random stream of the spot's places, for tasks in which it jumps.
     """
 
@@ -77,7 +77,7 @@ class Episode:
         Args:
           policies: Trained policies, one of which drives the robot.
           robot: Number of the policy that drives the robot.
-          phase: "pre" or "post", the policy before or after training.
+          phase: "pre" for the untrained policy, "post" for the trained policy.
           seed: Seed of the start pose, and of the spot's places.
 
         Raises:

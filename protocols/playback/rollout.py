@@ -34,7 +34,8 @@ def evaluate(
     Args:
       run: Run of the brains.
       condition: Condition of the brains.
-      which: For each brain, its row within the condition, and "before" or "after" training.
+      which: For each brain, a pair: the robot's row within the condition, and "before" or "after"
+        for the brain before or after training.
       minutes: Simulated minutes to evaluate.
       tick: Function called after every simulated minute.
     """

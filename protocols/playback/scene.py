@@ -31,14 +31,14 @@ class Shot:
       pose: x, y in [m] and heading in [rad], shape (3,).
       spot: x, y of the spot's centre in [m], shape (2,).
       signals: Sensor signals by name, each of shape (number of signals,).
-      motors: Left and right motor value in [-0.5, 0.5], shape (2,).
+      motors: Motor values in [-0.5, 0.5], left motor first, shape (2,).
       contact: Whether the robot is in contact.
       event: Whether the event of the task happens: the robot is in contact, or in the spot.
       event_seconds: Time with the event since the start of the episode in [s].
       trail: x, y of earlier positions in [m], the latest last, shape (n, 2).
       trail_events: Whether the event happened at each position of the trail, shape (n,).
-      trail_ages: Age of each position of the trail in [0, 1], from 0 for now to 1 for the end of
-        the trail, shape (n,).
+      trail_ages: Age of each position of the trail in [0, 1], shape (n,): 0 is now, 1 is the age at
+        which a position disappears.
     """
 
     time: float

@@ -116,7 +116,8 @@ def stored_brains(
     Args:
       run: Run of the brains.
       condition: Condition of the brains.
-      which: For each brain, its row within the condition, and "before" or "after" training.
+      which: For each brain, a pair: the robot's row within the condition, and "before" or "after"
+        for the brain before or after training.
       seed: Seed of the batch's random stream.
     """
     stored = run.results[condition].networks

@@ -33,8 +33,8 @@ class Driver:
 
     Attributes:
       name: Description of the driver.
-      policy: Function that returns left and right motor value in [-0.5, 0.5], shape (2,), for a
-        time step of the task.
+      policy: Function that maps a time step of the task to motor values in [-0.5, 0.5], left motor
+        first, shape (2,).
       nose: Form of Eq. 3 by which the robot's nose computes the smell.
       task: Task of the domain "arena" that the driver has learned; None if it can drive in any.
     """

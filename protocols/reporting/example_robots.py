@@ -15,8 +15,8 @@ class Example:
 
     Attributes:
       kind: Kind of example: "genius" or "ignorant", "learner", or "spoiled".
-      row: Index of the robot within its condition.
-      robot: Number of the robot within its condition.
+      row: Index of the robot among all robots of its condition, from 0.
+      robot: Number of the robot, unique within its condition.
     """
 
     kind: str

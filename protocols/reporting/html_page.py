@@ -58,8 +58,8 @@ class Table:
     """A table of the page.
 
     Attributes:
-      columns: Name and colour of each column.
-      rows: Name and cells of each row.
+      columns: For each column, a pair of its name and its colour.
+      rows: For each row, a pair of its name and its cells.
     """
 
     columns: Sequence[tuple[str, str]]

@@ -15,7 +15,7 @@ def title(task: str, experiment: Experiment, *others: Experiment) -> str:
 
     Args:
       task: Task of the table.
-      experiment: Experiment of a run.
+      experiment: Experiment of a run in the table.
       *others: Experiments of further runs in the same table.
     """
     name = TITLES[task] if experiment.protocol == "paper" else TASK_NAMES[task]

@@ -187,7 +187,8 @@ def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
     """Renders a film for each task that has none in the folder.
 
     Returns:
-      All films of the folder, with their names as captions, and a sentence about missing films.
+      Two values: all films of the folder, each with its name as caption, and a sentence about
+      missing films.
     """
     missing: list[str] = []
     for task in run.tasks():

@@ -101,7 +101,8 @@ def compared(
       ingredients: Ingredients to report.
 
     Returns:
-      Cells of `comparison.outcomes` by task and ingredient; `ours` is the whole brain.
+      Compared cells (`comparison.outcomes`), by task and ingredient. `ours` in a cell is the value
+      of the whole brain.
     """
     whole = runs[WHOLE]
     matches = {

@@ -67,7 +67,7 @@ class Training:
     """The training of a condition's N valid robots.
 
     Attributes:
-      name: Names of the run and of the proposer, in one text.
+      name: Text with the name of the run and the name of the proposer.
       minutes: Share of time in the spot, for each robot and minute of training, shape (N, 1440).
       run: Description of the run, a line of Markdown.
     """

@@ -71,8 +71,8 @@ class Contrast:
     Attributes:
       run: Run that has both kinds of robots.
       task: Task that the robots learned.
-      cells: Compared cells: mean L, and the share of the test after training in contact (or in the
-        spot).
+      cells: Two compared cells: mean L, and the share of time in contact (or in the spot) in the
+        test after training.
     """
 
     run: Run
@@ -123,8 +123,9 @@ def regrets(contrast: Contrast) -> dict[str, tuple[float, float]]:
     """Returns the regret of ideas, by the trained creative robots' evaluation networks.
 
     Returns:
-      For each situation, by name, the mean regret (`analysis.regret`) of the robots' own ideas and
-      that of as many uniformly random ideas, over robots and draws; empty without valid robots.
+      Two regrets (`analysis.regret`) by name of the situation: of the robots' own ideas, and of
+      equally many uniformly random ideas. Each is a mean over robots and draws. Empty if there are
+      no valid robots.
     """
     run, condition = contrast.run, Condition(contrast.task, _CREATIVE)
     rows = run.valid_rows(condition)
@@ -150,8 +151,8 @@ def markdown(
     """Returns the page: a row for each contrast and cell, and the regret of ideas.
 
     Args:
-      found: Contrasts to report.
-      regretted: Regret of ideas in each contrast (`regrets`).
+      found: Comparisons to report.
+      regretted: Regret of ideas for each comparison (`regrets`).
     """
     head = ["run", "ideas", "robots", "", _CREATIVE, _RANDOM, "difference", "creative is"]
     rows = [head, ["---", "---:", "---:", "---", *["---:"] * 3, "---"]]

@@ -62,7 +62,8 @@ class LearningProgress:
         """Returns chosen brains as one batch.
 
         Args:
-          which: Index of the time and of the robot of each brain, shape (2, B).
+          which: For each brain, the index of its time (first row) and of its robot (second row),
+            shape (2, B).
           seed: Seed of the batch's random stream.
         """
         agent = make_agent(self.experiment, _CONDITION, which.shape[1], seed)
@@ -80,9 +81,9 @@ class Evaluation:
       progress: Evaluated brains.
       tests: Share of time in the spot of each frozen brain in two tests, shape (2, T, R); NaN where
         the simulation became unstable.
-      spread: Mean distance of the ideas from the mean idea, in motor values, at S smells, shape
-        (T, S, R).
-      regret: Regret of the ideas (`analysis.regret`) at S smells, shape (T, S, R).
+      spread: Mean distance between an idea and the mean of all ideas, in motor values, for each of
+        S smells, shape (T, S, R).
+      regret: Regret of the ideas (`analysis.regret`) for each of S smells, shape (T, S, R).
     """
 
     progress: LearningProgress
@@ -285,7 +286,8 @@ def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -
     Args:
       progress: Brains to evaluate.
       seed: Seed of the brains' noise.
-      tick: Function called after every simulated minute of each group of robots in lockstep.
+      tick: Function called after every simulated minute of each group of robots; the robots of a
+        group are simulated in lockstep.
 
     Returns:
       Share of the time in the spot, shape (T, R); NaN where the simulation became unstable.

@@ -120,7 +120,7 @@ class TrainingJob:
     Attributes:
       path: File to which the trained policy is written.
       task: Name of any task.
-      steps: Control steps of all robots together, rounded up to whole rollouts.
+      steps: Number of control steps, summed over all robots and rounded up to whole rollouts.
       seed: Seed of the policy, its exploration and its episodes.
     """
 
@@ -167,7 +167,7 @@ def train(
 
     Args:
       task: Name of any task.
-      steps: Control steps of all robots together, rounded up to whole rollouts.
+      steps: Number of control steps, summed over all robots and rounded up to whole rollouts.
       seed: Seed of the policy, its exploration and its episodes.
       stop: Function that returns whether to stop; called once per rollout.
       report: Function called once per rollout with the simulated robot-seconds so far and a

@@ -56,12 +56,13 @@ class Perturbation:
       name: Name of the perturbation in file names.
       says: Description in words.
       tasks: Tasks whose robots are evaluated with the perturbation.
-      speed: Factor on the speed of the robot.
-      arena: Factor on both side lengths of the arena; the start places of robot and spot keep
-        their distances from the corners.
+      speed: Factor by which the robot's speed is multiplied.
+      arena: Factor by which both side lengths of the arena are multiplied; the start places of
+        robot and spot keep their distances from the corners.
       spot: Centre of the spot in the test, x, y in [m]; None for the place in the schedule.
-      noise: Standard deviation of the factor on each signal, normally distributed with mean 1,
-        drawn for every signal, robot and control step; signals are clipped to their range.
+      noise: Standard deviation of the noise. Each signal is multiplied by a normally distributed
+        factor with mean 1, drawn anew for every robot and control step, and then clipped to its
+        range.
       dead: Name of the distance sensor that is switched off; None for no sensor.
     """
 
@@ -279,8 +280,8 @@ class EvaluatedRun:
     """A run whose brains are evaluated.
 
     Attributes:
-      run: The run, with the body and the seed of the study.
-      robots: Number of robots to evaluate in each condition; the first valid robots are taken.
+      run: The run; its experiment has the body and the seed of the study.
+      robots: Number of robots to evaluate, by condition; the first valid robots are taken.
     """
 
     run: Run
@@ -320,7 +321,7 @@ class EvaluationJob:
 
     Attributes:
       path: File to which the results are written.
-      evaluated: Run of the robots, with the body and the seed of the study.
+      evaluated: Run of the robots; its experiment has the body and the seed of the study.
       condition: Condition of the robots.
       rows: Rows of the robots within the condition.
       perturbation: Difference of robot or arena from training.
@@ -365,8 +366,8 @@ def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndar
       tick: Function called after every simulated minute.
 
     Returns:
-      `events`, the number of control steps in contact (or in the spot), and `valid`, whether the
-      simulation remained stable, each of shape (B,).
+      Two arrays of shape (B,). `events`: number of control steps in contact (or in the spot).
+      `valid`: whether the simulation remained stable.
     """
     experiment, perturbation, task = job.evaluated.experiment, job.perturbation, job.condition.task
     seed, random = random_streams(experiment.seed, CohortKey(job.condition, 0))

@@ -120,7 +120,7 @@ def markdown(runs: Mapping[str, Run], comparisons: Sequence[tuple[Variant, Seque
 
     Args:
       runs: Finished runs by name.
-      comparisons: Each choice with its compared cells (`compared`).
+      comparisons: Pairs of a choice and its compared cells (`compared`).
     """
     baseline = runs[BASELINE]
     noise = next(cells for choice, cells in comparisons if choice.name == NOISE)

@@ -185,7 +185,7 @@ def drive(
 
     Args:
       substeps: Number of physics steps in a control step.
-      motors: Left and right motor values in [-0.5, 0.5], shape (B, T, 2).
+      motors: Motor values in [-0.5, 0.5], left motor first, shape (B, T, 2).
       start: x, y in [m] and heading in [rad] of the start pose.
       stop: Function that returns whether to stop; called every simulated minute.
 
@@ -267,7 +267,7 @@ def markdown(found: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> str:
     """Returns the page: a row for each timestep.
 
     Args:
-      found: Number of substeps and measurements of each timestep, the reference first.
+      found: For each timestep, its number of substeps and its measurements; the reference is first.
     """
     size = Dimensions.of(arena_spec().compile())
     reference = found[0][1]["calm"]
