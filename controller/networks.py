@@ -15,8 +15,8 @@ class Activation:
 
     Attributes:
       apply: Function that turns sums into activations, in place.
-      back: Function that returns the error at the sums, given the error at the activations and the
-        activations.
+      back: Function that takes the error at the activations, and the activations; it returns the
+        error at the sums.
     """
 
     apply: Callable[[Tensor], Tensor]

@@ -16,8 +16,8 @@ class Signal:
     Attributes:
       low: Smallest value.
       high: Largest value.
-      maximal: Raw signal x at maximal smell, for a signal that saturates as s = x / (1 + x) (Eq.
-        3); None for a signal that does not saturate.
+      maximal: Raw signal x at maximal smell, if the signal saturates as s = x / (1 + x) (Eq. 3);
+        None if the signal does not saturate.
     """
 
     low: float

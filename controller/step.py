@@ -9,9 +9,9 @@ from torch import Tensor
 class Step:
     """What B robots sensed and selected in one control step.
 
-    A step can be recorded again and again. Until its first recording, no next
-    step continues it. The last four attributes exist only in a `DetailedStep`, for parts beyond
-    the paper.
+    A step can be recorded again and again. Until its first recording, no next step
+    continues it. The last four attributes exist only in a `DetailedStep`, for parts beyond the
+    paper.
 
     Attributes:
       state: Network inputs, shape (B, I).

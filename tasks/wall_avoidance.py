@@ -70,7 +70,7 @@ class DrivingRules(WallAvoidanceRules):
         return cls(SensorLayout.of(model), velocity, Dimensions.of(model).motor_speed)
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
-        """Returns those of its base class, and `speed` (..., 1): 1 at top speed ahead."""
+        """Returns wall avoidance's signals, and `speed` (..., 1): 1 at top speed ahead."""
         return {
             **super().observations(sensordata),
             "speed": self._speed(sensordata)[..., None],
