@@ -13,7 +13,7 @@ import numpy as np
 from ...controller import Parameters
 from ...models import Kinematics
 from ..errors import DamagedFileError, InputError
-from ..storage import write_atomically
+from ..storage import read_json, write_atomically
 from .conditions import Condition
 from .experiment import Experiment
 from .physics_probe import is_physics_of, physics_probe
@@ -51,6 +51,10 @@ _RENAMED_VALUES = {
 _REMOVED = {"judge_rate": 1.0, "noticed_signals": False, "capped": False, "ages_with": "time"}
 
 
+# What fields of JSON that are not those of an experiment raise.
+UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
+
+
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     """Writes `experiment.json`: the plan, its physics, and what it is simulated with.
 
@@ -68,7 +72,7 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     path = directory / MANIFEST
     made_with: list[Any] = []
     if path.exists():
-        older = json.loads(path.read_bytes())
+        older = read_json(path)
         made_with = [one for one in older["made_with"] if begun and one != machine()]
         check_physics(directory)
     experiment = plan.experiment
@@ -86,19 +90,24 @@ def read_manifest(directory: Path) -> Plan:
 
     Raises:
       FileNotFoundError: the folder holds no `experiment.json`.
-      DamagedFileError: the file is damaged or foreign.
-      InputError: one of its values is invalid.
+      DamagedFileError: the file is damaged or foreign, or one of its values is invalid.
     """
     path = directory / MANIFEST
-    text = path.read_bytes()
+    content = read_json(path)
     try:
-        content: dict[str, Any] = json.loads(text)
         experiment = experiment_from(content["experiment"])
         robots = {Condition(r["task"], r["proposer"]): r["robots"] for r in content["plan"]}
-        _ = [one["cpu"] for one in content["made_with"]], np.array(content["physics"], dtype=float)
+        if len(robots) < len(content["plan"]):
+            raise ValueError("a condition is planned twice")
+        if not np.isfinite(np.array(content["physics"], dtype=float)).all():
+            raise ValueError("its physics is not finite")
+        _ = [one["cpu"] for one in content["made_with"]]
         return Plan(experiment, robots)
-    except (ValueError, KeyError, TypeError) as error:
-        raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
+    except UNREADABLE as error:
+        text = f"{error!r:.200}"
+        raise DamagedFileError(f"{path} is not an experiment of musebot's ({text})") from error
+    except InputError as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
 
 
 def check_physics(directory: Path) -> None:
@@ -112,7 +121,7 @@ def check_physics(directory: Path) -> None:
 
 def same_physics(directory: Path) -> bool:
     """Returns whether a run that `read_manifest` reads has this version's physics."""
-    content = json.loads((directory / MANIFEST).read_bytes())
+    content = read_json(directory / MANIFEST)
     return is_physics_of(content["physics"], experiment_from(content["experiment"]))
 
 
@@ -120,7 +129,7 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
     """Returns the experiment whose fields were stored as JSON, by this or an earlier version.
 
     Raises:
-      KeyError, TypeError: the fields are not those of an experiment.
+      UNREADABLE: the fields are not those of an experiment.
       InputError: a value is invalid.
     """
     brain: dict[str, Any] = dict(fields["brain"]) | {

@@ -111,7 +111,7 @@ class UnfinishedRun:
         for key in [*self.left]:
             path = finished_file(self.directory, key)
             try:
-                lives = read_lives(path)
+                lives = read_lives(path, self.plan.experiment, key)
             except FileNotFoundError:
                 continue
             except DamagedFileError as error:
@@ -128,7 +128,7 @@ class UnfinishedRun:
     def finished(self, job: Job) -> None:
         """Reads a finished cohort; after the last one, writes the results of all."""
         assert isinstance(job, CohortJob)
-        self._add(job.key, read_lives(job.path))
+        self._add(job.key, read_lives(job.path, job.experiment, job.key))
 
     def _add(self, key: CohortKey, lives: Lives) -> None:
         self.lives[key] = lives

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from musebot.models import Dimensions
+from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
+from musebot.protocols.results.results import collect
 from musebot.protocols.simulation.cohort import Cohort, check_agents
 from musebot.tasks import make_batch
 
@@ -403,6 +405,35 @@ def test_a_robot_with_a_weight_that_is_not_finite_is_invalid_and_the_others_are_
     cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
     cohort.advance(10**9)
     assert cohort.lives().valid.tolist() == [True, False, True]
+
+
+def test_a_weight_that_is_not_finite_at_the_end_of_a_short_life_is_noticed():
+    cohort = Cohort(
+        Experiment(cohort_size=ROBOTS, time_scale=0.004),
+        CohortKey(Condition("wall_avoidance", "fixed"), 0),
+    )
+    assert cohort.steps < MINUTE
+    cohort.advance(100)
+    cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
+    cohort.advance(10**9)
+    assert cohort.lives().valid.tolist() == [True, False, True]
+
+
+def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
+    experiment = Experiment(cohort_size=ROBOTS, time_scale=0.004, body="kinematic")
+    key = CohortKey(Condition("wall_avoidance", "fixed"), 0)
+
+    def broken(*which):
+        agent = make_agent(*which)
+        agent.weights()["evaluation.hidden_weights"][2] = np.inf
+        return agent
+
+    monkeypatch.setattr("musebot.protocols.simulation.cohort.make_agent", broken)
+    cohort = Cohort(experiment, key)
+    assert cohort.batch.valid.tolist() == [True, True, False]
+    cohort.advance(10**9)
+    results = collect(experiment, [(key, cohort.lives())])
+    assert [row.valid for row in results[key.condition].robots] == [True, True, False]
 
 
 # Agents of users
