@@ -9,6 +9,7 @@ import numpy as np
 
 from ..agents.factory import make_agent
 from ..errors import InputError
+from ..experiment.budget import check_memory
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Plan
@@ -202,8 +203,10 @@ def check_agents(plan: Plan) -> None:
     """Makes a cohort of every user's agent in a plan and lets it act once.
 
     Raises:
-      InputError: there is no such agent, or it does not return motor values.
+      InputError: the plan needs more memory than the machine has, there is no such agent, or it
+        does not return motor values.
     """
+    check_memory(plan)
     robots = plan.experiment.cohort_size
     for condition in plan.conditions:
         if condition.has_brain:

@@ -16,6 +16,7 @@ from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.results.results import collect
 from musebot.protocols.simulation.cohort import Cohort, check_agents
+from musebot.protocols.simulation.engine import UnfinishedRun
 from musebot.tasks import make_batch
 
 ROBOTS = 3
@@ -456,7 +457,15 @@ def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
     assert str(caught.value) == sentence
 
 
-def test_conditions_of_the_papers_proposers_need_no_check_of_agents():
-    check_agents(
-        Plan.of(Experiment(cohort_size=10**9), [Condition("spot_finding", "fixed")], 10**9)
-    )
+def test_conditions_of_the_papers_proposers_need_no_check_of_agents(monkeypatch):
+    monkeypatch.setattr("musebot.protocols.simulation.cohort.make_agent", pytest.fail)
+    check_agents(Plan.of(Experiment(cohort_size=10), [Condition("spot_finding", "fixed")], 10))
+
+
+def test_a_plan_that_the_machine_cannot_hold_is_refused_before_it_is_begun(monkeypatch, tmp_path):
+    monkeypatch.setattr("musebot.protocols.experiment.budget.machine_bytes", lambda: 10**6)
+    plan = Plan.of(Experiment(cohort_size=1000), [Condition("spot_finding", "fixed")], 1000)
+    for begin in (check_agents, lambda plan: UnfinishedRun.read(tmp_path / "new", plan)):
+        with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
+            begin(plan)
+    assert [*tmp_path.iterdir()] == []
