@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import Any, Literal, get_args
 
@@ -12,6 +11,10 @@ RewardForm = Literal["signal", "difference"]
 Bootstrap = Literal["on_policy", "max"]
 OptimizerName = Literal["sgd", "adam"]
 MemoryTarget = Literal["selected", "best"]
+
+# Far beyond what can be of use: a number above it is a slip, and would hang or overflow.
+_MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 1000, 1000, 10**6
+_LARGEST, _LONGEST = 1000, 10**9
 
 
 def _field(default: Any, allows: Callable[[Any], bool], must: str) -> Any:
@@ -29,25 +32,24 @@ def choice(default: str, literal: Any) -> Any:
     return _field(default, choices.__contains__, f"be {' or '.join(map(repr, choices))}")
 
 
-def whole(default: int, low: int) -> Any:
-    """Returns a dataclass field of a whole number, `low` or more."""
+def whole(default: int, low: int, high: int) -> Any:
+    """Returns a dataclass field of a whole number from `low` to `high`."""
 
     def allows(value: Any) -> bool:
-        return type(value) is int and value >= low
+        return type(value) is int and low <= value <= high
 
-    return _field(default, allows, f"be a whole number of at least {low}")
+    return _field(default, allows, f"be a whole number from {low} to {high}")
 
 
-def number(default: float | None, low: float, high: float = math.inf, ends: str = "[]") -> Any:
+def number(default: float | None, low: float, high: float, ends: str = "[]") -> Any:
     """Returns a dataclass field of a number in a range.
 
     Args:
       default: The field's default; None makes the field optional.
       low: Lower end of the range.
-      high: Upper end of the range; infinity itself is never allowed.
+      high: Upper end of the range.
       ends: Brackets of the range; "(" and ")" exclude an end.
     """
-    ends = ends if high < math.inf else f"{ends[0]})"
 
     def allows(value: Any) -> bool:
         if value is None:
@@ -60,14 +62,28 @@ def number(default: float | None, low: float, high: float = math.inf, ends: str 
     return _field(default, allows, f"lie in {ends[0]}{low:g}, {high:g}{ends[1]}{optional}")
 
 
-def numbers(default: tuple[float, ...], low: float, high: float) -> Any:
-    """Returns a dataclass field of one or more numbers in [low, high]."""
+def numbers(default: tuple[float, ...], low: float, high: float, most: int) -> Any:
+    """Returns a dataclass field of 1 to `most` numbers in [low, high]."""
 
     def allows(values: Any) -> bool:
-        in_range = isinstance(values, tuple) and all(low <= value <= high for value in values)
-        return in_range and len(values) > 0
+        return (
+            isinstance(values, tuple)
+            and 1 <= len(values) <= most
+            and all(type(value) in (int, float) and low <= value <= high for value in values)
+        )
 
-    return _field(default, allows, f"be one or more numbers, all of which lie in [{low}, {high}]")
+    return _field(
+        default, allows, f"be 1 to {most} numbers, all of which lie in [{low:g}, {high:g}]"
+    )
+
+
+def shown(value: Any) -> str:
+    """Returns a value as an error shows it: cut where it is long."""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        return "a number of too many digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,19 +146,19 @@ class Parameters:
         training stops, "if training would be abandoned" (section 4); 0 for never.
     """
 
-    evaluation_hidden: int = whole(7, 1)
-    learn_rate: float = number(0.01, 0)
+    evaluation_hidden: int = whole(7, 1, _MOST_NEURONS)
+    learn_rate: float = number(0.01, 0, _LARGEST)
     discount: float = number(0.9, 0, 1)
     epsilon: float = number(0.01, 0, 1)
     test_epsilon: float = number(0.0, 0, 1)
-    fixed_motors: tuple[float, ...] = numbers((-0.5, -0.25, 0.0, 0.25, 0.5), -0.5, 0.5)
-    ideas: int = whole(25, 1)
-    memory_hidden: int = whole(5, 1)
-    noise: float = number(0.76, 0)
+    fixed_motors: tuple[float, ...] = numbers((-0.5, -0.25, 0.0, 0.25, 0.5), -0.5, 0.5, 100)
+    ideas: int = whole(25, 1, _MOST_IDEAS)
+    memory_hidden: int = whole(5, 1, _MOST_NEURONS)
+    noise: float = number(0.76, 0, _LARGEST)
     noisy_share: float = number(0.25, 0, 1)
     noise_on_biases: bool = flag(False)
     keep_main_idea: bool = flag(False)
-    initial_range: float = number(1.0, 0)
+    initial_range: float = number(1.0, 0, _LARGEST)
 
     activation: ActivationName = choice("logistic", ActivationName)
     centred_inputs: bool = flag(False)
@@ -152,17 +168,17 @@ class Parameters:
     reward_decay: float = number(0.0, 0, 1, "[)")
     bootstrap: Bootstrap = choice("on_policy", Bootstrap)
     clipped_bootstrap: bool = flag(False)
-    advantage_scale: float = number(0.0, 0)
-    td_error_limit: float | None = number(None, 0, ends="()")
+    advantage_scale: float = number(0.0, 0, _LARGEST)
+    td_error_limit: float | None = number(None, 0, _LARGEST, "(]")
     optimizer: OptimizerName = choice("sgd", OptimizerName)
     memory_target: MemoryTarget = choice("selected", MemoryTarget)
     random_share: float = number(0.0, 0, 1, "[)")
-    exploration_steps: int = whole(0, 0)
+    exploration_steps: int = whole(0, 0, _MOST_STEPS)
     initial_epsilon: float | None = number(None, 0, 1)
-    epsilon_decay_steps: float = number(24000.0, 0, ends="()")
-    initial_learn_rate: float | None = number(None, 0)
-    learn_rate_decay_steps: float = number(62400.0, 0, ends="()")
-    stopping_steps: int = whole(0, 0)
+    epsilon_decay_steps: float = number(24000.0, 0, _LONGEST, "(]")
+    initial_learn_rate: float | None = number(None, 0, _LARGEST)
+    learn_rate_decay_steps: float = number(62400.0, 0, _LONGEST, "(]")
+    stopping_steps: int = whole(0, 0, _MOST_STEPS)
 
     def __post_init__(self) -> None:
         """Checks every field.
@@ -174,7 +190,8 @@ class Parameters:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not field.metadata["allows"](value):
-                raise ValueError(f"{field.name} must {field.metadata['must']}, got {value!r}")
+                must = field.metadata["must"]
+                raise ValueError(f"{field.name} must {must}, got {shown(value)}")
 
     @property
     def random_ideas(self) -> int:

@@ -8,7 +8,8 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+import stat
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,11 @@ import safetensors
 from safetensors.numpy import save
 
 from .errors import DamagedFileError, InputError
+
+# Largest files that are read: of arrays or rows, and of JSON.
+MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
+Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
+"""The dtype, as safetensors names it, and the shape of each array of a file."""
 
 _DRAFT = re.compile(r"\..*\.\d+\.draft")
 
@@ -116,27 +122,102 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     write_atomically(path, save(contiguous, metadata=metadata))
 
 
-def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Reads a regular file whose size is bounded: a pipe is refused, not waited for.
+
+    Args:
+      path: File to read.
+      most: Largest size in bytes.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: it is no regular file, is too large, or cannot be read.
+    """
+    check_file(path, most)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise DamagedFileError(f"{path} cannot be read ({error.strerror})") from error
+
+
+def check_file(path: Path, most: int = MOST_BYTES) -> None:
+    """Checks a file before it is read; see `read_whole`."""
+    try:
+        found = path.stat()
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"there is no file {path}") from error
+    except (OSError, ValueError) as error:
+        raise DamagedFileError(f"{path} cannot be read ({error})") from error
+    if not stat.S_ISREG(found.st_mode):
+        raise DamagedFileError(f"{path} is not a regular file")
+    if found.st_size > most:
+        raise DamagedFileError(f"{path} must have at most {most} bytes, got {found.st_size}")
+
+
+def read_json(path: Path) -> Any:
+    """Reads a file of JSON.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: it is no regular file, too large, or no JSON.
+    """
+    return parsed(path, read_whole(path, MOST_BYTES_OF_JSON))
+
+
+def parsed(path: Path, text: str | bytes) -> Any:
+    """Returns the value of a text of JSON.
+
+    Args:
+      path: File that holds the text.
+      text: JSON, in UTF-8.
+
+    Raises:
+      DamagedFileError: it is no JSON, too deeply nested, or has a number of too many digits.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise DamagedFileError(f"{path} is damaged (its JSON is nested too deeply)") from error
+    except ValueError as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
+
+
+def load_arrays(
+    path: Path, check: Callable[[Shapes], None] | None = None
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Reads what `save_arrays` wrote: the arrays and the notes.
+
+    Args:
+      path: File to read.
+      check: Raises ValueError where the file must not be read. It receives the dtype and the
+        shape of each array before any array is read.
 
     Raises:
       FileNotFoundError: there is no such file.
       DamagedFileError: the file is truncated, altered or foreign.
     """
-    if not path.exists():
-        raise FileNotFoundError(f"there is no file {path}")
+    check_file(path)
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
-            metadata = json.loads((file.metadata() or {})["musebot"])
-            arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
+            metadata = parsed(path, (file.metadata() or {})["musebot"])
+            names = sorted(file.keys())
+            if check is not None:
+                slices = {name: file.get_slice(name) for name in names}
+                check({k: (x.get_dtype(), tuple(x.get_shape())) for k, x in slices.items()})
+            arrays = {name: file.get_tensor(name) for name in names}
         sound = metadata["digest"] == digest(arrays, metadata["notes"])
-        notes = json.loads(metadata["notes"])
+        notes = parsed(path, metadata["notes"])
+    except DamagedFileError:
+        raise
     except (
-        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, OSError
+        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, OSError,
+        MemoryError,
     ) as error:  # fmt: skip
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     if not sound:
         raise DamagedFileError(f"{path} is damaged (its content does not match its digest)")
+    if not isinstance(notes, dict):
+        raise DamagedFileError(f"{path} is damaged (its notes are no object of JSON)")
     return arrays, notes
 
 

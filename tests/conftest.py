@@ -5,6 +5,7 @@ import signal
 import subprocess
 import time
 
+import numpy as np
 import pytest
 
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
@@ -73,3 +74,40 @@ def stopped():
         return process.returncode, printed
 
     return stopped
+
+
+def invented_results(experiment, rows, seed=0):
+    """Returns results of invented rows of one condition, with curves and networks to match.
+
+    The curves have the rows' times in the tests, at their beginning; all else is random.
+    """
+    from musebot.protocols.experiment.conditions import Condition
+    from musebot.protocols.experiment.networks import network_shapes
+    from musebot.protocols.results.checks import minutes_of_life
+    from musebot.protocols.results.results import WHEN, ConditionResults
+
+    draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
+    schedule = experiment.schedule(condition.task)
+    steps = minutes_of_life(schedule)
+    counts = draw.integers(0, steps + 1, (len(rows), len(steps)))
+    for part in ("pre", "post"):
+        minutes = schedule.minutes_of(part)
+        for row, own in zip(rows, counts, strict=True):
+            left = round(getattr(row, f"t_{part}_s") * 10)
+            starts = steps[minutes].cumsum() - steps[minutes]
+            own[minutes] = np.clip(left - starts, 0, steps[minutes])
+    shapes = network_shapes(experiment, condition) or {}
+    networks = {
+        when: {
+            name: draw.uniform(-1, 1, (len(rows), *shape)).astype(np.float32)
+            for name, shape in shapes.items()
+        }
+        for when in WHEN
+    }
+    return ConditionResults(rows, (counts / steps).astype(np.float32), networks)
+
+
+@pytest.fixture(scope="session")
+def invented():
+    """The function `invented_results`, for tests of what reads a run."""
+    return invented_results

@@ -189,13 +189,13 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--body=kinematic", "--kinematics", "pieces=1.5"], "must be a whole number"),
         (["--set", "soul=1"], "a parameter is set as NAME=VALUE, NAME one of evaluation_hidden, "),
         (["--set", "soul=1"], "got 'soul=1'"),
-        (["--set", "ideas=2.5"], "ideas must be a whole number of at least 1, got 2.5"),
+        (["--set", "ideas=2.5"], "ideas must be a whole number from 1 to 1000, got 2.5"),
         (
             ["--brain=steady", "--set", "centred_inputs=0"],
             "centred_inputs must be true or false, got 0",
         ),
         (["--set", "epsilon=true"], "epsilon must lie in [0, 1], got True"),
-        (["--set", "fixed_motors=0.5"], "fixed_motors must be one or more numbers"),
+        (["--set", "fixed_motors=0.5"], "fixed_motors must be 1 to 100 numbers"),
         (
             ["--set", "initial_epsilon=None"],
             "initial_epsilon must lie in [0, 1] or be none",

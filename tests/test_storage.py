@@ -16,12 +16,15 @@ from safetensors.numpy import save
 from musebot.controller import Neurocontroller, Parameters
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.storage import (
+    MOST_BYTES,
     check_folder,
     check_place,
     digest,
     is_draft,
     load_arrays,
     locked,
+    read_json,
+    read_whole,
     remove_drafts,
     save_arrays,
     write_atomically,
@@ -175,6 +178,59 @@ def test_a_file_of_safetensors_without_our_metadata_is_damaged(tmp_path):
 def test_a_missing_file_is_missing_and_not_damaged(tmp_path):
     with pytest.raises(FileNotFoundError, match="nowhere"):
         load_arrays(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device", "too large"])
+def test_what_is_no_regular_file_or_too_large_is_refused_and_not_waited_for(tmp_path, kind):
+    path = tmp_path / "file"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    else:
+        with path.open("wb") as file:
+            file.truncate(MOST_BYTES + 1)  # without a block on disk
+    for read in (load_arrays, read_whole, read_json):
+        with pytest.raises(DamagedFileError) as caught:
+            read(path)
+        wanted = f"{path} must have at most" if kind == "too large" else "is not a regular file"
+        assert wanted in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "1" * 5000, "{", "\ud800"])
+def test_json_that_is_too_deep_or_too_long_is_damaged(tmp_path, text):
+    path = tmp_path / "file"
+    path.write_bytes(text.encode(errors="surrogatepass"))
+    with pytest.raises(DamagedFileError) as caught:
+        read_json(path)
+    assert str(path) in str(caught.value) and len(str(caught.value)) < 500
+    metadata = [{"musebot": text.encode(errors="replace").decode()}]
+    if text.isascii():
+        metadata.append(
+            {"musebot": '{"digest": "0", "notes": ' + repr(text).replace("'", '"') + "}"}
+        )
+    for one in metadata:
+        path.write_bytes(save({"weights": ARRAYS["weights"]}, metadata=one))
+        assert_damaged(path)
+
+
+def test_notes_that_are_no_object_are_damaged(tmp_path):
+    content = {"weights": ARRAYS["weights"]}
+    text = '{"notes": "[1]", "digest": "' + digest(content, "[1]") + '"}'
+    (tmp_path / "file").write_bytes(save(content, metadata={"musebot": text}))
+    assert_damaged(tmp_path / "file")
+
+
+def test_shapes_are_checked_before_arrays_are_read(sound, monkeypatch):
+    def refuse(shapes):
+        assert shapes["weights"] == ("F32", (3, 4)) and shapes["age"] == ("I64", ())
+        raise ValueError("weights must be of another shape")
+
+    monkeypatch.setattr("musebot.protocols.storage.digest", lambda *_: pytest.fail("it was read"))
+    with pytest.raises(DamagedFileError, match="weights must be of another shape"):
+        load_arrays(sound, refuse)
 
 
 # Writing

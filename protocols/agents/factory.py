@@ -12,11 +12,10 @@ from pathlib import Path
 
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.proposers import PROPOSERS
-from ...controller.senses import Senses, Signal
-from ...tasks.suite import task_definition
 from ..errors import InputError
 from ..experiment.conditions import Condition, check_proposer
 from ..experiment.experiment import Experiment
+from ..experiment.networks import senses_of
 from .base import Agent
 from .neurocontroller import NeurocontrollerAgent
 
@@ -40,21 +39,6 @@ def recorded_name(name: str) -> str:
         if name == moved:
             return recorded
     return RECORDED_NAMES.get(name, name)
-
-
-def senses_of(task: str) -> Senses:
-    """Returns the ranges of the signals that the robots of a task observe.
-
-    Raises:
-      ValueError: there is no such task.
-    """
-    rules = task_definition(task).rules
-    signals = [
-        Signal(low, high, rules.maximal.get(name))
-        for name, (length, low, high) in rules.shapes.items()
-        for _ in range(length)
-    ]
-    return Senses(tuple(signals), Signal(*rules.rewards, rules.maximal.get("reward")))
 
 
 def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...controller.parameters import Parameters
+from ...controller.parameters import Parameters, shown
 from ...models import Kinematics
 from ...tasks.batch import Robots
 from ...tasks.kinematic import make_kinematic_batch
@@ -22,6 +22,11 @@ from .schedules import PROTOCOLS, ProtocolName, Schedule
 
 Body = Literal["mujoco", "kinematic"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
+MOST_IN_COHORT = 100_000
+# Motor speed in [m/s], turn in degrees.
+_SEEDS, _FASTEST, _LARGEST_TURN = 2**128, 10, 360
+# Number, [s], [m].
+_MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,12 +68,25 @@ class Experiment:
     def __post_init__(self) -> None:
         """Raises InputError where a value is invalid."""
         for name in ("seed", "cohort_size"):
-            if not isinstance(getattr(self, name), int):
-                raise InputError(f"{name} must be a whole number, got {getattr(self, name)}")
+            if type(value := getattr(self, name)) is not int:
+                raise InputError(f"{name} must be a whole number, got {shown(value)}")
+        for name in ("time_scale", "turned_start", "motor_speed"):
+            value = getattr(self, name)
+            if type(value) not in (int, float) and not (name == "motor_speed" and value is None):
+                raise InputError(f"{name} must be a number, got {shown(value)}")
+        if not isinstance(self.learn_across_placement, bool):
+            value = shown(self.learn_across_placement)
+            raise InputError(f"learn_across_placement must be true or false, got {value}")
         if self.seed < 0:
-            raise InputError(f"the seed must not be negative, got {self.seed}")
+            raise InputError(f"the seed must not be negative, got {shown(self.seed)}")
+        if self.seed >= _SEEDS:
+            raise InputError(f"the seed must be below 2^128, got {shown(self.seed)}")
         if self.cohort_size < 1:
-            raise InputError(f"the cohort size must be at least 1, got {self.cohort_size}")
+            raise InputError(f"the cohort size must be at least 1, got {shown(self.cohort_size)}")
+        if self.cohort_size > MOST_IN_COHORT:
+            raise InputError(
+                f"the cohort size must be at most {MOST_IN_COHORT}, got {shown(self.cohort_size)}"
+            )
         for name, allowed in (
             ("protocol", tuple(PROTOCOLS)),
             ("nose", ("inverse", "printed")),
@@ -77,17 +95,24 @@ class Experiment:
             if (value := getattr(self, name)) not in allowed:
                 raise InputError(f"the {name} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < self.time_scale <= 1:
-            raise InputError(f"the time scale must lie in (0, 1], got {self.time_scale}")
+            raise InputError(f"the time scale must lie in (0, 1], got {shown(self.time_scale)}")
         if self.nose == "printed" and self.brain.needs_senses:
             raise InputError("a brain that uses the maximal smell needs the nose 'inverse'")
         if (radius := self.kinematics.radius or 0) >= FROM_WALLS:
             raise InputError(f"the radius must be less than {FROM_WALLS:g} m, got {radius}")
+        for name, most in _MOST_OF_KINEMATICS.items():
+            if (value := getattr(self.kinematics, name)) is not None and value > most:
+                raise InputError(f"{name} must be at most {most}, got {shown(value)}")
         if self.body == "mujoco" and self.kinematics != Kinematics():
             raise InputError("kinematics are parameters of the body 'kinematic' only")
         if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
-            raise InputError(f"the motor speed must be positive, got {self.motor_speed}")
-        if not np.isfinite(self.turned_start):
-            raise InputError(f"the turn at the start must be finite, got {self.turned_start}")
+            raise InputError(f"the motor speed must be positive, got {shown(self.motor_speed)}")
+        if self.motor_speed is not None and self.motor_speed > _FASTEST:
+            value = shown(self.motor_speed)
+            raise InputError(f"the motor speed must be at most {_FASTEST} m/s, got {value}")
+        if not -_LARGEST_TURN <= self.turned_start <= _LARGEST_TURN:
+            allowed, value = f"[-{_LARGEST_TURN}, {_LARGEST_TURN}]", shown(self.turned_start)
+            raise InputError(f"the turn at the start must lie in {allowed}, got {value}")
 
     @property
     def brain_name(self) -> str:

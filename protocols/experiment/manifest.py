@@ -12,7 +12,7 @@ import numpy as np
 
 from ...models import Kinematics
 from ..errors import DamagedFileError, InputError
-from ..storage import write_atomically
+from ..storage import read_json, write_atomically
 from .conditions import Condition
 from .experiment import Experiment
 from .former_names import experiment_from
@@ -22,6 +22,10 @@ from .plan import Plan
 from .provenance import machine
 
 MANIFEST = "experiment.json"
+
+
+# What fields of JSON that are not those of an experiment raise.
+UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 
 
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
@@ -42,7 +46,7 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     path = directory / MANIFEST
     made_with: list[Any] = []
     if path.exists():
-        older = json.loads(path.read_bytes())
+        older = read_json(path)
         made_with = [one for one in older["made_with"] if begun and one != machine()]
         check_physics(directory)
     experiment = plan.experiment
@@ -60,19 +64,24 @@ def read_manifest(directory: Path) -> Plan:
 
     Raises:
       FileNotFoundError: the folder holds no `experiment.json`.
-      DamagedFileError: the file is damaged or foreign.
-      InputError: one of its values is invalid.
+      DamagedFileError: the file is damaged or foreign, or one of its values is invalid.
     """
     path = directory / MANIFEST
-    text = path.read_bytes()
+    content = read_json(path)
     try:
-        content: dict[str, Any] = json.loads(text)
         experiment = experiment_from(content["experiment"])
         robots = {Condition(r["task"], r["proposer"]): r["robots"] for r in content["plan"]}
-        _ = [one["cpu"] for one in content["made_with"]], np.array(content["physics"], dtype=float)
+        if len(robots) < len(content["plan"]):
+            raise ValueError("a condition is planned twice")
+        if not np.isfinite(np.array(content["physics"], dtype=float)).all():
+            raise ValueError("its physics is not finite")
+        _ = [one["cpu"] for one in content["made_with"]]
         return Plan(experiment, robots)
-    except (ValueError, KeyError, TypeError) as error:
-        raise DamagedFileError(f"{path} is not an experiment of musebot's ({error!r})") from error
+    except UNREADABLE as error:
+        text = f"{error!r:.200}"
+        raise DamagedFileError(f"{path} is not an experiment of musebot's ({text})") from error
+    except InputError as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
 
 
 def check_physics(directory: Path) -> None:
@@ -85,8 +94,8 @@ def check_physics(directory: Path) -> None:
 
 
 def same_physics(directory: Path) -> bool:
-    """Returns whether a run with a valid manifest has this version's physics."""
-    content = json.loads((directory / MANIFEST).read_bytes())
+    """Returns whether a run that `read_manifest` reads has this version's physics."""
+    content = read_json(directory / MANIFEST)
     return is_physics_of(content["physics"], experiment_from(content["experiment"]))
 
 
@@ -99,7 +108,8 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
       wanted: Values that the user asked for, by the name of the experiment's field.
 
     Raises:
-      InputError: a field differs.
+      UNREADABLE: the fields are not those of an experiment.
+      InputError: a value is invalid.
     """
     for name, value in wanted.items():
         if value == (own := getattr(held, name)):

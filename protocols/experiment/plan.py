@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 
+from ...controller.parameters import shown
 from ..errors import InputError
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
+
+MOST_ROBOTS = 1_000_000  # in a condition
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,10 +41,13 @@ class Plan:
                     f"the protocol {self.experiment.protocol} has only "
                     f"{', '.join(self.experiment.tasks)}, got {condition.task}"
                 )
-            if not isinstance(robots, int):
-                raise InputError(f"the number of robots must be a whole number, got {robots}")
+            if type(robots) is not int:
+                value = shown(robots)
+                raise InputError(f"the number of robots must be a whole number, got {value}")
             if robots < 1:
-                raise InputError(f"robots must be at least 1, got {robots}")
+                raise InputError(f"robots must be at least 1, got {shown(robots)}")
+            if robots > MOST_ROBOTS:
+                raise InputError(f"robots must be at most {MOST_ROBOTS}, got {shown(robots)}")
             if robots % size:
                 raise InputError(
                     f"robots must be a multiple of the cohort size, {size}, got {robots}"

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ...tasks.arena import CONTROL_TIMESTEP
 from ..experiment.conditions import CohortKey, Condition
-from ..experiment.experiment import Experiment
 from ..experiment.schedules import SCHEDULES, control_steps
 from .learn_ability import INVALID, category, learn_ability
+
+if TYPE_CHECKING:
+    from ..experiment.experiment import Experiment
 
 When = Literal["before", "after"]
 WHEN: tuple[When, When] = ("before", "after")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import dataclasses
 import io
+import os
+import re
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +19,32 @@ from ..errors import DamagedFileError, InputError
 from ..experiment.conditions import Condition
 from ..experiment.manifest import MANIFEST, read_manifest, same_physics
 from ..experiment.plan import Plan
-from ..storage import check_folder, is_draft, load_arrays, save_arrays, write_atomically
+from ..storage import (
+    Shapes,
+    check_file,
+    check_folder,
+    is_draft,
+    load_arrays,
+    read_whole,
+    save_arrays,
+    write_atomically,
+)
 from ..terminal import notice
-from .learn_ability import INVALID
-from .results import WHEN, ConditionResults, NetworkArrays, Results, Robot, When, category_in
+from .checks import (
+    check_curves,
+    check_network_shapes,
+    check_networks,
+    check_rows,
+    minutes_of_life,
+)
+from .results import WHEN, ConditionResults, NetworkArrays, Results, Robot, When
 from .run import Run
 
 ROBOTS_FILE, CURVES_FILE, BRAINS_FILE = "robots.csv", "curves.npz", "brains.safetensors"
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
+_WHOLE = re.compile(r"(0|[1-9][0-9]{0,60})")
+_DECIMAL = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?(e[-+]?[0-9]{1,4})?")
+_MOST_BYTES_OF_ROW, _MOST_BYTES_OF_HEADER = 4096, 4096
 
 
 def planned(directory: Path) -> Plan | None:
@@ -123,34 +145,35 @@ def write_results(directory: Path, results: Results) -> None:
 def read_results(directory: Path) -> Results:
     """Reads the three files; returns no results without robots.csv, which is written last.
 
+    Every value is checked: against the plan of experiment.json, and against the other files.
+
     Raises:
       DamagedFileError: a file is damaged or missing, or the files contradict each other.
     """
-    if not (directory / ROBOTS_FILE).exists():
+    if not os.path.lexists(directory / ROBOTS_FILE):
         return {}
     try:
-        robots = read_robots(directory / ROBOTS_FILE)
-        curves = _read_curves(directory / CURVES_FILE)
-        brains, _ = load_arrays(directory / BRAINS_FILE)
+        plan = read_manifest(directory)
+        rows = read_robots(directory / ROBOTS_FILE, plan)
+        curves = _read_curves(directory / CURVES_FILE, plan)
+        brains = _read_brains(directory / BRAINS_FILE, plan)
     except FileNotFoundError as error:
         raise DamagedFileError(f"{directory} lacks a file ({error})") from error
-    rows: dict[Condition, list[Robot]] = {}
-    for robot in robots:
-        rows.setdefault(Condition(robot.task, robot.proposer), []).append(robot)
     return {
-        condition: _condition_results(directory, condition, rows[condition], curves, brains)
+        condition: _condition_results(directory, plan, (condition, rows[condition]), curves, brains)
         for condition in sorted(rows)
     }
 
 
 def _condition_results(
     directory: Path,
-    condition: Condition,
-    robots: list[Robot],
+    plan: Plan,
+    rows: tuple[Condition, list[Robot]],
     curves: Mapping[str, np.ndarray],
     brains: NetworkArrays,
 ) -> ConditionResults:
     """Cuts curves and networks to the rows of robots.csv, which is written last."""
+    condition, robots = rows
     if str(condition) not in curves:
         raise DamagedFileError(f"{directory / CURVES_FILE} lacks {condition}")
 
@@ -167,56 +190,128 @@ def _condition_results(
             for name, array in brains.items()
             if name.startswith(prefix)
         }
-    return ConditionResults(robots, cut(str(condition), curves[str(condition)]), networks)
+    if condition.has_brain and not networks["after"]:
+        raise DamagedFileError(f"{directory / BRAINS_FILE} lacks {condition}")
+    part = ConditionResults(robots, cut(str(condition), curves[str(condition)]), networks)
+    with _damage(directory / CURVES_FILE, f"{condition}, "):
+        check_curves(plan.experiment.schedule(condition.task), part.curves, robots)
+    with _damage(directory / BRAINS_FILE):
+        valid = np.array([robot.valid for robot in robots])
+        check_networks(plan.experiment, condition, networks, valid)
+    return part
 
 
-def read_robots(path: Path) -> list[Robot]:
-    """Reads robots.csv.
+@contextlib.contextmanager
+def _damage(path: Path, where: str = "") -> Iterator[None]:
+    """Turns a ValueError into the sentence that a file is damaged."""
+    try:
+        yield
+    except (ValueError, TypeError, csv.Error) as error:
+        raise DamagedFileError(f"{path} is damaged ({where}{error})") from error
+
+
+def read_robots(path: Path, plan: Plan) -> dict[Condition, list[Robot]]:
+    """Reads robots.csv: the rows of each condition that has any.
+
+    Args:
+      path: File to read.
+      plan: Plan of the run.
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: the file is not a table of robots.
+      DamagedFileError: the file is not a table of these robots.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file, strict=True)
-            if tuple(reader.fieldnames or ()) != _COLUMNS:
-                raise DamagedFileError(f"{path} is not a table of robots")
-            return [_robot(row) for row in reader]
-    except (ValueError, TypeError, InputError, csv.Error) as error:
-        raise DamagedFileError(f"{path} is damaged ({error})") from error
+    rows: dict[Condition, dict[int, Robot]] = {}
+    most = (sum(plan.robots.values()) + 1) * _MOST_BYTES_OF_ROW
+    content = read_whole(path, most)
+    with _damage(path):
+        reader = csv.DictReader(io.StringIO(content.decode(), newline=""), strict=True)
+        if tuple(reader.fieldnames or ()) != _COLUMNS:
+            raise ValueError("it is not a table of robots")
+        for number, row in enumerate(reader, start=2):
+            try:
+                robot = _robot(row)
+                condition = Condition(robot.task, robot.proposer)
+            except (ValueError, InputError) as error:
+                raise ValueError(f"row {number}, {error}") from error
+            rows.setdefault(condition, {})[number] = robot
+        for condition, numbered in rows.items():
+            check_rows(plan, condition, numbered)
+    return {condition: [*numbered.values()] for condition, numbered in rows.items()}
 
 
 def _robot(row: Mapping[str, str]) -> Robot:
     if None in row or None in row.values():
-        raise ValueError("a row has another number of cells than the head")
-    condition = Condition(row["task"], row["proposer"])
-    ability = float(row["learn_ability"] or "nan")
-    if row["category"] not in (category_in(condition.task, ability), INVALID):
-        raise ValueError(
-            f"{row['category']!r} is not the class of {condition.task} with an L of {ability}"
-        )
-    return Robot(
-        condition.task,
-        condition.proposer,
-        int(row["seed"]),
-        int(row["cohort"]),
-        int(row["robot"]),
-        float(row["t_pre_s"]),
-        float(row["t_post_s"]),
-        ability,
-        row["category"],
-    )
+        raise ValueError("which has another number of cells than the head")
+    values: dict[str, Any] = dict(row)
+    for column in ("seed", "cohort", "robot"):
+        if not _WHOLE.fullmatch(row[column]):
+            raise ValueError(f"column {column}: must be a whole number, got {row[column]!r:.60}")
+        values[column] = int(row[column])
+    for column in ("t_pre_s", "t_post_s", "learn_ability"):
+        text = row[column]
+        if column == "learn_ability" and not text:
+            values[column] = float("nan")
+        elif not _DECIMAL.fullmatch(text):
+            raise ValueError(f"column {column}: must be a number, got {text!r:.60}")
+        else:
+            values[column] = float(text)
+    return Robot(**values)
 
 
-def _read_curves(path: Path) -> dict[str, np.ndarray]:
+def _read_curves(path: Path, plan: Plan) -> dict[str, np.ndarray]:
+    """Reads the curves; sizes are compared with the plan's before anything is unpacked."""
+    planned = {f"{condition}.npy": condition for condition in plan.conditions}
+    minutes = {c: len(minutes_of_life(plan.experiment.schedule(c.task))) for c in plan.conditions}
+    sizes = [4 * n * minutes[c] + 2 * _MOST_BYTES_OF_HEADER for c, n in plan.robots.items()]
+    check_file(path, sum(sizes) + _MOST_BYTES_OF_HEADER)
     try:
         with zipfile.ZipFile(path) as archive:
-            if name := archive.testzip():  # numpy alone does not check every checksum
-                raise DamagedFileError(f"{path} is damaged (in {name})")
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (DamagedFileError, FileNotFoundError):
-        raise
+            members = archive.infolist()
+            if len({member.filename for member in members}) < len(members):
+                raise ValueError("an array is in it twice")
+            curves = {}
+            for member in members:
+                if (condition := planned.get(member.filename)) is None:
+                    raise ValueError(f"it has {member.filename}, which is not planned")
+                most = (plan.robots[condition], minutes[condition])
+                curves[str(condition)] = _curves(archive, member, most)
+        return curves
     except Exception as error:  # zipfile, zlib and numpy each have many exceptions for damage
         raise DamagedFileError(f"{path} is damaged ({error})") from error
+
+
+def _curves(archive: zipfile.ZipFile, member: zipfile.ZipInfo, most: tuple[int, int]) -> np.ndarray:
+    """Returns the curves of a condition, of at most so many robots and exactly so many minutes."""
+    robots, minutes = most
+    name = member.filename.removesuffix(".npy")
+    if member.file_size > robots * minutes * 4 + _MOST_BYTES_OF_HEADER:
+        raise ValueError(f"{name} is larger than the curves of {robots} robots")
+    with archive.open(member) as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError(f"{name} is of another version of numpy's format")
+        shape, in_columns, dtype = np.lib.format.read_array_header_1_0(file)
+        if dtype != np.float32 or len(shape) != 2 or shape[1] != minutes or shape[0] > robots:
+            raise ValueError(
+                f"{name} must be float32 of shape (N, {minutes}) with N up to {robots}, got "
+                f"{dtype} of shape {shape}"
+            )
+        content = file.read()  # to the end, where zipfile compares the checksum
+    array = np.frombuffer(content, dtype=np.float32).copy()
+    return array.reshape(shape, order="F" if in_columns else "C")
+
+
+def _read_brains(path: Path, plan: Plan) -> NetworkArrays:
+    """Reads the networks; shapes are compared with the plan's before any array is read."""
+
+    def check(shapes: Shapes) -> None:
+        left = dict(shapes)
+        for condition, robots in plan.robots.items():
+            own = {n: left.pop(n) for n in [*left] if n.startswith(f"{condition}/")}
+            if own:
+                named = {n.removeprefix(f"{condition}/"): shape for n, shape in own.items()}
+                check_network_shapes(plan.experiment, condition, named, robots)
+        for name in left:
+            raise ValueError(f"it has {name}, which is not planned")
+
+    return load_arrays(path, check)[0]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from ..errors import DamagedFileError
+from ..errors import DamagedFileError, InputError
 from ..experiment.conditions import CohortKey
-from ..experiment.experiment import Experiment
-from ..results.results import Lives
+from ..experiment.experiment import Experiment, check_same
+from ..experiment.manifest import UNREADABLE, experiment_from
+from ..results.checks import check_lives, check_lives_shapes
+from ..results.results import WHEN, Lives
 from ..storage import load_arrays, save_arrays
 from .cohort import Cohort
 
@@ -31,7 +37,8 @@ def save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
       OSError: the file cannot be written.
     """
     arrays, notes = cohort.checkpoint()
-    save_arrays(checkpoint_file(directory, key), arrays, cohort=str(key), **notes)
+    identity = _identity(cohort.experiment, key)
+    save_arrays(checkpoint_file(directory, key), arrays, **identity, **notes)
 
 
 def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> tuple[Cohort, str]:
@@ -39,16 +46,27 @@ def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> 
     path = checkpoint_file(directory, key)
     cohort = Cohort(experiment, key)
     try:
-        cohort.restore(*load_arrays(path))
+        arrays, notes = load_arrays(path, cohort.check_shapes)
+        _check_identity(path, notes, experiment, key)
+        cohort.restore(arrays, notes)
     except FileNotFoundError:
         return cohort, ""
-    except (DamagedFileError, ValueError, KeyError) as error:
+    except DamagedFileError as error:
         return Cohort(experiment, key), set_aside(path, key, error)
+    except (ValueError, KeyError) as error:
+        damage = DamagedFileError(f"{path} is damaged ({error})")
+        return Cohort(experiment, key), set_aside(path, key, damage)
     return cohort, ""
 
 
-def save_lives(path: Path, lives: Lives) -> None:
-    """Writes the results of a finished cohort.
+def save_lives(path: Path, lives: Lives, experiment: Experiment, key: CohortKey) -> None:
+    """Writes what a finished cohort leaves.
+
+    Args:
+      path: File to write.
+      lives: What the cohort leaves.
+      experiment: Experiment that decided the robots' lives.
+      key: Condition and number of the cohort.
 
     Raises:
       OSError: the file cannot be written.
@@ -56,26 +74,55 @@ def save_lives(path: Path, lives: Lives) -> None:
     arrays = {"events": lives.events, "minutes": lives.minutes, "valid": lives.valid}
     for when, networks in (("before", lives.before), ("after", lives.after)):
         arrays |= {f"{when}/{name}": array for name, array in networks.items()}
-    save_arrays(path, arrays)
+    save_arrays(path, arrays, **_identity(experiment, key))
 
 
-def read_lives(path: Path) -> Lives:
-    """Reads the results of a finished cohort.
+def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
+    """Reads what a finished cohort left, and checks that it can be of this experiment.
+
+    Args:
+      path: File to read.
+      experiment: Experiment of the run.
+      key: Condition and number of the cohort.
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: the file is damaged.
+      DamagedFileError: the file is damaged, or of another cohort or experiment.
     """
-    arrays, _ = load_arrays(path)
-    return Lives(
-        arrays["events"],
-        arrays["minutes"],
-        arrays["valid"],
-        *(
-            {k.partition("/")[2]: v for k, v in arrays.items() if k.startswith(f"{when}/")}
-            for when in ("before", "after")
-        ),
+    arrays, notes = load_arrays(path, functools.partial(check_lives_shapes, experiment, key))
+    _check_identity(path, notes, experiment, key)
+    before, after = (
+        {k.partition("/")[2]: v for k, v in arrays.items() if k.startswith(f"{when}/")}
+        for when in WHEN
     )
+    lives = Lives(arrays["events"], arrays["minutes"], arrays["valid"], before, after)
+    try:
+        check_lives(experiment, key, lives)
+    except ValueError as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
+    return lives
+
+
+def _identity(experiment: Experiment, key: CohortKey) -> dict[str, Any]:
+    """Returns the notes that say whose file it is."""
+    return {"cohort": str(key), "experiment": dataclasses.asdict(experiment)}
+
+
+def _check_identity(
+    path: Path, notes: Mapping[str, Any], experiment: Experiment, key: CohortKey
+) -> None:
+    """Raises DamagedFileError where a file is of another cohort or experiment, or does not say."""
+    if "experiment" not in notes:
+        raise DamagedFileError(f"{path} is of an older version and does not name its experiment")
+    if notes.get("cohort") != str(key):
+        raise DamagedFileError(f"{path} is of the cohort {notes.get('cohort')!r:.100}, not {key}")
+    try:
+        held = experiment_from(notes["experiment"])
+        check_same(f"{path} is of an experiment", held, experiment)
+    except UNREADABLE as error:
+        raise DamagedFileError(f"{path} names no experiment of musebot's ({error!r})") from error
+    except InputError as error:
+        raise DamagedFileError(str(error)) from error
 
 
 def set_aside(path: Path, key: CohortKey, error: Exception) -> str:

@@ -9,21 +9,31 @@ import numpy as np
 
 from ..agents.factory import make_agent
 from ..errors import InputError
+from ..experiment.budget import check_memory
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Plan
 from ..experiment.random_streams import random_streams
 from ..experiment.schedules import PARTS, Phase, control_steps
+from ..results.checks import check_events, check_networks, check_same_shapes
 from ..results.results import Lives
+from ..storage import Shapes
 from .placement import legs, place
 
 _MINUTE = control_steps(1)
+# Dtypes as safetensors names them.
+_DTYPES = {
+    "f4": "F32", "f8": "F64", "f2": "F16", "i1": "I8", "i2": "I16", "i4": "I32", "i8": "I64",
+    "u1": "U8", "u2": "U16", "u4": "U32", "u8": "U64", "b1": "BOOL",
+}  # fmt: skip
 
 
 class Cohort:
     """B robots that follow a schedule.
 
     Attributes:
+      experiment: Experiment that decides the robots' lives.
+      key: Condition and number of the cohort.
       batch: Robots in their arenas.
       rules: Observations, reward and event of the task.
       agent: Agent that drives the robots.
@@ -39,7 +49,8 @@ class Cohort:
           key: Condition and number of the cohort.
         """
         robots, task = experiment.cohort_size, key.condition.task
-        seed, self._random = random_streams(experiment.seed, key)
+        self.experiment, self.key = experiment, key
+        seed, self._random = experiment.seeds(key)
         self.batch = experiment.batch(task, robots)
         self.rules = self.batch.rules
         self.agent = make_agent(experiment, key.condition, robots, seed)
@@ -49,6 +60,7 @@ class Cohort:
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(PARTS)), dtype=np.int32)
         self._minutes = np.zeros((robots, -(-self.steps // _MINUTE)), dtype=np.int16)
+        self._stop_unsound()
 
     @property
     def finished(self) -> bool:
@@ -84,10 +96,14 @@ class Cohort:
             events += event
             self._minutes[:, self.step // _MINUTE] += event
             self.step += 1
-            if self.step % _MINUTE == 0:
-                for weights in agent.weights().values():
-                    finite = np.isfinite(weights).reshape(batch.robots, -1)
-                    batch.stop(np.flatnonzero(~finite.all(axis=1)))
+            if self.step % _MINUTE == 0 or self.finished:
+                self._stop_unsound()
+
+    def _stop_unsound(self) -> None:
+        """Stops robots with a weight that is not finite: at birth, every minute, at the end."""
+        for weights in self.agent.weights().values():
+            finite = np.isfinite(weights).reshape(self.batch.robots, -1)
+            self.batch.stop(np.flatnonzero(~finite.all(axis=1)))
 
     def lives(self) -> Lives:
         """Returns the results of the finished cohort."""
@@ -110,39 +126,88 @@ class Cohort:
         }
         return arrays, {"step": self.step, "random": self._random.bit_generator.state}
 
+    def check_shapes(self, shapes: Shapes) -> None:
+        """Checks names, dtypes and shapes of a checkpoint's arrays before any is read.
+
+        What an agent of a user's keeps is checked by its own `load_state`.
+
+        Raises:
+          ValueError: an array is missing, foreign, or of another dtype or shape.
+        """
+        own, _ = self.checkpoint()
+        wanted: Shapes = {
+            name: (_DTYPES.get(array.dtype.str[1:], array.dtype.str), array.shape)
+            for name, array in own.items()
+        }
+        if not self.key.condition.has_brain:
+            wanted, shapes = (
+                {name: shape for name, shape in group.items() if not name.startswith("brain.")}
+                for group in (wanted, shapes)
+            )
+        check_same_shapes(wanted, shapes)
+
     def restore(self, arrays: Mapping[str, np.ndarray], notes: Mapping[str, Any]) -> None:
         """Continues from a checkpoint of the same cohort.
 
         Args:
-          arrays: Arrays that `checkpoint` returned.
-          notes: JSON notes that `checkpoint` returned.
+          arrays: Arrays of the checkpoint, of the shapes that `check_shapes` allows.
+          notes: Notes of the checkpoint.
 
         Raises:
-          KeyError, ValueError: an array is missing, or its shape differs.
+          KeyError, ValueError: an array is missing, its shape differs, or a value is impossible.
         """
         groups: dict[str, dict[str, Any]] = {"before": {}, "brain": {}, "batch": {}}
         for name, array in arrays.items():
             group, _, rest = name.partition(".")
             if rest:
                 groups[group][rest] = array
-        if not 0 <= notes["step"] <= self.steps:
-            raise ValueError(f"step must lie in [0, {self.steps}], got {notes['step']}")
+        step = notes["step"]
+        if type(step) is not int or not 0 <= step <= self.steps:
+            raise ValueError(f"step must be a whole number in [0, {self.steps}], got {step!r:.60}")
+        schedule = self.experiment.schedule(self.key.condition.task)
+        check_events(schedule, arrays["events"], arrays["minutes"], step)
+        self._check_robots(groups)
+        self._set_random(notes["random"])
         self.batch.load_arrays(groups["batch"])
-        self.agent.load_state(groups["brain"])
+        try:
+            self.agent.load_state(groups["brain"])
+        except Exception as error:  # a user's agent may raise anything for a state of another's
+            raise ValueError(f"its agent does not continue ({error!r})") from error
         for name, weights in self._before.items():
             weights[:] = groups["before"][name]
         self._events[:] = arrays["events"]
         self._minutes[:] = arrays["minutes"]
-        self._random.bit_generator.state = notes["random"]
-        self.step = notes["step"]
+        self.step = step
+
+    def _check_robots(self, groups: Mapping[str, Mapping[str, np.ndarray]]) -> None:
+        """Raises ValueError where a valid robot has a number that is not finite."""
+        valid = groups["batch"]["valid"]
+        for name, array in groups["batch"].items():
+            broken = ~np.isfinite(array).reshape(len(array), -1).all(axis=1) & valid
+            if broken.any():
+                raise ValueError(f"batch.{name}, row {broken.argmax()}: must be finite")
+        before = dict(groups["before"])
+        check_networks(self.experiment, self.key.condition, {"before": before}, valid)
+
+    def _set_random(self, state: Any) -> None:
+        """Sets the world's random stream; raises ValueError where a state is not one."""
+        generator = self._random.bit_generator
+        try:
+            generator.state = state
+        except (ValueError, TypeError, KeyError, OverflowError, AttributeError) as error:
+            raise ValueError(f"its random stream is damaged ({error!r:.100})") from error
+        if generator.state != state:
+            raise ValueError("its random stream is damaged")
 
 
 def check_agents(plan: Plan) -> None:
     """Makes a cohort of every user's agent in a plan and lets the agent act once.
 
     Raises:
-      InputError: there is no such agent, or it does not return motor values.
+      InputError: the plan needs more memory than the machine has, there is no such agent, or it
+        does not return motor values.
     """
+    check_memory(plan)
     robots = plan.experiment.cohort_size
     for condition in plan.conditions:
         if condition.has_brain:

@@ -136,7 +136,7 @@ class CohortJob:
             if now - saved > self.save_every:
                 save_checkpoint(self.directory, self.key, cohort)
                 saved = now
-        save_lives(self.path, cohort.lives())
+        save_lives(self.path, cohort.lives(), self.experiment, self.key)
         checkpoint_file(self.directory, self.key).unlink(missing_ok=True)
         report(self._seconds(cohort.step), "")
         return True

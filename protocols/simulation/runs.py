@@ -7,6 +7,7 @@ import dataclasses
 from pathlib import Path
 
 from ..errors import DamagedFileError
+from ..experiment.budget import check_memory
 from ..experiment.conditions import CohortKey
 from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from ..experiment.plan import Plan
@@ -77,11 +78,13 @@ class UnfinishedRun:
         """Compares what a folder holds with what a plan asks for; changes nothing.
 
         Raises:
-          InputError: the folder's experiment or physics differs, or a file is damaged.
+          InputError: the folder's experiment or physics differs, a file is damaged, or the
+            plan needs more memory than the machine has.
         """
         directory = directory.resolve()
         if (directory / MANIFEST).exists():
             plan = plan.merged_with(read_manifest(directory))
+        check_memory(plan)
         results = read_results(directory)
         known = {(c, row.cohort) for c, part in results.items() for row in part.robots}
         left = [key for key in plan.cohorts() if (key.condition, key.index) not in known]
@@ -112,7 +115,7 @@ class UnfinishedRun:
         for key in [*self.left]:
             path = finished_file(self.directory, key)
             try:
-                lives = read_lives(path)
+                lives = read_lives(path, self.plan.experiment, key)
             except FileNotFoundError:
                 continue
             except DamagedFileError as error:
@@ -129,7 +132,7 @@ class UnfinishedRun:
     def finished(self, job: Job) -> None:
         """Reads a finished cohort; after the last one, writes the results of all."""
         assert isinstance(job, CohortJob)
-        self._add(job.key, read_lives(job.path))
+        self._add(job.key, read_lives(job.path, job.experiment, job.key))
 
     def _add(self, key: CohortKey, lives: Lives) -> None:
         self.lives[key] = lives

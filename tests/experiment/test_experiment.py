@@ -44,7 +44,21 @@ experiments = st.builds(
     ("fields", "sentence"),
     [
         ({"seed": -1}, "the seed must not be negative, got -1"),
-        ({"seed": "one"}, "seed must be a whole number, got one"),
+        ({"seed": "one"}, "seed must be a whole number, got 'one'"),
+        ({"seed": True}, "seed must be a whole number, got True"),
+        ({"seed": 2**128}, f"the seed must be below 2^128, got {2**128}"),
+        pytest.param(
+            {"seed": 10**5000},
+            "the seed must be below 2^128, got a number of too many digits",
+            id="digits",
+        ),
+        ({"cohort_size": 10**8}, "the cohort size must be at most 100000, got 100000000"),
+        ({"time_scale": "1"}, "time_scale must be a number, got '1'"),
+        ({"turned_start": True}, "turned_start must be a number, got True"),
+        ({"turned_start": 1e300}, "the turn at the start must lie in [-360, 360], got 1e+300"),
+        ({"motor_speed": "fast"}, "motor_speed must be a number, got 'fast'"),
+        ({"motor_speed": 11}, "the motor speed must be at most 10 m/s, got 11"),
+        ({"learn_across_placement": 1}, "learn_across_placement must be true or false, got 1"),
         ({"cohort_size": 0}, "the cohort size must be at least 1, got 0"),
         ({"cohort_size": 1.5}, "cohort_size must be a whole number, got 1.5"),
         ({"time_scale": 0}, "the time scale must lie in (0, 1], got 0"),
@@ -60,7 +74,7 @@ experiments = st.builds(
         ({"motor_speed": float("inf")}, "the motor speed must be positive, got inf"),
         (
             {"turned_start": float("nan")},
-            "the turn at the start must be finite, got nan",
+            "the turn at the start must lie in [-360, 360], got nan",
         ),
         (
             {"kinematics": Kinematics(wall="slides")},
@@ -69,6 +83,13 @@ experiments = st.builds(
         (
             {"body": "kinematic", "kinematics": Kinematics(radius=0.4)},
             "the radius must be less than 0.1 m, got 0.4",
+        ),
+        *(
+            (
+                {"body": "kinematic", "kinematics": Kinematics(**{name: 10**9})},
+                f"{name} must be at most {most}, got 1000000000",
+            )
+            for name, most in (("pieces", 1000), ("lag", 1000), ("wheel_base", 10))
         ),
         *(
             (

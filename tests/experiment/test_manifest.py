@@ -350,7 +350,12 @@ def test_a_flipped_bit_ends_in_a_plan_or_in_a_sentence(sound):
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"null", b"[]", b"{}", b'{"experiment": 1}', b"\xff\xfe", b'"experiment"']
+    "content",
+    [
+        *(b"", b"null", b"[]", b"{}", b'{"experiment": 1}', b"\xff\xfe", b'"experiment"'),
+        *(b"[" * 100_000, b'{"experiment":' * 100_000, b"1" * 5000, b"NaN"),
+    ],
+    ids=lambda content: content[:20].decode(errors="replace"),
 )
 def test_a_file_of_another_kind_is_damaged(tmp_path, content):
     (tmp_path / MANIFEST).write_bytes(content)
@@ -369,6 +374,23 @@ def test_a_file_of_another_kind_is_damaged(tmp_path, content):
         ("plan", {"proposer": "divine"}, InputError),
         ("made_with", "nothing", DamagedFileError),
         ("physics", ["heavy"], DamagedFileError),
+        ("physics", [float("nan")], DamagedFileError),
+        ("physics", [10**400], DamagedFileError),
+        ("made_with", [1], DamagedFileError),
+        ("plan", {"robots": True}, DamagedFileError),
+        ("plan", {"task": "spot_finding"}, DamagedFileError),
+        ("experiment", {"turned_start": 10**400}, DamagedFileError),
+        ("experiment", {"motor_speed": 10**400}, DamagedFileError),
+        ("experiment", {"time_scale": "1"}, DamagedFileError),
+        ("experiment", {"time_scale": 10**400}, DamagedFileError),
+        ("experiment", {"seed": True}, DamagedFileError),
+        ("experiment", {"learn_across_placement": 1}, DamagedFileError),
+        ("experiment", {"kinematics": [1]}, DamagedFileError),
+        ("experiment", {"nose": ["inverse"]}, DamagedFileError),
+        ("brain", {"random_ideas": 1, "ideas": 0}, DamagedFileError),
+        ("brain", {"random_ideas": 10**400}, DamagedFileError),
+        ("brain", {"fixed_motors": ["a"]}, DamagedFileError),
+        ("brain", {"learn_rate": 10**400}, DamagedFileError),
     ],
 )
 def test_a_manifest_with_an_invalid_value_is_refused(sound, group, changes, error):
@@ -377,11 +399,14 @@ def test_a_manifest_with_an_invalid_value_is_refused(sound, group, changes, erro
         content["plan"][0] |= changes
     elif group == "experiment":
         content["experiment"] |= changes
+    elif group == "brain":
+        content["experiment"]["brain"] |= changes
     else:
         content[group] = changes
     (sound / MANIFEST).write_text(json.dumps(content))
-    with pytest.raises(error):
+    with pytest.raises(error) as caught:
         read_manifest(sound)
+    assert str(sound / MANIFEST) in str(caught.value) and len(str(caught.value)) < 600
 
 
 def test_a_missing_manifest_is_missing_and_not_damaged(tmp_path):

@@ -36,6 +36,8 @@ def plans(draw):
         ((), 50, "at least one task and one proposer are needed"),
         (CONDITIONS, 0, "robots must be at least 1, got 0"),
         (CONDITIONS, -50, "robots must be at least 1, got -50"),
+        (CONDITIONS, 10**9, "robots must be at most 1000000, got 1000000000"),
+        (CONDITIONS, True, "the number of robots must be a whole number, got True"),
         (CONDITIONS, 1.5, "the number of robots must be a whole number, got 1.5"),
         (CONDITIONS, 75, "robots must be a multiple of the cohort size, 50, got 75"),
     ],

@@ -17,14 +17,10 @@ from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import MANIFEST, write_manifest
+from musebot.protocols.experiment.networks import network_shapes
 from musebot.protocols.experiment.plan import Plan
-from musebot.protocols.results.results import (
-    WHEN,
-    ConditionResults,
-    Robot,
-    category_in,
-    merge,
-)
+from musebot.protocols.results.learn_ability import learn_ability
+from musebot.protocols.results.results import WHEN, Robot, category_in, merge
 from musebot.protocols.results.run_files import (
     BRAINS_FILE,
     CURVES_FILE,
@@ -44,7 +40,6 @@ FILES = {ROBOTS_FILE, CURVES_FILE, BRAINS_FILE}
 NAN = float("nan")
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 OTHER = Condition("spot_finding", "random")
-WEIGHTS = "evaluation.output_weights"
 KEPT = Path(__file__).parents[2] / "docs" / "results"
 
 
@@ -63,36 +58,44 @@ def same(first, second):
     )
 
 
-def part_of(robots, minutes=20, seed=0):
-    """Returns results of robots, with random curves and networks."""
-    draw, count = np.random.default_rng(seed), len(robots)
-    curves = draw.random((count, minutes), dtype=np.float32)
-    networks = {w: {WEIGHTS: draw.random((count, 1, 7), dtype=np.float32)} for w in WHEN}
-    return ConditionResults(robots, curves, networks)
+EXPERIMENT = Experiment(seed=1, cohort_size=1, time_scale=0.05)
+PLAN = Plan(EXPERIMENT, {WALLS: 5, OTHER: 3, SPOT: 3})
 
 
-def rows_of(condition, numbers, seed=2):
-    name = condition.task, condition.proposer
-    return [Robot(*name, seed, n, n, 1.0, 3.0, -0.5, "L < 0") for n in numbers]
+def rows_of(condition, numbers):
+    name, ability = (condition.task, condition.proposer), -0.5 if condition == WALLS else 0.5
+    kind = "L < 0" if ability < 0 else "0 < L < 1"
+    return [Robot(*name, 1, n, n, 1.0, 3.0, ability, kind) for n in numbers]
+
+
+@pytest.fixture(scope="module")
+def part_of(invented):
+    """Makes results of rows, with curves and networks to match."""
+
+    def part_of(rows, seed=0):
+        return invented(EXPERIMENT, rows, seed)
+
+    return part_of
 
 
 @pytest.fixture
-def results():
+def results(part_of):
     walls = [
         Robot("wall_avoidance", "fixed", 1, 0, 0, 12.5, 0.0, 1.0, "L = 1"),
-        Robot("wall_avoidance", "fixed", 1, 0, 1, 0.0, 0.0, NAN, "genius"),
-        Robot("wall_avoidance", "fixed", 1, 1, 2, 0.3, 0.1, 0.5, "0 < L < 1"),
+        Robot("wall_avoidance", "fixed", 1, 1, 1, 0.0, 0.0, NAN, "genius"),
+        Robot("wall_avoidance", "fixed", 1, 2, 2, 0.3, 0.1, 0.5, "0 < L < 1"),
     ]
     spot = [
         Robot("spot_finding", "creative", 1, 0, 0, 0.0, 0.0, NAN, "ignorant"),
-        Robot("spot_finding", "creative", 1, 0, 1, 0.1, 0.2, 1 / 3, "0 < L < 1"),
-        Robot("spot_finding", "creative", 1, 1, 2, 7.0, 0.0, NAN, "invalid"),
+        Robot("spot_finding", "creative", 1, 1, 1, 0.1, 0.2, 1 / 3, "0 < L < 1"),
+        Robot("spot_finding", "creative", 1, 2, 2, 7.0, 0.0, NAN, "invalid"),
     ]
     return {WALLS: part_of(walls, seed=1), SPOT: part_of(spot, seed=2)}
 
 
 @pytest.fixture
 def folder(tmp_path, results):
+    write_manifest(tmp_path, PLAN)
     write_results(tmp_path, results)
     return tmp_path
 
@@ -101,17 +104,23 @@ def folder(tmp_path, results):
 
 
 def test_results_survive_their_files(folder, results):
-    assert {path.name for path in folder.iterdir()} == FILES
+    assert {path.name for path in folder.iterdir()} == {*FILES, MANIFEST}
     assert same(read_results(folder), results)
 
 
-def test_results_of_an_agent_without_weights_survive_their_files(tmp_path, results):
-    part = dataclasses.replace(results[WALLS], networks={"before": {}, "after": {}})
-    write_results(tmp_path, {WALLS: part})
-    assert same(read_results(tmp_path), {WALLS: part})
+def test_results_of_an_agent_without_weights_survive_their_files(tmp_path, part_of):
+    agent = Condition("wall_avoidance", "some.where:agent")
+    part = part_of(rows_of(agent, (0, 1)))
+    part = part_of(
+        [dataclasses.replace(r, learn_ability=-0.5, category="L < 0") for r in part.robots]
+    )
+    assert part.networks == {"before": {}, "after": {}}
+    write_manifest(tmp_path, Plan(EXPERIMENT, {agent: 2}))
+    write_results(tmp_path, {agent: part})
+    assert same(read_results(tmp_path), {agent: part})
 
 
-def test_equal_results_leave_equal_bytes_however_they_were_merged(tmp_path):
+def test_equal_results_leave_equal_bytes_however_they_were_merged(tmp_path, part_of):
     first = {WALLS: part_of(rows_of(WALLS, (0, 1)), seed=1)}
     second = {OTHER: part_of(rows_of(OTHER, (0, 1)), seed=2)}
     write_results(tmp_path / "one", merge(first, second))
@@ -130,29 +139,28 @@ def test_a_kept_run_that_is_read_and_written_keeps_its_bytes(name, tmp_path):
 
 @st.composite
 def any_robot(draw, task, index):
-    """Draws a row of the category that its L has, or invalid."""
-    seconds = st.integers(0, 216_000).map(lambda steps: round(steps * 0.1, 1))
-    ability = draw(st.just(NAN) | st.floats(-1, 1))
-    return Robot(
-        task,
-        "random",
-        draw(st.integers(0, 2**64)),
-        draw(st.integers(0, 100)),
-        index,
-        draw(seconds),
-        draw(seconds),
-        ability,
-        draw(st.sampled_from([category_in(task, ability), "invalid"])),
-    )
+    """Draws a row as `collect` makes it."""
+    schedule = EXPERIMENT.schedule(task)
+    steps = [draw(st.integers(0, schedule.steps_of(part))) for part in ("pre", "post")]
+    pre, post = (np.array([count]) * 0.1 for count in steps)
+    ability = float(learn_ability(pre, post, schedule.wanted)[0])
+    name = category_in(task, ability)
+    if draw(st.booleans()):
+        ability, name = NAN, "invalid"
+    times = round(float(pre[0]), 1), round(float(post[0]), 1)
+    return Robot(task, "random", 1, index, index, *times, ability, name)
 
 
 @quick
 @given(st.data(), st.sampled_from(PAPER_TASKS), st.integers(1, 5))
-def test_robots_csv_gives_back_every_row(tmp_path_factory, data, task, count):
-    folder = tmp_path_factory.mktemp("results")
-    rows = [data.draw(any_robot(task, index)) for index in range(count)]
-    write_results(folder, {Condition(task, "random"): part_of(rows)})
-    assert repr(read_robots(folder / ROBOTS_FILE)) == repr(rows)
+def test_every_row_that_a_cohort_can_leave_is_read_as_it_was(
+    tmp_path_factory, part_of, data, task, count
+):
+    folder, condition = tmp_path_factory.mktemp("results"), Condition(task, "random")
+    results = {condition: part_of([data.draw(any_robot(task, index)) for index in range(count)])}
+    write_manifest(folder, Plan(EXPERIMENT, {condition: count}))
+    write_results(folder, results)
+    assert same(read_results(folder), results)
 
 
 def test_robots_csv_is_a_plain_table(folder):
@@ -166,18 +174,21 @@ def test_robots_csv_is_a_plain_table(folder):
     assert [row["learn_ability"] for row in rows[:3]] == ["1.0", "", "0.5"]
 
 
-def test_learn_ability_survives_robots_csv_bit_exactly(tmp_path):
-    ability = math.nextafter(1 / 3, 1)
+def test_learn_ability_survives_robots_csv_bit_exactly(tmp_path, part_of):
+    condition, ability = Condition("spot_finding", "fixed"), math.nextafter(1 / 3, 1)
     row = Robot("spot_finding", "fixed", 1, 0, 0, 1.0, 2.0, ability, "0 < L < 1")
-    write_results(tmp_path, {Condition("spot_finding", "fixed"): part_of([row])})
-    assert read_robots(tmp_path / ROBOTS_FILE)[0].learn_ability == ability
+    plan = Plan(EXPERIMENT, {condition: 1})
+    write_results(tmp_path, {condition: part_of([row])})
+    assert read_robots(tmp_path / ROBOTS_FILE, plan)[condition][0].learn_ability == ability
 
 
 def test_networks_are_named_by_condition_time_and_tensor(results):
     flat = flat_networks(results)
-    assert [*flat] == [f"{c}/{w}/{WEIGHTS}" for c in (WALLS, SPOT) for w in WHEN]
-    assert flat[f"spot_finding/creative/after/{WEIGHTS}"].shape == (3, 1, 7)
-    assert [*flat_networks(results, ["after"])] == [f"{c}/after/{WEIGHTS}" for c in (WALLS, SPOT)]
+    names = {c: [*network_shapes(EXPERIMENT, c)] for c in (WALLS, SPOT)}
+    assert [*flat] == [f"{c}/{w}/{n}" for c in (WALLS, SPOT) for w in WHEN for n in names[c]]
+    assert flat["spot_finding/creative/after/evaluation.output_weights"].shape == (3, 1, 7)
+    after = [f"{c}/after/{n}" for c in (WALLS, SPOT) for n in names[c]]
+    assert [*flat_networks(results, ["after"])] == after
 
 
 def test_a_folder_without_robots_csv_holds_no_results_yet(folder):
@@ -243,13 +254,12 @@ def test_a_flipped_bit_has_no_effect_or_is_named(folder, results, name, every):
     assert named > 100
 
 
-def test_curves_whose_shape_was_altered_are_damaged_although_numpy_reads_them(folder, results):
-    long = {str(condition): np.tile(part.curves, 100) for condition, part in results.items()}
-    np.savez(folder / CURVES_FILE, **long)
-    assert read_results(folder)[WALLS].curves.shape == (3, 2000)
-    altered = (folder / CURVES_FILE).read_bytes().replace(b"(3, 2000)", b"(3, 1000)")
+def test_curves_whose_shape_was_altered_are_damaged(folder, results):
+    curves = {str(condition): part.curves for condition, part in results.items()}
+    np.savez(folder / CURVES_FILE, **curves)
+    assert read_results(folder)[WALLS].curves.shape == (3, 8)
+    altered = (folder / CURVES_FILE).read_bytes().replace(b"(3, 8)", b"(2, 8)")
     (folder / CURVES_FILE).write_bytes(altered)
-    assert np.load(folder / CURVES_FILE)["wall_avoidance/fixed"].shape == (3, 1000)
     with pytest.raises(DamagedFileError, match=CURVES_FILE):
         read_results(folder)
 
@@ -258,7 +268,7 @@ def test_a_flipped_bit_in_robots_csv_ends_in_results_or_is_named(folder):
     named = 0
     for _ in flips(folder / ROBOTS_FILE, 1):
         try:
-            assert isinstance(read_results(folder), dict)  # another digit is as good
+            assert isinstance(read_results(folder), dict)  # a last digit of Learn Ability
         except DamagedFileError as error:
             assert str(folder) in str(error)
             named += 1
@@ -290,7 +300,7 @@ def test_a_robots_csv_with_an_invalid_cell_is_damaged_and_named(folder, old, new
     assert str(path) in str(caught.value)
 
 
-def test_a_crash_before_robots_csv_was_written_leaves_the_older_results(folder, results):
+def test_a_crash_before_robots_csv_was_written_leaves_the_older_results(folder, results, part_of):
     before = (folder / ROBOTS_FILE).read_bytes()
     newer = {
         WALLS: part_of(rows_of(WALLS, (3, 4)), seed=3),
@@ -303,13 +313,13 @@ def test_a_crash_before_robots_csv_was_written_leaves_the_older_results(folder, 
 
 
 @pytest.mark.parametrize("shorter", ["curves", "networks"])
-def test_fewer_curves_or_networks_than_rows_are_damage(tmp_path, results, shorter):
+def test_fewer_curves_or_networks_than_rows_are_damage(folder, results, shorter):
     part = results[WALLS]
     cut = part.rows(np.array([0, 1]))
     fewer = dataclasses.replace(part, **{shorter: getattr(cut, shorter)})
-    write_results(tmp_path, results | {WALLS: fewer})
+    write_results(folder, results | {WALLS: fewer})
     with pytest.raises(DamagedFileError, match="fewer robots"):
-        read_results(tmp_path)
+        read_results(folder)
 
 
 def test_rows_without_any_curve_are_damage(folder, results):
@@ -319,7 +329,9 @@ def test_rows_without_any_curve_are_damage(folder, results):
 
 
 @pytest.mark.parametrize("failing", [1, 2, 3])
-def test_a_failed_write_leaves_a_folder_that_can_be_read(folder, results, monkeypatch, failing):
+def test_a_failed_write_leaves_a_folder_that_can_be_read(
+    folder, results, part_of, monkeypatch, failing
+):
     calls = 0
     fsync = os.fsync
 
@@ -336,26 +348,17 @@ def test_a_failed_write_leaves_a_folder_that_can_be_read(folder, results, monkey
         with pytest.raises(OSError, match="No space left"):
             write_results(folder, merge(results, newer))
     assert same(read_results(folder), results)
-    assert {path.name for path in folder.iterdir()} == FILES
+    assert {path.name for path in folder.iterdir()} == {*FILES, MANIFEST}
 
 
 # Runs
 
 
-PLAN = Plan(Experiment(cohort_size=1), {WALLS: 3, SPOT: 3})
-
-
-@pytest.fixture
-def run_folder(folder):
-    write_manifest(folder, PLAN)
-    return folder
-
-
-def test_a_run_is_read_with_the_name_of_its_folder_or_a_given_one(run_folder, results):
-    run = read_run(run_folder)
-    assert (run.name, run.experiment) == (run_folder.name, PLAN.experiment)
+def test_a_run_is_read_with_the_name_of_its_folder_or_a_given_one(folder, results):
+    run = read_run(folder)
+    assert (run.name, run.experiment) == (folder.name, EXPERIMENT)
     assert same(run.results, results)
-    assert read_run(run_folder, "mine").name == "mine"
+    assert read_run(folder, "mine").name == "mine"
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):
@@ -372,17 +375,17 @@ def test_a_run_without_finished_robots_is_refused(tmp_path):
     assert str(caught.value) == sentence
 
 
-def test_brains_of_another_physics_are_read_with_a_notice(run_folder, capsys):
-    read_run(run_folder, replay=True)
+def test_brains_of_another_physics_are_read_with_a_notice(folder, capsys):
+    read_run(folder, replay=True)
     assert capsys.readouterr().err == ""
-    content = json.loads((run_folder / MANIFEST).read_text())
+    content = json.loads((folder / MANIFEST).read_text())
     content["physics"][0] += 1
-    (run_folder / MANIFEST).write_text(json.dumps(content))
-    read_run(run_folder)
+    (folder / MANIFEST).write_text(json.dumps(content))
+    read_run(folder)
     assert capsys.readouterr().err == ""
-    read_run(run_folder, replay=True)
+    read_run(folder, replay=True)
     notice = capsys.readouterr().err
-    assert f"{run_folder} was simulated in another physics than this version's" in notice
+    assert f"{folder} was simulated in another physics than this version's" in notice
 
 
 def test_several_runs_have_distinct_names(tmp_path, results):

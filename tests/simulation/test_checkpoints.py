@@ -1,5 +1,7 @@
 """A restored cohort continues bit-exactly, and a damaged file is never taken for a sound one."""
 
+import dataclasses
+import os
 import random
 
 import numpy as np
@@ -8,8 +10,8 @@ import pytest
 from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.networks import network_shapes
 from musebot.protocols.experiment.overrides import named_brain
-from musebot.protocols.results.results import Lives
 from musebot.protocols.simulation.checkpoints import (
     checkpoint_file,
     finished_file,
@@ -100,35 +102,197 @@ def test_a_damaged_checkpoint_is_set_aside_and_the_cohort_is_newborn(spoil, tmp_
     assert not path.exists() and path.with_suffix(".damaged").exists()
 
 
-def test_what_a_finished_cohort_leaves_survives_its_file(tmp_path):
-    draw = np.random.default_rng(0)
-    networks = [
-        {f"part.{n}": draw.random((2, 3), dtype=np.float32) for n in ("a", "b")} for _ in range(2)
-    ]
-    events, minutes = np.arange(6, dtype=np.int32).reshape(2, 3), np.ones((2, 5), dtype=np.int16)
-    lives = Lives(events, minutes, np.array([True, False]), *networks)
+@pytest.fixture(scope="module")
+def lives():
+    """What a finished cohort of the key leaves."""
+    cohort = Cohort(SHORT, KEY)
+    cohort.advance(cohort.steps)
+    return cohort.lives()
+
+
+def test_what_a_finished_cohort_leaves_survives_its_file(tmp_path, lives):
     path = finished_file(tmp_path, KEY)
-    save_lives(path, lives)
-    read = read_lives(path)
+    save_lives(path, lives, SHORT, KEY)
+    read = read_lives(path, SHORT, KEY)
     np.testing.assert_equal(vars(read), vars(lives))
     assert (read.events.dtype, read.minutes.dtype) == (np.int32, np.int16)
 
 
-def test_lives_of_an_agent_without_weights_have_no_networks(tmp_path):
-    lives = Lives(np.zeros((2, 3)), np.zeros((2, 5)), np.ones(2, dtype=bool), {}, {})
-    save_lives(tmp_path / "file", lives)
-    read = read_lives(tmp_path / "file")
+def test_lives_of_an_agent_without_weights_have_no_networks(tmp_path, lives):
+    key = CohortKey(Condition("wall_avoidance", "some.where:agent"), 0)
+    save_lives(tmp_path / "file", dataclasses.replace(lives, before={}, after={}), SHORT, key)
+    read = read_lives(tmp_path / "file", SHORT, key)
     assert (read.before, read.after) == ({}, {})
 
 
 def test_a_missing_or_damaged_finished_cohort_is_not_read(tmp_path):
     path = finished_file(tmp_path, KEY)
     with pytest.raises(FileNotFoundError):
-        read_lives(path)
+        read_lives(path, SHORT, KEY)
     path.parent.mkdir()
     path.write_bytes(b"nonsense")
     with pytest.raises(DamagedFileError, match=path.name):
-        read_lives(path)
+        read_lives(path, SHORT, KEY)
+
+
+# Files of others, and impossible values
+
+OTHERS = [
+    (dataclasses.replace(SHORT, seed=2), KEY, "is of an experiment with seed 2, not 1"),
+    (
+        dataclasses.replace(SHORT, learn_across_placement=True),
+        KEY,
+        "is of an experiment with learn_across_placement True, not False",
+    ),
+    (
+        SHORT,
+        dataclasses.replace(KEY, index=0),
+        f"is of the cohort 'wall_avoidance-creative-0000', not {KEY}",
+    ),
+    (SHORT, CohortKey(Condition("wall_avoidance", "random"), 1), "is of the cohort"),
+]
+
+
+def other_lives(lives, key):
+    names = network_shapes(SHORT, key.condition)
+    before, after = ({n: nets[n] for n in names} for nets in (lives.before, lives.after))
+    return dataclasses.replace(lives, before=before, after=after)
+
+
+@pytest.mark.parametrize(("experiment", "key", "words"), OTHERS)
+def test_a_finished_cohort_of_another_experiment_or_key_is_refused(
+    tmp_path, lives, experiment, key, words
+):
+    path = finished_file(tmp_path, KEY)
+    save_lives(path, other_lives(lives, key), experiment, key)
+    with pytest.raises(DamagedFileError) as caught:
+        read_lives(path, SHORT, KEY)
+    assert str(path) in str(caught.value)
+    if key.condition == KEY.condition:
+        assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(("experiment", "key", "words"), OTHERS)
+def test_a_checkpoint_of_another_experiment_or_key_is_set_aside(tmp_path, experiment, key, words):
+    cohort = Cohort(experiment, key)
+    cohort.advance(77)
+    save_checkpoint(tmp_path, key, cohort)
+    path = checkpoint_file(tmp_path, KEY)
+    if key != KEY:
+        checkpoint_file(tmp_path, key).rename(path)
+    restored, message = restored_cohort(tmp_path, SHORT, KEY)
+    assert restored.step == 0
+    if key.condition == KEY.condition:
+        assert words in message
+    assert message.endswith(f"set aside, cohort {KEY} starts anew")
+    assert path.with_suffix(".damaged").exists() and not path.exists()
+
+
+def test_a_file_of_an_older_version_that_does_not_name_its_experiment_is_set_aside(tmp_path, lives):
+    path = finished_file(tmp_path, KEY)
+    save_lives(path, lives, SHORT, KEY)
+    arrays, _ = load_arrays(path)
+    save_arrays(path, arrays)
+    with pytest.raises(DamagedFileError) as caught:
+        read_lives(path, SHORT, KEY)
+    assert str(caught.value) == f"{path} is of an older version and does not name its experiment"
+
+
+@pytest.mark.parametrize("value", ["150", 1.5, True, None, -1, [77]])
+def test_a_checkpoint_whose_step_is_no_number_of_steps_is_set_aside(tmp_path, value):
+    cohort = Cohort(SHORT, KEY)
+    cohort.advance(77)
+    save_checkpoint(tmp_path, KEY, cohort)
+    path = checkpoint_file(tmp_path, KEY)
+    arrays, notes = load_arrays(path)
+    save_arrays(path, arrays, **notes | {"step": value})
+    restored, message = restored_cohort(tmp_path, SHORT, KEY)
+    assert restored.step == 0
+    assert "step must be a whole number in [0, " in message
+
+
+@pytest.mark.parametrize("state", [None, 1, {}, {"bit_generator": "MT19937"}, "big", "other"])
+def test_a_checkpoint_whose_random_stream_is_damaged_is_set_aside(tmp_path, state):
+    cohort = Cohort(SHORT, KEY)
+    cohort.advance(77)
+    save_checkpoint(tmp_path, KEY, cohort)
+    path = checkpoint_file(tmp_path, KEY)
+    arrays, notes = load_arrays(path)
+    if state == "big":
+        state = notes["random"] | {"state": {"state": 2**200, "inc": 1}}
+    if state == "other":
+        state = notes["random"] | {"has_uint32": 0.5}
+    save_arrays(path, arrays, **notes | {"random": state})
+    restored, message = restored_cohort(tmp_path, SHORT, KEY)
+    assert restored.step == 0
+    assert "random stream is damaged" in message
+    np.testing.assert_equal(restored.checkpoint(), Cohort(SHORT, KEY).checkpoint())
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "value", "words"),
+    [
+        ("events", (1, 0), -5, "events, row 1, column 0: must lie in [0, "),
+        ("events", (0, 2), 30_000, "events, row 0, column 2: must lie in [0, "),
+        ("minutes", (0, 0), 601, "minutes, row 0, column 0: must lie in [0, "),
+        ("minutes", (0, 0), 1, "row 0: its events and its minutes have different sums"),
+        ("before.evaluation.hidden_biases", (1, 0), np.nan, "row 1: must be finite"),
+        ("before.evaluation.hidden_biases", (1, 0), 3, "row 1: must be finite and within [-1, 1]"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["checkpoint", "finished"])
+def test_impossible_values_are_refused_with_row_and_column(
+    tmp_path, lives, kind, name, index, value, words
+):
+    if kind == "checkpoint":
+        cohort = Cohort(SHORT, KEY)
+        cohort.advance(77)
+        save_checkpoint(tmp_path, KEY, cohort)
+        path = checkpoint_file(tmp_path, KEY)
+    else:
+        path, name = finished_file(tmp_path, KEY), name.replace("before.", "before/")
+        save_lives(path, lives, SHORT, KEY)
+    arrays, notes = load_arrays(path)
+    for counts in ("events", "minutes"):
+        arrays[counts][:] = 0
+    arrays[name][index] = value
+    save_arrays(path, arrays, **notes)
+    if kind == "checkpoint":
+        restored, message = restored_cohort(tmp_path, SHORT, KEY)
+        assert restored.step == 0
+    else:
+        with pytest.raises(DamagedFileError) as caught:
+            read_lives(path, SHORT, KEY)
+        message = str(caught.value)
+    assert str(path) in message
+    assert words in message
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])
+@pytest.mark.parametrize("kind", ["checkpoint", "finished"])
+def test_events_of_another_dtype_are_refused(tmp_path, lives, kind, dtype):
+    if kind == "checkpoint":
+        save_checkpoint(tmp_path, KEY, Cohort(SHORT, KEY))
+        path = checkpoint_file(tmp_path, KEY)
+    else:
+        path = finished_file(tmp_path, KEY)
+        save_lives(path, lives, SHORT, KEY)
+    arrays, notes = load_arrays(path)
+    save_arrays(path, arrays | {"events": arrays["events"].astype(dtype)}, **notes)
+    if kind == "checkpoint":
+        assert "events must be I32" in restored_cohort(tmp_path, SHORT, KEY)[1]
+    else:
+        with pytest.raises(DamagedFileError, match="events must be I32"):
+            read_lives(path, SHORT, KEY)
+
+
+def test_a_pipe_in_place_of_a_checkpoint_is_set_aside_and_not_waited_for(tmp_path):
+    path = checkpoint_file(tmp_path, KEY)
+    path.parent.mkdir()
+    os.mkfifo(path)
+    restored, message = restored_cohort(tmp_path, SHORT, KEY)
+    assert restored.step == 0
+    assert f"{path} is not a regular file" in message
 
 
 def test_a_file_that_is_set_aside_keeps_its_content(tmp_path):

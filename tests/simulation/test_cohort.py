@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from musebot.models import Dimensions
+from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
+from musebot.protocols.results.results import collect
 from musebot.protocols.simulation.cohort import Cohort, check_agents
+from musebot.protocols.simulation.engine import UnfinishedRun
 from musebot.tasks import make_batch
 
 ROBOTS = 3
@@ -405,6 +408,35 @@ def test_a_robot_with_a_weight_that_is_not_finite_is_invalid_and_the_others_are_
     assert cohort.lives().valid.tolist() == [True, False, True]
 
 
+def test_a_weight_that_is_not_finite_at_the_end_of_a_short_life_is_noticed():
+    cohort = Cohort(
+        Experiment(cohort_size=ROBOTS, time_scale=0.004),
+        CohortKey(Condition("wall_avoidance", "fixed"), 0),
+    )
+    assert cohort.steps < MINUTE
+    cohort.advance(100)
+    cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
+    cohort.advance(10**9)
+    assert cohort.lives().valid.tolist() == [True, False, True]
+
+
+def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
+    experiment = Experiment(cohort_size=ROBOTS, time_scale=0.004, body="kinematic")
+    key = CohortKey(Condition("wall_avoidance", "fixed"), 0)
+
+    def broken(*which):
+        agent = make_agent(*which)
+        agent.weights()["evaluation.hidden_weights"][2] = np.inf
+        return agent
+
+    monkeypatch.setattr("musebot.protocols.simulation.cohort.make_agent", broken)
+    cohort = Cohort(experiment, key)
+    assert cohort.batch.valid.tolist() == [True, True, False]
+    cohort.advance(10**9)
+    results = collect(experiment, [(key, cohort.lives())])
+    assert [row.valid for row in results[key.condition].robots] == [True, True, False]
+
+
 # Agents of users
 
 
@@ -425,7 +457,15 @@ def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
     assert str(caught.value) == sentence
 
 
-def test_conditions_of_the_papers_proposers_need_no_check_of_agents():
-    check_agents(
-        Plan.of(Experiment(cohort_size=10**9), [Condition("spot_finding", "fixed")], 10**9)
-    )
+def test_conditions_of_the_papers_proposers_need_no_check_of_agents(monkeypatch):
+    monkeypatch.setattr("musebot.protocols.simulation.cohort.make_agent", pytest.fail)
+    check_agents(Plan.of(Experiment(cohort_size=10), [Condition("spot_finding", "fixed")], 10))
+
+
+def test_a_plan_that_the_machine_cannot_hold_is_refused_before_it_is_begun(monkeypatch, tmp_path):
+    monkeypatch.setattr("musebot.protocols.experiment.budget.machine_bytes", lambda: 10**6)
+    plan = Plan.of(Experiment(cohort_size=1000), [Condition("spot_finding", "fixed")], 1000)
+    for begin in (check_agents, lambda plan: UnfinishedRun.read(tmp_path / "new", plan)):
+        with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
+            begin(plan)
+    assert [*tmp_path.iterdir()] == []

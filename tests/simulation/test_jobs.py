@@ -71,7 +71,7 @@ def test_a_job_that_is_done_does_nothing_and_reports_its_cost(tmp_path):
     assert job.run(never, lambda *report: reports.append(report))
     assert reports == [(pytest.approx(SECONDS), "")]
     job.path.write_bytes(before)
-    assert read_lives(job.path).valid.all()
+    assert read_lives(job.path, job.experiment, job.key).valid.all()
 
 
 def test_a_damaged_checkpoint_is_reported(tmp_path):
@@ -97,7 +97,8 @@ def test_an_unstable_robot_is_reported_once(tmp_path):
     assert [message for message in messages if message] == [
         f"unstable simulation in {tmp_path.name}/{KEY}: robots [1] stopped by step 100"
     ]
-    assert read_lives(job_in(tmp_path).path).valid.tolist() == [True, False]
+    job = job_in(tmp_path)
+    assert read_lives(job.path, job.experiment, job.key).valid.tolist() == [True, False]
 
 
 # Execution

@@ -16,7 +16,7 @@ from musebot.protocols import storage
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.manifest import MANIFEST
+from musebot.protocols.experiment.manifest import MANIFEST, write_manifest
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.results.results import collect
 from musebot.protocols.results.run import Run
@@ -270,9 +270,9 @@ def test_a_finished_cohort_is_not_simulated_again_and_is_read_once(
         simulate(tmp_path, plan(), early, quiet=True)
     reads = collections.Counter()
 
-    def load_arrays(path):
+    def load_arrays(path, check):
         reads[path.name] += path.exists()
-        return storage.load_arrays(path)
+        return storage.load_arrays(path, check)
 
     monkeypatch.setattr(checkpoints, "load_arrays", load_arrays)
     simulate(tmp_path, plan(), late, quiet=True)
@@ -451,6 +451,7 @@ def test_an_unstable_robot_is_counted_as_invalid_and_the_others_are_not(tmp_path
     for name in ("events", "minutes"):
         ours, theirs = getattr(broken.lives(), name), getattr(sound.lives(), name)
         np.testing.assert_array_equal(ours[[0, 2]], theirs[[0, 2]])
+    write_manifest(tmp_path, Plan.of(experiment, BOTH[:1], experiment.cohort_size))
     write_results(tmp_path, results)
     read = read_results(tmp_path)[BOTH[0]].robots
     assert [robot.category for robot in read] == [robot.category for robot in robots]

@@ -14,7 +14,7 @@ from musebot.protocols.experiment.manifest import MANIFEST, read_manifest, write
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import CONTINUAL, SPOT_FINDING
 from musebot.protocols.reporting import style
-from musebot.protocols.results.results import ConditionResults, Robot, collect
+from musebot.protocols.results.results import Robot, collect
 from musebot.protocols.results.run import Run
 from musebot.protocols.results.run_files import read_run, write_results
 from musebot.protocols.simulation.cohort import Cohort
@@ -44,18 +44,27 @@ def in_the_spot(first, last, robots=6):
     return minutes
 
 
-def run_of(folder, curves, experiment=None, invalid=()):
-    """A run whose robots' curves are known."""
-    rows = [
-        Robot(SF, "creative", 1, 0, i, 0.0, 1.0, *((np.nan, "invalid") if i in invalid else own))
-        for i, own in enumerate([(1.0, "L = 1")] * len(curves))
-    ]
-    experiment = experiment or Experiment(cohort_size=len(curves), protocol="continual")
-    folder.mkdir()
-    write_manifest(folder, Plan.of(experiment, [CREATIVE], len(curves)))
-    results = {CREATIVE: ConditionResults(rows, curves, {"before": {}, "after": {}})}
-    write_results(folder, results)
-    return folder
+@pytest.fixture
+def run_of(invented):
+    """Writes a run whose robots' curves in training are known, and their seconds in the tests."""
+
+    def run_of(folder, curves, experiment=None, invalid=()):
+        rows = [
+            Robot(
+                SF, "creative", 1, 0, i, 0.0, 1.0, *((np.nan, "invalid") if i in invalid else own)
+            )
+            for i, own in enumerate([(1.0, "L = 1")] * len(curves))
+        ]
+        experiment = experiment or Experiment(cohort_size=len(curves), protocol="continual")
+        part = invented(experiment, rows)
+        if part.curves.shape == curves.shape:
+            part.curves[:, 60:1500] = curves[:, 60:1500]
+        folder.mkdir()
+        write_manifest(folder, Plan.of(experiment, [CREATIVE], len(curves)))
+        write_results(folder, {CREATIVE: part})
+        return folder
+
+    return run_of
 
 
 # ---- Its lives ----
@@ -186,7 +195,7 @@ def test_the_curve_after_move_is_the_mean_over_its_hours_and_robots():
     assert training.after_move((23, 24)).tolist() == [0] * 9 + [0.5]
 
 
-def test_a_study_of_kept_runs_has_a_page_and_a_figure(tmp_path, here):
+def test_a_study_of_kept_runs_has_a_page_and_a_figure(tmp_path, here, run_of):
     early, late = (
         run_of(tmp_path / name, in_the_spot(*ends), invalid=[5])
         for name, ends in (("early", (1, 1)), ("late", (1, 10)))
@@ -226,14 +235,14 @@ def test_the_figure_shows_the_means_by_the_hour_and_after_a_move():
         ),
     ],
 )
-def test_other_runs_are_refused(experiment, words, tmp_path, here):
+def test_other_runs_are_refused(experiment, words, tmp_path, here, run_of):
     run = run_of(tmp_path / "run", in_the_spot(1, 1), experiment)
     with pytest.raises(InputError, match=words):
         conduct(Continual((run,)), tmp_path / "out", here)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_more_conditions_than_there_are_colours_are_refused(tmp_path):
+def test_more_conditions_than_there_are_colours_are_refused(tmp_path, run_of):
     run = read_run(run_of(tmp_path / "run", in_the_spot(1, 1)))
     with pytest.raises(InputError, match="a figure shows 1 to 7 conditions, got 8"):
         continual.trainings([run] * 8)

@@ -31,10 +31,10 @@ def run(seconds, experiment=FEW, name="run"):
     results, random = {}, np.random.default_rng(0)
     for (task, proposer), mean in seconds.items():
         rows = []
-        for i, post in enumerate(mean + random.normal(0, 20, 40)):
+        for i, post in enumerate(np.round(mean + random.normal(0, 20, 40), 1).tolist()):
             pair = np.array([100.0]), np.array([post])
             ability = float(learn_ability(*pair, SCHEDULES[task].wanted)[0])
-            row = Robot(task, proposer, 1, 0, i, 100.0, round(post, 1), ability, category(ability))
+            row = Robot(task, proposer, 1, 0, i, 100.0, post, ability, category(ability))
             rows.append(row)
         nothing = {"before": {}, "after": {}}
         curves = np.zeros((40, 1), np.float32)
@@ -116,17 +116,18 @@ def lives(experiment, task, proposer):
     return key, cohort.lives()
 
 
-def test_a_study_of_kept_runs_has_a_page_and_a_figure(tmp_path, here):
+def test_a_study_of_kept_runs_has_a_page_and_a_figure(tmp_path, here, invented):
     # Untrained brains and invented times: what is simulated for hours is not the point.
     experiment = Experiment(cohort_size=40, body="kinematic", brain=BRAINS["steady"])
     made = run({(SF, "creative"): 500, (SF, "random"): 200}, experiment)
-    for condition, part in made.results.items():
+    results = {c: invented(experiment, part.robots) for c, part in made.results.items()}
+    for condition, part in results.items():
         newborn = Cohort(experiment, CohortKey(condition, 0)).lives().before
         part.networks.update(before=newborn, after=newborn)
     folder = tmp_path / "kept"
     folder.mkdir()
     write_manifest(folder, Plan.of(experiment, made.conditions(), 40))
-    write_results(folder, made.results)
+    write_results(folder, results)
     page = conduct(Creativity((folder,)), tmp_path / "out", here)
     rows = [line.split(" | ") for line in page.markdown.splitlines()]
     assert [row[-1] for row in rows[2:4]] == ["better |", "better |"]

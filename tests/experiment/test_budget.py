@@ -1,0 +1,61 @@
+"""What a plan needs is known before it is begun."""
+
+import dataclasses
+
+import pytest
+
+from musebot.controller import BRAINS, PROPOSERS, Parameters
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment import budget
+from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.plan import Plan
+
+MEGABYTE = 2**20
+CREATIVE = Condition("wall_avoidance", "creative")
+ALL = [Condition(task, proposer) for task in PAPER_TASKS for proposer in PROPOSERS]
+
+
+@pytest.mark.parametrize(
+    ("size", "changes", "measured"),  # peak of a process beyond its imports, in [MB]
+    [
+        (4000, {}, 97),
+        (100, {"ideas": 1000}, 72),
+        (100, {"memory_hidden": 1000}, 2213),
+        (100, {"ideas": 1000, "evaluation_hidden": 300, "memory_hidden": 300}, 1330),
+    ],
+)
+def test_the_estimate_is_right_within_a_factor_of_two(size, changes, measured):
+    experiment = Experiment(
+        cohort_size=size, brain=dataclasses.replace(BRAINS["steady"], **changes)
+    )
+    found = budget.cohort_bytes(experiment, CREATIVE) / MEGABYTE
+    assert measured / 2 < found < measured * 2
+
+
+def test_what_is_usual_fits_a_small_machine(monkeypatch):
+    monkeypatch.setattr(budget, "machine_bytes", lambda: 1024 * MEGABYTE)
+    for brain in BRAINS.values():
+        budget.check_memory(Plan.of(Experiment(cohort_size=250, brain=brain), ALL, 10_000))
+
+
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        (
+            Plan.of(Experiment(cohort_size=100_000, brain=Parameters(ideas=1000)), ALL, 100_000),
+            "a cohort of wall_avoidance/random would need about ",
+        ),
+        (Plan.of(Experiment(cohort_size=100), ALL, 1_000_000), "6000000 robots would need about "),
+    ],
+)
+def test_more_than_the_machine_has_is_refused_in_a_sentence(plan, words, monkeypatch):
+    monkeypatch.setattr(budget, "machine_bytes", lambda: 4096 * MEGABYTE)
+    with pytest.raises(InputError) as caught:
+        budget.check_memory(plan)
+    assert str(caught.value).startswith(words)
+    assert str(caught.value).endswith(" GiB of memory; this machine has 4.0 GiB")
+
+
+def test_the_machine_has_some_memory():
+    assert 2**28 < budget.machine_bytes() < 2**50
