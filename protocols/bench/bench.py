@@ -23,7 +23,7 @@ from ...tasks import stop_timers
 from ..errors import InputError
 from ..experiment.provenance import machine
 from ..options import cores
-from ..storage import check_place, write_atomically
+from ..storage import check_place, resolved_file, write_atomically
 from . import lives, models, sections, workers
 from .lives import PairedTiming, Setting, TimedCohort
 from .measurements import (
@@ -101,6 +101,7 @@ def run(
         or options exclude each other.
       RunError: A process died, or a replay ended in other states than its cohort.
     """
+    json_file, figure = (path and resolved_file(path) for path in (json_file, figure))
     for path, suffixes in ((json_file, ()), (figure, (".svg", ".png", ".pdf"))):
         if path is not None:
             _check_output(path, suffixes)
