@@ -47,8 +47,7 @@ def join(nodes, *arguments):
     """Starts a node as a process group of its own; returns once its cluster knows it."""
     settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
     process = subprocess.Popen(
-        # Only this address: Ray runs the code of anybody who reaches it.
-        [RAY, "start", "--block", "--node-ip-address", "127.0.0.1", *settings],
+        [RAY, "start", "--block", *settings],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0"},
     )  # fmt: skip
