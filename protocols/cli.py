@@ -25,6 +25,7 @@ from .options import (
 )
 from .simulation.executor_choice import HERE, WorkersOption
 from .studies import STUDIES, study_class
+from .terminal import safe_streams, say, show_markdown
 
 if TYPE_CHECKING:
     from .experiment.plan import Plan
@@ -56,6 +57,8 @@ class RunCommand:
     """how actions are proposed; none of these if only agents are given"""
     agent: Annotated[tuple[str, ...], option("AGENT ..", "none")] = ()
     """q_learner, hand_coded, ppo, or a factory of yours as package.module:factory"""
+    trust_agent: bool = False
+    """run the code of agents that only OUT names; --agent allows those that it names"""
     robots: Annotated[int | None, _kept("INT", "60")] = None
     """number of robots in each condition"""
     cohort_size: Annotated[int | None, _kept(*COHORT_SIZE)] = None
@@ -84,20 +87,23 @@ class RunCommand:
 
     def __call__(self) -> None:
         """Checks all input, then simulates and prints the tables."""
+        from .agents.factory import recorded_name, trust
         from .reporting import tables
         from .results.run_files import planned
-        from .simulation.cohort import check_agents
-        from .simulation.runs import simulate
-        from .storage import write_atomically
+        from .simulation.engine import simulate
+        from .storage import write_text
 
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
-        plan = self._plan(planned(self.out))
-        check_agents(plan)
-        run = simulate(self.out, plan, self.workers.executor(), save_every=self.save_every)
+        out = self.out.resolve()  # an agent may change the working directory
+        plan = self._plan(held := planned(self.out))
+        trust(*map(recorded_name, (*self.proposer, *self.agent)))
+        if held and self.trust_agent:
+            trust(*(condition.proposer for condition in held.conditions))
+        run = simulate(out, plan, self.workers.executor(), save_every=self.save_every)
         text = tables.markdown(run)
-        write_atomically(self.out / "tables.md", f"{text}\n".encode())
-        _print(text)
+        write_text(out / "tables.md", f"{text}\n")
+        show_markdown(text)
 
     def _plan(self, held: Plan | None) -> Plan:
         """Returns the plan asked for, completed by what OUT holds or by the defaults."""
@@ -158,14 +164,14 @@ class TablesCommand:
     """print JSON instead of Markdown"""
 
     def __call__(self) -> None:
-        """Prints the tables; changes no file."""
-        from .results.run_files import read_run
+        """Reads and prints; changes nothing."""
+        from .results.run_files import read_run, run_names
 
         if self.compare:
             from .analysis.comparison import compare_runs
             from .reporting import comparison_tables as reporting
 
-            names = _names(self.out, self.compare)
+            names = run_names((self.out, self.compare))
             runs = [read_run(*pair) for pair in zip((self.out, self.compare), names, strict=True)]
             shown: tuple[Any, ...] = (*runs, compare_runs(*runs))
         else:
@@ -175,7 +181,7 @@ class TablesCommand:
         if self.json:
             print(json.dumps(reporting.as_json(*shown), indent=2))
         else:
-            _print(reporting.markdown(*shown))
+            show_markdown(reporting.markdown(*shown))
 
 
 @dataclasses.dataclass
@@ -206,7 +212,7 @@ class FilmCommand:
         from .playback import film
 
         film.film(self._episode(), self.output, seconds=self.seconds, speed=self.speed)
-        print(self.output)
+        say(str(self.output))
 
     def _episode(self) -> Episode:
         from .agents.ppo import Policies
@@ -242,7 +248,7 @@ class ReportCommand:
 
         run = read_run(self.out, replay=True)
         prepare_process()
-        print(report.report(run, self.out, self.output))
+        say(str(report.report(run, self.out, self.output)))
 
 
 @dataclasses.dataclass
@@ -346,7 +352,7 @@ def _study_command(name: str) -> type:
 
     def call(self: Any) -> None:
         page = conduct(self.study, self.out, self.workers.executor())
-        _print(page.markdown)
+        show_markdown(page.markdown)
 
     command = dataclasses.make_dataclass(
         "StudyCommand",
@@ -382,6 +388,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
       The exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
     """
+    safe_streams()
     words = [*(sys.argv[1:] if arguments is None else arguments)]
     given = [word.partition("=")[0] for word in words if word.startswith("--")]
     for name in given:
@@ -418,20 +425,3 @@ def _parse(words: list[str]) -> Any:
         description="Creative robots that learn during their lives, in MuJoCo.",
         config=config,
     )
-
-
-def _names(*outs: Path) -> list[str]:
-    from .results.run_files import run_names
-
-    return run_names(outs)
-
-
-def _print(text: str) -> None:
-    from rich.console import Console
-    from rich.markdown import Markdown
-
-    console = Console()
-    if console.is_terminal:
-        console.print(Markdown(text))
-    else:
-        print(text)

@@ -1,13 +1,19 @@
-"""Files that are whole or absent: atomic writes, arrays with a digest, locks. No pickle."""
+"""Files that are whole or absent: atomic writes, arrays with a digest, locks. No pickle.
+
+All files that a command leaves are created, replaced and deleted by the functions of this module.
+They follow no link below the folder that the user has named.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import hashlib
 import json
 import os
 import re
+import secrets
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -19,22 +25,32 @@ from safetensors.numpy import save
 
 from .errors import DamagedFileError, InputError
 
-# Largest files that are read: of arrays or rows, and of JSON.
-MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
-Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
-"""The dtype, as safetensors names it, and the shape of each array of a file."""
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
-_DRAFT = re.compile(r"\..*\.\d+\.draft")
+# A temporary file of an interrupted write: no name that anything else would give to a file.
+_DRAFT = re.compile(r"\..*\.[0-9a-f]{16}\.musebot", re.DOTALL)
+
+
+# ---- Checks before the work ----
 
 
 def check_place(path: Path) -> None:
     """Raises InputError if a file could not be written; called before the work on its content."""
     if path.is_dir():
         raise InputError(f"{path} is a folder")
+    if path.is_symlink():
+        raise InputError(f"{path} is a link; name the file itself")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path} is no regular file")
     if not path.parent.is_dir():
         raise InputError(f"there is no folder {path.parent}")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise InputError(f"{path.parent} cannot be written")
+
+
+def resolved_file(path: Path) -> Path:
+    """Returns the absolute path of a file that the user has named, in a folder that is no link."""
+    return path.parent.resolve() / path.name
 
 
 def check_folder(path: Path) -> None:
@@ -47,59 +63,145 @@ def check_folder(path: Path) -> None:
         raise InputError(f"{path} cannot be written")
 
 
+def check_own_folder(path: Path) -> None:
+    """Raises InputError where a folder below OUT is a link or a file, or cannot be written."""
+    if path.is_symlink():
+        raise InputError(f"{path} is a link, which musebot does not follow")
+    check_folder(path)
+
+
+# ---- The only functions that create, replace or delete files ----
+
+
+@contextlib.contextmanager
+def _opened(folder: Path) -> Iterator[int]:
+    """Opens a folder that is no link; all that is done in it is done through the descriptor.
+
+    Raises:
+      InputError: it is a link or a file.
+    """
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError as error:
+        if folder.is_symlink() or error.errno == errno.ENOTDIR:
+            check_own_folder(folder)
+        raise
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
 @contextlib.contextmanager
 def locked(directory: Path) -> Iterator[None]:
     """Makes a folder and keeps other processes of musebot from working in it.
 
     Raises:
-      InputError: another process works in it.
+      InputError: another process works in it, or it is a link.
     """
-    directory.mkdir(parents=True, exist_ok=True)
-    handle = os.open(directory, os.O_RDONLY)
-    try:
+    _make_folder(directory)
+    with _opened(directory) as handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise InputError(f"another musebot is running in {directory}") from error
         yield
-    finally:
-        os.close(handle)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes a file so that readers, even after a crash, find the whole old or the whole new file.
 
+    No link is followed: a link at `path` is replaced, and a folder that is a link is refused.
+
     Raises:
+      InputError: the folder is a link.
       OSError: the file cannot be written; the old one is untouched.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
-    try:
-        with draft.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
-    # The rename too must survive a power failure, before anything older is removed.
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
+    _make_folder(path.parent)
+    with _opened(path.parent) as folder:
+        draft = draft_name(path.name)
+        handle = os.open(draft, _NEW, 0o666, dir_fd=folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(draft, path.name, src_dir_fd=folder, dst_dir_fd=folder)
+        finally:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(draft, dir_fd=folder)
+        # The rename too must survive a power failure, before anything older is removed.
         os.fsync(folder)
-    finally:
-        os.close(folder)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text as UTF-8, atomically; bytes of file names that are no text are escaped.
+
+    Raises:
+      InputError, OSError: see `write_atomically`.
+    """
+    write_atomically(path, text.encode(errors="backslashreplace"))
+
+
+def create_empty(path: Path) -> None:
+    """Makes an empty file where there is none.
+
+    Raises:
+      InputError: the folder is a link.
+      OSError: it cannot be made.
+    """
+    with _opened(path.parent) as folder, contextlib.suppress(FileExistsError):
+        os.close(os.open(path.name, _NEW, 0o666, dir_fd=folder))
+
+
+def draft_name(name: str) -> str:
+    """Returns a new name of a temporary file, which `remove_drafts` removes."""
+    # Short enough for every file system, however long the name.
+    return f".{name[:40]}.{secrets.token_hex(8)}.musebot"
 
 
 def is_draft(path: Path) -> bool:
     """Returns whether a path is the temporary file of an interrupted write."""
-    return _DRAFT.fullmatch(path.name) is not None
+    if _DRAFT.fullmatch(path.name) is None:
+        return False
+    return not path.is_symlink() and path.is_file()
 
 
 def remove_drafts(folder: Path) -> None:
     """Removes the temporary files of interrupted writes from a folder."""
-    for path in folder.glob(".*"):
-        if is_draft(path):
-            path.unlink(missing_ok=True)
+    remove_files(folder, lambda name: _DRAFT.fullmatch(name) is not None)
+
+
+def remove_files(folder: Path, ours: Callable[[str], bool]) -> None:
+    """Removes files from a folder, neither links nor folders; does nothing without the folder.
+
+    Args:
+      folder: Folder.
+      ours: Returns whether a file of a name is ours.
+
+    Raises:
+      InputError: the folder is a link.
+      OSError: a file cannot be removed.
+    """
+    try:
+        with _opened(folder) as handle:
+            for name in filter(ours, os.listdir(handle)):
+                with contextlib.suppress(FileNotFoundError):
+                    if stat.S_ISREG(os.lstat(name, dir_fd=handle).st_mode):
+                        os.unlink(name, dir_fd=handle)
+    except FileNotFoundError:
+        return
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        check_own_folder(folder)
+        raise
+
+
+# ---- Arrays and notes ----
 
 
 def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> None:

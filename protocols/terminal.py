@@ -4,24 +4,84 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import re
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TextIO
 
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
+
+_MOST = 2000  # characters of a sentence
+# Control characters, those that change the direction of text, and bytes that are no text.
+_UNPRINTABLE = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
+)
+
+
+def printable(text: str, *, lines: bool = False) -> str:
+    """Returns a text in which characters that could control a terminal are escaped.
+
+    Args:
+      text: Text, with names of files or values that others have chosen.
+      lines: Whether it has several lines, of any length.
+    """
+
+    def escaped(match: re.Match[str]) -> str:
+        return match[0] if lines and match[0] == "\n" else ascii(match[0])[1:-1]
+
+    if not lines and len(text) > _MOST:
+        text = f"{text[: _MOST // 2]} ... {text[-_MOST // 2 :]}"
+    return _UNPRINTABLE.sub(escaped, text)
+
+
+def say(text: str, stream: TextIO | None = None, *, lines: bool = False) -> None:
+    """Prints a text: no character of it controls the terminal, or fails in its encoding.
+
+    Args:
+      text: Text.
+      stream: Where to; None for stdout.
+      lines: Whether it has several lines.
+    """
+    if (stream := stream or sys.stdout) is None:  # closed
+        return
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    text = printable(text, lines=lines)
+    print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream)
 
 
 def notice(sentence: str) -> None:
     """Prints a sentence on stderr."""
-    print(f"musebot: {sentence}", file=sys.stderr)
+    if sys.stderr is not None:
+        say(f"musebot: {sentence}", sys.stderr)
+
+
+def safe_streams() -> None:
+    """Lets characters that stdout cannot encode be escaped instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if (reconfigure := getattr(stream, "reconfigure", None)) is not None:
+            reconfigure(errors="backslashreplace")
+
+
+def show_markdown(text: str) -> None:
+    """Prints Markdown on stdout, formatted where that is a terminal."""
+    console = Console()
+    if console.is_terminal:
+        console.print(Markdown(printable(text, lines=True)))
+    else:
+        say(text, lines=True)
+
+
+_DESCRIPTION = TextColumn("{task.description}", markup=False)
 
 
 def bar() -> Progress:
     """Returns a progress bar: description, share done, remaining time."""
     return Progress(
-        TextColumn("{task.description}"),
+        _DESCRIPTION,
         BarColumn(),
         TextColumn("{task.percentage:5.1f} %"),
         TextColumn("left"),
@@ -47,7 +107,7 @@ class JobProgress:
         self._done: dict[int, float] = {}
         self._first: dict[int, float] = {}  # the speed does not count earlier calls
         self._progress = Progress(
-            TextColumn("{task.description}"),
+            _DESCRIPTION,
             BarColumn(),
             TextColumn("{task.percentage:5.1f} %"),
             TextColumn("{task.fields[speed]}"),
@@ -60,7 +120,7 @@ class JobProgress:
         )
         total = sum(costs)
         self._bar = self._progress.add_task(
-            f"{what}, {total / 3600:,.0f} robot-hours", total=total, speed=""
+            f"{printable(what)}, {total / 3600:,.0f} robot-hours", total=total, speed=""
         )
         self._began = time.monotonic()
 
@@ -73,7 +133,7 @@ class JobProgress:
 
     def tell(self, sentence: str) -> None:
         """Prints a sentence above the bar."""
-        self._progress.console.print(f"[yellow]{sentence}[/yellow]")
+        self._progress.console.print(Text(printable(sentence), "yellow"))
 
     def show(self, reports: Any) -> None:
         """Shows all reports in a queue: (number of the job, simulated seconds done, message)."""

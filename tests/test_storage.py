@@ -2,6 +2,7 @@
 
 import os
 import random
+import secrets
 import sys
 from pathlib import Path
 
@@ -18,16 +19,22 @@ from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.storage import (
     MOST_BYTES,
     check_folder,
+    check_own_folder,
     check_place,
+    create_empty,
     digest,
+    draft_name,
     is_draft,
     load_arrays,
     locked,
     read_json,
     read_whole,
     remove_drafts,
+    remove_files,
+    resolved_file,
     save_arrays,
     write_atomically,
+    write_text,
 )
 
 quick = settings(deadline=None, max_examples=50)
@@ -243,11 +250,16 @@ def test_a_written_file_is_whole_and_leaves_no_other(tmp_path):
     assert files(path.parent) == {"file": b"second"}
 
 
-def no_space(*_):
+def test_a_text_with_names_that_are_no_text_is_written_as_utf_8(tmp_path):
+    write_text(tmp_path / "page.md", "runs/\udcff, 10 µs")
+    assert (tmp_path / "page.md").read_text(encoding="utf-8") == "runs/\\udcff, 10 µs"
+
+
+def no_space(*_, **__):
     raise OSError(28, "No space left on device")
 
 
-@pytest.mark.parametrize("broken", ["os.fsync", "pathlib.Path.replace"])
+@pytest.mark.parametrize("broken", ["os.fsync", "os.replace"])
 @pytest.mark.parametrize("before", [{}, {"file": b"old"}])
 def test_a_failed_write_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch, broken, before):
     for name, content in before.items():
@@ -258,10 +270,16 @@ def test_a_failed_write_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch, 
     assert files(tmp_path) == before
 
 
+def full_disk(handle):
+    """Opens Linux's full disk in the place of a file."""
+    os.close(handle)
+    return Path("/dev/full").open("wb")
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
-def test_a_full_disk_leaves_the_old_file_and_no_draft(tmp_path):
+def test_a_full_disk_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"old")
-    (tmp_path / f".file.{os.getpid()}.draft").symlink_to("/dev/full")  # where the draft goes
+    monkeypatch.setattr(os, "fdopen", lambda handle, mode: full_disk(handle))
     with pytest.raises(OSError, match="No space left"):
         write_atomically(tmp_path / "file", b"new")
     assert files(tmp_path) == {"file": b"old"}
@@ -286,13 +304,87 @@ def test_the_old_file_stays_until_the_new_one_is_whole_on_disk(tmp_path, monkeyp
 
 
 def test_drafts_of_interrupted_writes_are_removed_and_nothing_else(tmp_path):
-    kept = {"file": b"1", ".hidden": b"2", ".file.12.draft.txt": b"3"}
-    for name, content in (kept | {".file.12.draft": b"4"}).items():
+    ours = ".file.0123456789abcdef.musebot"
+    kept = {"file": b"1", ".hidden": b"2", ".novel.2024.draft": b"3", f"{ours}.txt": b"5"}
+    for name, content in (kept | {ours: b"4"}).items():
         (tmp_path / name).write_bytes(content)
-    drafts = {path.name for path in tmp_path.iterdir() if is_draft(path)}
-    assert drafts == {".file.12.draft"}
+    link = tmp_path / ".link.0123456789abcdef.musebot"
+    link.symlink_to("file")
+    assert [path.name for path in tmp_path.iterdir() if is_draft(path)] == [ours]
     remove_drafts(tmp_path)
+    assert link.is_symlink()
+    link.unlink()
     assert files(tmp_path) == kept
+
+
+# Links
+
+
+@pytest.fixture
+def victim(tmp_path):
+    """A folder of somebody else's that no command may touch."""
+    folder = tmp_path / "victim"
+    folder.mkdir()
+    for name in ("file", ".novel.2024.draft", ".file.0123456789abcdef.musebot"):
+        (folder / name).write_text("theirs")
+    before = files(folder)
+    yield folder
+    assert files(folder) == before
+
+
+def test_a_link_is_replaced_and_not_followed_by_a_write(tmp_path, victim):
+    (tmp_path / "file").symlink_to(victim / "file")
+    write_atomically(tmp_path / "file", b"ours")
+    assert not (tmp_path / "file").is_symlink()
+    assert (tmp_path / "file").read_bytes() == b"ours"
+
+
+def test_a_draft_has_a_name_that_nobody_can_know_and_never_opens_what_is_there(
+    tmp_path, victim, monkeypatch
+):
+    assert len({draft_name("file") for _ in range(100)}) == 100
+    monkeypatch.setattr(secrets, "token_hex", lambda count: "0123456789abcdef")
+    (tmp_path / ".file.0123456789abcdef.musebot").symlink_to(victim / "file")
+    with pytest.raises(FileExistsError):
+        write_atomically(tmp_path / "file", b"ours")
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda folder: write_atomically(folder / "file", b"ours"),
+        lambda folder: create_empty(folder / "new"),
+        lambda folder: remove_files(folder, lambda name: True),
+        remove_drafts,
+        check_own_folder,
+        lambda folder: locked(folder).__enter__(),
+    ],
+)
+def test_a_folder_that_is_a_link_is_refused(tmp_path, victim, work):
+    folder = tmp_path / "figures"
+    folder.symlink_to(victim)
+    with pytest.raises(InputError) as caught:
+        work(folder)
+    assert str(caught.value) == f"{folder} is a link, which musebot does not follow"
+
+
+def test_only_files_are_removed_neither_links_nor_folders(tmp_path, victim):
+    folder = tmp_path / "checkpoints"
+    folder.mkdir()
+    (folder / "ours").write_text("")
+    (folder / "link").symlink_to(victim / "file")
+    (folder / "folder").mkdir()
+    remove_files(folder, lambda name: True)
+    assert {path.name for path in folder.iterdir()} == {"link", "folder"}
+    remove_files(tmp_path / "nowhere", lambda name: True)
+
+
+def test_a_user_may_name_a_file_in_a_folder_that_is_a_link(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    path = resolved_file(tmp_path / "link" / "file")
+    write_atomically(path, b"ours")
+    assert files(tmp_path / "real") == {"file": b"ours"}
 
 
 def test_a_failed_save_of_arrays_leaves_the_old_ones(sound, monkeypatch):
@@ -334,6 +426,12 @@ def test_a_place_for_a_file_is_checked_before_the_work(tmp_path, monkeypatch):
         check_place(tmp_path)
     with pytest.raises(InputError, match="there is no folder"):
         check_place(tmp_path / "new" / "file")
+    (tmp_path / "link").symlink_to("file")
+    with pytest.raises(InputError, match="is a link"):
+        check_place(tmp_path / "link")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="is no regular file"):
+        check_place(tmp_path / "pipe")
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="cannot be written"):
         check_place(tmp_path / "file")

@@ -1,10 +1,13 @@
 """Progress of several jobs together: how far they are, how fast, and what they say."""
 
+import errno
+import io
 import queue
 
 import pytest
 
-from musebot.protocols.terminal import JobProgress, notice
+from musebot.protocols.errors import exit_status
+from musebot.protocols.terminal import JobProgress, notice, printable, say
 
 
 def task_of(progress):
@@ -53,3 +56,59 @@ def test_a_notice_is_a_sentence_on_stderr(capsys):
     notice("the physics is another version's")
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", "musebot: the physics is another version's\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("a[/]b [red]c", "a[/]b [red]c"),
+        ("\x1b[2J\x07\r\n", r"\x1b[2J\x07\r\n"),
+        ("a\u202eb\u2028c", r"a\u202eb\u2028c"),
+        ("runs/\udcff", r"runs/\udcff"),
+        ("10 µs – 20 µs", "10 µs – 20 µs"),
+    ],
+)
+def test_no_character_controls_the_terminal(text, shown, capfd):
+    assert printable(text) == shown
+    notice(text)
+    with JobProgress(text, [1.0]) as progress:
+        progress.tell(text)
+    lines = capfd.readouterr().err.splitlines()
+    assert lines[0] == f"musebot: {shown}"
+    assert shown in lines
+    assert any(line.startswith(f"{shown}, 0 robot-hours") for line in lines)
+
+
+def test_a_sentence_has_a_bounded_length_and_a_page_has_none():
+    assert len(printable("9" * 5000)) < 2100
+    assert printable("9\n" * 5000, lines=True) == "9\n" * 5000
+
+
+def test_a_stream_without_the_characters_gets_escapes():
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    say("10 µs", stream)
+    stream.flush()
+    assert stream.buffer.getvalue() == b"10 \\xb5s\n"
+
+
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [
+        (errno.EISDIR, 2), (errno.ENOTDIR, 2), (errno.ENAMETOOLONG, 2), (errno.ELOOP, 2),
+        (errno.ENOSPC, 1), (errno.EIO, 1), (errno.EACCES, 1), (errno.EROFS, 1),
+    ],
+)  # fmt: skip
+def test_the_exit_status_follows_the_cause_and_not_the_type_of_an_error(number, status, capsys):
+    def fail():
+        raise OSError(number, "so it is", "runs\n")
+
+    assert exit_status(fail, check=False) == status
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_too_little_memory_is_one_sentence(capsys):
+    def fail():
+        raise MemoryError
+
+    assert exit_status(fail, check=False) == 1
+    assert capsys.readouterr().err == "musebot: there is not enough memory\n"

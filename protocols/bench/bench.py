@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.provenance import machine
 from ..options import cores
-from ..storage import check_place, write_atomically
+from ..storage import check_place, resolved_file, write_atomically
 from . import lives, models, sections, workers
 from .lives import PairedTiming, Setting, TimedCohort
 from .measurements import (
@@ -105,6 +105,7 @@ def run(
         or options exclude each other.
       RunError: A process died, or the final states of a replay differ from its cohort's.
     """
+    json_file, figure = (path and resolved_file(path) for path in (json_file, figure))
     for path, suffixes in ((json_file, ()), (figure, (".svg", ".png", ".pdf"))):
         if path is not None:
             _check_output(path, suffixes)

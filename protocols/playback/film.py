@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-import os
+import signal
+import tempfile
+import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,8 +18,8 @@ import numpy as np
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.rules import Rules
 from ..errors import InputError
-from ..storage import check_place
-from ..terminal import bar, notice
+from ..storage import check_place, resolved_file, write_atomically
+from ..terminal import bar, notice, printable
 from .episode import Episode, Moment
 from .panel import Panel
 from .scene import Scene, Shot
@@ -82,6 +84,7 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
     for name, value in (("length in seconds", seconds), ("speed", speed)):
         if not (value > 0 and math.isfinite(value)):
             raise InputError(f"the film's {name} must be positive, got {value:g}")
+    output = resolved_file(output)
     fps = _check_output(output).fps
     count = frame_count(seconds, speed, episode.seconds, fps)
     with contextlib.closing(Scene(episode.task)) as scene:
@@ -181,10 +184,10 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
       OSError: the film could not be written completely; the partial film is deleted.
     """
     suffix = output.suffix.lower()
-    # imageio's FFMPEG writer refuses names that end in .gif.
-    draft = output.with_name(f".{output.name}.{os.getpid()}.mp4")
     progress = bar()
-    try:
+    with _stopping_on_sigterm(), tempfile.TemporaryDirectory(prefix="musebot-") as folder:
+        # imageio's FFMPEG writer refuses names that end in .gif.
+        draft = Path(folder) / "film.mp4"
         writer: Any = imageio.get_writer(
             draft,
             "FFMPEG",
@@ -194,15 +197,31 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
             **FORMATS[suffix].encoder,
         )
         with progress, writer:
-            for frame in progress.track(frames, count, description=output.name):
+            for frame in progress.track(frames, count, description=printable(output.name)):
                 if not _append(writer, frame):
                     break
         # imageio does not check whether ffmpeg could write everything.
         if _frames_in(draft) != count:
             raise OSError(f"{output} could not be written completely; is the disk full?")
-        draft.replace(output)
+        write_atomically(output, draft.read_bytes())
+
+
+@contextlib.contextmanager
+def _stopping_on_sigterm() -> Iterator[None]:
+    """Turns SIGTERM into Ctrl-C, after which nothing is left; only the main thread has signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: object) -> None:
+        del number, frame
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
     finally:
-        draft.unlink(missing_ok=True)
+        signal.signal(signal.SIGTERM, before)
 
 
 def _append(writer: Any, frame: np.ndarray) -> bool:

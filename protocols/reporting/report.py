@@ -22,7 +22,7 @@ from ..playback.episode import Episode
 from ..playback.rollout import SEED, Tick
 from ..playback.stored_brains import StoredRobot
 from ..results.run import Run
-from ..storage import check_place, write_atomically
+from ..storage import check_own_folder, check_place, resolved_file, write_text
 from ..terminal import bar
 from . import example_robots, figures, html_page, robot_figures, style
 from .html_page import Medium
@@ -74,7 +74,8 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
       OSError: a file could not be written.
     """
     output = output or out / PAGE
-    _check(out, output)
+    out, page_file = out.resolve(), resolved_file(output)  # links below them are not followed
+    _check(out, page_file)
     drawn: list[Medium] = []
     total = observation.ticks(run) + robot_figures.ticks(run)
     with _progress(total) as tick, style.styled():
@@ -86,7 +87,7 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
                 drawn.append(Medium(png, planned.title, planned.caption))
     shown, missing = _films(run, out / "films", film)
     page = html_page.page(run, judge_all(run, behaviour), drawn, shown, missing)
-    write_atomically(output, page.encode())
+    write_text(page_file, page)
     return output
 
 
@@ -97,8 +98,7 @@ def _check(out: Path, output: Path) -> None:
     if not os.access(out, os.W_OK | os.X_OK):
         raise InputError(f"{out} cannot be written")
     for folder in (out / "figures", out / "films"):
-        if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-            raise InputError(f"{folder} cannot be written")
+        check_own_folder(folder)
 
 
 @contextlib.contextmanager
@@ -214,4 +214,6 @@ def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
 
 
 def _kept(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("*.mp4") if not path.name.startswith("."))
+    """Returns the films of a folder; a link could lead to any file of the reader's."""
+    films = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
+    return sorted(path for path in films if path.is_file() and not path.is_symlink())

@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Protocol
 
 from ...tasks.arena import CONTROL_TIMESTEP
+from ..agents.factory import trust
+from ..errors import InputError, RunError
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
+from ..storage import remove_files
 from ..terminal import JobProgress
 from .checkpoints import (
     checkpoint_file,
@@ -113,6 +116,7 @@ class CohortJob:
         if self.done():  # by a node that was lost before it could report
             report(self.cost, "")
             return True
+        trust(self.key.condition.proposer)  # checked by `UnfinishedRun.read`
         cohort, message = restored_cohort(self.directory, self.experiment, self.key)
         report(self._seconds(cohort.step), message)
         saved = reported = time.monotonic()
@@ -121,7 +125,10 @@ class CohortJob:
             if stop():
                 save_checkpoint(self.directory, self.key, cohort)
                 return False
-            cohort.advance(_CHUNK)
+            try:
+                cohort.advance(_CHUNK)
+            except (InputError, RunError) as error:  # of an agent
+                raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
             message = ""
             if (count := int((~cohort.batch.valid).sum())) > broken:
                 robots = (~cohort.batch.valid).nonzero()[0].tolist()
@@ -136,8 +143,9 @@ class CohortJob:
             if now - saved > self.save_every:
                 save_checkpoint(self.directory, self.key, cohort)
                 saved = now
-        save_lives(self.path, cohort.lives(), self.experiment, self.key)
-        checkpoint_file(self.directory, self.key).unlink(missing_ok=True)
+        save_lives(self.path, cohort.lives())
+        checkpoint = checkpoint_file(self.directory, self.key)
+        remove_files(checkpoint.parent, checkpoint.name.__eq__)
         report(self._seconds(cohort.step), "")
         return True
 

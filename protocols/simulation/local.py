@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
 from typing import Any
 
-from ..errors import Interrupted
+from ..errors import Interrupted, RunError
 from ..terminal import JobProgress
 from .jobs import Job
 from .signals import StopRequest, stop_on_signals
@@ -64,6 +64,8 @@ class Local:
                 if isinstance(error, BrokenProcessPool | OSError):
                     raise stopped_by(error) from error
                 raise
+            except SystemExit as error:  # of a worker, whose work is not done
+                raise RunError(f"a process ended itself (status {error.code})") from error
             finally:
                 stop.set()  # the other processes must end too, before the pool is waited for
             if not complete:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
+import re
 import socket
 from collections.abc import Generator, Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, Interrupted
+from ..errors import InputError, Interrupted, RunError
+from ..storage import create_empty, draft_name, remove_files
 from ..terminal import JobProgress
 from .jobs import Job
 from .signals import stop_on_signals
@@ -27,7 +29,8 @@ try:
 except ImportError as error:
     raise InputError("Ray is not installed; pip install 'musebot[cluster]' gets it") from error
 
-_STOP = "stop"  # file next to a job's file: a node sees it without a connection to the driver
+# Other values make Ray start a cluster of its own, that every machine of the network can reach.
+_ADDRESS = re.compile(r"auto|(ray://)?([\w.-]+|\[[\da-fA-F:.]+\]):\d{1,5}")
 
 
 class RayCluster:
@@ -40,12 +43,16 @@ class RayCluster:
           address: Address as "host:port", or "auto" for the cluster that this machine is part of.
 
         Raises:
-          InputError: there is no such cluster.
+          InputError: the address has another form, or there is no such cluster.
         """
+        if not _ADDRESS.fullmatch(address):
+            raise InputError(f"the address must be auto or host:port, got {address!r}")
+        if address == "auto" and os.environ.get("RAY_ADDRESS", "auto") == "local":
+            raise InputError("the address must not be local, as RAY_ADDRESS has it")
         try:
             if ":" in address:  # Ray itself would retry for minutes
-                host, _, port = address.rpartition(":")
-                socket.create_connection((host, int(port)), timeout=10).close()
+                host, _, port = address.removeprefix("ray://").rpartition(":")
+                socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
             ray.init(
                 address=address,
                 log_to_driver=False,
@@ -53,18 +60,21 @@ class RayCluster:
                 runtime_env={"env_vars": {"MUJOCO_GL": "off", "OMP_NUM_THREADS": "1"}},
             )
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
-            raise InputError(f"there is no Ray cluster at {address!r}") from error
+            cause = " ".join(str(error).split())
+            raise InputError(f"there is no Ray cluster at {address!r} ({cause})") from error
 
     def __call__(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
         """Runs jobs; see `jobs.Executor`."""
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         reports = Queue(actor_options={"num_cpus": 0, "scheduling_strategy": here})
-        for file in _stop_files(jobs):
-            file.parent.mkdir(exist_ok=True)
-            file.unlink(missing_ok=True)
+        # A file beside a job's: a node need not reach the driver to see it.
+        stop_name = draft_name("stop")
+        folders = {job.path.parent for job in jobs}
+        for folder in folders:
+            folder.mkdir(exist_ok=True)
         # Retried without limit: a lost node leaves a checkpoint.
         task = ray.remote(num_cpus=1, max_retries=-1)(_run)
-        waiting = {task.remote(*each, reports): each[1] for each in enumerate(jobs)}
+        waiting = {task.remote(*each, reports, stop_name): each[1] for each in enumerate(jobs)}
         complete = True
         try:
             with stop_on_signals() as request:
@@ -72,7 +82,7 @@ class RayCluster:
                     done, _ = ray.wait([*waiting], timeout=0.5)
                     progress.show(reports)
                     if request.stop:
-                        _stop(waiting.values())
+                        _stop(waiting.values(), stop_name)
                     for result in done:
                         job = waiting.pop(result)
                         if ray.get(result):
@@ -82,34 +92,35 @@ class RayCluster:
                 progress.show(reports)
         except (OSError, RayError) as error:
             cause = getattr(error, "cause", error)
+            if isinstance(cause, InputError | RunError):
+                raise type(cause)(str(cause)) from error
             if isinstance(error, RayTaskError) and not isinstance(cause, OSError):
-                raise  # a fault in the code of an agent, or ours: the traceback says where
+                raise  # a fault in our code: the traceback says where
             raise stopped_by(cause if isinstance(cause, OSError) else error) from error
         finally:
-            _stop(waiting.values())
+            _stop(waiting.values(), stop_name)
             reports.shutdown(force=True)
-        for file in _stop_files(jobs):
-            file.unlink(missing_ok=True)
+        for folder in folders:
+            remove_files(folder, stop_name.__eq__)
         if not complete:
             raise Interrupted
 
 
-def _stop_files(jobs: Iterable[Job]) -> set[Path]:
-    return {job.path.parent / _STOP for job in jobs}
+def _stop(jobs: Iterable[Job], name: str) -> None:
+    for folder in {job.path.parent for job in jobs}:
+        with contextlib.suppress(OSError, InputError):
+            create_empty(folder / name)
 
 
-def _stop(jobs: Iterable[Job]) -> None:
-    for file in _stop_files(jobs):
-        with contextlib.suppress(OSError):
-            file.touch()
-
-
-def _run(number: int, job: Job, reports: Any) -> bool:
+def _run(number: int, job: Job, reports: Any, stop_name: str) -> bool:
     prepare_process()
-    (stop_file,) = _stop_files([job])
+    stop_file = job.path.parent / stop_name
 
     def report(done: float, message: str) -> None:
         with contextlib.suppress(RayError):  # the driver is gone
             reports.put((number, done, message))
 
-    return job.run(stop_file.exists, report)
+    try:
+        return job.run(stop_file.exists, report)
+    except SystemExit as error:  # Ray would begin the task again
+        raise RunError(f"a process ended itself (status {error.code})") from error

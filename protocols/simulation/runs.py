@@ -6,16 +6,17 @@ import contextlib
 import dataclasses
 from pathlib import Path
 
-from ..errors import DamagedFileError
-from ..experiment.budget import check_memory
+from ..agents.factory import check_trusted
+from ..errors import DamagedFileError, RunError
 from ..experiment.conditions import CohortKey
 from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from ..experiment.plan import Plan
 from ..results.results import Lives, Results, collect, merge
 from ..results.run import Run
 from ..results.run_files import read_results, write_results
-from ..storage import locked, remove_drafts
-from .checkpoints import CHECKPOINTS, finished_file, read_lives, set_aside
+from ..storage import check_own_folder, locked, remove_drafts, remove_files
+from .checkpoints import CHECKPOINTS, checkpoint_file, finished_file, read_lives, set_aside
+from .cohort import check_agents
 from .jobs import CohortJob, Executor, Job, execute
 
 
@@ -41,17 +42,23 @@ def simulate(
       The run with all robots of the folder.
 
     Raises:
-      InputError: the folder is in use, or its experiment or physics differs.
+      InputError: the folder is in use, its experiment or physics differs, or an agent is not
+        trusted or fails.
       Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
-      RunError: a process died, or a cohort's file could not be written.
+      RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
+    directory = directory.resolve()  # an agent may change the working directory
+    if (missing := UnfinishedRun.read(directory, plan).missing) is not None:
+        check_agents(missing)  # before anything is written
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
         messages = run.begin()
         jobs = run.jobs(save_every)
         cost = f"{len(jobs)} cohorts"
         execute(cost, jobs, executor, run.finished, messages=messages, quiet=quiet)
+    if run.left:
+        raise RunError(f"{len(run.left)} cohorts are not finished; the same command continues")
     return run.run
 
 
@@ -78,10 +85,11 @@ class UnfinishedRun:
         """Compares what a folder holds with what a plan asks for; changes nothing.
 
         Raises:
-          InputError: the folder's experiment or physics differs, a file is damaged, or the
-            plan needs more memory than the machine has.
+          InputError: the folder's experiment or physics differs, a file is damaged, a folder is a
+            link, or the folder's experiment names an agent that is not trusted.
         """
         directory = directory.resolve()
+        check_own_folder(directory / CHECKPOINTS)
         if (directory / MANIFEST).exists():
             plan = plan.merged_with(read_manifest(directory))
         check_memory(plan)
@@ -90,12 +98,20 @@ class UnfinishedRun:
         left = [key for key in plan.cohorts() if (key.condition, key.index) not in known]
         if left and (directory / MANIFEST).exists():
             check_physics(directory)
+        for key in left:
+            check_trusted(key.condition.proposer, directory)
         return cls(directory, plan, results, left, {})
 
     @property
     def run(self) -> Run:
         """The run with the robots collected so far."""
         return Run(self.directory.name, self.plan.experiment, self.results)
+
+    @property
+    def missing(self) -> Plan | None:
+        """The plan of the conditions that have robots to simulate; None if there are none."""
+        robots = {key.condition: self.plan.robots[key.condition] for key in self.left}
+        return dataclasses.replace(self.plan, robots=robots) if robots else None
 
     def begin(self) -> list[str]:
         """Writes the manifest and reads the cohorts that an earlier call finished.
@@ -144,8 +160,9 @@ class UnfinishedRun:
             self._clear()
 
     def _clear(self) -> None:
-        for file in (self.directory / CHECKPOINTS).glob("*"):
-            if file.suffix != ".damaged":
-                file.unlink()
+        """Removes the files of the plan's cohorts; the folder stays if it holds others."""
+        files = (checkpoint_file, finished_file)
+        ours = {file(self.directory, key).name for key in self.plan.cohorts() for file in files}
+        remove_files(self.directory / CHECKPOINTS, ours.__contains__)
         with contextlib.suppress(OSError):
             (self.directory / CHECKPOINTS).rmdir()

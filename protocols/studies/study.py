@@ -18,7 +18,15 @@ from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.provenance import machine
 from ..reporting import style
 from ..simulation.jobs import Executor, Job, Report, Stop, execute
-from ..storage import check_folder, is_draft, locked, remove_drafts, write_atomically
+from ..storage import (
+    check_folder,
+    check_own_folder,
+    is_draft,
+    locked,
+    remove_drafts,
+    write_atomically,
+    write_text,
+)
 
 STUDY_FILE = "study.json"
 
@@ -112,6 +120,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
       Interrupted, RunError: see `simulation.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """
+    out = out.resolve()  # links below it are not followed
     experiments = study.experiments()
     made_with = _check(study, experiments, out)
     study.check(out)
@@ -124,7 +133,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
             left = [job for job in jobs if not job.done()]
             execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)
         page = study.page(out)
-        write_atomically(page_file(study, out), page.markdown.encode())
+        write_text(page_file(study, out), page.markdown)
         with style.styled():
             for name, figure in page.figures.items():
                 style.save(figure, out, name)
@@ -173,6 +182,8 @@ def check_positive(**numbers: int) -> None:
 def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> list[Any]:
     """Checks that OUT can hold a study; returns the versions and machines that made it."""
     check_folder(out)
+    for folder in study.folders(out):
+        check_own_folder(folder)
     path = out / STUDY_FILE
     if not path.is_file():
         if out.is_dir() and not all(map(is_draft, out.iterdir())):

@@ -1,5 +1,6 @@
 """Agents are made by their names; any agent is simulated, stopped and continued like a brain."""
 
+import json
 import re
 import subprocess
 import sys
@@ -11,12 +12,14 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols import cli
+from musebot.protocols.agents import factory
 from musebot.protocols.agents.base import Agent
 from musebot.protocols.agents.factory import (
     RECORDED_NAMES,
     make_agent,
     recorded_name,
     senses_of,
+    trust,
 )
 from musebot.protocols.agents.hand_coded import HandCoded
 from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
@@ -33,6 +36,12 @@ GUIDE = Path(__file__).parents[2] / "docs" / "agents.md"
 WALLS = "wall_avoidance"
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic")
 REHEARSAL = "--robots 2 --time-scale 0.001 --body kinematic --task wall_avoidance".split()
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_trusted_before_or_after(monkeypatch):
+    monkeypatch.setattr(factory, "_TRUSTED", set())
+    monkeypatch.setattr(sys, "path", [*sys.path])
 
 
 # Names
@@ -127,6 +136,7 @@ def test_agents_observe_as_many_signals_as_the_task_has():
     ],
 )
 def test_a_missing_factory_and_one_that_makes_no_agent_are_refused(name, words):
+    trust(name)
     with pytest.raises(InputError, match=words):
         make_agent(Experiment(), Condition(WALLS, name), 1, 0)
 
@@ -134,6 +144,7 @@ def test_a_missing_factory_and_one_that_makes_no_agent_are_refused(name, words):
 def test_a_module_that_cannot_be_imported_is_refused_with_the_reason(tmp_path, monkeypatch):
     (tmp_path / "half_written.py").write_text("def make(:")
     monkeypatch.syspath_prepend(tmp_path)
+    trust("half_written:make")
     with pytest.raises(InputError, match="half_written cannot be imported .SyntaxError"):
         make_agent(Experiment(), Condition(WALLS, "half_written:make"), 1, 0)
 
@@ -174,6 +185,7 @@ def test_an_agent_without_weights_leaves_none(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "still", type(sys)("still"))
     sys.modules["still"].make = lambda robots, sensors, seed: Still()
+    trust("still:make")
     experiment = Experiment(cohort_size=2, time_scale=0.002)
     cohort = Cohort(experiment, CohortKey(Condition(WALLS, "still:make"), 0))
     cohort.advance(10**9)
@@ -193,6 +205,59 @@ def test_a_restored_agent_continues_bit_exactly(task):
     assert np.array_equal(whole.lives().minutes, second.lives().minutes)
     for name, weights in whole.lives().after.items():
         assert np.array_equal(weights, second.lives().after[name])
+
+
+# Trust
+
+SPY = """
+from pathlib import Path
+from musebot.protocols.agents.q_learning import q_learner
+Path(__file__).with_name("ran").touch()
+make = q_learner
+"""
+
+
+@pytest.fixture
+def held(tmp_path, monkeypatch, commands_in_process):
+    """A run with finished robots of an agent, and a command that grows it in the agent's folder."""
+    (tmp_path / "spy_agent.py").write_text(SPY)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["run", "out", "--agent", "spy_agent:make", *REHEARSAL]) == 0
+    sys.modules.pop("spy_agent")
+    monkeypatch.setattr(factory, "_TRUSTED", set())
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path != str(tmp_path)])
+    (tmp_path / "ran").unlink()
+
+    def run(*words):
+        status = cli.main(["run", "out", *words])
+        sys.modules.pop("spy_agent", None)
+        return status, (tmp_path / "ran").exists()
+
+    return run
+
+
+@pytest.mark.parametrize("words", [[], ["--proposer", "fixed"]])
+def test_an_agent_that_only_the_run_names_is_not_imported(held, words, capsys, tmp_path):
+    before = (tmp_path / "out" / "experiment.json").read_bytes()
+    capsys.readouterr()
+    plan = json.loads(before)
+    plan["plan"][0]["robots"] = 4
+    (tmp_path / "out" / "experiment.json").write_text(json.dumps(plan))
+    assert held(*words) == (2, False)
+    said = capsys.readouterr().err
+    assert "names the agent spy_agent:make, whose code would be run: allow it by --agent" in said
+    assert str(tmp_path) not in sys.path
+    assert json.loads((tmp_path / "out" / "experiment.json").read_bytes()) == plan
+
+
+@pytest.mark.parametrize("words", [["--trust-agent"], ["--agent", "spy_agent:make"]])
+def test_an_agent_is_imported_where_the_command_allows_it(held, words, tmp_path):
+    assert held(*words, "--robots", "4") == (0, True)
+    assert len(read_run(tmp_path / "out").robots(Condition(WALLS, "spy_agent:make"))) == 4
+
+
+def test_the_finished_robots_of_an_agent_need_no_trust(held):
+    assert held("--proposer", "fixed", "--task", WALLS) == (0, False)
 
 
 # The example of docs/agents.md
@@ -220,6 +285,7 @@ def test_the_guides_example_is_simulated_and_stands_in_the_tables(tmp_path):
 def test_the_guides_example_continues_from_a_checkpoint_bit_exactly(tmp_path, monkeypatch):
     (tmp_path / "guide_agent.py").write_text(example())
     monkeypatch.syspath_prepend(tmp_path)
+    trust("guide_agent:table")
     key = CohortKey(Condition(WALLS, "guide_agent:table"), 0)
     whole = Cohort(SHORT, key)
     whole.advance(10**9)

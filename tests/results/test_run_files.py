@@ -405,7 +405,7 @@ def test_several_runs_have_distinct_names(tmp_path, results):
 def test_a_folder_can_hold_a_new_run_or_holds_one(tmp_path):
     assert planned(tmp_path / "new") is None
     assert planned(tmp_path) is None
-    (tmp_path / ".robots.csv.12.draft").write_text("interrupted")
+    (tmp_path / ".robots.csv.0123456789abcdef.musebot").write_text("interrupted")
     assert planned(tmp_path) is None
     write_manifest(tmp_path, PLAN)
     assert planned(tmp_path) == PLAN

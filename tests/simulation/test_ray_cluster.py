@@ -1,5 +1,6 @@
 """A run on a Ray cluster leaves the bytes of the local run, even when a node is lost."""
 
+import importlib
 import os
 import shutil
 import signal
@@ -10,6 +11,7 @@ import time
 
 import pytest
 
+from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import MANIFEST
@@ -19,6 +21,7 @@ from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
+RayCluster = importlib.import_module("musebot.protocols.simulation.ray_cluster").RayCluster
 RAY = shutil.which("ray", path=os.path.dirname(sys.executable))
 
 PLAN = Plan.of(
@@ -147,6 +150,23 @@ def test_a_study_on_a_cluster_leaves_the_local_ones_bytes(cluster, tmp_path):
         assert contents(here / name) == contents(there / name)
 
 
+@pytest.mark.parametrize(
+    "address", ["local", "", "auto ", "localhost", "ray://", "a b:1", "h:123456"]
+)
+def test_an_address_at_which_ray_would_start_an_open_cluster_is_refused(address, monkeypatch):
+    monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("Ray was started"))
+    with pytest.raises(InputError) as caught:
+        RayCluster(address)
+    assert str(caught.value) == f"the address must be auto or host:port, got {address!r}"
+
+
+def test_an_environment_that_makes_auto_an_open_cluster_is_refused(monkeypatch):
+    monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("Ray was started"))
+    monkeypatch.setenv("RAY_ADDRESS", "local")
+    with pytest.raises(InputError, match="must not be local, as RAY_ADDRESS has it"):
+        RayCluster("auto")
+
+
 @pytest.mark.parametrize("command", ["musebot run", "musebot study ablation"])
 def test_no_cluster_is_one_sentence_and_exit_status_2(command, tmp_path):
     address = f"127.0.0.1:{free_port()}"
@@ -156,5 +176,5 @@ def test_no_cluster_is_one_sentence_and_exit_status_2(command, tmp_path):
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
     assert run.returncode == 2, run.stderr
-    assert f"there is no Ray cluster at '{address}'" in run.stderr
+    assert f"there is no Ray cluster at '{address}' ([Errno 111] Connection refused)" in run.stderr
     assert list(tmp_path.iterdir()) == []

@@ -300,7 +300,7 @@ def test_a_study_keeps_every_evaluation_and_continues(runs, tmp_path, here, list
     here.jobs.clear()
     (tmp_path / "robustness.md").unlink()
     (tmp_path / "first" / "wall_avoidance-fixed-noise.safetensors").unlink()
-    (tmp_path / "second" / ".x.1.draft").write_text("half")
+    (tmp_path / "second" / ".x.0123456789abcdef.musebot").write_text("half")
     conduct(Robustness(runs), tmp_path, here)
     assert listing(tmp_path) == before
     assert [str(job) for job in here.jobs] == ["first/wall_avoidance-fixed-noise"]

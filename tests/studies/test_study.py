@@ -110,7 +110,7 @@ def test_a_study_does_again_what_is_lost_and_nothing_else(tmp_path, here, listin
     here.jobs.clear()
     (tmp_path / lost).unlink()
     for folder in (tmp_path, tmp_path / "squares"):
-        (folder / ".x.1.draft").write_text("half")  # of a process that was killed
+        (folder / ".x.0123456789abcdef.musebot").write_text("half")  # of a process that was killed
     conduct(Squares(), tmp_path, here)
     assert listing(tmp_path) == before
     assert paths(here.jobs) == ([Path(lost).name] if lost in ("squares/2", "sum") else [])
