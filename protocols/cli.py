@@ -90,7 +90,7 @@ class RunCommand:
         from .agents.factory import recorded_name, trust
         from .reporting import tables
         from .results.run_files import planned
-        from .simulation.engine import simulate
+        from .simulation.runs import simulate
         from .storage import write_text
 
         if not self.save_every > 0:

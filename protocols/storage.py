@@ -27,6 +27,11 @@ from .errors import DamagedFileError, InputError
 
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
+# Largest files that are read: of arrays or rows, and of JSON.
+MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
+Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
+"""The dtype, as safetensors names it, and the shape of each array of a file."""
+
 # A temporary file of an interrupted write: no name that anything else would give to a file.
 _DRAFT = re.compile(r"\..*\.[0-9a-f]{16}\.musebot", re.DOTALL)
 

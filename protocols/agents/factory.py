@@ -12,8 +12,6 @@ from pathlib import Path
 
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.proposers import PROPOSERS
-from ...controller.senses import Senses, Signal
-from ...tasks.suite import task_definition
 from ..errors import InputError, RunError
 from ..experiment.conditions import Condition, check_proposer
 from ..experiment.experiment import Experiment

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...controller.memory import NoisePatterns
+from ...controller.creative_memory import NoisePatterns
 from ..errors import InputError
 from .networks import network_shapes
 

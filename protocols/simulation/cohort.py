@@ -50,7 +50,7 @@ class Cohort:
         """
         robots, task = experiment.cohort_size, key.condition.task
         self.experiment, self.key = experiment, key
-        seed, self._random = experiment.seeds(key)
+        seed, self._random = random_streams(experiment.seed, key)
         self.batch = experiment.batch(task, robots)
         self.rules = self.batch.rules
         self.agent = make_agent(experiment, key.condition, robots, seed)

@@ -143,7 +143,7 @@ class CohortJob:
             if now - saved > self.save_every:
                 save_checkpoint(self.directory, self.key, cohort)
                 saved = now
-        save_lives(self.path, cohort.lives())
+        save_lives(self.path, cohort.lives(), self.experiment, self.key)
         checkpoint = checkpoint_file(self.directory, self.key)
         remove_files(checkpoint.parent, checkpoint.name.__eq__)
         report(self._seconds(cohort.step), "")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..agents.factory import check_trusted
 from ..errors import DamagedFileError, RunError
+from ..experiment.budget import check_memory
 from ..experiment.conditions import CohortKey
 from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from ..experiment.plan import Plan

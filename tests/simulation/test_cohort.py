@@ -9,6 +9,7 @@ import pytest
 
 from musebot.models import Dimensions
 from musebot.protocols.agents import factory
+from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
