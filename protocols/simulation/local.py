@@ -70,6 +70,7 @@ class Local:
                 stop.set()  # the other processes must end too, before the pool is waited for
             if not complete:
                 raise Interrupted
+        progress.show(reports)  # a process that has ended has sent its last message
 
 
 _STOP: Event
