@@ -13,7 +13,7 @@ OptimizerName = Literal["sgd", "adam"]
 MemoryTarget = Literal["selected", "best"]
 
 # Far beyond what can be of use: a number above it is a slip, and would hang or overflow.
-_MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 1000, 1000, 10**6
+_MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
 _LARGEST, _LONGEST = 1000, 10**9
 
 

@@ -47,7 +47,7 @@ def test_the_defaults_are_the_papers_parameters():
 NAN, INFINITY = float("nan"), float("inf")
 BAD = {
     "evaluation_hidden": (0, -1, 1001, 10**9, True),
-    "ideas": (0, -25, 2.5, "many", 1001, 10**9),
+    "ideas": (0, -25, 2.5, "many", 10_001, 10**9),
     "centred_inputs": (1, "yes"),
     "memory_hidden": (0, -5, 1001),
     "discount": (-0.1, 1.1, NAN, INFINITY),
@@ -115,13 +115,13 @@ def test_closed_ranges_include_their_ends(fields):
         ("reward_decay", 1.0, "reward_decay must lie in [0, 1), got 1.0"),
         ("noise", -1, "noise must lie in [0, 1000], got -1"),
         ("td_error_limit", 0, "td_error_limit must lie in (0, 1000] or be none, got 0"),
-        ("ideas", 2.5, "ideas must be a whole number from 1 to 1000, got 2.5"),
+        ("ideas", 2.5, "ideas must be a whole number from 1 to 10000, got 2.5"),
         ("raw_reward", 1, "raw_reward must be true or false, got 1"),
-        ("ideas", 10**400, f"ideas must be a whole number from 1 to 1000, got 1{'0' * 56}..."),
+        ("ideas", 10**400, f"ideas must be a whole number from 1 to 10000, got 1{'0' * 56}..."),
         pytest.param(
             "ideas",
             10**5000,
-            "ideas must be a whole number from 1 to 1000, got a number of too many digits",
+            "ideas must be a whole number from 1 to 10000, got a number of too many digits",
             id="digits",
         ),
         ("optimizer", "plain", "optimizer must be 'sgd' or 'adam', got 'plain'"),
