@@ -189,7 +189,7 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--body=kinematic", "--kinematics", "pieces=1.5"], "must be a whole number"),
         (["--set", "soul=1"], "a parameter is set as NAME=VALUE, NAME one of evaluation_hidden, "),
         (["--set", "soul=1"], "got 'soul=1'"),
-        (["--set", "ideas=2.5"], "ideas must be a whole number from 1 to 1000, got 2.5"),
+        (["--set", "ideas=2.5"], "ideas must be a whole number from 1 to 10000, got 2.5"),
         (
             ["--brain=steady", "--set", "centred_inputs=0"],
             "centred_inputs must be true or false, got 0",
