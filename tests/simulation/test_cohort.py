@@ -17,7 +17,7 @@ from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.results.results import collect
 from musebot.protocols.simulation.cohort import Cohort, check_agents
-from musebot.protocols.simulation.engine import UnfinishedRun
+from musebot.protocols.simulation.runs import UnfinishedRun
 from musebot.tasks import make_batch
 
 ROBOTS = 3
