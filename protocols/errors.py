@@ -2,17 +2,7 @@
 
 from __future__ import annotations
 
-import errno
-import os
-import signal
-import sys
-from collections.abc import Callable
-
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
-
-
-# What the system says of a path that cannot be what the user takes it for.
-_BAD_PATH = {errno.EISDIR, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EILSEQ}
 
 
 class InputError(Exception):
@@ -29,47 +19,3 @@ class RunError(Exception):
 
 class Interrupted(Exception):
     """A simulation was asked to stop; everything simulated so far is in its checkpoints."""
-
-
-def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
-    """Carries out a command, reports a failure in one sentence, and returns the exit status.
-
-    Args:
-      work: Command to carry out.
-      check: Whether to check the versions of the dependencies first.
-
-    Returns:
-      0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
-    """
-    try:
-        if check:
-            from ..models import check_versions
-
-            check_versions()
-        work()
-        if sys.stdout:  # None where it was closed
-            sys.stdout.flush()
-    except (InputError, ImportError) as error:
-        return complain(str(error), 2)
-    except BrokenPipeError:  # the reader has read enough, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
-    except OSError as error:
-        return complain(str(error), 2 if error.errno in _BAD_PATH else 1)
-    except RunError as error:
-        return complain(str(error), 1)
-    except MemoryError:
-        return complain("there is not enough memory", 1)
-    except Interrupted:
-        return complain("stopped; the same command continues from here", 130)
-    except KeyboardInterrupt:
-        return complain("stopped", 130)
-    return 0
-
-
-def complain(sentence: str, status: int) -> int:
-    """Prints on stderr what went wrong; returns the given exit status."""
-    from .terminal import notice
-
-    notice(sentence)
-    return status

@@ -1,16 +1,20 @@
 """The exit status of a command, and the one sentence that explains a failure.
 
-Light to import: it loads nothing else of musebot.
+Light: importing it loads nothing else of musebot.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
 from collections.abc import Callable
 
 from .errors import InputError, Interrupted, RunError
+
+# What the system says of a path that cannot be what the user takes it for.
+_BAD_PATH = {errno.EISDIR, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EILSEQ}
 
 
 def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
@@ -36,8 +40,12 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
     except BrokenPipeError:  # the reader has read enough, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
-    except (RunError, OSError) as error:
+    except OSError as error:
+        return complain(str(error), 2 if error.errno in _BAD_PATH else 1)
+    except RunError as error:
         return complain(str(error), 1)
+    except MemoryError:
+        return complain("there is not enough memory", 1)
     except Interrupted:
         return complain("stopped; the same command continues from here", 130)
     except KeyboardInterrupt:
@@ -47,5 +55,7 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
 
 def complain(sentence: str, status: int) -> int:
     """Prints on stderr what went wrong; returns the given exit status."""
-    print(f"musebot: {sentence}", file=sys.stderr)
+    from .terminal import notice
+
+    notice(sentence)
     return status

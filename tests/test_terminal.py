@@ -6,7 +6,7 @@ import queue
 
 import pytest
 
-from musebot.protocols.errors import exit_status
+from musebot.protocols.exit_status import exit_status
 from musebot.protocols.terminal import JobProgress, notice, printable, say
 
 
