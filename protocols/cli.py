@@ -14,7 +14,7 @@ import tyro
 
 from .errors import InputError
 from .exit_status import complain, exit_status
-from .options import (
+from .shared_options import (
     BODY_CHOICES,
     COHORT_SIZE,
     KINEMATICS,

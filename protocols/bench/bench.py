@@ -23,7 +23,7 @@ from ...tasks import stop_timers
 from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.provenance import machine
-from ..options import cores
+from ..shared_options import cores
 from ..storage import check_place, resolved_file, write_atomically
 from . import lives, models, sections, workers
 from .lives import PairedTiming, Setting, TimedCohort
