@@ -89,7 +89,7 @@ class CreativeMemory:
     Attributes:
       networks: The networks, one for each of B robots.
       optimizer: Optimizer of the networks.
-      patterns: Source of the noise patterns, one for each idea.
+      patterns: Draws the noise patterns; each idea gets one pattern.
     """
 
     def __init__(
