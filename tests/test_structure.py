@@ -23,6 +23,7 @@ LAYERS = (
     "studies",
     "bench",
     "doctor",
+    "commands",
     "cli",
 )
 # What each package of the root may import: models <- tasks <- protocols -> controller.
