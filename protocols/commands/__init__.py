@@ -10,6 +10,7 @@ from typing import Any
 # The module and class of each verb. A verb's module is imported when the verb is asked for.
 VERBS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
+        "demo": ("demo", "DemoCommand"),
         "run": ("run", "RunCommand"),
         "tables": ("tables", "TablesCommand"),
         "film": ("film", "FilmCommand"),
