@@ -89,7 +89,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     return command.run(out, quiet=quiet, **options)
 
 
-def register_task(name: str, rules: type[Rules], **settings: Any) -> None:
+def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     """Registers a task of one's own in every interface, see `tasks.registry.register_task`.
 
     Args:
@@ -97,12 +97,16 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> None:
       rules: Observations, reward and event of the task.
       **settings: Further fields of `tasks.arena.TaskDefinition`.
 
-    Raises:
-      ValueError: The name is taken or is no name, or a setting is invalid.
-    """
-    from .tasks.registry import register_task as register
+    Returns:
+      The task's Gymnasium id, such as "musebot/MyTask-v0".
 
-    register(name, rules, **settings)
+    Raises:
+      TypeError: A setting is unknown, or `rules` is not a class of rules.
+      ValueError: The name is taken or has another form, or a setting is out of range.
+    """
+    from .tasks import registry
+
+    return registry.register_task(name, rules, **settings)
 
 
 def register() -> None:
