@@ -8,7 +8,6 @@ GYM    := $(VENV)/.gym
 CHROMIUM := $(VENV)/.chromium
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
-FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post --seconds 30
 
 # $(call apt_install,PACKAGES,PURPOSE), for use inside a shell command.
 apt_install = { \
@@ -23,11 +22,8 @@ apt_install = { \
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-run: $(READY)  ## simulate 8 creative robots in both tasks and film one of each, in runs/demo
-	$(VENV)/bin/musebot run $(DEMO) --robots 8 --proposer creative
-	mkdir -p $(DEMO)/films
-	$(FILM) --task wall_avoidance --speed 4 --output $(DEMO)/films/wall_avoidance.mp4
-	$(FILM) --task spot_finding --speed 60 --output $(DEMO)/films/spot_finding.mp4
+run: $(READY)  ## film a trained robot, let a few learn, film them too; in runs/demo
+	$(VENV)/bin/musebot demo $(DEMO)
 
 test: $(READY) $(RAY) $(GYM) $(CHROMIUM)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 tests

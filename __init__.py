@@ -11,16 +11,20 @@ OpenGL; it registers the tasks with Gymnasium if that is installed.
 from __future__ import annotations
 
 import contextlib
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from dm_control.rl import control
 
+    from .protocols.results.run import Run
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
+    from .tasks.rules import Rules
 
 __version__ = "0.1.0"
 
@@ -34,6 +38,8 @@ __all__ = [
     "load",
     "register",
     "register_gymnasium",
+    "register_task",
+    "run",
 ]
 
 
@@ -60,6 +66,47 @@ def load(
     from . import tasks
 
     return tasks.load(domain_name, task_name, task_kwargs, environment_kwargs, visualize_reward)
+
+
+def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
+    """Simulates all robots that a folder does not hold yet, as the command `musebot run` does.
+
+    Args:
+      out: Folder of the run; an unfinished run continues.
+      quiet: Whether to show no progress.
+      **options: Options of `musebot run`, with underscores, such as `task`, `robots` and `brain`;
+        see `protocols.commands.run.run`.
+
+    Returns:
+      The run with all robots of the folder.
+
+    Raises:
+      TypeError: An option is unknown.
+      protocols.errors.InputError: A value is invalid, or the folder holds something else.
+    """
+    # By name: the modules that simulate import this module's version.
+    command = importlib.import_module(f"{__name__}.protocols.commands.run")
+    return command.run(out, quiet=quiet, **options)
+
+
+def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
+    """Registers a task of one's own in every interface, see `tasks.registry.register_task`.
+
+    Args:
+      name: Name of the task, such as "my_task".
+      rules: Observations, reward and event of the task.
+      **settings: Further fields of `tasks.arena.TaskDefinition`.
+
+    Returns:
+      The task's Gymnasium id, such as "musebot/MyTask-v0".
+
+    Raises:
+      TypeError: A setting is unknown, or `rules` is not a class of rules.
+      ValueError: The name is taken or has another form, or a setting is out of range.
+    """
+    from .tasks import registry
+
+    return registry.register_task(name, rules, **settings)
 
 
 def register() -> None:

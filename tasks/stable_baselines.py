@@ -9,26 +9,30 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
+from ..gymnasium_registration import GYMNASIUM_TASKS
 from .gymnasium_env import ArenaVectorEnv
 
 
 class ArenaVecEnv(VecEnv):
     """`ArenaVectorEnv` with the interface of Stable-Baselines3.
 
-    A robot whose episode ends starts the next one in the same step.
+    A robot whose episode ends starts the next one in the same step. Stable-Baselines3 logs the mean
+    return, `rollout/ep_rew_mean`, of a batch in its `VecMonitor`:
 
-        model = PPO("MlpPolicy", ArenaVecEnv("wall_avoidance_obstacles", 64, threads=2))
+        robots = VecMonitor(ArenaVecEnv("musebot/WallAvoidanceObstacles-v0", 64, threads=2))
+        model = PPO("MlpPolicy", robots, verbose=1)
     """
 
     def __init__(self, task: str, num_envs: int, **kwargs: Any) -> None:
         """Initialises the batch.
 
         Args:
-          task: Name of a task, see `musebot.ALL_TASKS`.
+          task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id.
           num_envs: Number of robots, B.
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is 1,000 by default.
         """
         kwargs = {"max_episode_steps": 1000, **kwargs}
+        task = GYMNASIUM_TASKS.get(task.removeprefix("musebot/"), task)
         self._robots = ArenaVectorEnv(
             task, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs
         )

@@ -12,9 +12,11 @@ from typing import get_args
 
 import pytest
 
+import musebot
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
 from musebot.protocols import cli, shared_options
+from musebot.protocols.agents.factory import RECORDED_NAMES
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import BODIES, Experiment
 from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
@@ -25,6 +27,7 @@ from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.studies import STUDIES, study_class
 from musebot.tasks.sensors import NoseForm
+from musebot.tasks.suite import TASKS
 
 
 @pytest.fixture(scope="module")
@@ -353,8 +356,57 @@ def test_every_verb_has_a_help_text(verb, capsys):
 
 
 def test_the_verbs_are_these():
-    verbs = "run tables film report study explore bench doctor"
+    verbs = "demo run tables film report study explore list bench doctor"
     assert " ".join(cli.VERBS) == verbs
+
+
+def test_no_word_shows_the_help_and_version_the_version(capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert "usage: musebot" in text and all(f" {verb} " in text for verb in cli.VERBS)
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"musebot {musebot.__version__}\n"
+
+
+def test_an_unknown_verb_is_refused_with_all_verbs(capsys):
+    assert cli.main(["dance"]) == 2
+    sentence = f"musebot: the verb must be one of {', '.join(cli.VERBS)}, got 'dance'\n"
+    assert capsys.readouterr().err == sentence
+
+
+def test_everything_with_a_name_is_listed_with_a_line(capsys):
+    assert cli.main(["list"]) == 0
+    kinds = re.split(r"^(\w+):\n", capsys.readouterr().out, flags=re.M)[1:]
+    lists = dict(zip(kinds[::2], kinds[1::2], strict=True))
+    names = {
+        "tasks": TASKS, "brains": BRAINS, "protocols": PROTOCOLS, "studies": STUDIES,
+        "agents": (*PROPOSERS, *RECORDED_NAMES),
+    }  # fmt: skip
+    assert [*lists] == [*names]
+    for kind, text in lists.items():
+        lines = [line.split(maxsplit=1) for line in text.splitlines()]
+        assert [name for name, _ in lines] == [*names[kind]]
+        assert all(line.endswith(".") for _, line in lines)
+    assert cli.main(["list", "protocols"]) == 0
+    assert "  " + capsys.readouterr().out.splitlines()[0] in lists["protocols"]
+
+
+def test_an_unknown_list_is_refused(capsys):
+    assert cli.main(["list", "feelings"]) == 2
+    assert (
+        "list must be one of tasks, brains, protocols, studies, agents" in capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_completion_is_that_of_the_command(shell, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["--tyro-print-completion", shell])
+    assert not stop.value.code
+    text = capsys.readouterr().out
+    assert "musebot" in text and "--cohort-size" in text
 
 
 @pytest.mark.parametrize("study", STUDIES)

@@ -12,7 +12,7 @@ PACKAGES = ("models", "tasks", "controller", "protocols")
 
 # Folders and modules of `protocols`, lowest first: each imports only its own entry and lower ones.
 LAYERS = (
-    "errors exit_status storage terminal shared_options",
+    "errors examples exit_status storage terminal shared_options",
     "experiment",
     "results",
     "agents",
@@ -23,6 +23,7 @@ LAYERS = (
     "studies",
     "bench",
     "doctor",
+    "commands",
     "cli",
 )
 # What each package of the root may import: models <- tasks <- protocols -> controller.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from ...controller.neurocontroller import Neurocontroller
@@ -74,6 +75,16 @@ def recorded_name(name: str) -> str:
         if name == moved:
             return recorded
     return RECORDED_NAMES.get(name, name)
+
+
+def factory_of(name: str) -> Callable[[int, int, int], Agent]:
+    """Returns the factory of one of our own agents.
+
+    Args:
+      name: Short name of the agent, a key of `RECORDED_NAMES`.
+    """
+    module, _, factory = _MOVED[RECORDED_NAMES[name]].partition(":")
+    return getattr(importlib.import_module(module), factory)
 
 
 def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:

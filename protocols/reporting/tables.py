@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from ..analysis import intervals
@@ -84,15 +85,29 @@ def _joined(cell: tuple[str, str]) -> str:
 
 def _claims(experiment: Experiment, results: list[ClaimResult]) -> str:
     lines = ["### The claims of section 4", "", claims_note(experiment), ""]
-    for task, title in labels.TITLES.items():
+    for title, judged in judged_claims(results).items():
         lines += [f"**{title}**", ""]
-        lines += [
-            f"- *{result.claim.says}* **{result.verdict}**: {result.words}"
-            for result in results
-            if result.claim.task == task
-        ]
+        lines += [f"- *{one.claim.says}* **{one.verdict}**: {one.words}" for one in judged]
         lines.append("")
+    if left := not_judged(results):
+        lines += [left, ""]
     return "\n".join(lines)
+
+
+def judged_claims(results: Sequence[ClaimResult]) -> dict[str, list[ClaimResult]]:
+    """Returns the judged claims by the title of their table, without tables that have none."""
+    judged = {
+        title: [one for one in results if one.claim.task == task and one.verdict != "not judged"]
+        for task, title in labels.TITLES.items()
+    }
+    return {title: found for title, found in judged.items() if found}
+
+
+def not_judged(results: Sequence[ClaimResult]) -> str:
+    """Returns a sentence with the number of claims that are not judged, and why; or empty text."""
+    left = [one for one in results if one.verdict == "not judged"]
+    why = "; ".join(dict.fromkeys(one.why.rstrip(".") for one in left))
+    return f"{len(left)} of {len(results)} claims are not judged: {why}." if left else ""
 
 
 def claims_note(experiment: Experiment) -> str:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ...tasks.arena import CONTROL_TIMESTEP
+from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from .learn_ability import Summary, summarise
 from .results import NetworkArrays, Results, Robot, When
+
+if TYPE_CHECKING:
+    import pandas
+
+_TESTS: tuple[Literal["pre", "post"], ...] = ("pre", "post")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +87,30 @@ class Run:
     def test_seconds(self, task: str) -> float:
         """Returns the duration of the test after training, in simulated seconds."""
         return self.experiment.schedule(task).steps_of("post") * CONTROL_TIMESTEP
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Returns a row for each robot, invalid robots included, as a pandas DataFrame.
+
+        Its columns are those of robots.csv, and `pre_share` and `post_share`: the share of a test
+        in contact, or in the spot, in [0, 1].
+
+        Raises:
+          InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError as error:
+            raise InputError("Run.to_frame needs pandas: pip install pandas") from error
+        rows = [
+            dataclasses.asdict(row)
+            | {
+                f"{part}_share": float(shares([row], self.test_seconds(row.task), part)[0])
+                for part in _TESTS
+            }
+            for condition in self.conditions()
+            for row in self.robots(condition)
+        ]
+        return pandas.DataFrame(rows)
 
 
 def abilities(rows: list[Robot]) -> np.ndarray:

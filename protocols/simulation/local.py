@@ -16,6 +16,7 @@ from ..terminal import JobProgress
 from .jobs import Job
 from .signals import StopRequest, stop_on_signals
 from .worker import (
+    children_without_script,
     follow_parent,
     prepare_process,
     single_threaded_children,
@@ -43,7 +44,8 @@ class Local:
             stop_on_signals() as request,
             ProcessPoolExecutor(count, context, _prepare, (stop, reports)) as pool,
         ):
-            waiting = {pool.submit(_run, *each): each[1] for each in enumerate(jobs)}
+            with children_without_script():
+                waiting = {pool.submit(_run, *each): each[1] for each in enumerate(jobs)}
             complete = True
             try:
                 while waiting:
