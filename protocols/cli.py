@@ -69,8 +69,12 @@ class RunCommand:
     """continual: 24 hours of spot finding, the spot moves; walls: spot finding with walls sensed"""
     time_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
     """factor on every duration, in (0, 1], for rehearsals"""
+    reading: Annotated[str | None, _kept("{body,plain}", "body")] = None
+    """reading of the paper: plain sets the four options below (docs/paper.md); they may differ"""
     nose: Annotated[str | None, _kept("{inverse,printed}", "inverse")] = None
     """form of Eq. 3"""
+    nose_place: Annotated[str | None, _kept("{front,centre}", "front")] = None
+    """place of the nose: front of the rim, or centre of the robot"""
     body: Annotated[str | None, _kept(BODY_CHOICES, "mujoco")] = None
     """mujoco, or kinematic for an ideal differential drive without physics"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
@@ -135,16 +139,19 @@ class RunCommand:
         """Returns the experiment's fields that were given as options."""
         from ..controller import Parameters
         from ..models import Kinematics
-        from .experiment.overrides import named_brain, with_overrides
+        from .experiment.overrides import named_brain, named_reading, with_overrides
 
         settings = (
-            "seed", "cohort_size", "protocol", "time_scale", "nose", "body", "motor_speed", "brain"
+            "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body",
+            "motor_speed", "brain",
         )  # fmt: skip
-        wanted = {name: x for name in settings if (x := getattr(self, name)) is not None}
+        wanted = dict(named_reading(self.reading)) if self.reading else {}
+        wanted |= {name: x for name in settings if (x := getattr(self, name)) is not None}
         if "brain" in wanted:
             wanted["brain"] = named_brain(wanted["brain"])
         if self.kinematics:
             own = held.experiment.kinematics if held else Kinematics()
+            own = wanted.get("kinematics", own)
             wanted["kinematics"] = with_overrides(own, self.kinematics)
         if self.set:
             own = held.experiment.brain if held else Parameters()

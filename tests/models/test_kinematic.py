@@ -13,6 +13,7 @@ from musebot.tasks import make_batch
 
 SIZE = Dimensions.of(arena_spec().compile())
 ROOM = np.array([SIZE.half_length, SIZE.half_width]) - SIZE.radius
+TURNS = Kinematics(wall="turns")
 
 motors = st.floats(-0.5, 0.5)
 poses = st.tuples(
@@ -21,7 +22,8 @@ poses = st.tuples(
 
 
 def driven(pose, left, right, seconds=0.1, wall="holds"):
-    return drive(np.array([pose]), np.array([[left, right]]), seconds, wall, SIZE)[0][0]
+    how = Kinematics(wall=wall)
+    return drive(np.array([pose]), np.array([[left, right]]), seconds, how, SIZE)[0][0]
 
 
 def test_equal_motors_drive_straight_at_the_commanded_speed():
@@ -107,16 +109,16 @@ def test_a_robot_that_grazes_a_wall_slips_into_the_corner():
     for pieces in (1, 4):
         after = np.array([[*wall, way]])
         for _ in range(pieces):
-            after = drive(after, np.full((1, 2), 0.5), 0.1 / pieces, "turns", SIZE)[0]
+            after = drive(after, np.full((1, 2), 0.5), 0.1 / pieces, TURNS, SIZE)[0]
         assert after[0, :2] == pytest.approx(ROOM, abs=1e-12)
-        assert drive(after, np.full((1, 2), 0.5), 0.1, "turns", SIZE)[0] == pytest.approx(after)
+        assert drive(after, np.full((1, 2), 0.5), 0.1, TURNS, SIZE)[0] == pytest.approx(after)
 
 
 def test_the_turn_at_a_wall_is_symmetric():
     start = np.radians([70, -70, 110, -110])
     poses = np.column_stack([np.full(4, ROOM[0]), np.zeros(4), start])
     motors = np.array([[0.5, 0.5]] * 2 + [[-0.5, -0.5]] * 2)
-    after = drive(poses, motors, 0.1, "turns", SIZE)[0]
+    after = drive(poses, motors, 0.1, TURNS, SIZE)[0]
     turned = after[:, 2] - start
     assert turned == pytest.approx(turned[1] * np.array([-1, 1, 1, -1]), abs=1e-12)
     assert 0.03 < -turned[0] < 0.06
