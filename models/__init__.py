@@ -10,7 +10,7 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .edits import add_noses, add_obstacles, add_velocity, enlarge, hide_spot
+from .edits import add_noses, add_obstacles, add_velocity, centre_nose, enlarge, hide_spot
 from .kinematic import Kinematics
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "add_obstacles",
     "add_velocity",
     "arena_spec",
+    "centre_nose",
     "check_versions",
     "enlarge",
     "half_size",

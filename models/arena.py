@@ -107,6 +107,7 @@ class Dimensions:
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
       contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
       spot_radius: Radius of the odorous spot in [m].
+      nose: Distance of the nose ahead of the robot's centre in [m].
       obstacles: Position x, y and radius of each obstacle in [m].
     """
 
@@ -117,6 +118,7 @@ class Dimensions:
     motor_speed: float
     contact_margin: float
     spot_radius: float
+    nose: float
     obstacles: tuple[tuple[float, float, float], ...] = ()
 
     @classmethod
@@ -137,6 +139,7 @@ class Dimensions:
             motor_speed=float(0.5 * wheel_radius / model.actuator("left_motor").gear[0]),
             contact_margin=float(bumper.margin[0]),
             spot_radius=float(model.site("spot").size[0]),
+            nose=float(model.site("nose").pos[0]),
             obstacles=tuple(
                 (float(body.pos[0]), float(body.pos[1]), float(model.geom(body.name).size[0]))
                 for body in map(model.body, range(model.nbody))

@@ -72,6 +72,11 @@ def add_obstacles(spec: mujoco.MjSpec) -> None:
         )
 
 
+def centre_nose(spec: mujoco.MjSpec) -> None:
+    """Moves the nose from the front of the rim to the robot's centre."""
+    spec.site("nose").pos[0] = 0
+
+
 def add_velocity(spec: mujoco.MjSpec) -> None:
     """Adds a sensor of the robot's velocity: ahead, left, up, in [m/s]."""
     spec.add_sensor(

@@ -77,7 +77,7 @@ class KinematicBatch(Robots):
         piece = CONTROL_TIMESTEP / how.pieces
         for _ in range(how.pieces):
             speeds, self._wheels[:] = follow_motors(self._wheels, motors, piece, how.lag)
-            self._poses, pushing = drive(self._poses, speeds, piece, how.wall, self.dimensions)
+            self._poses, pushing = drive(self._poses, speeds, piece, how, self.dimensions)
             felt = pushing if how.felt == "pushed" else self._near()
             contact = (contact | felt) if how.any_contact else felt
         self._touch[:] = contact

@@ -216,7 +216,10 @@ def spoiled_without_contact(condition: Condition) -> Compare:
     """Returns the test that most robots with L < 0 had no contact before training."""
 
     def compare(evidence: Evidence) -> list[TestedInequality]:
-        spoiled = [row for row in robots(evidence, condition) if row.category == _NEGATIVE]
+        pairs = zip(
+            robots(evidence, condition), evidence.single_robots().classes(condition), strict=True
+        )
+        spoiled = [row for row, kind in pairs if kind == _NEGATIVE]
         if not spoiled:
             raise Undecidable(f"no {condition.proposer} robot has L < 0")
         clean = sum(row.t_pre_s == 0 for row in spoiled)

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from .config import Config
 
 _FIELDS = (
-    "seed", "cohort_size", "protocol", "time_scale", "nose", "body", "motor_speed", "brain"
+    "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "motor_speed",
+    "brain",
 )  # fmt: skip
 
 
@@ -66,8 +67,12 @@ class RunCommand:
     """continual: 24 hours of spot finding, the spot moves; walls: spot finding with walls sensed"""
     time_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
     """factor on every duration, in (0, 1], for rehearsals"""
+    reading: Annotated[str | None, _kept("{body,plain}", "body")] = None
+    """reading of the paper: plain sets the four options below (docs/paper.md); they may differ"""
     nose: Annotated[str | None, _kept("{inverse,printed}", "inverse")] = None
     """form of Eq. 3"""
+    nose_place: Annotated[str | None, _kept("{front,centre}", "front")] = None
+    """place of the nose: front of the rim, or centre of the robot"""
     body: Annotated[str | None, _kept(BODY_CHOICES, "mujoco")] = None
     """mujoco, or kinematic for an ideal differential drive without physics"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
@@ -165,9 +170,11 @@ class RunCommand:
         """Returns the experiment's fields that were given as options, or else in the file."""
         from ...controller import Parameters
         from ...models import Kinematics
-        from ..experiment.overrides import named_brain, with_overrides
+        from ..experiment.overrides import named_brain, named_reading, with_overrides
 
         wanted = dict(config.fields)
+        if self.reading is not None:
+            wanted |= named_reading(self.reading)
         wanted |= {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
         if self.brain is not None:
             wanted["brain"] = named_brain(self.brain)

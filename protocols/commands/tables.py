@@ -19,6 +19,8 @@ class TablesCommand:
     """folder of a run"""
     compare: Annotated[Path | None, option("OTHER", "the paper")] = None
     """folder of another run to compare with, cell by cell"""
+    exact_classes: bool = False
+    """class exact L; otherwise L is rounded to two decimals first, as the paper's counts suggest"""
     json: bool = False
     """print JSON instead of Markdown"""
 
@@ -32,11 +34,13 @@ class TablesCommand:
 
             names = run_names((self.out, self.compare))
             runs = [read_run(*pair) for pair in zip((self.out, self.compare), names, strict=True)]
+            runs = [dataclasses.replace(run, exact_classes=self.exact_classes) for run in runs]
             shown: tuple[Any, ...] = (*runs, compare_runs(*runs))
         else:
             from ..reporting import tables as reporting
 
-            shown = (read_run(self.out),)
+            run = read_run(self.out)
+            shown = (dataclasses.replace(run, exact_classes=self.exact_classes),)
         if self.json:
             print(json.dumps(reporting.as_json(*shown), indent=2))
         else:

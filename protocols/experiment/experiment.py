@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...controller.parameters import Parameters, shown
-from ...models import Kinematics
+from ...models import Kinematics, centre_nose
 from ...tasks.batch import Robots
 from ...tasks.kinematic import make_kinematic_batch
 from ...tasks.sensors import NoseForm
@@ -21,6 +21,7 @@ from .overrides import brain_name
 from .schedules import PROTOCOLS, ProtocolName, Schedule
 
 Body = Literal["mujoco", "kinematic"]
+NosePlace = Literal["front", "centre"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
 # Motor speed in [m/s], turn in degrees.
@@ -41,6 +42,7 @@ class Experiment:
       cohort_size: Number of robots simulated in lockstep on one random stream.
       time_scale: Factor on every duration of the schedules, in (0, 1]; 1 is the paper's.
       nose: Form of Eq. 3 (see `tasks.sensors.Nose`).
+      nose_place: Place of the nose: the front of the rim, or the robot's centre.
       learn_across_placement: Whether robots learn from the step that spans a new placement (not
         stated in the paper).
       turned_start: Angle in degrees by which a robot that starts in a corner is turned away from
@@ -57,6 +59,7 @@ class Experiment:
     cohort_size: int = 50
     time_scale: float = 1.0
     nose: NoseForm = "inverse"
+    nose_place: NosePlace = "front"
     learn_across_placement: bool = False
     turned_start: float = 0.0
     motor_speed: float | None = None
@@ -90,10 +93,12 @@ class Experiment:
         for name, allowed in (
             ("protocol", tuple(PROTOCOLS)),
             ("nose", ("inverse", "printed")),
+            ("nose_place", ("front", "centre")),
             ("body", BODIES),
         ):
             if (value := getattr(self, name)) not in allowed:
-                raise InputError(f"the {name} must be one of {', '.join(allowed)}, got {value!r}")
+                word = name.replace("_", " ")
+                raise InputError(f"the {word} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < self.time_scale <= 1:
             raise InputError(f"the time scale must lie in (0, 1], got {shown(self.time_scale)}")
         if self.nose == "printed" and self.brain.needs_senses:
@@ -143,6 +148,8 @@ class Experiment:
           edits: Edits of the arena's model, made after the task's own.
         """
         task = self.arena_task(task)
+        if self.nose_place == "centre":
+            edits = (*edits, centre_nose)
         shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)

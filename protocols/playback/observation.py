@@ -83,8 +83,8 @@ def _stay(run: Run, condition: Condition, rows: list[int], tick: Tick) -> Stay:
     agent = stored_brains(run, condition, [(row, "before") for row in rows], SEED)
     batch = run.experiment.batch(condition.task, len(rows))
     size = batch.dimensions
-    # The spot is in the middle, ahead of each robot; the nose is at the front of the robot's rim.
-    away = size.radius + size.spot_radius
+    # The spot is in the middle, ahead of each robot.
+    away = size.nose + size.spot_radius
     angles = np.random.default_rng(SEED).uniform(-np.pi, np.pi, len(rows))
     poses = np.stack([-away * np.cos(angles), -away * np.sin(angles), angles], axis=1)
     everyone = np.arange(batch.robots)

@@ -8,11 +8,13 @@ from typing import Any
 
 from ..analysis import intervals
 from ..analysis.claims import ClaimResult
+from ..analysis.hypothesis_tests import same_classes
 from ..analysis.intervals import Interval
 from ..analysis.paper_claims import judge_all
 from ..analysis.paper_tables import Column, column, paper_column, row_names
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
+from ..experiment.schedules import TASK_NAMES
 from ..results.learn_ability import CATEGORIES, total_variation
 from ..results.run import Run
 from . import labels
@@ -24,6 +26,7 @@ NOTE = (
     "variation that two groups of these sizes exceed with a probability of 5 % if their robots "
     "do not differ."
 )
+_ROUNDED = " L is rounded to two decimals before it is classed (`--exact-classes` does not round)."
 VARIATION = "total variation"
 
 
@@ -60,10 +63,29 @@ def variation_cell(first: Column, second: Column | None) -> tuple[str, str]:
 
 def markdown(run: Run) -> str:
     """Returns the tables of a run, and the verdicts on the claims that it can test."""
-    parts = [*(_table(run, task) for task in run.tasks()), NOTE + "\n"]
+    parts = [_table(run, task) for task in run.tasks()]
+    if agreement := joint_tests(run):
+        found = ", ".join(f"{name} p = {p:.4f}" for name, p in agreement.items())
+        parts.append(
+            "Joint test that all columns of a table have the paper's shares of classes (sum of "
+            f"chi-squares, simulated null distribution): {found}.\n"
+        )
+    parts.append(NOTE + ("" if run.exact_classes else _ROUNDED) + "\n")
     if results := judge_all(run):
         parts.append(_claims(run.experiment, results))
     return "\n".join(parts)
+
+
+def joint_tests(run: Run) -> dict[str, float]:
+    """Returns p of the joint test of each table, and of both; empty without the paper's columns."""
+    found: dict[str, list[tuple[tuple[int, ...], tuple[int, ...]]]] = {}
+    for condition in run.conditions():
+        if paper := paper_column(run.experiment, condition):
+            counts = run.summary(condition).counts, paper.summary.counts
+            found.setdefault(TASK_NAMES[condition.task].lower(), []).append(counts)
+    if len(found) > 1:
+        found["both tables"] = [pair for pairs in found.values() for pair in pairs]
+    return {name: same_classes(pairs) for name, pairs in found.items()}
 
 
 def _table(run: Run, task: str) -> str:
@@ -142,7 +164,9 @@ def as_json(run: Run) -> dict[str, Any]:
         "time_scale": experiment.time_scale,
         "seed": experiment.seed,
         "interval_level": intervals.LEVEL,
+        "exact_classes": run.exact_classes,
         "tables": found,
+        "joint_tests": {name: _finite(p) for name, p in joint_tests(run).items()},
         "claims": [result.as_json() for result in judge_all(run)],
     }
 

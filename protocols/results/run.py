@@ -11,7 +11,7 @@ from ...tasks.arena import CONTROL_TIMESTEP
 from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
-from .learn_ability import Summary, summarise
+from .learn_ability import Summary, classes, summarise
 from .results import NetworkArrays, Results, Robot, When
 
 if TYPE_CHECKING:
@@ -28,11 +28,13 @@ class Run:
       name: Name of the run's folder.
       experiment: Experiment that decided the robots' lives.
       results: Results of the robots, by condition.
+      exact_classes: Whether exact L are classed in the tables; otherwise L rounded to two decimals.
     """
 
     name: str
     experiment: Experiment
     results: Results
+    exact_classes: bool = False
 
     def conditions(self) -> list[Condition]:
         """Returns the conditions that have robots, in the order of the tables."""
@@ -70,6 +72,10 @@ class Run:
         """Returns L of each valid robot, NaN for a genius or an ignorant, shape (n,)."""
         return abilities(self.valid(condition))
 
+    def classes(self, condition: Condition) -> list[str]:
+        """Returns the class of each valid robot, a row of tables 1 and 2."""
+        return classes(self.abilities(condition), self.exact_classes)
+
     def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
         """Returns each valid robot's share of a test in contact, or in the spot, shape (n,)."""
         return shares(self.valid(condition), self.test_seconds(condition.task), part)
@@ -82,6 +88,7 @@ class Run:
             [row.t_post_s for row in rows],
             self.test_seconds(condition.task),
             invalid=len(self.robots(condition)) - len(rows),
+            exact=self.exact_classes,
         )
 
     def test_seconds(self, task: str) -> float:

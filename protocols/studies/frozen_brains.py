@@ -321,9 +321,9 @@ def evaluation(life: LifeJob) -> Evaluation:
 def smells(experiment: Experiment) -> np.ndarray:
     """Returns the sensor signals at each of `SMELLS`, far from all walls, shape (S, signals)."""
     batch = experiment.batch(_CONDITION.task, len(SMELLS))
-    everyone, radius = np.arange(batch.robots), batch.dimensions.radius
+    everyone, nose = np.arange(batch.robots), batch.dimensions.nose
     # The spot is in the middle and ahead of the robot; for no smell it is far behind.
-    poses = [(0.3 if far is None else -radius - far, 0.0, 0.0) for far in SMELLS.values()]
+    poses = [(0.3 if far is None else -nose - far, 0.0, 0.0) for far in SMELLS.values()]
     batch.place_spot(everyone, np.zeros((batch.robots, 2)))
     batch.place(everyone, np.array(poses))
     return batch.rules.state(batch.sensordata).astype(np.float32)

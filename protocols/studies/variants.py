@@ -123,12 +123,16 @@ class VariantStudy(Study):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all cohorts of all runs."""
-        plans = self.plans().items()
+        yield from self.runs(out, self.plans())
+
+    def runs(self, out: Path, plans: Mapping[str, Plan]) -> Iterator[Sequence[Job]]:
+        """Yields one group: the cohorts of some runs, which are given by name."""
         with contextlib.ExitStack() as stack:
-            for folder in self.folders(out):
-                stack.enter_context(locked(folder))
+            for name in plans:
+                stack.enter_context(locked(out / name))
             self._unfinished = {
-                (out / name).resolve(): UnfinishedRun.read(out / name, plan) for name, plan in plans
+                (out / name).resolve(): UnfinishedRun.read(out / name, plan)
+                for name, plan in plans.items()
             }
             for sentence in (s for run in self._unfinished.values() for s in run.begin()):
                 notice(sentence)
