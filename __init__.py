@@ -18,9 +18,8 @@ from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from dm_control.rl import control
-
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
+    from .tasks.arena import Environment
 
 __version__ = "0.1.0"
 
@@ -43,7 +42,7 @@ def load(
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
-) -> control.Environment:
+) -> Environment:
     """Returns an environment, with the signature of `dm_control.suite.load`.
 
     Args:

@@ -50,7 +50,8 @@ class ArenaRenderer(MujocoRenderer):
             return super().render(render_mode)
         leave_egl()
         super().render(render_mode)
-        glfw.make_context_current(None)  # EGL refuses a thread that has a window's context
+        # EGL refuses a thread that has a window's context.
+        glfw.make_context_current(None)  # type: ignore[arg-type]
 
     def _get_viewer(self, render_mode: str | None) -> Any:
         viewer = super()._get_viewer(render_mode)

@@ -17,9 +17,18 @@ from typing import Any
 
 import mujoco
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # dm_control looks for a display, and GLFW warns of its absence
-    from dm_control import _render
+try:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # dm_control looks for a display; GLFW warns of its absence
+        from dm_control import _render
+except ModuleNotFoundError as error:
+    if error.name != "dm_control":
+        raise
+    raise ModuleNotFoundError(
+        "dm_control is not installed; on Python 3.13 and later, where its requirement labmaze "
+        "cannot be built, pip install --no-deps 'dm-control>=1.0.50' gets it",
+        name=error.name,
+    ) from error
 
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 DRAWS_NOTHING = ("off", "disable", "disabled", "false", "0")  # values of MUJOCO_GL
@@ -78,7 +87,10 @@ def open_context(width: int, height: int) -> Any:
     renderer = _egl_context() if choose_backend() == "egl" else _render.Renderer
     if _render.BACKEND == "glfw":
         no_window()  # initialises GLFW again after Gymnasium has closed a window
-    return type("Context", (_Shared, renderer), {})(width, height)
+    if not isinstance(renderer, type):
+        raise RuntimeError("dm_control was imported without OpenGL: set MUJOCO_GL to 'egl'")
+    shared: Any = type("Context", (_Shared, renderer), {})
+    return shared(width, height)
 
 
 class _Shared:

@@ -216,6 +216,16 @@ class Environment(control.Environment):
         # 100 s / (14 * 0.1 s / 14) is 1000.0000000000001, one step too many.
         self._step_limit = round(self._step_limit, 6)
 
+    @property
+    def physics(self) -> Physics:
+        """Physics of the arena."""
+        return self._physics
+
+    @property
+    def task(self) -> Task:
+        """The task."""
+        return self._task
+
     def observation_spec(self) -> Any:
         """Returns the bounds of every observation, or of the one flat array if requested."""
         named = self.task.observation_spec(self.physics)
