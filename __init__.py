@@ -20,10 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from dm_control.rl import control
-
     from .protocols.results.run import Run
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
+    from .tasks.arena import Environment
     from .tasks.rules import Rules
 
 __version__ = "0.1.0"
@@ -49,7 +48,7 @@ def load(
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
-) -> control.Environment:
+) -> Environment:
     """Returns an environment, with the signature of `dm_control.suite.load`.
 
     Args:

@@ -27,8 +27,12 @@ def register_gymnasium() -> None:
       ModuleNotFoundError: Gymnasium is not installed.
     """
     promptless = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
-    import gymnasium
-
+    try:
+        import gymnasium
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "gymnasium is not installed; pip install 'musebot[gym]' gets it", name=error.name
+        ) from error
     if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
         os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
     for name, task in GYMNASIUM_TASKS.items():

@@ -12,13 +12,15 @@ from typing import Any, TypedDict, Unpack
 import mujoco as mj
 import numpy as np
 from dm_control import mujoco
-from dm_control.mujoco.wrapper import MjModel
+from dm_control.mujoco.engine import Contexts
+from dm_control.mujoco.wrapper import MjModel, MjrContext
 from dm_control.rl import control
 from dm_control.suite import base
 from dm_control.utils import containers
 from dm_env import specs
 
 from ..models.arena import Dimensions, arena_spec, robot_pose, robot_qpos
+from ..models.rendering import fit_buffer, open_context
 from .rules import Rules
 from .sensors import NoseForm
 from .starts import Corner, Random, Start, random_spots
@@ -58,6 +60,30 @@ class Physics(mujoco.Physics):
     def place_spot(self, x: float, y: float) -> None:
         """Places the spot's centre at x, y in [m]; sensors show it from the next step on."""
         self.data.mocap_pos[0, :2] = x, y
+
+    def render(self, height: int = 240, width: int = 320, *args: Any, **kwargs: Any) -> np.ndarray:
+        """Returns dm_control's picture of a camera; the model's buffer grows to its size.
+
+        Args:
+          height: Height of the picture in pixels.
+          width: Width of the picture in pixels.
+          *args: See `dm_control.mujoco.Physics.render`.
+          **kwargs: See `dm_control.mujoco.Physics.render`.
+
+        Raises:
+          RuntimeError: OpenGL cannot be opened here.
+        """
+        if fit_buffer(self.model.ptr, width, height) and self._contexts:
+            size = self.model.vis.global_
+            with self._contexts.gl.make_current() as executor:
+                context = self._contexts.mujoco.ptr
+                executor.call(mj.mjr_resizeOffscreen, size.offwidth, size.offheight, context)
+        return super().render(height, width, *args, **kwargs)
+
+    def _make_rendering_contexts(self) -> None:
+        size = self.model.vis.global_
+        gl = open_context(size.offwidth, size.offheight)
+        self._contexts = Contexts(gl=gl, mujoco=MjrContext(self.model, gl))
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...], limit: float) -> np.ndarray:
@@ -189,6 +215,16 @@ class Environment(control.Environment):
         super().__init__(physics, task, **settings)
         # 100 s / (14 * 0.1 s / 14) is 1000.0000000000001, one step too many.
         self._step_limit = round(self._step_limit, 6)
+
+    @property
+    def physics(self) -> Physics:
+        """Physics of the arena."""
+        return self._physics
+
+    @property
+    def task(self) -> Task:
+        """The task."""
+        return self._task
 
     def observation_spec(self) -> Any:
         """Returns the bounds of every observation, or of the one flat array if requested."""

@@ -17,6 +17,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from ..models.rendering import no_window
 from .arena import CONTROL_TIMESTEP, TaskDefinition, check_keywords, checked_actions
 from .rules import Rules
 from .starts import Start, random_spots
@@ -48,7 +49,10 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     Actions beyond the limits are clipped; an action that is not finite raises ValueError.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": _FPS}
+    metadata = {
+        "render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"],
+        "render_fps": _FPS,
+    }
 
     def __init__(
         self,
@@ -64,7 +68,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Args:
           task: Name of a task, see `musebot.ALL_TASKS`.
-          render_mode: "rgb_array", "human" for a window, or None.
+          render_mode: "rgb_array", "depth_array", "rgbd_tuple", "human" for a window, or None.
           camera: Name of the camera: "overhead", "corner", "follow" or "eye".
           width: Width of the picture in pixels.
           height: Height of the picture in pixels.
@@ -73,17 +77,24 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
           TypeError: A keyword is unknown.
           ValueError: There is no such task, or a value is out of range.
+          RuntimeError: The mode is "human", and no window can be opened.
         """
         definition = _checked(task, kwargs)
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
             raise ValueError(f"render_mode must be one of {modes} or None, got {render_mode!r}")
+        if render_mode == "human" and (reason := no_window()):
+            raise RuntimeError(f"{reason}; render_mode='rgb_array' needs no display")
         # Gymnasium's wrapper TimeLimit counts the steps of an episode.
         self._environment = load("arena", task, {**kwargs, "time_limit": float("inf")})
         self.observation_space, self.action_space = _spaces(definition.rules, definition.limit)
         self.render_mode = render_mode
-        self._camera, self._width, self._height = camera, width, height
-        self._window: Any = None
+        model = self._environment.physics.model.ptr
+        cameras = [model.camera(k).name for k in range(model.ncam)]
+        if camera not in cameras:
+            raise ValueError(f"camera must be one of {cameras}, got {camera!r}")
+        self._picture = camera, width, height
+        self.mujoco_renderer: Any = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -109,34 +120,37 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._show()
         return _state(timestep.observation), timestep.reward, False, False, {}
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """Returns the picture, shape (height, width, 3), for `render_mode="rgb_array"`."""
-        if self.render_mode != "rgb_array":
+    def render(self) -> Any:
+        """Draws the window, or returns a picture.
+
+        Returns:
+          "rgb_array": uint8, shape (height, width, 3). "depth_array": OpenGL's depth in [0, 1],
+          shape (height, width). "rgbd_tuple": both. "human": None.
+
+        Raises:
+          RuntimeError: OpenGL cannot be opened here.
+        """
+        if self.render_mode is None:
             return None
-        return self._environment.physics.render(self._height, self._width, self._camera)
+        if self.mujoco_renderer is None:
+            from ..models.gymnasium_renderer import ArenaRenderer
+
+            physics = self._environment.physics
+            self.mujoco_renderer = ArenaRenderer(
+                physics.model.ptr, physics.data.ptr, *self._picture
+            )
+        return self.mujoco_renderer.render(self.render_mode)
 
     def close(self) -> None:
         """Closes the window, and frees the renderer."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        if self.mujoco_renderer is not None:
+            self.mujoco_renderer.close()
+            self.mujoco_renderer = None
         self._environment.physics.free()
 
     def _show(self) -> None:
-        if self.render_mode != "human":
-            return
-        if self._window is None:
-            from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
-
-            physics = self._environment.physics
-            self._window = MujocoRenderer(
-                physics.model.ptr,
-                physics.data.ptr,
-                width=self._width,
-                height=self._height,
-                camera_name=self._camera,
-            )
-        self._window.render("human")
+        if self.render_mode == "human":
+            self.render()
 
 
 class ArenaVectorEnv(gymnasium.vector.VectorEnv):

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv
+
+try:
+    import gymnasium
+    from gymnasium.vector import AutoresetMode
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
+    ) from error
 
 from ..gymnasium_registration import GYMNASIUM_TASKS
 from .gymnasium_env import ArenaVectorEnv

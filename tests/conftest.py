@@ -3,7 +3,9 @@
 import os
 import signal
 import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,28 @@ import pytest
 os.environ.setdefault("MUJOCO_GL", "off")
 # Threads only slow the tests' small tensors down, and each worker of pytest has a core.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+class RootFolder:
+    """The repository's root, a package whose folder can have any name, "musebot-main" included."""
+
+    def pytest_collect_directory(self, path, parent):
+        if path == Path(__file__).parents[1]:  # pytest would import it by its folder's name
+            return pytest.Dir.from_parent(parent, path=path)
+        return None
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(RootFolder())
+
+
+@pytest.fixture(scope="session")
+def egl():
+    """Skips a test where nothing can be rendered."""
+    command = [sys.executable, "-m", "musebot.protocols.playback.offscreen"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"no EGL here: {done.stderr.strip()}")
 
 
 class InProcess:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -18,7 +19,12 @@ from musebot import tasks
 from musebot.protocols import doctor
 
 PROJECT = tomllib.loads((Path(musebot.__file__).parent / "pyproject.toml").read_text())["project"]
-REQUIREMENTS = {Requirement(line).name: line for line in PROJECT["dependencies"]}
+LINES = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["brain"]]
+REQUIREMENTS = {
+    needed.name: f"{needed.name}{needed.specifier}"
+    for needed in map(Requirement, LINES)
+    if needed.marker is None or needed.marker.evaluate()
+}
 
 
 def check(name: str) -> doctor.Check:
@@ -51,15 +57,15 @@ def test_report_without_missing_packages_returns_0(capsys: pytest.CaptureFixture
 
 def test_every_package_that_musebot_requires_is_checked() -> None:
     lines = metadata.requires("musebot") or []
-    needed = [Requirement(line).name for line in lines if "extra ==" not in line]
-    assert {"mujoco", "dm-control", "torch"} < set(needed)
-    assert set(needed) < doctor.all_probes().keys()
+    assert {"mujoco", "imageio", "torch", "tyro"} < REQUIREMENTS.keys()
+    assert set(REQUIREMENTS) == set(doctor.package_probes(lines))
+    assert set(REQUIREMENTS) < doctor.all_probes().keys()
 
 
 def test_requirements_of_extras_and_of_other_platforms_are_not_checked() -> None:
     lines = ["numpy>=2", "ray; extra == 'cluster'", "old; python_version < '3.2'"]
-    lines.append("tomli; python_version >= '3.2'")
-    assert list(doctor.package_probes(lines)) == ["numpy", "tomli"]
+    lines += ["tomli; python_version >= '3.2'", "torch; extra == 'brain'"]
+    assert list(doctor.package_probes(lines)) == ["numpy", "tomli", "torch"]
 
 
 @pytest.mark.parametrize("name", REQUIREMENTS)
@@ -166,6 +172,31 @@ def test_driver_that_fails_or_crashes_is_missing(
     found = check("EGL")
     assert (found.passed, found.text) == (False, text)
     assert found.remedy == "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
+
+
+@pytest.mark.parametrize(
+    ("status", "text"),
+    [(0, "no crash"), (1, "not tested"), (-11, r"importing torch\._dynamo .* \(signal 11\)")],
+)
+def test_crash_of_torch_after_egl_is_a_warning_that_says_what_helps(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, status: int, text: str
+) -> None:
+    done = SimpleNamespace(returncode=status)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
+    name = "torch after EGL"
+    found = check(name)
+    assert found.passed and re.match(text, found.text)
+    assert doctor.report({name: doctor.all_probes()[name]}) == 0
+    printed = capsys.readouterr().out
+    assert ("WARNING" in printed) == (status < 0)
+    assert ("fails. Remedy: import torch._dynamo before the first" in printed) == (status < 0)
+
+
+@pytest.mark.slow
+def test_torch_after_egl_is_tested_in_a_process_of_its_own(egl) -> None:
+    found = check("torch after EGL")
+    assert found.passed
+    assert (found.text == "no crash") == (not found.remedy)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's")
