@@ -15,7 +15,7 @@ import torch
 
 from ...tasks.suite import TASKS
 from ..errors import DamagedFileError, InputError
-from ..storage import digest, load_arrays
+from ..storage import Shapes, digest, load_arrays
 from .base import Agent
 
 LAYERS = 3  # two hidden layers of 64 tanh neurons, and the mean action
@@ -194,10 +194,33 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
       InputError: there is no such file, or it holds no policies.
     """
     try:
-        arrays, notes = load_arrays(path)
+        arrays, notes = load_arrays(path, _check_shapes)
     except FileNotFoundError as error:
         raise InputError(str(error)) from error
     task = notes.pop("task", None)
-    if task not in TASKS or sorted(arrays) != sorted(policy_arrays()):
+    if not isinstance(task, str) or task not in TASKS:
         raise DamagedFileError(f"{path} holds no policies")
+    signals = sum(length for length, _, _ in TASKS[task].rules.shapes.values())
+    if (got := arrays["after.0.weights"].shape[2]) != signals:
+        raise DamagedFileError(f"{path}: {task} has {signals} signals, its policies have {got}")
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise DamagedFileError(f"{path}: {name} must be finite")
     return task, arrays, notes
+
+
+def _check_shapes(shapes: Shapes) -> None:
+    """Raises ValueError where arrays are not the layers of at least one policy."""
+    if sorted(shapes) != sorted(policy_arrays()):
+        raise ValueError("it holds no policies")
+    weights = [shapes[f"after.{layer}.weights"][1] for layer in range(LAYERS)]
+    if any(len(shape) != 3 for shape in weights) or 0 in weights[0]:
+        raise ValueError("it holds no policies")
+    robots, _, inputs = weights[0]
+    for layer, neurons in enumerate([weights[0][1], weights[1][1], 2]):
+        for when in ("before", "after"):
+            for what, shape in (("weights", (neurons, inputs)), ("biases", (neurons,))):
+                wanted, name = ("F32", (robots, *shape)), f"{when}.{layer}.{what}"
+                if shapes[name] != wanted:
+                    raise ValueError(f"{name} must be {wanted}, got {shapes[name]}")
+        inputs = neurons

@@ -107,7 +107,7 @@ def overrides_of(numbers: Numbers, reference: Numbers) -> list[str]:
 
 def _value(text: str) -> Any:
     for read in (json.loads, float):
-        with contextlib.suppress(ValueError):
+        with contextlib.suppress(ValueError, RecursionError):
             value = read(text)
             return tuple(value) if isinstance(value, list) else value
     return text

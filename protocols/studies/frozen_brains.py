@@ -16,14 +16,16 @@ from ..agents.neurocontroller import NeurocontrollerAgent
 from ..analysis.regret import regret
 from ..errors import DamagedFileError, InputError, RunError
 from ..experiment.conditions import CohortKey, Condition
-from ..experiment.experiment import Experiment
+from ..experiment.experiment import Experiment, check_same
+from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.schedules import control_steps
 from ..playback.rollout import Tick, watch
-from ..simulation.cohort import Cohort
+from ..results.checks import check_same_shapes
+from ..simulation.cohort import Cohort, shapes_of
 from ..simulation.jobs import Report, Stop
 from ..simulation.placement import place
 from ..storage import digest, load_arrays, save_arrays
-from .study import MinuteTick, StoppedError
+from .study import MinuteTick, StoppedError, own_arrays
 
 TIMES = 8  # of the training, besides its beginning
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
@@ -162,7 +164,7 @@ class LifeJob:
                 stored[name] = np.concatenate([stored[name], weights[None]], dtype=weights.dtype)
             arrays, notes = cohort.checkpoint()
             arrays |= {_STORED + name: array for name, array in stored.items()}
-            save_arrays(self.path, arrays, **notes)
+            save_arrays(self.path, arrays, **notes, experiment=dataclasses.asdict(self.experiment))
         report(self.cost, "")
         return True
 
@@ -181,15 +183,21 @@ class LifeJob:
             return cohort, {name: np.empty((0, *array.shape)) for name, array in newborn.items()}
         arrays, notes = load_arrays(self.path)
         try:
+            if "experiment" in notes:  # files of earlier versions do not name theirs
+                held = experiment_from(notes["experiment"])
+                check_same("an experiment", held, self.experiment)
             stored = {name: arrays.pop(_STORED + name) for name in newborn}
+            cohort.check_shapes(shapes_of(arrays))
             cohort.restore(arrays, notes)
             count = len(_first(stored))
-            shapes = {name: (count, *array.shape) for name, array in newborn.items()}
-            if shapes != {name: array.shape for name, array in stored.items()}:
-                raise ValueError(f"networks must have shapes {shapes}")
+            shapes = {name: ("F32", (count, *array.shape)) for name, array in newborn.items()}
+            check_same_shapes(shapes, shapes_of(stored))
+            for name, array in stored.items():
+                if not np.isfinite(array[:, cohort.batch.valid]).all():
+                    raise ValueError(f"{name} is not finite")
             if not count or cohort.step != times(self.experiment)[count - 1]:
                 raise ValueError(f"{count} networks are not those of step {cohort.step}")
-        except (KeyError, ValueError, TypeError) as error:
+        except (InputError, *UNREADABLE) as error:
             raise DamagedFileError(f"{self.path} is of other robots ({error!r})") from error
         return cohort, stored
 
@@ -271,10 +279,13 @@ class FrozenTest:
         """
         if not self.path.exists():
             raise InputError(f"{self.life.out} lacks {self.path.name}")
-        arrays, notes = load_arrays(self.path)
-        if notes != self._notes(progress):
+        if load_arrays(self.path)[1] != self._notes(progress):
             raise InputError(f"{self.path} is of other brains than {self.life.path.name}")
-        return arrays["shares"]
+        shapes = {"shares": ("F64", (TIMES + 1, progress.robots))}
+        shares = own_arrays(self.path, shapes, {})["shares"]
+        if not ((shares >= 0) & (shares <= 1) | np.isnan(shares)).all():
+            raise DamagedFileError(f"{self.path} is damaged (a share is not within [0, 1])")
+        return shares
 
     def _notes(self, progress: LearningProgress) -> dict[str, Any]:
         return {"seed": self.seed, "brains": digest(progress.networks)}

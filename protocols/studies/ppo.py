@@ -15,7 +15,7 @@ import torch
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
 from ..agents.ppo import POLICIES_FILE, policy_arrays, read_policies
-from ..errors import InputError
+from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment
 from ..simulation.jobs import Job, Report, Stop
 from ..storage import save_arrays
@@ -77,12 +77,12 @@ class PPOTraining(Study):
             raise InputError(f"{out} holds {held} policies, more than {self.policies}")
         for job in self._jobs(out):
             if job.done():
-                read_policies(job.path)
+                job.policy()
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`; joins the policies in one file when all are trained."""
         yield self._jobs(out)
-        policies = [read_policies(job.path)[1] for job in self._jobs(out)]
+        policies = [job.policy() for job in self._jobs(out)]
         arrays = {
             name: np.concatenate([policy[name] for policy in policies]) for name in policy_arrays()
         }
@@ -149,6 +149,19 @@ class TrainingJob:
         save_arrays(self.path, policy, task=self.task, steps=self.steps, seed=self.seed)
         report(self.cost, "")
         return True
+
+
+    def policy(self) -> dict[str, np.ndarray]:
+        """Reads the trained policy.
+
+        Raises:
+          InputError: there is no such file, it is damaged, or it is another job's.
+        """
+        task, arrays, notes = read_policies(self.path)
+        wanted = {"task": self.task, "steps": self.steps, "seed": self.seed}
+        if (held := {"task": task, **notes}) != wanted or len(arrays["after.0.weights"]) != 1:
+            raise DamagedFileError(f"{self.path} is of {held}, not of {wanted}")
+        return arrays
 
 
 def rounded(steps: int) -> int:

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment, check_same
-from ..experiment.former_names import experiment_from
+from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.provenance import machine
 from ..reporting import style
+from ..results.checks import check_same_shapes
 from ..simulation.jobs import Executor, Job, Report, Stop, execute
 from ..storage import (
+    Shapes,
     check_folder,
     check_own_folder,
     is_draft,
+    load_arrays,
     locked,
+    read_json,
     remove_drafts,
     write_atomically,
     write_text,
@@ -140,6 +146,27 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     return page
 
 
+def own_arrays(path: Path, shapes: Shapes, identity: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Reads the file of a job: the arrays that the job writes, and no others.
+
+    Args:
+      path: File to read.
+      shapes: The dtype, as safetensors names it, and the shape of each array.
+      identity: What says whose file it is, as plain data; files of earlier versions say less.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: the file is damaged, or another job's.
+    """
+    arrays, notes = load_arrays(path, functools.partial(check_same_shapes, shapes))
+    for name, wanted in _plain(identity).items():
+        if name in notes and notes[name] != wanted:
+            raise DamagedFileError(
+                f"{path} is another's: its {name} is {notes[name]!r:.100}, not {wanted!r:.100}"
+            )
+    return arrays
+
+
 class StoppedError(Exception):
     """A job was asked to stop before it was done."""
 
@@ -190,12 +217,14 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
             raise InputError(f"{out} is not empty and holds no study of musebot's")
         return []
     try:
-        held = json.loads(path.read_bytes())
+        held = read_json(path)
         name, details, made_with = held["study"], held["details"], [*held["made_with"]]
         known = {n: experiment_from(fields) for n, fields in held["experiments"].items()}
         probes = {n: tuple(map(float, held["physics"][n])) for n in known or _DEFAULT}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DamagedFileError(f"{path} is no study of musebot's ({error!r})") from error
+        if not isinstance(details, dict):
+            raise TypeError("its details are no object")
+    except UNREADABLE as error:
+        raise DamagedFileError(f"{path} is no study of musebot's ({error!r:.200})") from error
     if name != study.name:
         raise InputError(f"{out} holds the study {name}, not {study.name}")
     if known.keys() != experiments.keys():

@@ -400,7 +400,7 @@ def test_a_missing_file_and_one_of_another_perturbation_are_named(runs, tmp_path
     conduct(Few(runs[:1]), tmp_path, here)
     before = listing(tmp_path)
     for refused in (conduct, lambda study, out, executor: study.page(out)):
-        with pytest.raises(InputError, match="was measured with another perturbation noise"):
+        with pytest.raises(InputError, match="noise.safetensors is another's: its change is"):
             refused(Louder(runs[:1]), tmp_path, here)
     assert listing(tmp_path) == before
     (tmp_path / "first" / "spot_finding-creative-noise.safetensors").unlink()
