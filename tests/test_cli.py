@@ -18,8 +18,9 @@ from musebot.models import Kinematics
 from musebot.protocols import cli, shared_options
 from musebot.protocols.agents.factory import RECORDED_NAMES
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
-from musebot.protocols.experiment.experiment import BODIES, Experiment
+from musebot.protocols.experiment.experiment import BODIES, Experiment, NosePlace
 from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
+from musebot.protocols.experiment.overrides import READINGS
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import PROTOCOLS
 from musebot.protocols.results.run_files import read_results
@@ -173,6 +174,8 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--seed", "-1"], "seed must not be negative, got -1"),
         (["--brain", "divine"], "brain must be one of paper, steady, steady-hidden_neurons, "),
         (["--nose", "red"], "nose must be one of inverse, printed, got 'red'"),
+        (["--nose-place", "tail"], "nose place must be one of front, centre, got 'tail'"),
+        (["--reading", "late"], "the reading must be one of body, plain, got 'late'"),
         (["--kinematics", "wall=slides"], "kinematics are parameters of the body 'kinematic' only"),
         (
             ["--body=kinematic", "--kinematics", "tyre=flat"],
@@ -219,6 +222,42 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, 
     assert words in message
     assert message.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reading_of_the_paper_is_recorded_and_options_differ_from_it(tmp_path, capsys):
+    scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
+    plain = ["run", str(tmp_path / "plain"), "--reading", "plain"]
+    assert cli.main([*plain, *scale]) == 0
+    held = read_manifest(tmp_path / "plain").experiment
+    assert {name: getattr(held, name) for name in READINGS["plain"]} == READINGS["plain"]
+    assert held.kinematics == Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler")
+    assert cli.main(plain) == 0
+    assert cli.main(plain[:2]) == 0
+    assert cli.main([*plain[:2], "--reading", "body"]) == 2
+    assert "an experiment with body kinematic, not mujoco" in capsys.readouterr().err
+    other = ["run", str(tmp_path / "other"), "--reading", "plain", "--nose", "inverse"]
+    assert cli.main([*other, "--kinematics", "lag=0.1", *scale]) == 0
+    changed = read_manifest(tmp_path / "other").experiment
+    assert (changed.nose, changed.nose_place) == ("inverse", "centre")
+    assert changed.kinematics == dataclasses.replace(held.kinematics, lag=0.1)
+
+
+def test_the_default_reading_is_body():
+    experiment = Experiment()
+    assert {name: getattr(experiment, name) for name in READINGS["body"]} == READINGS["body"]
+    assert experiment == Experiment(**READINGS["body"])
+
+
+def test_tables_class_exact_abilities_when_asked(tmp_path, capsys):
+    directory = tmp_path / "run"
+    shutil.copytree(RESULTS / "kinematic", directory)
+    counts = []
+    for extra in ([], ["--exact-classes"]):
+        assert cli.main(["tables", str(directory), "--json", *extra]) == 0
+        plain = json.loads(capsys.readouterr().out)
+        assert plain["exact_classes"] == bool(extra)
+        counts.append([*plain["tables"]["wall_avoidance"]["fixed"]["ours"]["counts"].values()])
+    assert counts == [[255, 11, 17, 22, 195], [248, 23, 2, 32, 195]]
 
 
 def test_the_kinematic_simulator_has_the_given_parameters(tmp_path, capsys):
@@ -472,7 +511,7 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     with pytest.raises(SystemExit):
         cli.main(["run", "--help"])
-    named = dict(re.findall(r"--(\w+) \{(.*?)\}", capsys.readouterr().out))
+    named = dict(re.findall(r"--([\w-]+) \{(.*?)\}", capsys.readouterr().out))
     *whole, less = named.pop("brain").split(",")
     ours = {f"steady-{ingredient}" for ingredient in INGREDIENTS}
     assert {*whole} == BRAINS.keys() - ours and less == "steady-X"
@@ -480,7 +519,9 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
         "task": PAPER_TASKS,
         "proposer": tuple(PROPOSERS),
         "protocol": tuple(PROTOCOLS),
+        "reading": tuple(READINGS),
         "nose": get_args(NoseForm),
+        "nose-place": get_args(NosePlace),
         "body": BODIES,
         "engine": ("local", "ray"),
     }

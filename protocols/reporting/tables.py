@@ -80,8 +80,9 @@ def joint_tests(run: Run) -> dict[str, float]:
     """Returns p of the joint test of each table, and of both; empty without the paper's columns."""
     found: dict[str, list[tuple[tuple[int, ...], tuple[int, ...]]]] = {}
     for condition in run.conditions():
-        if paper := paper_column(run.experiment, condition):
-            counts = run.summary(condition).counts, paper.summary.counts
+        ours, paper = run.summary(condition), paper_column(run.experiment, condition)
+        if paper and ours.robots:
+            counts = ours.counts, paper.summary.counts
             found.setdefault(TASK_NAMES[condition.task].lower(), []).append(counts)
     if len(found) > 1:
         found["both tables"] = [pair for pairs in found.values() for pair in pairs]
