@@ -31,5 +31,6 @@ def test_every_data_file_is_package_data():
     patterns = project["tool"]["setuptools"]["package-data"]
     for path in FILES:
         if path.suffix != ".py":
-            package = ".".join(("musebot", *path.parent.relative_to(ROOT).parts))
+            folder = next(one for one in path.parents if (one / "__init__.py").exists())
+            package = ".".join(("musebot", *folder.relative_to(ROOT).parts))
             assert any(path.match(pattern) for pattern in patterns.get(package, [])), path
