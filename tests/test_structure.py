@@ -29,7 +29,7 @@ LAYERS = (
 # What each package of the root may import: models <- tasks <- protocols -> controller.
 ROOT_LAYERS = {
     "models": {"models"},
-    "tasks": {"models", "tasks"},
+    "tasks": {"models", "tasks", "gymnasium_registration"},
     "controller": {"controller"},
     "protocols": set(PACKAGES),
 }

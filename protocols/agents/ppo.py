@@ -15,6 +15,7 @@ import torch
 
 from ...tasks.suite import TASKS
 from ..errors import DamagedFileError, InputError
+from ..examples import POLICIES
 from ..storage import Shapes, digest, load_arrays
 from .base import Agent
 
@@ -172,6 +173,19 @@ def ppo(robots: int, sensors: int, seed: int) -> Agent:
     if policies.robots < robots:
         raise InputError(f"{path} has {policies.robots} policies, too few for {robots} robots")
     return PolicyAgent(policies.some(slice(robots)))
+
+
+def policy_file(task: str) -> Path:
+    """Returns the file of the policy that comes with musebot for a task.
+
+    Raises:
+      InputError: there is no such task, or no policy for it.
+    """
+    if task not in TASKS:
+        raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
+    if not (path := POLICIES / f"{task}.safetensors").exists():
+        raise InputError(f"musebot brings no policy for {task}: `musebot study ppo` trains some")
+    return path
 
 
 def policy_arrays() -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ...controller.parameters import Parameters
 from ...models import Kinematics
-from ..errors import InputError
+from ..errors import InputError, missing_extra
 from ..experiment.experiment import Experiment
 from ..experiment.former_names import current_names, experiment_from
 from ..experiment.overrides import named_brain
@@ -75,7 +75,7 @@ def _yaml(text: str) -> Any:
     try:
         import yaml
     except ModuleNotFoundError as error:
-        raise InputError("a YAML file needs PyYAML: pip install pyyaml") from error
+        raise InputError(missing_extra(error)) from error
 
     class Loader(yaml.SafeLoader):
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:

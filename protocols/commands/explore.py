@@ -17,16 +17,18 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class ExploreCommand:
-    """Open a window on a task, driven at random, by a brain, a policy or the arrow keys."""
+    """Open a window on a task, driven by a policy, a brain, the arrow keys, or at random."""
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")] = "wall_avoidance"
     """task of docs/tasks.md; with --out only wall_avoidance or spot_finding"""
     out: Annotated[Path | None, option("OUT", "none")] = None
     """folder of a run to take a brain from"""
-    policies: Annotated[Path | None, option("FILE", "none")] = None
+    policies: Annotated[Path | None, option("FILE", "the policy that musebot brings")] = None
     """file of PPO's policies for this task, a .safetensors"""
     keys: bool = False
     """drive with the arrow keys"""
+    random: bool = False
+    """drive at random"""
     proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
     """proposer of the robot; only for a run"""
     robot: int = 0
@@ -38,26 +40,27 @@ class ExploreCommand:
         """Opens the window, which needs a display."""
         from ..playback import viewer
 
-        if sum((self.out is not None, self.policies is not None, self.keys)) > 1:
-            raise InputError("only one of --out, --policies and --keys can drive")
+        if sum((self.out is not None, self.policies is not None, self.keys, self.random)) > 1:
+            raise InputError("only one of --out, --policies, --keys and --random can drive")
         if self.proposer and not self.out:
             raise InputError("--proposer needs --out, the run to take a brain from")
         viewer.explore(self.task, self._driver())
 
     def _driver(self) -> Driver | None:
         """Returns the driver; None for random motor values."""
-        from ..agents.ppo import Policies
+        from ..agents.ppo import Policies, policy_file
         from ..experiment.conditions import Condition
         from ..playback.stored_brains import StoredRobot
         from ..playback.viewer import ArrowKeys, Driver
         from ..results.run_files import read_run
 
+        if self.random:
+            return None
         if self.keys:
             return Driver("arrow keys", ArrowKeys())
-        if self.policies:
-            return Driver.of_policy(Policies.load(self.policies, self.task), self.robot, self.phase)
         if self.out:
             run = read_run(self.out, replay=True)
             condition = Condition(self.task, self.proposer or "creative")
             return Driver.of_robot(StoredRobot(run, condition, self.robot, self.phase))
-        return None
+        policies = Policies.load(self.policies or policy_file(self.task), self.task)
+        return Driver.of_policy(policies, self.robot, self.phase)

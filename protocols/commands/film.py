@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ..errors import InputError
-from ..shared_options import PROPOSER_CHOICES, Out, option
+from ..shared_options import PROPOSER_CHOICES, option
 from ..terminal import say
 
 if TYPE_CHECKING:
@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 class FilmCommand:
     """Film a robot: its stored brain in a test, or a policy in an episode."""
 
-    out: Out
-    """folder of a run, or a .safetensors file of policies (`musebot study ppo`)"""
     task: Annotated[str, tyro.conf.arg(metavar="TASK")]
     """task of the run, wall_avoidance or spot_finding; or that of the policies (docs/tasks.md)"""
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """film to write, an .mp4 or a small .gif"""
+    out: Annotated[
+        Path | None, tyro.conf.Positional, option("[OUT]", "the policy that musebot brings")
+    ] = None
+    """folder of a run, or a .safetensors file of policies (`musebot study ppo`)"""
     proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
     """proposer of the robot; only for a run"""
     robot: int = 0
@@ -47,17 +49,18 @@ class FilmCommand:
         say(str(self.output))
 
     def _episode(self) -> Episode:
-        from ..agents.ppo import Policies
+        from ..agents.ppo import Policies, policy_file
         from ..experiment.conditions import Condition
         from ..playback.episode import Episode
         from ..playback.stored_brains import StoredRobot
         from ..results.run_files import read_run
 
-        if not (self.out.is_file() or self.out.suffix == ".safetensors"):
-            run = read_run(self.out, replay=True)
+        source = self.out or policy_file(self.task)
+        if not (source.is_file() or source.suffix == ".safetensors"):
+            run = read_run(source, replay=True)
             condition = Condition(self.task, self.proposer or "creative")
             return StoredRobot(run, condition, self.robot, self.phase, self.seed).episode()
         if self.proposer:
-            raise InputError(f"{self.out} holds policies, which have no proposer")
-        policies = Policies.load(self.out, self.task)
+            raise InputError(f"{source} holds policies, which have no proposer")
+        policies = Policies.load(source, self.task)
         return Episode.of_policy(policies, self.robot, self.phase, self.seed)

@@ -11,9 +11,6 @@ _HERE = Path(__file__).parent
 ROBOT = _HERE / "robot"
 
 
-def policy_file(task: str) -> Path:
-    """Returns the file of the policy that PPO trained on a task; it exists for the suite's tasks.
-
-    Each is the policy of `musebot study ppo OUT --task TASK --policies 1 --steps 327680`.
-    """
-    return _HERE / f"{task}.safetensors"
+# Policies that PPO trained, TASK.safetensors for each task of the suite:
+# `musebot study ppo OUT --task TASK --policies 1 --steps 327680`.
+POLICIES = _HERE / "policies"
