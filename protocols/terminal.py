@@ -146,5 +146,6 @@ class JobProgress:
                 self._first.setdefault(number, done)
         done = sum(self._done.values())
         new = done - sum(self._first.values())
-        speed = f"{new / (time.monotonic() - self._began):,.0f} x real time" if new else ""
+        seconds = time.monotonic() - self._began
+        speed = f"{new / seconds:,.0f} x real time" if new > 0 and seconds > 0 else ""
         self._progress.update(self._bar, completed=done, speed=speed)

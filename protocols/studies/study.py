@@ -23,8 +23,9 @@ from ..storage import (
     check_own_folder,
     is_draft,
     locked,
+    read_json,
     remove_drafts,
-    write_atomically,
+    write_json,
     write_text,
 )
 
@@ -190,7 +191,7 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
             raise InputError(f"{out} is not empty and holds no study of musebot's")
         return []
     try:
-        held = json.loads(path.read_bytes())
+        held = read_json(path)
         name, details, made_with = held["study"], held["details"], [*held["made_with"]]
         known = {n: experiment_from(fields) for n, fields in held["experiments"].items()}
         probes = {n: tuple(map(float, held["physics"][n])) for n in known or _DEFAULT}
@@ -225,7 +226,7 @@ def _write_manifest(
         "details": study.details(),
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }
-    write_atomically(out / STUDY_FILE, (json.dumps(content, indent=2) + "\n").encode())
+    write_json(out / STUDY_FILE, content)
 
 
 def _plain(details: Mapping[str, Any]) -> dict[str, Any]:
