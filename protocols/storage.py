@@ -32,6 +32,8 @@ MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
 Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
 """The dtype, as safetensors names it, and the shape of each array of a file."""
 
+_DIGEST = "digest"  # of a file of JSON, in it
+
 # A temporary file of an interrupted write: no name that anything else would give to a file.
 _DRAFT = re.compile(r"\..*\.[0-9a-f]{16}\.musebot", re.DOTALL)
 
@@ -101,6 +103,8 @@ def _opened(folder: Path) -> Iterator[int]:
 def locked(directory: Path) -> Iterator[None]:
     """Makes a folder and keeps other processes of musebot from working in it.
 
+    The system releases the lock of a process that has ended, however it ended.
+
     Raises:
       InputError: another process works in it, or it is a link.
     """
@@ -109,8 +113,22 @@ def locked(directory: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise InputError(f"another musebot is running in {directory}") from error
+            who = "" if (process := _lock_holder(handle)) is None else f" (process {process})"
+            raise InputError(f"another musebot{who} is running in {directory}") from error
         yield
+
+
+def _lock_holder(handle: int) -> int | None:
+    """Returns the process that holds the lock of an open folder; None if the system hides it."""
+    found = os.fstat(handle)
+    device = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}"
+    with contextlib.suppress(OSError, ValueError):
+        for line in Path("/proc/locks").read_text().splitlines():
+            # Such as "1: FLOCK  ADVISORY  WRITE 4711 fe:00:2163747 0 EOF".
+            fields = line.split()
+            if fields[1] == "FLOCK" and fields[5] == f"{device}:{found.st_ino}":
+                return int(fields[4])
+    return None
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -127,10 +145,13 @@ def write_atomically(path: Path, content: bytes) -> None:
         draft = draft_name(path.name)
         handle = os.open(draft, _NEW, 0o666, dir_fd=folder)
         try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
+            try:
+                rest = memoryview(content)
+                while rest:  # a call may write less than it was given
+                    rest = rest[os.write(handle, rest) :]
+                os.fsync(handle)
+            finally:
+                os.close(handle)
             os.replace(draft, path.name, src_dir_fd=folder, dst_dir_fd=folder)
         finally:
             with contextlib.suppress(FileNotFoundError):
@@ -220,13 +241,18 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     Raises:
       OSError: the file cannot be written.
     """
+    write_atomically(path, encoded_arrays(arrays, **notes))
+
+
+def encoded_arrays(arrays: Mapping[str, np.ndarray], **notes: Any) -> bytes:
+    """Returns the content of a file of arrays; see `save_arrays`."""
     # Not ascontiguousarray, which would turn an array of shape () into one of shape (1,).
     contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
     text = json.dumps(notes, sort_keys=True)
     # One entry: safetensors writes several in no fixed order, and equal runs must leave equal
     # bytes.
     metadata = {"musebot": json.dumps({"notes": text, "digest": digest(contiguous, text)})}
-    write_atomically(path, save(contiguous, metadata=metadata))
+    return save(contiguous, metadata=metadata)
 
 
 def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
@@ -261,14 +287,52 @@ def check_file(path: Path, most: int = MOST_BYTES) -> None:
         raise DamagedFileError(f"{path} must have at most {most} bytes, got {found.st_size}")
 
 
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes an object of JSON atomically, with a digest of its other values.
+
+    Raises:
+      InputError, OSError: see `write_atomically`.
+    """
+    values = {name: value for name, value in content.items() if name != _DIGEST}
+    text = json.dumps(values | {_DIGEST: _digest_of_json(values)}, indent=2)
+    write_atomically(path, f"{text}\n".encode())
+
+
 def read_json(path: Path) -> Any:
-    """Reads a file of JSON.
+    """Reads a file of JSON; one that has a digest must match it, as earlier versions wrote none.
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, too large, or no JSON.
+      DamagedFileError: it is no regular file, too large, no JSON, or was changed.
     """
-    return parsed(path, read_whole(path, MOST_BYTES_OF_JSON))
+    content = parsed(path, read_whole(path, MOST_BYTES_OF_JSON))
+    if isinstance(content, dict) and _DIGEST in content:
+        values = {name: value for name, value in content.items() if name != _DIGEST}
+        if content[_DIGEST] != _digest_of_json(values):
+            raise DamagedFileError(f"{path} was changed after musebot had written it")
+    return content
+
+
+def _digest_of_json(values: Mapping[str, Any]) -> str:
+    return digest_of(json.dumps(values, sort_keys=True).encode())
+
+
+def digest_of(content: bytes) -> str:
+    """Returns the SHA-256 digest of a file's content, 64 hexadecimal digits."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def digest_of_file(path: Path) -> str:
+    """Returns the SHA-256 digest of a file.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: it is no regular file, or is too large.
+      OSError: it cannot be read.
+    """
+    check_file(path)
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def parsed(path: Path, text: str | bytes) -> Any:

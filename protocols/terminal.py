@@ -186,8 +186,9 @@ class JobProgress:
         """
         done = sum(self._done.values())
         new = done - sum(self._first.values())
-        if not new > 0:
+        seconds = time.monotonic() - self._began
+        if not new > 0 or not seconds > 0:
             return done, "", ""
-        speed = new / max(time.monotonic() - self._began, 1e-9)
+        speed = new / seconds
         left = datetime.timedelta(seconds=round((sum(self._costs) - done) / speed))
         return done, f"{speed:,.0f} x real time", f"{left} left"

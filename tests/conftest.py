@@ -1,5 +1,6 @@
 """Settings and fixtures of all tests."""
 
+import json
 import os
 import signal
 import subprocess
@@ -82,6 +83,20 @@ def commands_in_process(monkeypatch):
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
+
+
+def forget_digests(directory):
+    """Makes a run look as if an earlier version, which recorded no digests, had written it."""
+    path = directory / "experiment.json"
+    content = json.loads(path.read_bytes())
+    del content["files"], content["digest"]
+    path.write_text(json.dumps(content, indent=2) + "\n")
+
+
+@pytest.fixture(scope="session")
+def without_digests():
+    """The function `forget_digests`."""
+    return forget_digests
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from musebot.protocols.experiment.schedules import PROTOCOLS
 from musebot.protocols.results.run_files import read_results
 from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
+from musebot.protocols.storage import write_json
 from musebot.protocols.studies import STUDIES, study_class
 from musebot.tasks.sensors import NoseForm
 from musebot.tasks.suite import TASKS
@@ -575,7 +576,7 @@ def test_a_run_with_names_of_an_earlier_version_is_continued(tmp_path, capsys, c
     assert brain.pop("bootstrap") == "max" and brain.pop("reward_form") == "difference"
     brain |= {"next_value": "best", "reward": "change"}
     content["experiment"]["course"] = content["experiment"].pop("protocol")
-    (tmp_path / MANIFEST).write_text(json.dumps(content))
+    write_json(tmp_path / MANIFEST, content)
     capsys.readouterr()
     assert cli.main(["run", str(tmp_path), "--robots", "4"]) == 0
     assert "brain: steady" in capsys.readouterr().out

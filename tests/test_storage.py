@@ -270,18 +270,14 @@ def test_a_failed_write_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch, 
     assert files(tmp_path) == before
 
 
-def full_disk(handle):
-    """Opens Linux's full disk in the place of a file."""
-    os.close(handle)
-    return Path("/dev/full").open("wb")
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
 def test_a_full_disk_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"old")
-    monkeypatch.setattr(os, "fdopen", lambda handle, mode: full_disk(handle))
-    with pytest.raises(OSError, match="No space left"):
-        write_atomically(tmp_path / "file", b"new")
+    with Path("/dev/full").open("wb") as full, monkeypatch.context() as patch:
+        write = os.write
+        patch.setattr(os, "write", lambda handle, content: write(full.fileno(), content))
+        with pytest.raises(OSError, match="No space left"):
+            write_atomically(tmp_path / "file", b"new")
     assert files(tmp_path) == {"file": b"old"}
 
 

@@ -14,7 +14,7 @@ from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_
 from ..experiment.plan import Plan
 from ..results.results import Lives, Results, collect, merge
 from ..results.run import Run
-from ..results.run_files import read_results, write_results
+from ..results.run_files import adopt_files, read_results, write_results
 from ..storage import check_own_folder, locked, remove_drafts, remove_files
 from .checkpoints import CHECKPOINTS, checkpoint_file, finished_file, read_lives, set_aside
 from .cohort import check_agents
@@ -124,6 +124,7 @@ class UnfinishedRun:
         for folder in (self.directory, checkpoints):
             remove_drafts(folder)
         if not self.left:
+            adopt_files(self.directory)
             self._clear()
             return []
         begun = bool(self.results) or checkpoints.exists()

@@ -30,7 +30,7 @@ from ..storage import (
     locked,
     read_json,
     remove_drafts,
-    write_atomically,
+    write_json,
     write_text,
 )
 
@@ -254,7 +254,7 @@ def _write_manifest(
         "details": study.details(),
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }
-    write_atomically(out / STUDY_FILE, (json.dumps(content, indent=2) + "\n").encode())
+    write_json(out / STUDY_FILE, content)
 
 
 def _plain(details: Mapping[str, Any]) -> dict[str, Any]:

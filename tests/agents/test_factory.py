@@ -31,6 +31,7 @@ from musebot.protocols.experiment.manifest import read_manifest
 from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.results.run_files import read_run
 from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.storage import read_json, write_json
 
 GUIDE = Path(__file__).parents[2] / "docs" / "agents.md"
 WALLS = "wall_avoidance"
@@ -242,12 +243,12 @@ def test_an_agent_that_only_the_run_names_is_not_imported(held, words, capsys, t
     capsys.readouterr()
     plan = json.loads(before)
     plan["plan"][0]["robots"] = 4
-    (tmp_path / "out" / "experiment.json").write_text(json.dumps(plan))
+    write_json(tmp_path / "out" / "experiment.json", plan)
     assert held(*words) == (2, False)
     said = capsys.readouterr().err
     assert "names the agent spy_agent:make, whose code would be run: allow it by --agent" in said
     assert str(tmp_path) not in sys.path
-    assert json.loads((tmp_path / "out" / "experiment.json").read_bytes()) == plan
+    assert read_json(tmp_path / "out" / "experiment.json")["plan"] == plan["plan"]
 
 
 @pytest.mark.parametrize("words", [["--trust-agent"], ["--agent", "spy_agent:make"]])

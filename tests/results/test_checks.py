@@ -25,7 +25,7 @@ from musebot.protocols.results.run_files import (
     read_run,
     write_results,
 )
-from musebot.protocols.storage import load_arrays, save_arrays
+from musebot.protocols.storage import load_arrays, save_arrays, write_json
 
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 EXPERIMENT = Experiment(seed=3, cohort_size=2, time_scale=0.05)  # tests of 60 s and of 180 s
@@ -58,10 +58,12 @@ class Rows:
 
 
 @pytest.fixture
-def folder(tmp_path, results):
+def folder(tmp_path, results, without_digests):
+    """A run of a version that recorded no digests, by which any change would be seen."""
     write_manifest(tmp_path, PLAN)
     write_results(tmp_path, results)
     assert {*read_run(tmp_path).results} == {WALLS, SPOT}
+    without_digests(tmp_path)
     return tmp_path
 
 
@@ -143,7 +145,7 @@ def test_a_run_that_is_being_enlarged_has_fewer_rows_than_its_plan(folder):
 def test_an_edited_experiment_is_refused(folder, changes):
     content = json.loads((folder / MANIFEST).read_text())
     content["experiment"] |= changes
-    (folder / MANIFEST).write_text(json.dumps(content))
+    write_json(folder / MANIFEST, content)
     with pytest.raises(DamagedFileError):
         read_run(folder)
 
@@ -151,7 +153,7 @@ def test_an_edited_experiment_is_refused(folder, changes):
 def test_an_edited_brain_is_refused(folder):
     content = json.loads((folder / MANIFEST).read_text())
     content["experiment"]["brain"]["evaluation_hidden"] = 8
-    (folder / MANIFEST).write_text(json.dumps(content))
+    write_json(folder / MANIFEST, content)
     assert "evaluation.hidden_biases must have shape (N, 8) with N up to 4" in refusal(
         folder, BRAINS_FILE
     )

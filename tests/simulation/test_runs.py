@@ -34,7 +34,7 @@ from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.jobs import CohortJob
 from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
-from musebot.protocols.storage import locked
+from musebot.protocols.storage import locked, write_json
 
 FILES = (ROBOTS_FILE, CURVES_FILE, BRAINS_FILE)
 BOTH = (Condition("wall_avoidance", "creative"), Condition("spot_finding", "random"))
@@ -405,7 +405,7 @@ def test_nothing_is_changed_in_a_run_that_cannot_be_continued(
     if what == "physics":
         content = json.loads((directory / MANIFEST).read_text())
         content["physics"][0] += 1
-        (directory / MANIFEST).write_text(json.dumps(content))
+        write_json(directory / MANIFEST, content)
     before, executor = files(tmp_path), in_process()
     with pytest.raises(InputError, match=words):
         simulate(directory, plan(seed=seed), executor, quiet=True)
@@ -416,7 +416,7 @@ def test_a_finished_run_of_another_physics_can_be_read(tmp_path, in_process):
     simulate(tmp_path, plan(robots=2), in_process(), quiet=True)
     content = json.loads((tmp_path / MANIFEST).read_text())
     content["physics"][0] += 1
-    (tmp_path / MANIFEST).write_text(json.dumps(content))
+    write_json(tmp_path / MANIFEST, content)
     executor = in_process()
     simulate(tmp_path, plan(robots=2), executor, quiet=True)
     assert executor.jobs == []
