@@ -91,11 +91,11 @@ class RunCommand:
         from .reporting import tables
         from .results.run_files import planned
         from .simulation.runs import simulate
-        from .storage import write_text
+        from .storage import resolved, write_text
 
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
-        out = self.out.resolve()  # an agent may change the working directory
+        out = resolved(self.out)  # an agent may change the working directory
         plan = self._plan(held := planned(self.out))
         trust(*map(recorded_name, (*self.proposer, *self.agent)))
         if held and self.trust_agent:

@@ -26,6 +26,7 @@ from ..storage import (
     is_draft,
     load_arrays,
     read_whole,
+    resolved,
     save_arrays,
     write_atomically,
 )
@@ -99,7 +100,7 @@ def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]
     """
     if not directories:
         raise InputError("at least one run is needed")
-    if len({directory.resolve() for directory in directories}) < len(directories):
+    if len({resolved(directory) for directory in directories}) < len(directories):
         raise InputError("a run is given twice")
     names = run_names(directories)
     return [read_run(d, n, replay=replay) for n, d in zip(names, directories, strict=True)]
@@ -107,7 +108,7 @@ def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]
 
 def run_names(directories: Sequence[Path]) -> list[str]:
     """Returns the folders' names, or the paths as given where two names are equal."""
-    names = [directory.resolve().name for directory in directories]
+    names = [resolved(directory).name for directory in directories]
     return names if len({*names}) == len(names) else [str(directory) for directory in directories]
 
 
