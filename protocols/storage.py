@@ -25,6 +25,8 @@ from safetensors.numpy import save
 
 from .errors import DamagedFileError, InputError
 
+# Of OUT, so that the paths of its files are within the system's 4,096; folders that are made.
+_MOST_BYTES_OF_PATH, _MOST_MISSING = 3800, 100
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
 # Largest files that are read: of arrays or rows, and of JSON.
@@ -55,15 +57,32 @@ def check_place(path: Path) -> None:
         raise InputError(f"{path.parent} cannot be written")
 
 
+def resolved(path: Path) -> Path:
+    """Returns the absolute path that a path's links lead to.
+
+    Raises:
+      InputError: its links lead in a circle.
+    """
+    try:
+        return path.resolve()
+    except RuntimeError as error:  # an OSError since Python 3.13
+        raise InputError(f"the links of {path} lead in a circle") from error
+
+
 def resolved_file(path: Path) -> Path:
     """Returns the absolute path of a file that the user has named, in a folder that is no link."""
-    return path.parent.resolve() / path.name
+    return resolved(path.parent) / path.name
 
 
 def check_folder(path: Path) -> None:
     """Raises InputError if a folder can neither be made nor written to."""
+    if (size := len(os.fsencode(path.absolute()))) > _MOST_BYTES_OF_PATH:
+        raise InputError(f"{path} must have at most {_MOST_BYTES_OF_PATH} bytes, got {size}")
+    missing, path = 0, path.absolute()
     while not path.exists():
-        path = path.parent
+        missing, path = missing + 1, path.parent
+    if missing > _MOST_MISSING:
+        raise InputError(f"{missing} folders below {path} are missing, at most {_MOST_MISSING} may")
     if not path.is_dir():
         raise InputError(f"{path} is not a folder")
     if not os.access(path, os.W_OK | os.X_OK):

@@ -92,9 +92,9 @@ class RunCommand:
     def __call__(self) -> None:
         """Simulates, and prints the tables."""
         from ..reporting import tables
-        from ..storage import write_text
+        from ..storage import resolved, write_text
 
-        out = self.out.resolve()  # an agent may change the working directory
+        out = resolved(self.out)  # an agent may change the working directory
         text = tables.markdown(self.simulate())
         write_text(out / "tables.md", f"{text}\n")
         show_markdown(text)
@@ -115,11 +115,12 @@ class RunCommand:
         from ..agents.factory import recorded_name, trust
         from ..results.run_files import planned
         from ..simulation.runs import simulate
+        from ..storage import resolved
         from .config import Config, read_config
 
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
-        out = self.out.resolve()  # an agent may change the working directory
+        out = resolved(self.out)  # an agent may change the working directory
         config = read_config(self.config) if self.config else Config()
         held = planned(self.out)
         trust(*map(recorded_name, (*self.proposer, *self.agent)))

@@ -22,7 +22,7 @@ from ..playback.episode import Episode
 from ..playback.rollout import SEED, Tick
 from ..playback.stored_brains import StoredRobot
 from ..results.run import Run
-from ..storage import check_own_folder, check_place, resolved_file, write_text
+from ..storage import check_own_folder, check_place, resolved, resolved_file, write_text
 from ..terminal import bar
 from . import example_robots, figures, html_page, robot_figures, style
 from .html_page import Medium
@@ -74,7 +74,7 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
       OSError: a file could not be written.
     """
     output = output or out / PAGE
-    out, page_file = out.resolve(), resolved_file(output)  # links below them are not followed
+    out, page_file = resolved(out), resolved_file(output)  # links below them are not followed
     _check(out, page_file)
     drawn: list[Medium] = []
     total = observation.ticks(run) + robot_figures.ticks(run)

@@ -35,6 +35,7 @@ from ..storage import (
     is_draft,
     load_arrays,
     read_whole,
+    resolved,
     write_atomically,
 )
 from ..terminal import notice
@@ -102,7 +103,7 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
             f"{directory} was simulated in another physics than this version's, in which its "
             "brains now run"
         )
-    return Run(name or directory.resolve().name, experiment, results)
+    return Run(name or resolved(directory).name, experiment, results)
 
 
 def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]:
@@ -113,7 +114,7 @@ def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]
     """
     if not directories:
         raise InputError("at least one run is needed")
-    if len({directory.resolve() for directory in directories}) < len(directories):
+    if len({resolved(directory) for directory in directories}) < len(directories):
         raise InputError("a run is given twice")
     names = run_names(directories)
     return [read_run(d, n, replay=replay) for n, d in zip(names, directories, strict=True)]
@@ -121,7 +122,7 @@ def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]
 
 def run_names(directories: Sequence[Path]) -> list[str]:
     """Returns the folders' names, or the paths as given where two names are equal."""
-    names = [directory.resolve().name for directory in directories]
+    names = [resolved(directory).name for directory in directories]
     return names if len({*names}) == len(names) else [str(directory) for directory in directories]
 
 

@@ -31,7 +31,7 @@ TIMES = 8  # of the training, besides its beginning
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
 SMELLS = {"no smell": None, "weak: 20 cm ahead": 0.2, "strong: 7 cm ahead": 0.07, "maximal": 0.0}
 
-_CONDITION = Condition("spot_finding", "creative")
+CONDITION = Condition("spot_finding", "creative")
 _STRIDE = control_steps(1)
 _TOGETHER = 250  # robots in lockstep in a test
 _STORED = "known."  # prefix of the networks' names in the file of a life
@@ -68,7 +68,7 @@ class LearningProgress:
             shape (2, B).
           seed: Seed of the batch's random stream.
         """
-        agent = make_agent(self.experiment, _CONDITION, which.shape[1], seed)
+        agent = make_agent(self.experiment, CONDITION, which.shape[1], seed)
         assert isinstance(agent, NeurocontrollerAgent)
         stored = {n: torch.from_numpy(nets[tuple(which)]) for n, nets in self.networks.items()}
         agent.controller.load_networks(stored)
@@ -112,7 +112,7 @@ class Evaluation:
 
 def times(experiment: Experiment) -> list[int]:
     """Returns the T control steps of a life at which the networks are stored."""
-    before, training, _ = experiment.schedule(_CONDITION.task).steps()
+    before, training, _ = experiment.schedule(CONDITION.task).steps()
     return (before + np.linspace(0, training, TIMES + 1).round().astype(int)).tolist()
 
 
@@ -177,7 +177,7 @@ class LifeJob:
         Raises:
           InputError: the file is damaged, or belongs to other robots.
         """
-        cohort = Cohort(self.experiment, CohortKey(_CONDITION, 0))
+        cohort = Cohort(self.experiment, CohortKey(CONDITION, 0))
         newborn = cohort.agent.weights()
         if not self.path.exists():
             return cohort, {name: np.empty((0, *array.shape)) for name, array in newborn.items()}
@@ -251,7 +251,7 @@ class FrozenTest:
     def cost(self) -> float:
         """See `Job.cost`; assumes that all robots are valid."""
         experiment = self.life.experiment
-        steps = control_steps(experiment.schedule(_CONDITION.task).phases[-1].minutes)
+        steps = control_steps(experiment.schedule(CONDITION.task).phases[-1].minutes)
         return steps * CONTROL_TIMESTEP * experiment.cohort_size * (TIMES + 1)
 
     def done(self) -> bool:
@@ -304,12 +304,12 @@ def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -
       Share of the time in the spot, shape (T, R); NaN where the simulation became unstable.
     """
     experiment = progress.experiment
-    test = experiment.schedule(_CONDITION.task).phases[-1]
+    test = experiment.schedule(CONDITION.task).phases[-1]
     everyone = np.indices((len(progress.hours), progress.robots)).reshape(2, -1)
     shares = []
     for first in range(0, everyone.shape[1], _TOGETHER):
         which = everyone[:, first : first + _TOGETHER]
-        batch = experiment.batch(_CONDITION.task, which.shape[1])
+        batch = experiment.batch(CONDITION.task, which.shape[1])
         place(batch, test, np.random.default_rng(0))
         agent = progress.brains(which, seed)
         track = watch(batch, agent, control_steps(test.minutes), learning=False, tick=tick)
@@ -331,7 +331,7 @@ def evaluation(life: LifeJob) -> Evaluation:
 
 def smells(experiment: Experiment) -> np.ndarray:
     """Returns the sensor signals at each of `SMELLS`, far from all walls, shape (S, signals)."""
-    batch = experiment.batch(_CONDITION.task, len(SMELLS))
+    batch = experiment.batch(CONDITION.task, len(SMELLS))
     everyone, nose = np.arange(batch.robots), batch.dimensions.nose
     # The spot is in the middle and ahead of the robot; for no smell it is far behind.
     poses = [(0.3 if far is None else -nose - far, 0.0, 0.0) for far in SMELLS.values()]

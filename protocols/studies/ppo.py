@@ -26,6 +26,7 @@ from .study import Page, Study, check_positive
 # earned 0.32 and 0.67 a step with it, 0.83 and 0.76 with this one.
 SETTINGS = {"n_steps": 256, "batch_size": 512, "learning_rate": 1e-3, "gamma": 0.98}
 ROBOTS = 16  # in lockstep for one policy
+_MOST_POLICIES, _MOST_STEPS = 10_000, 10**9
 
 _ROLLOUT = SETTINGS["n_steps"] * ROBOTS  # control steps
 
@@ -52,7 +53,8 @@ class PPOTraining(Study):
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`: there are none."""
-        check_positive(policies=self.policies, steps=self.steps)
+        check_positive(_MOST_POLICIES, policies=self.policies)
+        check_positive(_MOST_STEPS, steps=self.steps)
         most = 2**32 - self.policies
         if not 0 <= self.seed <= most:
             raise InputError(f"the seed must lie in [0, {most}], got {self.seed}")
@@ -149,7 +151,6 @@ class TrainingJob:
         save_arrays(self.path, policy, task=self.task, steps=self.steps, seed=self.seed)
         report(self.cost, "")
         return True
-
 
     def policy(self) -> dict[str, np.ndarray]:
         """Reads the trained policy.

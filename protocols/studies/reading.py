@@ -28,7 +28,7 @@ from ..results.run import Run
 from ..results.run_files import read_run
 from ..simulation.cohort import Cohort
 from ..simulation.jobs import CohortJob, Job, Report, Stop
-from ..storage import load_arrays, save_arrays
+from ..storage import load_arrays, resolved, save_arrays
 from .study import MinuteTick, Page, StoppedError, check_positive
 from .variants import Variant, VariantStudy
 
@@ -228,7 +228,7 @@ class Reading(VariantStudy):
 
     def newborn_jobs(self, out: Path) -> list[NewbornJob]:
         """Returns the jobs of stage 1."""
-        folder = out.resolve() / NEWBORNS
+        folder = resolved(out) / NEWBORNS
         return [
             NewbornJob(folder, name, experiment, Condition(task, proposer))
             for name, (experiment, task) in self.cells().items()

@@ -40,7 +40,7 @@ from ..results.run_files import flat_networks, read_run
 from ..shared_options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..simulation.jobs import Job, Report, Stop
 from ..simulation.placement import place
-from ..storage import digest, save_arrays
+from ..storage import digest, resolved, save_arrays
 from .study import MinuteTick, Page, StoppedError, Study, check_positive, own_arrays
 
 _WALLS, _SPOTS = ("wall_avoidance",), ("spot_finding",)
@@ -160,7 +160,7 @@ class Robustness(Study):
                 )
         if not self.runs:
             raise InputError("at least one run is needed")
-        names = [run.resolve().name for run in self.runs]
+        names = [resolved(run).name for run in self.runs]
         if len({*names}) < len(names):
             raise InputError(f"the runs must have different names, got {', '.join(names)}")
         found = [self._evaluated(read_run(run, replay=True)) for run in self.runs]

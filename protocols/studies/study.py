@@ -13,10 +13,12 @@ from typing import Any, ClassVar
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
+from ..experiment.plan import MOST_ROBOTS
 from ..experiment.provenance import machine
 from ..reporting import style
 from ..results.checks import check_same_shapes
@@ -30,6 +32,7 @@ from ..storage import (
     locked,
     read_json,
     remove_drafts,
+    resolved,
     write_json,
     write_text,
 )
@@ -126,7 +129,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
       Interrupted, RunError: see `simulation.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """
-    out = out.resolve()  # links below it are not followed
+    out = resolved(out)  # links below it are not followed
     experiments = study.experiments()
     made_with = _check(study, experiments, out)
     study.check(out)
@@ -199,11 +202,13 @@ class MinuteTick:
             raise StoppedError
 
 
-def check_positive(**numbers: int) -> None:
-    """Raises InputError where an option that counts something is less than 1."""
+def check_positive(most: int = MOST_ROBOTS, /, **numbers: int) -> None:
+    """Raises InputError where an option that counts something is less than 1, or too large."""
     for name, number in numbers.items():
         if number < 1:
             raise InputError(f"{name} must be at least 1, got {number}")
+        if number > most:
+            raise InputError(f"{name} must be at most {most}, got {shown(number)}")
 
 
 def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> list[Any]:

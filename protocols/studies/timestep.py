@@ -24,6 +24,7 @@ from .study import Page, StoppedError, Study, check_positive, own_arrays
 SUBSTEPS = (100, 50, 25, 20, 15, 14, 10, 5)  # in a control step; the first is the reference
 
 _CALM_ROBOTS, _CALM_STEPS, _FAST_STEPS = 50, 50, 20
+_MOST_MINUTES = 20_000  # of all robots; half a gigabyte of poses
 _NUMBERS = ("deepest", "tilt", "differing", "touching", "microseconds")
 _CENTRE = (0.0, 0.0, 0.0)
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -50,6 +51,11 @@ class Timestep(Study):
         check_positive(robots=self.robots)
         if not 0.05 <= self.minutes < np.inf:
             raise InputError(f"minutes must be at least 0.05, got {self.minutes}")
+        if (total := self.robots * self.minutes) > _MOST_MINUTES:
+            raise InputError(
+                f"robots times minutes must be at most {_MOST_MINUTES}, got {total:g}: every pose "
+                "is kept in memory"
+            )
         return {}
 
     def details(self) -> Mapping[str, Any]:

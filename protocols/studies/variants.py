@@ -19,7 +19,7 @@ from ..results.run import Run
 from ..results.run_files import planned, read_run
 from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
-from ..storage import locked
+from ..storage import locked, resolved
 from ..terminal import notice
 from .study import Page, Study, check_positive
 
@@ -131,7 +131,7 @@ class VariantStudy(Study):
             for name in plans:
                 stack.enter_context(locked(out / name))
             self._unfinished = {
-                (out / name).resolve(): UnfinishedRun.read(out / name, plan)
+                resolved(out / name): UnfinishedRun.read(out / name, plan)
                 for name, plan in plans.items()
             }
             for sentence in (s for run in self._unfinished.values() for s in run.begin()):

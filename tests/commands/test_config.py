@@ -130,6 +130,6 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path, capsys):
 
 def test_without_a_reader_of_yaml_one_sentence_says_what_helps(written, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "yaml", None)
-    with pytest.raises(InputError, match=r"yaml is not installed; pip install 'musebot\[brain\]' gets it"):
+    with pytest.raises(InputError, match="yaml is not installed; pip install"):
         read_config(written(EXAMPLE))
     assert read_config(written('{"experiment": {"seed": 3}}', "a.json")).fields == {"seed": 3}

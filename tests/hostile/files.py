@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import safetensors
+from hostile import mutations as change
 
 from musebot.protocols import exit_status
 from musebot.protocols.agents.ppo import Policies, policy_arrays
@@ -28,8 +29,6 @@ from musebot.protocols.studies.frozen_brains import evaluation
 from musebot.protocols.studies.learning_progress import LearningProgressStudy
 from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.timestep import Timestep
-
-from hostile import mutations as change
 
 NAN = float("nan")
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
@@ -136,7 +135,9 @@ def progress(seed):
 def _digest(*arrays):
     content = hashlib.blake2b(digest_size=16)
     for array in arrays:
-        content.update(f"{array.dtype} {array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+        content.update(
+            f"{array.dtype} {array.shape}".encode() + np.ascontiguousarray(array).tobytes()
+        )
     return content.hexdigest()
 
 
@@ -264,7 +265,8 @@ def _forged(draw, path, other):
     name = names[draw.integers(len(names))]
     what = draw.integers(10)
     if what == 0:
-        arrays[name], arrays[(own := names[draw.integers(len(names))])] = arrays[own], arrays[name]
+        own = names[draw.integers(len(names))]
+        arrays[name], arrays[own] = arrays[own], arrays[name]
     elif what == 1:
         del arrays[name]
     elif what == 2:

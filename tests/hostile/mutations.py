@@ -4,6 +4,7 @@ import io
 import json
 import os
 import struct
+import warnings
 import zipfile
 
 import numpy as np
@@ -296,7 +297,8 @@ def array_mutated(draw, array):
 def zip_of(members, how=zipfile.ZIP_DEFLATED):
     """Returns the bytes of a zip of pairs of a name and a content."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", how) as archive:
+    with zipfile.ZipFile(buffer, "w", how) as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that is there twice
         for name, content in members:
             archive.writestr(name, content)
     return buffer.getvalue()
@@ -346,7 +348,15 @@ def npz_mutated(draw, data):
     elif what == 4:
         members[name] = npy(np.array([Bomb()], dtype=object))
     elif what == 5:
-        strange = ("../../x.npy", "/etc/x.npy", "x", "", "a/b/c.npy", name.upper(), f"{name}\x00.npy")
+        strange = (
+            "../../x.npy",
+            "/etc/x.npy",
+            "x",
+            ".npy",
+            "a/b/c.npy",
+            name.upper(),
+            f"{name}\x00.npy",
+        )
         members[strange[draw.integers(len(strange))]] = members[name]
     elif what == 6:
         return zip_of([*members.items(), (name, members[name])])
@@ -402,4 +412,3 @@ def tensors_mutated(draw, data):
         header["new"] = {"dtype": "F32", "shape": [1], "data_offsets": [len(rest), len(rest) + 4]}
         rest += draw.bytes(4)
     return with_header(json.dumps(header).encode(), rest)
-

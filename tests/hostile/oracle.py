@@ -54,9 +54,7 @@ def limited(seconds=MOST_SECONDS, most=MOST_BYTES):
         pages = int(file.read().split()[0])
     before = signal.signal(signal.SIGALRM, late)
     signal.setitimer(signal.ITIMER_REAL, seconds)
-    resource.setrlimit(
-        resource.RLIMIT_AS, (pages * resource.getpagesize() + most, hard)
-    )
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + most, hard))
     try:
         yield
     finally:

@@ -3,7 +3,6 @@
 import shutil
 
 import numpy as np
-
 from hostile import files, oracle
 
 SEED = 20040
