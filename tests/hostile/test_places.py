@@ -8,8 +8,8 @@ import sys
 
 import numpy as np
 import pytest
-
 from hostile import oracle
+
 from musebot.protocols import cli
 from musebot.protocols.playback import film, observation
 from musebot.protocols.reporting import report
@@ -105,7 +105,8 @@ def test_a_study_does_not_follow_a_link_in_the_place_of_a_folder(
 
 
 @pytest.mark.parametrize(
-    "name", [".novel.2024.draft", ".x.17.draft", ".git", ".x.musebot", ".x.0123456789abcdeg.musebot"]
+    "name",
+    [".novel.2024.draft", ".x.17.draft", ".git", ".x.musebot", ".x.0123456789abcdeg.musebot"],
 )
 @pytest.mark.parametrize("verb", [["run"], ["study", "timestep"]])
 def test_a_folder_with_a_hidden_file_of_the_users_is_foreign(name, verb, tmp_path, capsys):
