@@ -350,9 +350,12 @@ KINDS = (
 )
 
 
-def copied(base, folder):
-    """Copies the files that a case changes."""
-    shutil.copytree(base, folder, symlinks=True)
+def copied(kind, base, folder):
+    """Copies the files that a reader reads."""
+    part = Path(kind.file).parts[0]
+    folder.mkdir(parents=True)
+    copy = shutil.copytree if (base / part).is_dir() else shutil.copy
+    copy(base / part, folder / part)
 
 
 def working(kind, folder):
