@@ -183,7 +183,12 @@ def _cell(
         interval = intervals.difference_of_shares(*pair, paired)
         p = same_share(*pair, paired)
     else:
-        interval = intervals.difference(*pair, statistic, paired)
+        span = intervals.ABILITY if name == "mean L" else intervals.SHARE
+        interval = (
+            intervals.difference(*pair, statistic, paired)
+            if statistic is _deviation
+            else intervals.difference_of_means(*pair, paired, span)
+        )
         p = same_statistic(*pair, statistic, paired, resamples)
     robots = _count(pair[0]), _count(pair[1])
     ours, other = (_value(values, statistic) for values in pair)

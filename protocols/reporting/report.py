@@ -115,7 +115,7 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
     yield PlannedFigure(
         "learning_curves",
         "Learning curves",
-        "Means over all valid robots of a condition, with 95 % bootstrap bands.",
+        "Means over all valid robots of a condition, with bands of 95 %.",
         lambda: figures.learning_curves(run),
     )
     yield PlannedFigure(

@@ -18,11 +18,11 @@ from ..experiment.schedules import TASK_NAMES
 from ..results.learn_ability import CATEGORIES, total_variation
 from ..results.run import Run
 from . import labels
-from .markdown import bracket, number, table
+from .markdown import MEANS, bracket, number, table
 
 NOTE = (
-    "In brackets: 95 % intervals (Wilson for shares, BCa bootstrap over robots for means and "
-    "deviations, Student's t for the paper's means, from its table). *By chance*: the total "
+    "In brackets: 95 % intervals (Wilson for shares; for means and deviations "
+    f"{MEANS}; Student's t for the paper's means, from its table). *By chance*: the total "
     "variation that two groups of these sizes exceed with a probability of 5 % if their robots "
     "do not differ."
 )

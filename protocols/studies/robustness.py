@@ -258,9 +258,9 @@ class Robustness(Study):
     def _note(self) -> str:
         lines = [
             "Trained brains repeat the test after training with frozen weights: share of the time, "
-            "mean over robots, in brackets its 95 % interval (BCa bootstrap). *Difference*: from "
-            "the test without a perturbation, robot by robot. No interval where robots are too few "
-            "or all alike.",
+            f"mean over robots, in brackets its 95 % interval ({markdown.MEANS}). *Difference*: "
+            "from the test without a perturbation, robot by robot. No interval where robots are "
+            "too few.",
             "",
             *(described(one.run) for one in self.evaluated),
             "",
@@ -418,12 +418,14 @@ def cells(shares: np.ndarray, reference: np.ndarray) -> list[str]:
     """
     sound = shares[~np.isnan(shares)]
     mean = np.nanmean
-    share = _joined(markdown.number(float(mean(sound))), intervals.mean(sound))
+    share = _joined(markdown.number(float(mean(sound))), intervals.mean(sound, intervals.SHARE))
     never = f"{int((sound == 0).sum())} of {len(sound)}"
     if shares is reference:
         return [share, "", never]
     both = ~np.isnan(shares - reference)
-    interval = intervals.difference(shares[both], reference[both], mean, paired=True)
+    interval = intervals.difference_of_means(
+        shares[both], reference[both], paired=True, span=intervals.SHARE
+    )
     return [share, _joined(f"{float(mean((shares - reference)[both])):+.4f}", interval), never]
 
 
