@@ -10,6 +10,8 @@ import pytest
 
 from musebot.controller import BRAINS
 from musebot.protocols import cli
+from musebot.protocols.commands import demonstration
+from musebot.protocols.commands.demonstration import Demo, chosen, markdown
 from musebot.protocols.errors import InputError
 from musebot.protocols.examples import ROBOT
 from musebot.protocols.experiment.conditions import Condition
@@ -17,8 +19,6 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.results.results import ConditionResults, Robot
 from musebot.protocols.results.run import Run
 from musebot.protocols.results.run_files import read_run
-from musebot.protocols.studies import demo
-from musebot.protocols.studies.demo import Demo, chosen, markdown
 
 TEST = {"wall_avoidance": 1200, "spot_finding": 3600}  # [s]
 
@@ -95,7 +95,7 @@ def test_the_trained_robot_is_filmed_first_and_a_second_call_makes_nothing_anew(
         made.append((path.name, (out / "paper" / "robots.csv").exists(), episode.driver))
         path.write_bytes(b"film")
 
-    monkeypatch.setattr(demo, "film", film)
+    monkeypatch.setattr(demonstration, "film", film)
     assert cli.main(["demo", str(out), *SHORT]) == 0
     printed = capsys.readouterr().out
     assert made[0] == ("trained_robot.mp4", False, "brain steady, trained for four hours")
@@ -118,7 +118,7 @@ def test_without_egl_the_robots_learn_and_it_says_why_nothing_is_filmed(
     def film(*_, **__):
         raise InputError("there is no headless OpenGL (EGL) on this machine")
 
-    monkeypatch.setattr(demo, "film", film)
+    monkeypatch.setattr(demonstration, "film", film)
     assert cli.main(["demo", str(tmp_path), *SHORT]) == 0
     captured = capsys.readouterr()
     assert "trained_robot.mp4 is not filmed: there is no headless OpenGL" in captured.err
