@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Literal
+import importlib
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,9 +14,6 @@ from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from .learn_ability import Summary, classes, summarise
 from .results import NetworkArrays, Results, Robot, When
-
-if TYPE_CHECKING:
-    import pandas
 
 _TESTS: tuple[Literal["pre", "post"], ...] = ("pre", "post")
 
@@ -95,7 +93,7 @@ class Run:
         """Returns the duration of the test after training, in simulated seconds."""
         return self.experiment.schedule(task).steps_of("post") * CONTROL_TIMESTEP
 
-    def to_frame(self) -> pandas.DataFrame:
+    def to_frame(self) -> Any:
         """Returns a row for each robot, invalid robots included, as a pandas DataFrame.
 
         Its columns are those of robots.csv, and `pre_share` and `post_share`: the share of a test
@@ -105,7 +103,7 @@ class Run:
           InputError: pandas is not installed.
         """
         try:
-            import pandas
+            pandas = importlib.import_module("pandas")  # optional, in no extra
         except ModuleNotFoundError as error:
             raise InputError("Run.to_frame needs pandas: pip install pandas") from error
         rows = [
