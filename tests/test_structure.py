@@ -267,7 +267,7 @@ def test_setup_finds_every_folder_of_modules_and_no_other():
     found = {
         path.parent
         for folder in ROOT.iterdir()
-        if folder.is_dir() and folder.name[0] != "." and folder.name != "tests"
+        if folder.is_dir() and folder.name[0] != "." and folder.name not in ("build", "tests")
         for path in folder.rglob("__init__.py")
     }
     others = sorted(str(folder.relative_to(ROOT)) for folder in found - folders)
