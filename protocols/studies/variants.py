@@ -11,9 +11,9 @@ from typing import Any
 
 from ...controller import PROPOSERS
 from ..errors import InputError
+from ..experiment.budget import check_memory
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Experiment, check_same
-from ..experiment.budget import check_memory
 from ..experiment.manifest import MANIFEST, same_physics
 from ..experiment.plan import Plan
 from ..results.run import Run

@@ -1,12 +1,10 @@
 """Links, foreign folders, names of every kind and odd machines: nothing foreign is touched."""
 
 import io
-import json
 import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from hostile import oracle
 
@@ -16,7 +14,6 @@ from musebot.protocols.reporting import report
 from musebot.protocols.storage import MOST_BYTES
 
 SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --task wall_avoidance"
-LEARNING = "--brains paper --robots 1 --time-scale 0.001 --body kinematic".split()
 
 
 @pytest.fixture
@@ -263,18 +260,3 @@ def test_a_study_whose_json_is_hostile_is_refused(tmp_path, capsys):
         assert "study.json is" in refused(capsys, ["study", "timestep", tmp_path], tmp_path)
     os.truncate(path, MOST_BYTES)
     assert "must have at most" in refused(capsys, ["study", "timestep", tmp_path], tmp_path)
-
-
-def test_brains_of_another_study_are_refused(tmp_path, capsys, commands_in_process):
-    for seed in ("1", "2"):
-        words = ["study", "learning-progress", str(tmp_path / seed), *LEARNING, "--seed", seed]
-        assert cli.main(words) == 0
-    name = "brains-paper.safetensors"
-    (tmp_path / "1" / name).write_bytes((tmp_path / "2" / name).read_bytes())
-    words = ["study", "learning-progress", tmp_path / "1", *LEARNING]
-    assert "is of other robots" in refused(capsys, words, tmp_path)
-
-
-def test_numbers_of_a_manifest_survive_json(run):
-    content = json.loads((run / "experiment.json").read_text())
-    assert np.isfinite(content["physics"]).all()
