@@ -11,6 +11,7 @@ from typing import Any
 
 from ...controller import PROPOSERS
 from ..errors import InputError
+from ..experiment.budget import check_memory
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
@@ -109,6 +110,7 @@ class VariantStudy(Study):
     def check(self, out: Path) -> None:
         """See `Study.check`: a run may be continued with more robots, but not with fewer."""
         for name, plan in self.plans().items():
+            check_memory(plan)
             folder = out / name
             if (held := planned(folder)) is None:
                 continue

@@ -117,6 +117,7 @@ class Alike:
     def __call__(self, jobs, progress):
         assert jobs[-1].run(lambda: False, lambda done, message: None)
         arrays, _ = load_arrays(jobs[-1].path)
+        arrays["microseconds"] = np.array(10.0)  # the only number that two machines do not share
         for job in jobs:
             save_arrays(job.path, arrays, **job.identity)
             yield job

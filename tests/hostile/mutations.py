@@ -268,6 +268,8 @@ def array_mutated(draw, array):
     """Returns an array of other values, another shape or dtype."""
     what = draw.integers(16)
     array = np.array(array)
+    if not array.ndim and what > 11:
+        array = array[None]
     at = tuple(draw.integers(n) for n in array.shape)
     if what < 5 and array.size:
         values = (np.nan, np.inf, -np.inf, -1, 2, 1.0001, 1e30, 30000, 0.5, 1e-40, -0.0)

@@ -14,7 +14,8 @@ import time
 import traceback
 
 REFUSED = {1, 2}  # exit statuses of a refusal
-MOST_SECONDS, MOST_BYTES = 10.0, 2**31  # of a case; of the address space that it may add
+# Of a case: processor time, time on a busy machine, and address space that it may add.
+MOST_SECONDS, LONGEST_WAIT, MOST_BYTES = 10.0, 120.0, 2**31
 MOST_CHARACTERS = 4500  # of the sentence of a refusal: 2,000 with every character escaped
 
 # tyro's own complaint about a command line is a panel, not a sentence.
@@ -43,7 +44,7 @@ class Outcome:
 
 
 @contextlib.contextmanager
-def limited(seconds=MOST_SECONDS, most=MOST_BYTES):
+def limited():
     """Bounds the time and the memory of what happens in this context."""
 
     def late(number, frame):
@@ -52,15 +53,21 @@ def limited(seconds=MOST_SECONDS, most=MOST_BYTES):
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     with open("/proc/self/statm") as file:
         pages = int(file.read().split()[0])
-    before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + most, hard))
+    timers = (
+        (signal.ITIMER_PROF, signal.SIGPROF, MOST_SECONDS),
+        (signal.ITIMER_REAL, signal.SIGALRM, LONGEST_WAIT),
+    )
+    before = [signal.signal(number, late) for _, number, _ in timers]
+    for timer, _, seconds in timers:
+        signal.setitimer(timer, seconds)
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST_BYTES, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        for (timer, number, _), handler in zip(timers, before, strict=True):
+            signal.setitimer(timer, 0)
+            signal.signal(number, handler)
 
 
 def carried_out(work):

@@ -64,7 +64,7 @@ def _judged(kind, what, outcome, folders):
         true = _true(kind)
         if outcome.value == true:
             return "accepted, the same results"
-        if kind.name == "checkpoint" and outcome.value[1] is True:
+        if kind.name == "checkpoint" and outcome.value[1] is (what != "no_file"):
             return "set aside, starts anew"
         for kinds, changes, reason in UNTOLD:
             if kind.name in kinds and what in changes:

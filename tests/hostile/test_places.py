@@ -1,12 +1,10 @@
 """Links, foreign folders, names of every kind and odd machines: nothing foreign is touched."""
 
 import io
-import json
 import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from hostile import oracle
 
@@ -16,7 +14,6 @@ from musebot.protocols.reporting import report
 from musebot.protocols.storage import MOST_BYTES
 
 SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --task wall_avoidance"
-LEARNING = "--brains paper --robots 1 --time-scale 0.001 --body kinematic".split()
 
 
 @pytest.fixture
@@ -124,7 +121,7 @@ def test_a_file_of_the_users_in_a_run_stays(run, name):
 
 # ---- Names ----
 
-NAMES = ["a[/]b", "[red]x[/red]", "two\nlines", "\x1b[2J", "\udcff", "\u202egpj", "🤖", "a|b*_`<b>"]
+NAMES = ["a[/]b", "[red]x[/red]", "two\nlines", "\x1b[2J", "\udcff", "\u202egpj", "🤖", "a|b*_`<i>"]
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
@@ -133,9 +130,9 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
 ):
     out = tmp_path / name
     assert cli.main(["run", str(out), *SHORT.split()]) == 0
-    assert cli.main(["tables", str(out), "--compare", str(out)]) == 0
+    assert cli.main(["tables", str(out)]) == 0
     (out / "checkpoints").mkdir()
-    damaged = out / "checkpoints" / "wall_avoidance-creative-0001.safetensors"
+    damaged = out / "checkpoints" / "wall_avoidance-creative-0001.finished.safetensors"
     damaged.write_bytes(b"damaged")
     assert cli.main(["run", str(out), "--robots", "2"]) == 0
     told = capsys.readouterr().err
@@ -143,9 +140,10 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     monkeypatch.setattr(observation, "observe", lambda run, tick: observation.Behaviour({}, {}))
     monkeypatch.setattr(report, "_figures", lambda *_: iter(()))
     monkeypatch.setattr(report, "_films", lambda *_: ([], "no film"))
+    monkeypatch.setattr(report, "judge_all", lambda *_: [])
     assert cli.main(["report", str(out)]) == 0
     page = (out / "report.html").read_text()
-    assert "<b>" not in page.replace("<b></b>", "") or name != "a|b*_`<b>"
+    assert "<i>" not in page and "\x1b" not in page
     printed = capsys.readouterr()
     assert "\x1b" not in printed.out and "\x1b[2J" not in printed.err
 
@@ -232,6 +230,8 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
          "robots times minutes must be at most 20000, got 2e+08"),
         (["study", "learning-progress", "NEW", "--robots", "99999", "--brains", "paper"],
          "GiB of memory; this machine has"),
+        (["study", "sensitivity", "NEW", "--robots", "1000000"],
+         "GiB of memory; this machine has"),
         (["run", "NEW", "--body", "kinematic", "--kinematics", "pieces=1000000000"],
          "pieces must be at most 1000, got 1000000000"),
         (["run", "NEW", "--set", "fixed_motors=" + "[" * 100_000],
@@ -260,18 +260,3 @@ def test_a_study_whose_json_is_hostile_is_refused(tmp_path, capsys):
         assert "study.json is" in refused(capsys, ["study", "timestep", tmp_path], tmp_path)
     os.truncate(path, MOST_BYTES)
     assert "must have at most" in refused(capsys, ["study", "timestep", tmp_path], tmp_path)
-
-
-def test_brains_of_another_study_are_refused(tmp_path, capsys, commands_in_process):
-    for seed in ("1", "2"):
-        words = ["study", "learning-progress", str(tmp_path / seed), *LEARNING, "--seed", seed]
-        assert cli.main(words) == 0
-    name = "brains-paper.safetensors"
-    (tmp_path / "1" / name).write_bytes((tmp_path / "2" / name).read_bytes())
-    words = ["study", "learning-progress", tmp_path / "1", *LEARNING]
-    assert "is of other robots" in refused(capsys, words, tmp_path)
-
-
-def test_numbers_of_a_manifest_survive_json(run):
-    content = json.loads((run / "experiment.json").read_text())
-    assert np.isfinite(content["physics"]).all()

@@ -21,6 +21,7 @@ from musebot.protocols.results.run import Run
 from musebot.protocols.results.run_files import read_run, write_results
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.placement import place
+from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies import robustness
 from musebot.protocols.studies.robustness import (
     PERTURBATIONS,
@@ -406,6 +407,27 @@ def test_a_missing_file_and_one_of_another_perturbation_are_named(runs, tmp_path
     (tmp_path / "first" / "spot_finding-creative-noise.safetensors").unlink()
     with pytest.raises(InputError, match="lacks first/spot_finding-creative-noise"):
         Few(runs[:1]).page(tmp_path)
+
+
+def test_a_file_of_other_robots_or_of_impossible_counts_is_refused(runs, tmp_path, here):
+    study = Few(runs[:1])
+    conduct(study, tmp_path, here)
+    path = tmp_path / "first" / "spot_finding-creative-noise.safetensors"
+    arrays, notes = load_arrays(path)
+    for changed, words in (
+        ({"condition": "spot_finding/random"}, "is another's: its condition is"),
+        ({"brains": "0" * 32}, "is another's: its brains is"),
+        ({"seed": 7}, "is another's: its seed is 7, not 0"),
+    ):
+        save_arrays(path, arrays, **(notes | changed))
+        with pytest.raises(InputError, match=words):
+            study.page(tmp_path)
+    for events in (arrays["events"] - 1000, arrays["events"] + 10**6, arrays["events"][:-1]):
+        save_arrays(path, arrays | {"events": events}, **notes)
+        with pytest.raises(InputError, match="events must"):
+            study.page(tmp_path)
+    save_arrays(path, arrays, change=notes["change"])  # as an earlier version
+    assert study.page(tmp_path).markdown
 
 
 def test_a_stopped_study_continues_to_the_same_bytes(tmp_path, here, listing, stopped):
