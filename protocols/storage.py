@@ -159,6 +159,14 @@ def write_atomically(path: Path, content: bytes) -> None:
       InputError: the folder is a link.
       OSError: the file cannot be written; the old one is untouched.
     """
+    try:
+        _write(path, content)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None  # calls on descriptors do not name it
+        raise
+
+
+def _write(path: Path, content: bytes) -> None:
     _make_folder(path.parent)
     with _opened(path.parent) as folder:
         draft = draft_name(path.name)
@@ -201,8 +209,7 @@ def create_empty(path: Path) -> None:
 
 def draft_name(name: str) -> str:
     """Returns a new name of a temporary file, which `remove_drafts` removes."""
-    # Short enough for every file system, however long the name.
-    return f".{name[:40]}.{secrets.token_hex(8)}.musebot"
+    return f"{_draft_prefix(name)}{secrets.token_hex(8)}.musebot"
 
 
 def is_draft(path: Path) -> bool:
@@ -212,9 +219,19 @@ def is_draft(path: Path) -> bool:
     return not path.is_symlink() and path.is_file()
 
 
-def remove_drafts(folder: Path) -> None:
-    """Removes the temporary files of interrupted writes from a folder."""
-    remove_files(folder, lambda name: _DRAFT.fullmatch(name) is not None)
+def remove_drafts(folder: Path, of: str = "") -> None:
+    """Removes the temporary files of interrupted writes from a folder.
+
+    Args:
+      folder: Folder in which no other process writes such files.
+      of: Name of the file whose temporary files are removed; empty for those of all files.
+    """
+    begins = _draft_prefix(of) if of else ""
+    remove_files(folder, lambda name: name.startswith(begins) and bool(_DRAFT.fullmatch(name)))
+
+
+def _draft_prefix(name: str) -> str:
+    return f".{name[:40]}."  # short enough for every file system, however long the name
 
 
 def remove_files(folder: Path, ours: Callable[[str], bool]) -> None:
@@ -283,13 +300,11 @@ def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, is too large, or cannot be read.
+      DamagedFileError: it is no regular file, or is too large.
+      OSError: it cannot be read, which is no damage of it.
     """
     check_file(path, most)
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise DamagedFileError(f"{path} cannot be read ({error.strerror})") from error
+    return path.read_bytes()
 
 
 def check_file(path: Path, most: int = MOST_BYTES) -> None:
@@ -385,8 +400,10 @@ def load_arrays(
     Raises:
       FileNotFoundError: there is no such file.
       DamagedFileError: the file is truncated, altered or foreign.
+      OSError: it cannot be read.
     """
     check_file(path)
+    path.open("rb").close()  # safetensors calls a file that cannot be opened an invalid one
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = parsed(path, (file.metadata() or {})["musebot"])
@@ -400,8 +417,7 @@ def load_arrays(
     except DamagedFileError:
         raise
     except (
-        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, OSError,
-        MemoryError,
+        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, MemoryError
     ) as error:  # fmt: skip
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     if not sound:

@@ -54,9 +54,10 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
         made_with = [one for one in older["made_with"] if begun and one != machine()]
         check_physics(directory)
     experiment = plan.experiment
+    robots = sorted(plan.robots.items())  # a run that was continued has them in this order
     content = {
         "experiment": dataclasses.asdict(experiment),
-        "plan": [{**dataclasses.asdict(c), "robots": robots} for c, robots in plan.robots.items()],
+        "plan": [{**dataclasses.asdict(condition), "robots": n} for condition, n in robots],
         "physics": physics_probe(experiment.body, experiment.kinematics),
         "made_with": [*made_with, machine()],
     }

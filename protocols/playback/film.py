@@ -18,7 +18,7 @@ import numpy as np
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.rules import Rules
 from ..errors import InputError
-from ..storage import check_place, resolved_file, write_atomically
+from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import bar, notice, printable
 from .episode import Episode, Moment
 from .panel import Panel
@@ -206,6 +206,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
         # imageio does not check whether ffmpeg could write everything.
         if _frames_in(draft) != count:
             raise OSError(f"{output} could not be written completely; is the disk full?")
+        remove_drafts(output.parent, output.name)  # of a film that was killed
         write_atomically(output, draft.read_bytes())
 
 

@@ -22,7 +22,15 @@ from ..playback.episode import Episode
 from ..playback.rollout import SEED, Tick
 from ..playback.stored_brains import StoredRobot
 from ..results.run import Run
-from ..storage import check_own_folder, check_place, resolved, resolved_file, write_text
+from ..storage import (
+    check_own_folder,
+    check_place,
+    locked,
+    remove_drafts,
+    resolved,
+    resolved_file,
+    write_text,
+)
 from ..terminal import bar
 from . import example_robots, figures, html_page, robot_figures, style
 from .html_page import Medium
@@ -70,12 +78,22 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
       Path of the page.
 
     Raises:
-      InputError: a path cannot be written; no file was changed.
+      InputError: a path cannot be written, or another process writes the report; no file was
+        changed.
       OSError: a file could not be written.
     """
     output = output or out / PAGE
     out, page_file = resolved(out), resolved_file(output)  # links below them are not followed
     _check(out, page_file)
+    with locked(out / "figures"):
+        for folder in (out / "figures", out / "films"):
+            remove_drafts(folder)
+        remove_drafts(page_file.parent, page_file.name)
+        _write(run, out, page_file, film)
+    return output
+
+
+def _write(run: Run, out: Path, page_file: Path, film: Film) -> None:
     drawn: list[Medium] = []
     total = observation.ticks(run) + robot_figures.ticks(run)
     with _progress(total) as tick, style.styled():
@@ -88,7 +106,6 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
     shown, missing = _films(run, out / "films", film)
     page = html_page.page(run, judge_all(run, behaviour), drawn, shown, missing)
     write_text(page_file, page)
-    return output
 
 
 def _check(out: Path, output: Path) -> None:

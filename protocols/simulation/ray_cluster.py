@@ -59,6 +59,9 @@ class RayCluster:
                 logging_level=logging.ERROR,
                 runtime_env={"env_vars": {"MUJOCO_GL": "off", "OMP_NUM_THREADS": "1"}},
             )
+        except RayError as error:
+            cause = " ".join(str(error).split())
+            raise InputError(f"the Ray cluster at {address!r} refuses ({cause})") from error
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             cause = " ".join(str(error).split())
             raise InputError(f"there is no Ray cluster at {address!r} ({cause})") from error

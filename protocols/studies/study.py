@@ -134,10 +134,12 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     made_with = _check(study, experiments, out)
     study.check(out)
     with locked(out):
-        for folder in (out, *study.folders(out)):
+        remove_drafts(out)
+        # First: a folder that is not empty is continued only if it says which study it holds.
+        _write_manifest(study, experiments, out, made_with)
+        for folder in study.folders(out):
             folder.mkdir(exist_ok=True)
             remove_drafts(folder)
-        _write_manifest(study, experiments, out, made_with)
         for jobs in study.stages(out):
             left = [job for job in jobs if not job.done()]
             execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -46,10 +47,14 @@ def free_port():
 def join(nodes, *arguments):
     """Starts a node as a process group of its own; returns once its cluster knows it."""
     settings = ["--num-cpus", "1", "--object-store-memory", str(10**8), *arguments]
+    settings += ["--node-ip-address", "127.0.0.1"]
     process = subprocess.Popen(
         [RAY, "start", "--block", *settings],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0"},
+        env=os.environ | {
+            "PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0",
+            "RAY_raylet_start_wait_time_s": "300",
+        },
     )  # fmt: skip
     nodes.append(process)
     said = []
@@ -61,7 +66,10 @@ def join(nodes, *arguments):
 
 
 @pytest.fixture
-def cluster():
+def cluster(monkeypatch):
+    """A cluster of two nodes on the loopback, which runs nothing without its token."""
+    monkeypatch.setenv("RAY_AUTH_MODE", "token")
+    monkeypatch.setenv("RAY_AUTH_TOKEN", secrets.token_hex(32))
     port = free_port()
     address = f"127.0.0.1:{port}"
     nodes = []

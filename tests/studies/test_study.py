@@ -214,7 +214,7 @@ def test_an_edited_manifest_is_refused(tmp_path, here, listing):
 
 def test_two_processes_cannot_conduct_a_study_in_one_folder(tmp_path, here, listing):
     with locked(tmp_path):
-        refused(Squares(), tmp_path, "another musebot is running", here, listing)
+        refused(Squares(), tmp_path, "another musebot .*is running", here, listing)
 
 
 def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, here, monkeypatch):
