@@ -28,8 +28,8 @@ from ..terminal import notice
 FILMS, TRAINED = "films", "trained_robot"
 _PROPOSER = "creative"
 _FILM_SECONDS = 10.0
-_SPEEDS = {"wall_avoidance": 10.0, "spot_finding": 60.0}
-_TRAINED_SPEED = 10.0  # of the film of the kept robot
+_SPEEDS = {"wall_avoidance": 10.0, "spot_finding": 20.0}
+_TRAINED_SPEED = 4.0  # of the film of the kept robot
 
 
 @dataclasses.dataclass(frozen=True)
