@@ -7,7 +7,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,6 +19,10 @@ ARENA_XML = Path(__file__).with_name("arena.xml")
 
 # dm_control 1.0.50 reads fields of MjModel that MuJoCo renames in almost every release.
 _MUJOCO = (3, 17)
+
+# Ten times what robots reach that drive into walls and obstacles: 0.9 mm and 3 degrees.
+_LARGEST_HEIGHT = 0.01  # [m]
+_LARGEST_TILT = math.sin(math.radians(30) / 2) ** 2
 
 
 def check_versions() -> None:
@@ -118,6 +124,21 @@ class Dimensions:
     contact_margin: float
     spot_radius: float
     obstacles: tuple[tuple[float, float, float], ...] = ()
+
+    def sound(self, x: Any, y: Any, height: Any = 0.0, tilt: Any = 0.0) -> Any:
+        """Returns whether robots are inside the arena, on the floor and upright; False for NaN.
+
+        Args:
+          x: Position of a robot along x in [m]; or of many robots, shape (B,), as all others.
+          y: Position along y in [m].
+          height: Height above the floor in [m].
+          tilt: i^2 + j^2 of the orientation's quaternion: sin^2 of half the angle off upright.
+
+        Returns:
+          A Boolean; or an array of shape (B,).
+        """
+        inside = (abs(x) < self.half_length) & (abs(y) < self.half_width)
+        return inside & ((abs(height) < _LARGEST_HEIGHT) & (tilt < _LARGEST_TILT))
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Dimensions:
