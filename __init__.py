@@ -11,9 +11,8 @@ OpenGL; it registers the tasks with Gymnasium if that is installed.
 from __future__ import annotations
 
 import contextlib
+import os
 from typing import TYPE_CHECKING, Any
-
-from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,6 +34,18 @@ __all__ = [
     "register",
     "register_gymnasium",
 ]
+
+# Gymnasium ids in the namespace "musebot", and their tasks. A task that changes gets a new version.
+GYMNASIUM_TASKS = {
+    "WallAvoidance-v0": "wall_avoidance",
+    "SpotFinding-v0": "spot_finding",
+    "WallAvoidanceUnit-v0": "wall_avoidance_unit",
+    "WallAvoidanceObstacles-v0": "wall_avoidance_obstacles",
+    "SpotFindingUnit-v0": "spot_finding_unit",
+    "SpotFindingTwoNoses-v0": "spot_finding_two_noses",
+    "SpotFindingWalls-v0": "spot_finding_walls",
+    "SpotFindingJumping-v0": "spot_finding_jumping",
+}
 
 
 def load(
@@ -67,6 +78,32 @@ def register() -> None:
     from . import tasks
 
     tasks.register()
+
+
+def register_gymnasium() -> None:
+    """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
+
+    Importing musebot calls this: Gymnasium 1.x has no plugins, so that a package registers its
+    environments when it is imported. Only the names are registered; no environment is loaded.
+
+    Raises:
+      ModuleNotFoundError: Gymnasium is not installed.
+    """
+    promptless = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
+    import gymnasium
+
+    if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
+        os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
+    for name, task in GYMNASIUM_TASKS.items():
+        if f"musebot/{name}" in gymnasium.registry:
+            continue
+        gymnasium.register(
+            id=f"musebot/{name}",
+            entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
+            vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
+            kwargs={"task": task},
+            max_episode_steps=1000,
+        )
 
 
 def __getattr__(name: str) -> Any:

@@ -89,7 +89,7 @@ class CreativeMemory:
     Attributes:
       networks: The networks, one for each of B robots.
       optimizer: Optimizer of the networks.
-      patterns: Draws the noise patterns; each idea gets one pattern.
+      patterns: Source of the noise patterns, one for each idea.
     """
 
     def __init__(

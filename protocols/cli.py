@@ -14,7 +14,7 @@ import tyro
 
 from .errors import InputError
 from .exit_status import complain, exit_status
-from .shared_options import (
+from .options import (
     BODY_CHOICES,
     COHORT_SIZE,
     KINEMATICS,

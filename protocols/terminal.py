@@ -27,8 +27,7 @@ def printable(text: str, *, lines: bool = False) -> str:
 
     Args:
       text: Text, with names of files or values that others have chosen.
-      lines: Whether to keep line breaks and the whole length. Otherwise line breaks are escaped,
-        and a long text is shortened in the middle.
+      lines: Whether it has several lines, of any length.
     """
 
     def escaped(match: re.Match[str]) -> str:

@@ -10,8 +10,6 @@ import pytest
 
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
 os.environ.setdefault("MUJOCO_GL", "off")
-# Threads only slow the tests' small tensors down, and each worker of pytest has a core.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 class InProcess:
@@ -37,7 +35,7 @@ class InProcess:
             yield job
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def in_process():
     """The class `InProcess`, for tests that pass an executor."""
     return InProcess

@@ -14,7 +14,7 @@ import pytest
 
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
-from musebot.protocols import cli, shared_options
+from musebot.protocols import cli, options
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import BODIES, Experiment
 from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
@@ -411,9 +411,9 @@ def choices(text):
 
 
 def test_the_values_that_help_shows_are_those_of_the_code():
-    assert choices(shared_options.TASK_CHOICES) == PAPER_TASKS
-    assert choices(shared_options.PROPOSER_CHOICES) == tuple(PROPOSERS)
-    assert choices(shared_options.BODY_CHOICES) == BODIES
+    assert choices(options.TASK_CHOICES) == PAPER_TASKS
+    assert choices(options.PROPOSER_CHOICES) == tuple(PROPOSERS)
+    assert choices(options.BODY_CHOICES) == BODIES
 
 
 def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):

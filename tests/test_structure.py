@@ -12,7 +12,7 @@ PACKAGES = ("models", "tasks", "controller", "protocols")
 
 # Folders and modules of `protocols`, lowest first: each imports only its own entry and lower ones.
 LAYERS = (
-    "errors exit_status storage terminal shared_options",
+    "errors exit_status storage terminal options",
     "experiment",
     "results",
     "agents",

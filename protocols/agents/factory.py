@@ -81,7 +81,7 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
 
     Args:
       experiment: Experiment that decides the brain's parameters.
-      condition: Task of the robots, and the name of their proposer or of their agent's factory.
+      condition: Task, and proposer or agent's factory.
       robots: Number of robots, B.
       seed: Seed of the agent's random stream.
 

@@ -31,8 +31,8 @@ class Policies:
 
     Attributes:
       task: Name of the task on which the policies were trained.
-      arrays: Weights and biases by name: "before" or "after" training, then the layer (0, 1, 2).
-        In layer 0 with H neurons, "before.0.weights" has shape (B, H, S), "before.0.biases" (B, H).
+      arrays: Weights "before.*" and "after.*": `0.weights` (B, H, S), `0.biases` (B, H), and those
+        of the layers 1 and 2.
     """
 
     def __init__(self, task: str, arrays: Mapping[str, np.ndarray]) -> None:

@@ -159,7 +159,7 @@ def ending_in_a_sentence(
     Args:
       what: Beginning of the sentence.
       kind: Error for an exception; an exit is a RunError.
-      passed: Types of exceptions that are raised unchanged.
+      passed: Exceptions of the interface, which pass unchanged.
 
     Raises:
       InputError, RunError: the code has raised an exception, or exits.

@@ -17,12 +17,12 @@ from ..analysis import intervals
 from ..errors import InputError
 from ..experiment.experiment import Experiment
 from ..experiment.schedules import CONTINUAL
+from ..options import Runs
 from ..reporting import style
 from ..reporting.labels import described
 from ..reporting.markdown import line, mean_cell
 from ..results.run import Run
 from ..results.run_files import read_runs
-from ..shared_options import Runs
 from ..terminal import bar
 from .study import Page, Study
 

@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from ..experiment.schedules import SCHEDULES
+from ..options import Runs
 from ..playback.stored_brains import stored_brains
 from ..reporting import style
 from ..reporting.comparison_tables import difference, number
@@ -26,7 +27,6 @@ from ..reporting.labels import described
 from ..reporting.markdown import line
 from ..results.run import Run
 from ..results.run_files import read_runs
-from ..shared_options import Runs
 from .study import Page, Study
 
 _CREATIVE, _RANDOM = "creative", "random"

@@ -17,10 +17,10 @@ from ...models import Kinematics
 from ..errors import InputError
 from ..experiment.experiment import Body, Experiment
 from ..experiment.overrides import named_brain, with_overrides
+from ..options import KinematicsOption, option
 from ..reporting import style
 from ..reporting.markdown import line, mean_cell
 from ..reporting.robot_figures import draw_values
-from ..shared_options import KinematicsOption, option
 from ..simulation.jobs import Job
 from ..storage import load_arrays
 from .frozen_brains import SEEDS, SMELLS, Evaluation, FrozenTest, LifeJob, evaluation, smells, times

@@ -29,6 +29,7 @@ from ..experiment.schedules import (
     Schedule,
     control_steps,
 )
+from ..options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..playback.episode import check_seed
 from ..playback.observation import sample, with_brains
 from ..playback.rollout import Tick, watch
@@ -38,7 +39,6 @@ from ..reporting.labels import described
 from ..results.results import When
 from ..results.run import Run
 from ..results.run_files import flat_networks, read_run
-from ..shared_options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..simulation.jobs import Job, Report, Stop
 from ..simulation.placement import place
 from ..storage import digest, load_arrays, save_arrays

@@ -2,7 +2,7 @@
 
 import torch
 
-from musebot.controller.extensions.memory_targets import best_action
+from musebot.controller.extensions.lessons import best_action
 from musebot.controller.extensions.step import DetailedStep
 
 
