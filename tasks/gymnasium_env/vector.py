@@ -187,19 +187,21 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             broken = np.flatnonzero(~batch.valid).tolist()
             raise PhysicsError(f"the simulation of the robots {broken} became unstable")
         self._steps += 1
-        self._counts += self._events()
+        events: np.ndarray | None = self._events()
+        self._counts += events
         rewards = batch.rules.reward(batch.sensordata)
         if len(starting):
             self._begin(starting, self._episode.start)
             rewards[starting] = 0.0
+            events = None
         self._over = self._steps >= self._episode.steps
         truncations, observations, info = self._over.copy(), self._states(), {}
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
-            info = _final(observations, self._over.copy(), self._info(self._over))
+            info = _final(observations, self._over.copy(), self._info(self._over, events))
             self._begin(np.flatnonzero(self._over), self._episode.start)
             self._over[:] = False
-            observations = self._states()
-        info |= self._info()
+            observations, events = self._states(), None
+        info |= self._info(None, events)
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
     def render(self, robots: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
@@ -371,13 +373,16 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         touched = readings[:, layout.touch][:, 0] > 0
         return np.stack([touched, self._nose.inside(readings[:, layout.smell])])
 
-    def _info(self, robots: np.ndarray | None = None) -> dict[str, Any]:
+    def _info(
+        self, robots: np.ndarray | None = None, events: np.ndarray | None = None
+    ) -> dict[str, Any]:
         """Returns the entries of `INFO`, and each one's mask, as Gymnasium's own batches do.
 
         Args:
           robots: Mask of the robots whose entries are returned, shape (B,); the others' are 0.
+          events: What `_events` returns now, if known.
         """
-        pose, (contact, in_spot) = self._batch.pose, self._events()
+        pose, (contact, in_spot) = self._batch.pose, self._events() if events is None else events
         entries = {
             "position": pose[:, :2],
             "heading": pose[:, 2],
@@ -387,12 +392,11 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             "contact_steps": self._counts[0].copy(),
             "in_spot_steps": self._counts[1].copy(),
         }
-        mask = np.ones(self.num_envs, dtype=bool) if robots is None else robots
+        mask = np.ones(self.num_envs, dtype=bool) if robots is None else robots.copy()
         info: dict[str, Any] = {}
         for name, entry in entries.items():
-            if robots is not None:
-                entry[~robots] = 0
-            info[name], info[f"_{name}"] = entry, mask.copy()
+            info[name] = entry if robots is None else (entry.T * robots).T
+            info[f"_{name}"] = mask
         return info
 
 

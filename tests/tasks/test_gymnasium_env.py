@@ -1,9 +1,11 @@
 """The Gymnasium environments fulfil its contract, and the batch equals single environments."""
 
+import re
 import subprocess
 import sys
 import types
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -285,7 +287,13 @@ def test_reset_restarts_a_stopped_robot():
     robots.step(np.zeros((2, 2), np.float32))
 
 
-def test_info_is_documented_and_holds_the_state_of_the_world(name):
+def test_every_entry_of_info_is_in_the_documentation():
+    page = (Path(__file__).parents[2] / "docs" / "tasks.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| (?:\(2,\)|number|Boolean) \|", page, re.MULTILINE)
+    assert rows == list(INFO)
+
+
+def test_info_holds_the_state_of_the_world(name):
     env = gymnasium.make(name).unwrapped
     _, info = env.reset(seed=3, options={"robot": (0.4, 0.2, 0.3), "spot": (0.47, 0.24)})
     assert list(info) == list(INFO)
