@@ -5,8 +5,8 @@ from __future__ import annotations
 import collections
 import copy
 import dataclasses
-import functools
 import inspect
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self, TypedDict, Unpack
 
@@ -58,16 +58,12 @@ class Physics(mujoco.Physics):
     batch of robots. Copies, also through pickle, continue bit-exactly.
 
     Attributes:
+      dimensions: Dimensions of the robot, the arena and the spot.
       qpos: View of MuJoCo's qpos.
       readings: View of MuJoCo's sensordata, shape (1, nsensordata).
     """
 
     legacy_step = False  # plain mj_step, as in the batch's rollout, so that both agree
-
-    @functools.cached_property
-    def dimensions(self) -> Dimensions:
-        """Dimensions of the robot, the arena and the spot."""
-        return Dimensions.of(self.model.ptr)
 
     def robot_pose(self) -> np.ndarray:
         """Returns x, y in [m] and heading in [rad], shape (3,)."""
@@ -89,10 +85,11 @@ class Physics(mujoco.Physics):
 
     def check_sound(self) -> None:
         """Raises PhysicsError where the robot is outside the arena, above the floor or tilted."""
-        x, y, height, _, i, j = self.qpos.tolist()[:6]
-        if not self.dimensions.sound(x, y, height, i * i + j * j):
+        place = self.qpos.tolist()[:6]
+        if not all(map(operator.lt, map(abs, place), self._bounds)):
+            x, y, z = place[:3]
             raise control.PhysicsError(
-                f"the simulation became unstable: the robot is at x {x:g}, y {y:g}, z {height:g} m"
+                f"the simulation became unstable: the robot is at x {x:g}, y {y:g}, z {z:g} m"
             )
 
     def restore(self, state: np.ndarray, sensordata: np.ndarray) -> None:
@@ -121,7 +118,8 @@ class Physics(mujoco.Physics):
 
     def _reload_from_data(self, data: MjData) -> None:
         super()._reload_from_data(data)
-        vars(self).pop("dimensions", None)  # the model may be another one
+        self.dimensions = Dimensions.of(self.model.ptr)
+        self._bounds = self.dimensions.bounds.tolist()
         self.qpos = self.data.qpos
         self.readings = self.data.sensordata[None]
 

@@ -166,13 +166,12 @@ class Robots(abc.ABC):
         """Invalidates robots, and makes all invalid robots sense zeros.
 
         Args:
-          sound: Whether `Dimensions.sound` holds for every robot, shape (B,). Robots whose sensors
-            are not finite are unsound too.
+          sound: What `Dimensions.sound` returned, shape (B, n). Robots whose sensors are not finite
+            are unsound too.
         """
-        if not np.isfinite(self.sensordata).all():
-            sound = sound & np.isfinite(self.sensordata).all(axis=1)
-        if not sound.all():
-            broken = np.flatnonzero(~sound)
+        finite = np.isfinite(self.sensordata)
+        if not (sound.all() and finite.all()):
+            broken = np.flatnonzero(~(sound.all(axis=1) & finite.all(axis=1)))
             self.valid[broken] = False
             self.place(broken, np.zeros((len(broken), 3)))
         if not self.valid.all():
@@ -348,9 +347,9 @@ class Batch(Robots):
     def _sound(self, time: np.ndarray) -> np.ndarray:
         # MuJoCo resets an unstable simulation, and rollout stops at a warning: in both cases the
         # clock advances by less than a control step. Comparisons with NaN are false.
-        now, x, y, height, _, i, j = self._state[:, :7].T
-        sound = np.abs(now - time - CONTROL_TIMESTEP) < 1e-6
-        return sound & self.dimensions.sound(x, y, height, i * i + j * j)
+        sound = self.dimensions.sound(self._state[:, 1:7])
+        sound[:, 0] &= np.abs(self._state[:, 0] - time - CONTROL_TIMESTEP) < 1e-6
+        return sound
 
 
 _BATCHES: weakref.WeakSet[Batch] = weakref.WeakSet()

@@ -58,7 +58,8 @@ class KinematicBatch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
-        sound = self.dimensions.sound(*poses[:, :2].T) & np.isfinite(poses).all(axis=1)
+        inside = self.dimensions.sound(poses[:, :2]).all(axis=1)
+        sound = inside & np.isfinite(poses[:, 2])
         self.valid[robots[~sound]] = False
         self._poses[robots] = np.where(sound[:, None], poses, 0.0)
         self._wheels[robots] = 0
@@ -84,7 +85,7 @@ class KinematicBatch(Robots):
             contact = (contact | felt) if how.any_contact else felt
         self._touch[:] = contact
         self._sense()
-        self._stop_unsound(self.dimensions.sound(self._poses[:, 0], self._poses[:, 1]))
+        self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`."""
