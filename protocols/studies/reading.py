@@ -378,7 +378,7 @@ def _matched(
         means[condition] = float(
             np.mean([scores[n][condition] - scores[m][condition] for n, m in mine])
         )
-        for name in {*itertools.chain(*mine)}:
+        for name in sorted({*itertools.chain(*mine)}):  # equal data, equal draws
             drawn = random.binomial(robots, shares[name][condition], 200) / robots
             spread = np.std([newborn_score(x, robots, condition) for x in drawn])
             noise += float(spread / len(mine)) ** 2
