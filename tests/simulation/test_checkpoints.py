@@ -298,7 +298,7 @@ def test_a_pipe_in_place_of_a_checkpoint_is_set_aside_and_not_waited_for(tmp_pat
 
 
 def test_a_file_that_cannot_be_read_is_no_damage_and_stays(tmp_path, monkeypatch):
-    advanced = Cohort(EXPERIMENT, KEY)
+    advanced = Cohort(SHORT, KEY)
     advanced.advance(3)
     path = checkpoint_file(tmp_path, KEY)
     save_checkpoint(tmp_path, KEY, advanced)
@@ -311,7 +311,7 @@ def test_a_file_that_cannot_be_read_is_no_damage_and_stays(tmp_path, monkeypatch
 
     monkeypatch.setattr(io, "open", fail)
     with pytest.raises(OSError, match="Input/output error"):
-        restored_cohort(tmp_path, EXPERIMENT, KEY)
+        restored_cohort(tmp_path, SHORT, KEY)
     assert [*path.parent.iterdir()] == [path]
 
 
