@@ -1,14 +1,14 @@
 """OpenGL for pictures of the arena: the backend, the context and the size of the largest picture.
 
 MUJOCO_GL is the user's choice of a backend. If it is unset and there is no display, the first
-picture sets it to EGL. The choice waits for the first picture, because EGL takes time to start, and
-because its drivers can crash a process that then imports a CUDA build of torch.
+picture sets it to EGL. The choice waits for the first picture, because EGL takes time to start.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import importlib
 import os
 import sys
 import warnings
@@ -17,6 +17,19 @@ from typing import Any
 
 import mujoco
 
+
+def load_triton() -> None:
+    """Imports Triton, if it is installed, before EGL is opened.
+
+    CUDA builds of torch import it for torch._dynamo, which crashes where Mesa's EGL was opened
+    first: both hold LLVM.
+    """
+    with contextlib.suppress(Exception):  # whatever is wrong with it, pictures do not need it
+        importlib.import_module("triton")
+
+
+if os.environ.get("MUJOCO_GL") == "egl":  # then dm_control opens it now
+    load_triton()
 try:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # dm_control looks for a display; GLFW warns of its absence
@@ -108,6 +121,7 @@ class _Shared:
 
 @functools.cache
 def _egl_context() -> type:
+    load_triton()
     try:
         from dm_control._render.pyopengl.egl_renderer import EGLContext
         from mujoco.egl import GLContext

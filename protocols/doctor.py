@@ -28,11 +28,15 @@ from .errors import EGL_REMEDY
 
 Probe = Callable[[], str]  # returns what was found, or raises Missing
 
-# Modules that load a package's compiled part, where the top module does not.
+# Modules of other names, and modules that load a package's compiled part.
 _MODULES = {
+    "absl-py": "absl",
     "dm-control": "dm_control.suite.base",
+    "dm-tree": "tree",
     "matplotlib": "matplotlib.figure",
     "pillow": "PIL.Image",
+    "protobuf": "google.protobuf",
+    "pyopengl": "OpenGL",
     "safetensors": "safetensors.numpy",
     "scipy": "scipy.stats",
 }
@@ -42,7 +46,7 @@ _OPTIONAL = {  # package: extra of musebot, and what needs it
     "moviepy": ("gym", "Gymnasium's recorders of films"),
     "stable-baselines3": ("baselines", "training by PPO"),
 }
-# Seen with CUDA builds of torch and Mesa's EGL: both bring a compiler of their own.
+# Seen with CUDA builds of torch and Mesa's EGL (`models.rendering.load_triton`).
 _TORCH_AFTER_EGL = """
 import mujoco.egl
 context = mujoco.egl.GLContext(64, 64)
@@ -240,8 +244,9 @@ def _torch_after_egl() -> str:
     done = _child(["-c", _TORCH_AFTER_EGL])
     if done.returncode < 0:
         raise Fragile(
-            f"importing torch._dynamo after a picture crashes (signal {-done.returncode})",
-            "import torch._dynamo before the first picture, or install a CPU build of torch",
+            f"importing torch._dynamo after another program's picture crashes (signal "
+            f"{-done.returncode}); after musebot's it does not",
+            "import triton before the first picture, or install a CPU build of torch",
         )
     return "no crash" if done.returncode == 0 else "not tested, because EGL or torch is missing"
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ...models import arena_spec
-from ...models.rendering import fit_buffer
+from ...models.rendering import fit_buffer, load_triton
 from ..errors import EGL_REMEDY, InputError
 
 
@@ -51,6 +51,7 @@ class Canvas:
         self._options.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER] = False
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.empty((height, width, 3), dtype=np.uint8)
+        load_triton()
         try:
             from mujoco.egl import GLContext
 

@@ -4,6 +4,7 @@ Each script runs in a process of its own, because a process chooses OpenGL once.
 checked by several tests.
 """
 
+import importlib
 import json
 import os
 import shutil
@@ -16,6 +17,7 @@ import pytest
 import musebot
 from musebot.models import arena_spec, rendering
 from musebot.protocols import errors
+from musebot.protocols.playback.offscreen import Canvas
 
 pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
@@ -256,6 +258,22 @@ def test_without_egl_a_picture_is_refused_with_the_remedy_every_time(no_display,
         with pytest.raises(RuntimeError, match=f"no headless OpenGL.*`{errors.EGL_REMEDY}`"):
             rendering.choose_backend()
     assert "MUJOCO_GL" not in os.environ
+
+
+@pytest.mark.parametrize("canvas", [False, True], ids=["environment", "film"])
+def test_triton_is_imported_before_egl(no_display, monkeypatch, tmp_path, canvas):
+    (tmp_path / "triton.py").write_text("raise RuntimeError('broken, and harmless')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delenv("MUJOCO_GL")
+    names = []
+    imported = importlib.import_module
+    monkeypatch.setattr(importlib, "import_module", lambda n: (names.append(n), imported(n)))
+    for module in ("dm_control._render.pyopengl.egl_renderer", "mujoco.egl"):
+        monkeypatch.setitem(sys.modules, module, None)
+    rendering._egl_context.cache_clear()
+    with pytest.raises((RuntimeError, errors.InputError), match="no headless OpenGL"):
+        Canvas(arena_spec().compile(), "overhead", 64, 48) if canvas else rendering.choose_backend()
+    assert names == ["triton"]
 
 
 def test_the_buffer_grows_and_never_shrinks():
