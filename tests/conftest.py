@@ -62,7 +62,7 @@ class InProcess:
             yield job
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def in_process():
     """The class `InProcess`, for tests that pass an executor."""
     return InProcess

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -39,7 +40,12 @@ def package(line: str) -> doctor.Check:
 
 def test_command_exits_with_0_exactly_if_nothing_is_missing(tmp_path) -> None:
     command = [sys.executable, "-m", "musebot", "doctor"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    # A locale without UTF-8, in which Python would not switch to UTF-8 by itself.
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, **plain}
+    )
+    assert "Traceback" not in done.stderr and done.stdout.isascii()
     assert done.returncode in (0, 1), done.stderr
     assert (done.returncode == 1) == ("MISSING" in done.stdout)
     for name in doctor.all_probes():

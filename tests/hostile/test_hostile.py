@@ -12,14 +12,14 @@ FEW, FEW_COMMANDS, FEW_CALLS = 10, 120, 15
 
 
 @pytest.fixture(scope="session")
-def base(tmp_path_factory, invented, in_process):
+def base(tmp_path_factory, invented):
     import torch
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("hostile")
     for name, seed in (("a", 1), ("b", 2)):
-        files.make(folder / name, seed, invented, in_process())
+        files.make(folder / name, seed, invented)
     readers.learn_truth(folder)
     yield folder
     torch.set_num_threads(threads)
