@@ -66,7 +66,8 @@ MORE_TESTS = {
     "protocols/simulation/placement.py": "simulation/test_cohort.py",
     "protocols/experiment/schedules.py": "simulation/test_placement.py simulation/test_cohort.py",
     "protocols/results/results.py": "results/test_run_files.py",
-    "protocols/results/checks.py": "results/test_run_files.py",
+    "protocols/results/checks.py": "simulation/test_checkpoints.py results/test_run_files.py",
+    "protocols/results/run_files.py": "results/test_checks.py",
     "protocols/simulation/jobs.py": "simulation/test_runs.py",
 }
 
@@ -219,6 +220,7 @@ def main() -> None:
     parser.add_argument("--share", type=int, default=40, help="mutants of each area (40)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the sample (1)")
     parser.add_argument("--only", default="", help="modules whose path contains this text")
+    parser.add_argument("--again", type=Path, help="a log; only its surviving mutants")
     options = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"  # threads of small tensors wait for each other
     for name in LIBRARIES:
@@ -244,6 +246,10 @@ def _area(area: str, copied: Path, options: argparse.Namespace) -> tuple[int, in
     chosen = random.Random(f"{options.seed} {area}").sample(
         planted, min(options.share, len(planted))
     )
+    if options.again:
+        lines = options.again.read_text().splitlines(keepends=True)
+        survivors = "".join(line for line in lines if line.startswith("SURVIVED"))
+        chosen = [one for one in chosen if f" s  {one[0]}:{one[1]}\n" in survivors]
     print(f"{area}: {len(chosen)} of {len(planted)} mutants of {len(modules)} modules", flush=True)
     log, limits, killed = copied.parent / "log", {}, 0
     for module, what, text in sorted(chosen):

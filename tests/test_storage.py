@@ -452,3 +452,15 @@ def test_a_locked_folder_is_refused_until_it_is_free(tmp_path):
     with locked(folder):
         pass
     assert files(folder) == {}
+
+
+@pytest.mark.parametrize("mask", [0o000, 0o027])
+def test_new_files_have_the_permissions_that_the_user_asks_for(tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        create_empty(tmp_path / "empty")
+        write_text(tmp_path / "text", "text")
+    finally:
+        os.umask(before)
+    for name in ("empty", "text"):
+        assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~mask
