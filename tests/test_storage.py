@@ -448,7 +448,9 @@ def test_a_locked_folder_is_refused_until_it_is_free(tmp_path):
     with locked(folder):
         with pytest.raises(InputError) as caught, locked(folder):
             pass
-        assert str(caught.value) == f"another musebot is running in {folder}"
+        assert (
+            str(caught.value) == f"another musebot (process {os.getpid()}) is running in {folder}"
+        )
     with locked(folder):
         pass
     assert files(folder) == {}

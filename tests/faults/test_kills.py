@@ -26,16 +26,18 @@ from musebot.protocols.studies.study import STUDY_FILE
 from musebot.protocols.terminal import JobProgress
 
 # Commands, forked from one process that has imported everything: kills then fall into the work,
-# not into imports. The study has two runs only.
+# not into imports. The study has two runs only, and saves checkpoints more often.
 FORKS = """
 import json, os, sys
 from multiprocessing import get_context
 from musebot.protocols import cli
 from musebot.protocols.simulation import local
+from musebot.protocols.simulation.runs import UnfinishedRun
 from musebot.protocols.studies.ablation import Ablation
 
-all_runs = Ablation.variants
+all_runs, all_jobs = Ablation.variants, UnfinishedRun.jobs
 Ablation.variants = lambda self: all_runs(self)[:2]
+UnfinishedRun.jobs = lambda self, save_every: all_jobs(self, min(save_every, 0.05))
 local.multiprocessing.get_context = lambda method: get_context("fork")
 for line in sys.stdin:
     if (child := os.fork()) == 0:
@@ -113,7 +115,7 @@ def commands(tmp_path_factory):
 
 
 RUN = "--robots 4 --cohort-size 2 --time-scale 0.002 --processes 2 --save-every 0.05 --task "
-STUDY = "--robots 2 --time-scale 0.002 --processes 2 --body kinematic --task wall_avoidance"
+STUDY = "--robots 2 --time-scale 0.01 --processes 2 --body kinematic --task wall_avoidance"
 
 
 def words(kind, out):

@@ -407,6 +407,14 @@ def test_a_run_without_digests_is_read_with_a_warning_until_they_are_adopted(
     assert {name: (folder / name).read_bytes() for name in FILES} == before
 
 
+@pytest.mark.parametrize(
+    "manifest", sorted(KEPT.rglob(MANIFEST)), ids=lambda path: str(path.parent.relative_to(KEPT))
+)
+def test_the_digests_of_a_kept_run_are_recorded(manifest):
+    # A run of an earlier version gets them by `adopt_files`.
+    assert recorded_files(manifest.parent) == [digests(manifest.parent)]
+
+
 @pytest.mark.parametrize("older", [False, True])
 def test_every_mixture_that_a_killed_enlargement_leaves_is_read(
     folder, results, part_of, monkeypatch, without_digests, older
