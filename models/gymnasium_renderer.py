@@ -17,14 +17,14 @@ class ArenaRenderer(MujocoRenderer):
     """Gymnasium's `MujocoRenderer` in a process where others open contexts, too."""
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int
+        self, model: mujoco.MjModel, data: mujoco.MjData, camera_id: str, width: int, height: int
     ) -> None:
         """Enlarges the model's buffer to the size of the pictures.
 
         Args:
           model: Model to render.
           data: State to render.
-          camera: Name of one of the model's cameras.
+          camera_id: Name of one of the model's cameras.
           width: Width of a picture in pixels.
           height: Height of a picture in pixels.
         """
@@ -34,7 +34,7 @@ class ArenaRenderer(MujocoRenderer):
             data,
             width=width,
             height=height,
-            camera_name=camera,
+            camera_name=camera_id,
             visual_options={int(mujoco.mjtVisFlag.mjVIS_RANGEFINDER): False},
         )
 

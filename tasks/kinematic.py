@@ -58,7 +58,10 @@ class KinematicBatch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
-        self._poses[robots] = poses
+        inside = self.dimensions.sound(poses[:, :2]).all(axis=1)
+        sound = inside & np.isfinite(poses[:, 2])
+        self.valid[robots[~sound]] = False
+        self._poses[robots] = np.where(sound[:, None], poses, 0.0)
         self._wheels[robots] = 0
         self._touch[robots] = self._near()[robots] if self._kinematics.felt == "near" else 0
         others = np.delete(np.arange(self.robots), robots)
@@ -82,6 +85,7 @@ class KinematicBatch(Robots):
             contact = (contact | felt) if how.any_contact else felt
         self._touch[:] = contact
         self._sense()
+        self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`."""
@@ -103,7 +107,8 @@ class KinematicBatch(Robots):
         self.sensordata[:, layout.distances] = distances(self._poses, self.dimensions)
         self.sensordata[:, layout.touch] = self._touch[:, None]
         self.sensordata[:, layout.smell.start : layout.smell.start + 2] = spot
-        self.sensordata[~self.valid] = 0
+        if not self.valid.all():
+            self.sensordata[~self.valid] = 0
 
 
 def make_kinematic_batch(

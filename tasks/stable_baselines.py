@@ -47,9 +47,19 @@ class ArenaVecEnv(VecEnv):
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
 
     def reset(self) -> np.ndarray:
-        """Starts an episode of every robot with the seeds set by `seed`; returns (B, S)."""
-        observations, _ = self._robots.reset(seed=self._seeds)
+        """Starts an episode of every robot; returns the observations, shape (B, S).
+
+        The seeds are those set by `seed`; options set by `set_options` hold for these episodes.
+
+        Raises:
+          TypeError, ValueError: `ArenaVectorEnv.reset` raises it, or the robots' options differ.
+        """
+        first, *others = self._options
+        if any(options != first for options in others):
+            raise ValueError("options must be the same for all robots of a batch")
+        observations, _ = self._robots.reset(seed=self._seeds, options=first)
         self._reset_seeds()
+        self._reset_options()
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
