@@ -10,8 +10,8 @@ import gymnasium
 import mujoco
 import numpy as np
 
+from ...models.physics import Physics
 from ...models.rendering import no_window
-from ..arena import Physics
 from ..episode import check_state
 from ..suite import load
 from .common import FPS, check_render_mode, checked_task, picture_of, spaces

@@ -14,7 +14,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from ..arena import Physics
+from ...models.physics import Physics
 from ..episode import (
     Lifecycle,
     check_state,

@@ -245,7 +245,7 @@ def test_the_window_shows_every_step_and_closes(monkeypatch):
     module = types.ModuleType("musebot.models.gymnasium_renderer")
     module.ArenaRenderer = Window
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr("musebot.tasks.gymnasium_env.no_window", lambda: "")
+    monkeypatch.setattr("musebot.tasks.gymnasium_env.single.no_window", lambda: "")
     env = gymnasium.make("musebot/WallAvoidance-v0", render_mode="human")
     env.reset(seed=0)
     env.step(np.zeros(2, np.float32))
@@ -341,7 +341,7 @@ def test_a_batch_renders_chosen_robots(monkeypatch):
         shown.append((height, width, camera_id, *physics.robot_pose(), *physics.spot_position()))
         return np.full((height, width, 3), len(shown), np.uint8)
 
-    monkeypatch.setattr("musebot.tasks.arena.Physics.render", render)
+    monkeypatch.setattr("musebot.models.physics.Physics.render", render)
     _, info = batch.reset(seed=0)
     pictures = batch.render(robots=[2, 0])
     assert [picture.shape for picture in pictures] == [(64, 96, 3)] * 2
