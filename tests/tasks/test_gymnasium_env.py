@@ -233,8 +233,8 @@ def test_the_window_shows_every_step_and_closes(monkeypatch):
     seen = []
 
     class Window:
-        def __init__(self, model, data, camera, width, height):
-            seen.append((camera, width, height))
+        def __init__(self, model, data, camera_id, width, height):
+            seen.append((camera_id, width, height))
 
         def render(self, mode):
             seen.append(mode)
