@@ -18,7 +18,8 @@ from ..experiment.overrides import named_brain
 from ..storage import read_whole
 
 _MOST_BYTES = 2**20
-_SECTIONS = ("experiment", "plan", "physics", "made_with")  # the last two, of runs, are not read
+# What a run's manifest holds; only the first two are read.
+_SECTIONS = ("experiment", "plan", "physics", "made_with", "files", "digest")
 _ROW = ("task", "proposer", "robots")
 
 

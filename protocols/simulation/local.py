@@ -52,10 +52,15 @@ class Local:
             with children_without_script():
                 waiting = {pool.submit(_run, *each): each[1] for each in enumerate(jobs)}
             complete = True
+            workers: set[BaseProcess] = set()
             try:
                 while waiting:
                     done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
                     progress.show(reports)
+                    # The pool does not notice the death of a process that has just begun.
+                    workers |= {*multiprocessing.active_children()} - others
+                    if not done and any(worker.exitcode is not None for worker in workers):
+                        raise BrokenProcessPool
                     if request.stop:
                         stop.value = 1
                     for future in [f for f in waiting if f in done]:  # in the jobs' order

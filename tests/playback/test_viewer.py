@@ -188,7 +188,7 @@ def test_keys_are_those_of_dm_controls_viewer():
     [
         (
             "wall_avoidance --keys --policies p.safetensors",
-            "--policies and --keys can drive",
+            "--policies, --keys and --random can drive",
         ),
         ("wall_avoidance --proposer fixed", "--proposer needs --out"),
         ("dancing", "the task must be one of"),
