@@ -8,10 +8,11 @@ except ModuleNotFoundError as error:
     ) from error
 
 from .brains import BRAINS, INGREDIENTS
-from .creative_memory import CreativeMemory, NoisePatterns
+from .creative_memory import CreativeMemory
 from .evaluation_network import EvaluationNetwork
 from .networks import Networks
 from .neurocontroller import Neurocontroller
+from .noise import NoisePatterns
 from .parameters import Parameters
 from .proposers import PROPOSERS, Proposer, RandomActions
 from .senses import Senses, Signal

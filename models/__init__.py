@@ -10,8 +10,9 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .edits import add_noses, add_obstacles, add_velocity, centre_nose, enlarge, hide_spot
+from .edits import add_noses, add_velocity, centre_nose, enlarge, hide_spot
 from .kinematic import Kinematics
+from .obstacles import add_obstacles
 
 __all__ = [
     "ARENA_XML",

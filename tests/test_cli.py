@@ -16,7 +16,7 @@ import musebot
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
 from musebot.protocols import cli, shared_options
-from musebot.protocols.agents.factory import RECORDED_NAMES
+from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import BODIES, Experiment, NosePlace
 from musebot.protocols.experiment.manifest import MANIFEST, read_manifest

@@ -85,7 +85,8 @@ def studies() -> dict[str, str]:
 
 def agents() -> dict[str, str]:
     """Returns a line for each proposer, for `--proposer`, and for each agent, for `--agent`."""
-    from ..agents.factory import RECORDED_NAMES, factory_of
+    from ..agents.factory import factory_of
+    from ..agents.names import RECORDED_NAMES
 
     own = {name: _first_line(factory_of(name)) for name in RECORDED_NAMES}
     return _PROPOSERS | own

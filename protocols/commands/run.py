@@ -112,7 +112,8 @@ class RunCommand:
           InputError: a value is invalid, or OUT holds something else; nothing was done.
           Interrupted, RunError, OSError: see `simulation.runs.simulate`.
         """
-        from ..agents.factory import recorded_name, trust
+        from ..agents.names import recorded_name
+        from ..agents.trust import trust
         from ..results.run_files import planned
         from ..simulation.runs import simulate
         from ..storage import resolved
@@ -134,7 +135,8 @@ class RunCommand:
     def _plan(self, held: Plan | None, config: Config) -> Plan:
         """Returns the plan asked for, completed by the file, by OUT, and by the defaults."""
         from ...controller import PROPOSERS
-        from ..agents.factory import check_trusted, recorded_name
+        from ..agents.names import recorded_name
+        from ..agents.trust import check_trusted
         from ..experiment.conditions import Condition
         from ..experiment.experiment import Experiment
         from ..experiment.manifest import check_same_experiment

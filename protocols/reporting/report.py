@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.schedules import SCHEDULES, TASK_NAMES
 from ..playback import film as films
-from ..playback import observation
+from ..playback import measured_behaviour
 from ..playback.episode import Episode
 from ..playback.rollout import SEED, Tick
 from ..playback.stored_brains import StoredRobot
@@ -95,9 +95,9 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
 
 def _write(run: Run, out: Path, page_file: Path, film: Film) -> None:
     drawn: list[Medium] = []
-    total = observation.ticks(run) + robot_figures.ticks(run)
+    total = measured_behaviour.ticks(run) + robot_figures.ticks(run)
     with _progress(total) as tick, style.styled():
-        behaviour = observation.observe(run, tick)
+        behaviour = measured_behaviour.observe(run, tick)
         for planned in _figures(run, behaviour, tick):
             if (figure := planned.draw()) is not None:
                 paths = style.save(figure, out / "figures", planned.name)
@@ -156,10 +156,10 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
         yield PlannedFigure(
             "spinning",
             "Spinning",
-            f"A dot is a robot (the first {observation.SAMPLE} of each condition); the line is "
-            "their mean. In a second of spinning a robot turns by more than 1 rad and moves less "
-            f"than 2 cm. First {observation.SPIN_MINUTES * scale:g} minutes of the test, replayed "
-            "with the stored brains.",
+            f"A dot is a robot (the first {measured_behaviour.SAMPLE} of each condition); the line "
+            "is their mean. In a second of spinning a robot turns by more than 1 rad and moves "
+            f"less than 2 cm. First {measured_behaviour.SPIN_MINUTES * scale:g} minutes of the "
+            "test, replayed with the stored brains.",
             lambda: figures.spinning(behaviour),
         )
     if behaviour.stays:

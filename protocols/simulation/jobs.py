@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...tasks.arena import CONTROL_TIMESTEP
-from ..agents.factory import trust
+from ..agents.trust import trust
 from ..errors import InputError, RunError
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment

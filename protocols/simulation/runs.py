@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 from pathlib import Path
 
-from ..agents.factory import check_trusted
+from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, RunError
 from ..experiment.budget import check_memory
 from ..experiment.conditions import CohortKey

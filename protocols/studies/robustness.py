@@ -29,7 +29,7 @@ from ..experiment.schedules import (
     control_steps,
 )
 from ..playback.episode import check_seed
-from ..playback.observation import sample, with_brains
+from ..playback.measured_behaviour import sample, with_brains
 from ..playback.rollout import Tick, watch
 from ..playback.stored_brains import stored_brains
 from ..reporting import markdown

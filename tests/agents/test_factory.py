@@ -12,18 +12,14 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols import cli
-from musebot.protocols.agents import factory
+from musebot.protocols.agents import trust as trusting
 from musebot.protocols.agents.base import Agent
-from musebot.protocols.agents.factory import (
-    RECORDED_NAMES,
-    make_agent,
-    recorded_name,
-    senses_of,
-    trust,
-)
+from musebot.protocols.agents.factory import make_agent, senses_of
 from musebot.protocols.agents.hand_coded import HandCoded
+from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name
 from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
 from musebot.protocols.agents.q_learning import QLearner
+from musebot.protocols.agents.trust import trust
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
@@ -41,7 +37,7 @@ REHEARSAL = "--robots 2 --time-scale 0.001 --body kinematic --task wall_avoidanc
 
 @pytest.fixture(autouse=True)
 def _nothing_is_trusted_before_or_after(monkeypatch):
-    monkeypatch.setattr(factory, "_TRUSTED", set())
+    monkeypatch.setattr(trusting, "_TRUSTED", set())
     monkeypatch.setattr(sys, "path", [*sys.path])
 
 
@@ -225,7 +221,7 @@ def held(tmp_path, monkeypatch, commands_in_process):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["run", "out", "--agent", "spy_agent:make", *REHEARSAL]) == 0
     sys.modules.pop("spy_agent")
-    monkeypatch.setattr(factory, "_TRUSTED", set())
+    monkeypatch.setattr(trusting, "_TRUSTED", set())
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path != str(tmp_path)])
     (tmp_path / "ran").unlink()
 

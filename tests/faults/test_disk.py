@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from musebot.protocols.cli import RunCommand, TablesCommand
 from musebot.protocols.exit_status import exit_status
-from musebot.protocols.playback import observation
+from musebot.protocols.playback import measured_behaviour
 from musebot.protocols.reporting import report
 from musebot.protocols.results.run_files import ROBOTS_FILE, read_results, read_run
 from musebot.protocols.simulation import jobs
@@ -205,8 +205,8 @@ def quick(monkeypatch, commands_in_process):
         seen.extend([] if seen else [real(run, tick)])
         return seen[0]
 
-    real = observation.observe
-    monkeypatch.setattr(observation, "observe", observe)
+    real = measured_behaviour.observe
+    monkeypatch.setattr(measured_behaviour, "observe", observe)
     monkeypatch.setattr(jobs, "_CHUNK", 4)
     monkeypatch.setattr(report, "_figures", figures)
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"figure"))

@@ -7,19 +7,19 @@ import dataclasses
 import numpy as np
 
 from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.playback import observation
+from musebot.protocols.playback import measured_behaviour
 from musebot.protocols.results.results import ConditionResults
 from musebot.protocols.results.run import Run
 
 
 def test_all_conditions_are_observed_and_every_tick_is_announced(run):
     ticks = []
-    behaviour = observation.observe(run, lambda: ticks.append(1))
+    behaviour = measured_behaviour.observe(run, lambda: ticks.append(1))
     assert [*behaviour.spinning] == run.conditions()
     for shares in behaviour.spinning.values():
         assert shares.shape == (3, 2)
         assert ((shares >= 0) & (shares <= 1)).all()
-    assert len(ticks) == observation.ticks(run) > 0
+    assert len(ticks) == measured_behaviour.ticks(run) > 0
 
 
 def test_only_robots_that_found_the_spot_start_at_it_again(run):
@@ -35,14 +35,14 @@ def test_only_robots_that_found_the_spot_start_at_it_again(run):
     curves[[0, 2], 1:5] = 0.5
     curves[1, [0, 5]] = 1.0
     results = {condition: ConditionResults(four, curves, networks)}
-    behaviour = observation.observe(Run("run", scaled, results))
+    behaviour = measured_behaviour.observe(Run("run", scaled, results))
     assert len(behaviour.stays["creative"].staying) == 2
 
 
 def test_invalid_robots_are_not_observed(invalid):
-    behaviour = observation.observe(invalid)
+    behaviour = measured_behaviour.observe(invalid)
     assert behaviour.spinning == {} and behaviour.stays == {}
-    assert observation.ticks(invalid) == 0
+    assert measured_behaviour.ticks(invalid) == 0
 
 
 def test_sample_is_the_first_valid_robots(run, invalid):
@@ -50,12 +50,12 @@ def test_sample_is_the_first_valid_robots(run, invalid):
     part = run.results[condition]
     robots = [invalid.results[condition].robots[0], *part.robots[1:]]
     some = Run("run", run.experiment, {condition: dataclasses.replace(part, robots=robots)})
-    assert observation.sample(some, condition, 60) == [1, 2]
-    assert observation.sample(some, condition, 1) == [1]
+    assert measured_behaviour.sample(some, condition, 60) == [1, 2]
+    assert measured_behaviour.sample(some, condition, 1) == [1]
 
 
 def test_agents_without_a_stored_brain_are_not_observed(run):
     agent = Condition("wall_avoidance", "package.module:factory")
     part = run.results[Condition("wall_avoidance", "fixed")]
     both = dataclasses.replace(run, results={**run.results, agent: part})
-    assert observation.with_brains(both) == run.conditions()
+    assert measured_behaviour.with_brains(both) == run.conditions()

@@ -22,7 +22,7 @@ _DTYPES = {
 }  # fmt: skip
 
 
-class StrangerAgent(Agent):
+class CheckedAgent(Agent):
     """An agent whose code is not ours: each fault becomes one sentence that names the agent."""
 
     def __init__(self, name: str, make: Callable[[], object], robots: int) -> None:

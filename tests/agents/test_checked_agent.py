@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
+from musebot.protocols.agents.checked_agent import CheckedAgent
 from musebot.protocols.agents.hand_coded import HandCoded
-from musebot.protocols.agents.stranger import StrangerAgent
 from musebot.protocols.errors import InputError, RunError
 
 STATE, REWARD = np.ones((2, 1), np.float32), np.ones(2, np.float32)
@@ -17,7 +17,7 @@ STATE, REWARD = np.ones((2, 1), np.float32), np.ones(2, np.float32)
 def stranger(**methods):
     """Returns a guarded agent of two robots with some methods of its own."""
     kind = type("Mine", (HandCoded,), {name: staticmethod(f) for name, f in methods.items()})
-    return StrangerAgent("mine:make", kind, 2)
+    return CheckedAgent("mine:make", kind, 2)
 
 
 def leave(*_):
