@@ -17,9 +17,9 @@ def trust(*names: str) -> None:
 
     Their modules are also looked for in the working directory, as with `python -m`.
     """
-    strangers = [name for name in names if not is_own(name)]
-    _TRUSTED.update(strangers)
-    here = str(Path.cwd()) if strangers else ""
+    own = [name for name in names if not is_own(name)]
+    _TRUSTED.update(own)
+    here = str(Path.cwd()) if own else ""
     if here and here not in sys.path:
         sys.path.insert(0, here)
 

@@ -14,7 +14,7 @@ from musebot.protocols.errors import InputError, RunError
 STATE, REWARD = np.ones((2, 1), np.float32), np.ones(2, np.float32)
 
 
-def stranger(**methods):
+def checked(**methods):
     """Returns a guarded agent of two robots with some methods of its own."""
     kind = type("Mine", (HandCoded,), {name: staticmethod(f) for name, f in methods.items()})
     return CheckedAgent("mine:make", kind, 2)
@@ -40,12 +40,12 @@ def test_motors_of_another_shape_or_type_are_refused(motors, words):
     with pytest.raises(
         InputError, match=f"mine:make must return {words.removeprefix('must return ')}"
     ):
-        stranger(act=lambda state, learning: motors).act(STATE, False)
+        checked(act=lambda state, learning: motors).act(STATE, False)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_motors_that_are_not_finite_are_refused_with_the_robot(value):
-    agent = stranger(act=lambda state, learning: np.array([[0, 0], [0.5, value]]))
+    agent = checked(act=lambda state, learning: np.array([[0, 0], [0.5, value]]))
     with pytest.raises(RunError) as caught:
         agent.act(STATE, False)
     assert str(caught.value) == (
@@ -56,7 +56,7 @@ def test_motors_that_are_not_finite_are_refused_with_the_robot(value):
 def test_a_robot_with_weights_that_are_not_finite_is_stopped_by_the_simulation_instead():
     motors = np.array([[0, 0], [0.5, np.nan]])
     weights = {"w": np.array([[1.0], [np.nan]])}
-    agent = stranger(act=lambda state, learning: motors, weights=lambda: weights)
+    agent = checked(act=lambda state, learning: motors, weights=lambda: weights)
     assert agent.act(STATE, False) is motors
 
 
@@ -68,13 +68,13 @@ def test_a_fault_is_one_sentence_with_its_place_and_an_exit_is_an_error(method):
         raise KeyError("two\nlines")
 
     with pytest.raises(RunError) as caught:
-        getattr(stranger(**{method: fail}), method)(*arguments)
+        getattr(checked(**{method: fail}), method)(*arguments)
     said = str(caught.value)
     assert said.startswith(
-        f"mine:make failed in {method} (KeyError: 'two\\nlines', test_stranger.py"
+        f"mine:make failed in {method} (KeyError: 'two\\nlines', test_checked_agent.py"
     )
     with pytest.raises(RunError, match=rf"failed in {method}: it called for an exit \(status 0\)"):
-        getattr(stranger(**{method: leave}), method)(*arguments)
+        getattr(checked(**{method: leave}), method)(*arguments)
 
 
 @pytest.mark.parametrize("method", ["state", "weights"])
@@ -91,12 +91,12 @@ def test_a_fault_is_one_sentence_with_its_place_and_an_exit_is_an_error(method):
 )
 def test_arrays_that_no_file_can_hold_are_refused(method, returned, words):
     with pytest.raises(InputError, match=words):
-        getattr(stranger(**{method: lambda: returned}), method)()
+        getattr(checked(**{method: lambda: returned}), method)()
 
 
 def test_weights_have_a_row_a_robot():
     with pytest.raises(InputError, match=r"got w of shape \(3,\) for 2 robots"):
-        stranger(weights=lambda: {"w": np.zeros(3)}).weights()
+        checked(weights=lambda: {"w": np.zeros(3)}).weights()
 
 
 def test_an_agent_that_changes_what_it_is_given_changes_a_copy():
@@ -107,7 +107,7 @@ def test_an_agent_that_changes_what_it_is_given_changes_a_copy():
     def learn(reward):
         reward[:] = 7
 
-    agent = stranger(act=act, learn=learn, load_state=lambda arrays: arrays["w"].fill(7))
+    agent = checked(act=act, learn=learn, load_state=lambda arrays: arrays["w"].fill(7))
     state, reward, saved = STATE.copy(), REWARD.copy(), {"w": np.ones(2)}
     agent.act(state, True)
     agent.learn(reward)
