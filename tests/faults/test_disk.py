@@ -15,7 +15,8 @@ import shutil
 import pytest
 from matplotlib.figure import Figure
 
-from musebot.protocols.cli import RunCommand, TablesCommand
+from musebot.protocols.commands.run import RunCommand
+from musebot.protocols.commands.tables import TablesCommand
 from musebot.protocols.exit_status import exit_status
 from musebot.protocols.playback import measured_behaviour
 from musebot.protocols.reporting import report
