@@ -28,6 +28,7 @@ from musebot.protocols.studies.study import conduct
 
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EACCES)
 GROWING = {"mkdir", "create", "write", "fsync", "replace"}  # what a full disk refuses
+PROGRESS = re.compile(r"robot-hours$|^musebot: [\d.]+ %, ")  # where stderr is no terminal
 MODES = (*ERRORS, "full", "short", "dead")
 
 
@@ -271,7 +272,9 @@ class Sweep:
         else:
             self.ends[f"status {status}"] += 1
             sentences = re.findall("^musebot: .*", said, re.MULTILINE)
+            sentences = [line for line in sentences if not PROGRESS.search(line)]
             assert len(sentences) == 1 and "Traceback" not in said, f"{where}: {said}"
+            assert "None" not in said, f"{where}: {said}"
             self.stays(out, before, disk.left, where)
         if again:
             self._done(out, *again)
