@@ -3,12 +3,12 @@
 PYTHON ?= python3
 VENV   := .venv
 READY  := $(VENV)/.ready
+TYPES  := $(VENV)/.types
 RAY    := $(VENV)/.ray
 GYM    := $(VENV)/.gym
 CHROMIUM := $(VENV)/.chromium
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
-FILM   := $(VENV)/bin/musebot film $(DEMO) --proposer creative --robot 0 --phase post --seconds 30
 
 # $(call apt_install,PACKAGES,PURPOSE), for use inside a shell command.
 apt_install = { \
@@ -18,19 +18,16 @@ apt_install = { \
 	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test lint gym cluster clean
+.PHONY: help run test lint gym cluster dist clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-run: $(READY)  ## simulate 8 creative robots in both tasks and film one of each, in runs/demo
-	$(VENV)/bin/musebot run $(DEMO) --robots 8 --proposer creative
-	mkdir -p $(DEMO)/films
-	$(FILM) --task wall_avoidance --speed 4 --output $(DEMO)/films/wall_avoidance.mp4
-	$(FILM) --task spot_finding --speed 60 --output $(DEMO)/films/spot_finding.mp4
+run: $(READY)  ## film a trained robot, let a few learn, film them too; in runs/demo
+	$(VENV)/bin/musebot demo $(DEMO)
 
 test: $(READY) $(RAY) $(GYM) $(CHROMIUM)  ## run the tests
-	@$(VENV)/bin/pytest -q -n 2 tests
+	@$(VENV)/bin/pytest -q -n 2 --dist worksteal tests
 
 lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff check .
@@ -42,6 +39,12 @@ gym: $(READY)  ## install Gymnasium and Stable-Baselines3 in .venv
 
 cluster: $(READY)  ## install Ray in .venv
 	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt
+
+dist: $(READY)  ## build the wheel and the sdist in dist/
+	rm -rf build dist *.egg-info
+	$(VENV)/bin/python -c 'from setuptools import build_meta as build; \
+	  build.build_sdist("dist"); build.build_wheel("dist")' >/dev/null
+	@rm -rf build *.egg-info; ls -l dist
 
 clean:  ## remove .venv, builds and caches; keep runs/
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
@@ -64,13 +67,24 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install -c constraints.txt torch
 	$(VENV)/bin/pip install --no-deps -r constraints.txt -e .
+	@$(MAKE) --no-print-directory $(TYPES)
 	@touch $@
 
-# Only the report's test needs a browser (113 MB); it is skipped without one.
+# Type checkers do not run the code by which pip finds this folder. They follow a path that holds a
+# folder `musebot`, which here is a link to the root.
+$(TYPES):
+	mkdir -p $(VENV)/src
+	ln -sfn "$(CURDIR)" $(VENV)/src/musebot
+	packages=$$($(VENV)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+	  echo "$(abspath $(VENV))/src" > "$$packages/musebot-sources.pth"
+	@touch $@
+
+# Only the report's test needs a browser (113 MB), and only those of windows need a display; they are
+# skipped without one.
 $(CHROMIUM): $(READY)
-	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || \
-	{ $(call apt_install,chromium,the report's test); } || \
-	  echo "Continuing without chromium: the report's test in a browser will be skipped." >&2
+	@{ command -v chromium || command -v chromium-browser; } >/dev/null && \
+	command -v Xvfb >/dev/null || { $(call apt_install,chromium xvfb,tests of pages and windows); } || \
+	  echo "Continuing without chromium or Xvfb: tests of pages or windows will be skipped." >&2
 	@touch $@
 
 # Only the cluster's tests need Ray (250 MB); they are skipped without it.

@@ -11,15 +11,19 @@ OpenGL; it registers the tasks with Gymnasium if that is installed.
 from __future__ import annotations
 
 import contextlib
-import os
+import importlib
 from typing import TYPE_CHECKING, Any
+
+from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
-    from dm_control.rl import control
-
+    from .protocols.results.run import Run
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
+    from .tasks.arena import Environment
+    from .tasks.rules import Rules
 
 __version__ = "0.1.0"
 
@@ -33,19 +37,9 @@ __all__ = [
     "load",
     "register",
     "register_gymnasium",
+    "register_task",
+    "run",
 ]
-
-# Gymnasium ids in the namespace "musebot", and their tasks. A task that changes gets a new version.
-GYMNASIUM_TASKS = {
-    "WallAvoidance-v0": "wall_avoidance",
-    "SpotFinding-v0": "spot_finding",
-    "WallAvoidanceUnit-v0": "wall_avoidance_unit",
-    "WallAvoidanceObstacles-v0": "wall_avoidance_obstacles",
-    "SpotFindingUnit-v0": "spot_finding_unit",
-    "SpotFindingTwoNoses-v0": "spot_finding_two_noses",
-    "SpotFindingWalls-v0": "spot_finding_walls",
-    "SpotFindingJumping-v0": "spot_finding_jumping",
-}
 
 
 def load(
@@ -54,7 +48,7 @@ def load(
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
-) -> control.Environment:
+) -> Environment:
     """Returns an environment, with the signature of `dm_control.suite.load`.
 
     Args:
@@ -73,37 +67,52 @@ def load(
     return tasks.load(domain_name, task_name, task_kwargs, environment_kwargs, visualize_reward)
 
 
+def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
+    """Simulates all robots that a folder does not hold yet, as the command `musebot run` does.
+
+    Args:
+      out: Folder of the run; an unfinished run continues.
+      quiet: Whether to show no progress.
+      **options: Options of `musebot run`, with underscores, such as `task`, `robots` and `brain`;
+        see `protocols.commands.run.run`.
+
+    Returns:
+      The run with all robots of the folder.
+
+    Raises:
+      TypeError: An option is unknown.
+      protocols.errors.InputError: A value is invalid, or the folder holds something else.
+    """
+    # By name: the modules that simulate import this module's version.
+    command = importlib.import_module(f"{__name__}.protocols.commands.run")
+    return command.run(out, quiet=quiet, **options)
+
+
+def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
+    """Registers a task of one's own in every interface, see `tasks.registry.register_task`.
+
+    Args:
+      name: Name of the task, such as "my_task".
+      rules: Observations, reward and event of the task.
+      **settings: Further fields of `tasks.arena.TaskDefinition`.
+
+    Returns:
+      The task's Gymnasium id, such as "musebot/MyTask-v0".
+
+    Raises:
+      TypeError: A setting is unknown, or `rules` is not a class of rules.
+      ValueError: The name is taken or has another form, or a setting is out of range.
+    """
+    from .tasks import registry
+
+    return registry.register_task(name, rules, **settings)
+
+
 def register() -> None:
     """Registers the tasks for `dm_control.suite.load("musebot_arena", TASK)` in this process."""
     from . import tasks
 
     tasks.register()
-
-
-def register_gymnasium() -> None:
-    """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
-
-    Importing musebot calls this: Gymnasium 1.x has no plugins, so that a package registers its
-    environments when it is imported. Only the names are registered; no environment is loaded.
-
-    Raises:
-      ModuleNotFoundError: Gymnasium is not installed.
-    """
-    promptless = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
-    import gymnasium
-
-    if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
-        os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
-    for name, task in GYMNASIUM_TASKS.items():
-        if f"musebot/{name}" in gymnasium.registry:
-            continue
-        gymnasium.register(
-            id=f"musebot/{name}",
-            entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
-            vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
-            kwargs={"task": task},
-            max_episode_steps=1000,
-        )
 
 
 def __getattr__(name: str) -> Any:

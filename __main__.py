@@ -1,10 +1,17 @@
 """The command `musebot`, also reached as `python -m musebot`."""
 
+import sys
+
 
 def main() -> int:
     """Runs the command line and returns its exit status."""
-    from .protocols import cli
+    try:
+        from .protocols import cli
+    except ModuleNotFoundError as error:  # without the extra `brain`
+        from .protocols.errors import missing_extra
 
+        print(f"musebot: {missing_extra(error)}", file=sys.stderr)
+        return 2
     return cli.main()
 
 

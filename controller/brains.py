@@ -13,20 +13,15 @@ from .creative_memory import CreativeMemory, Lesson, selected_action
 from .evaluation_network import EvaluationNetwork, Target, TDTarget, on_policy, td_error
 from .exploration import EpsilonGreedy, Exploration
 from .extensions.adam import Adam
+from .extensions.bootstraps import ClippedBootstrap, max_value
 from .extensions.decay import Decay
 from .extensions.encoding import InputEncoding, RawReward
 from .extensions.exploration import PersistentExploration
-from .extensions.lessons import best_action
+from .extensions.memory_targets import best_action
 from .extensions.random_ideas import WithRandomIdeas
+from .extensions.rewards import AdvantageLearning, RememberedReward, RewardDifference
 from .extensions.step import DetailedStep
 from .extensions.stopping import StoppingExploration, StoppingRule, StoppingTarget
-from .extensions.targets import (
-    AdvantageLearning,
-    ClippedBootstrap,
-    RememberedReward,
-    RewardDifference,
-    max_value,
-)
 from .extensions.td_error import LimitedTDError
 from .optimizers import SGD
 from .parameters import Parameters

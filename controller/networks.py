@@ -94,7 +94,7 @@ class Networks:
         Args:
           inputs: Network inputs, shape (B, I).
           hidden: Hidden activations at these inputs, shape (B, H).
-          steps: Factors by which the gradients of the output sums are multiplied, shape (B, O).
+          steps: Factor for the gradient of each output sum, shape (B, O).
         """
         back = self._back(hidden, steps)
         self.output_weights.baddbmm_(steps[..., None], hidden[:, None])
@@ -108,7 +108,7 @@ class Networks:
         Args:
           inputs: Network inputs, shape (B, I).
           hidden: Hidden activations at these inputs, shape (B, H).
-          steps: Factors by which the gradients of the output sums are multiplied, shape (B, O).
+          steps: Factor for the gradient of each output sum, shape (B, O).
 
         Returns:
           The gradient with respect to the P weights and biases of a robot, shape (B, P).

@@ -100,7 +100,8 @@ class Parameters:
       epsilon: Probability of an exploratory action during training (section 3).
       test_epsilon: Probability of an exploratory action in the tests before and after training
         (not stated in the paper).
-      fixed_motors: Motor values whose pairs are the fixed actions (section 3).
+      fixed_motors: Values of a motor; the fixed actions are all their pairs (left, right)
+        (section 3).
       ideas: Number of actions proposed per step by the random and the creative proposer
         (section 3).
       memory_hidden: Number of hidden neurons of the creative memory (section 3).
@@ -133,9 +134,9 @@ class Parameters:
         rate (section 3), or the "best" of the proposed ones, at `learn_rate`.
       random_share: Share of the creative proposer's ideas that are drawn uniformly at random; their
         number is rounded to the nearest whole number, and at least one idea is the memory's.
-      exploration_steps: Longest duration of an exploratory action, which is then a random motor
-        pair held for 1 to `exploration_steps` steps; 0 for single steps with one of the proposed
-        actions (section 2).
+      exploration_steps: Longest duration in steps of an exploratory action. Above 0: a random
+        motor pair, held for 1 to `exploration_steps` steps. At 0: one of the proposed actions, for
+        one step (section 2).
       initial_epsilon: Epsilon when training starts, from which it decays to `epsilon`; None for
         no decay.
       epsilon_decay_steps: Time constant of the decay of epsilon, in steps of training.

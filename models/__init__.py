@@ -10,8 +10,9 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .edits import add_noses, add_obstacles, add_velocity, enlarge, hide_spot
+from .edits import add_noses, add_velocity, centre_nose, enlarge, hide_spot
 from .kinematic import Kinematics
+from .obstacles import add_obstacles
 
 __all__ = [
     "ARENA_XML",
@@ -22,6 +23,7 @@ __all__ = [
     "add_obstacles",
     "add_velocity",
     "arena_spec",
+    "centre_nose",
     "check_versions",
     "enlarge",
     "half_size",

@@ -7,6 +7,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
+import numbers
 from pathlib import Path
 
 import mujoco
@@ -17,6 +20,11 @@ ARENA_XML = Path(__file__).with_name("arena.xml")
 
 # dm_control 1.0.50 reads fields of MjModel that MuJoCo renames in almost every release.
 _MUJOCO = (3, 17)
+
+# Seven to ten times what robots reach that drive into walls and obstacles: 0.9 mm and 3 degrees.
+_HEIGHT = 0.01  # [m]
+_TILT = math.sin(math.radians(20) / 2)  # of the quaternion's i and j
+FASTEST = 10  # [m/s]; of a wheel
 
 
 def check_versions() -> None:
@@ -37,13 +45,17 @@ def arena_spec(*, motor_speed: float | None = None) -> mujoco.MjSpec:
 
     Raises:
       ImportError: This MuJoCo does not work with dm_control.
-      ValueError: The speed is not positive.
+      ValueError: The speed is not a positive number of at most 10.
     """
     check_versions()
     spec = mujoco.MjSpec.from_file(str(ARENA_XML))
     if motor_speed is not None:
-        if not motor_speed > 0:
-            raise ValueError(f"motor_speed must be positive, got {motor_speed}")
+        if isinstance(motor_speed, bool) or not isinstance(motor_speed, numbers.Real):
+            raise ValueError(f"motor_speed must be a number, got {motor_speed!r:.60}")
+        if not 0 < motor_speed <= FASTEST:
+            raise ValueError(
+                f"motor_speed must be positive and at most {FASTEST}, got {motor_speed!r:.60}"
+            )
         # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
         # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.
         for motor in spec.actuators:
@@ -82,8 +94,11 @@ def robot_pose(qpos: np.ndarray) -> np.ndarray:
     Returns:
       x, y in [m] and heading in [rad], shape (..., 3).
     """
-    x, y, _, w, i, j, k = np.moveaxis(qpos[..., :7], -1, 0)
-    return np.stack([x, y, np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))], axis=-1)
+    w, i, j, k = (qpos[..., number] for number in range(3, 7))
+    pose = np.empty((*qpos.shape[:-1], 3))
+    pose[..., :2] = qpos[..., :2]
+    pose[..., 2] = np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
+    return pose
 
 
 def half_size(arena: mujoco.MjModel | mujoco.MjSpec) -> tuple[float, float]:
@@ -107,6 +122,7 @@ class Dimensions:
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
       contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
       spot_radius: Radius of the odorous spot in [m].
+      nose: Distance of the nose ahead of the robot's centre in [m].
       obstacles: Position x, y and radius of each obstacle in [m].
     """
 
@@ -117,7 +133,27 @@ class Dimensions:
     motor_speed: float
     contact_margin: float
     spot_radius: float
+    nose: float
     obstacles: tuple[tuple[float, float, float], ...] = ()
+
+    @functools.cached_property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the magnitudes of x, y, z in [m] and of w, i, j of the quaternion, shape (6,).
+
+        They hold for a robot inside the arena, on the floor and upright.
+        """
+        return np.array([self.half_length, self.half_width, _HEIGHT, 2.0, _TILT, _TILT])
+
+    def sound(self, places: np.ndarray) -> np.ndarray:
+        """Returns which of the first numbers of robots' qpos are within bounds; NaN is not.
+
+        Args:
+          places: The first n <= 6 numbers of qpos, shape (B, n).
+
+        Returns:
+          Booleans, shape (B, n).
+        """
+        return np.abs(places) < self.bounds[: places.shape[1]]
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Dimensions:
@@ -137,6 +173,7 @@ class Dimensions:
             motor_speed=float(0.5 * wheel_radius / model.actuator("left_motor").gear[0]),
             contact_margin=float(bumper.margin[0]),
             spot_radius=float(model.site("spot").size[0]),
+            nose=float(model.site("nose").pos[0]),
             obstacles=tuple(
                 (float(body.pos[0]), float(body.pos[1]), float(model.geom(body.name).size[0]))
                 for body in map(model.body, range(model.nbody))

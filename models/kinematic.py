@@ -14,9 +14,10 @@ import numpy as np
 
 from .arena import Dimensions
 
-Wall = Literal["holds", "slides", "sticks", "turns"]
+Wall = Literal["holds", "slides", "sticks", "turns", "refuses"]
 WALLS: tuple[Wall, ...] = get_args(Wall)
 Felt = Literal["near", "pushed"]
+Path = Literal["arc", "euler"]
 
 # Motion of the MuJoCo body at a wall, by its angle from head-on in [deg]: the fraction of its speed
 # that remains, along the wall, when slow and when fast; and its turning rate towards the wall at
@@ -38,16 +39,19 @@ class Kinematics:
       wheel_base: Distance between the wheels in [m].
       wall: Motion of a robot that drives into a wall. "holds": it stops and is free to turn.
         "slides": it moves along the wall. "sticks": it can only reverse. "turns": it slips along
-        the wall and is turned towards it, as measured on the MuJoCo body.
+        the wall and is turned towards it, as measured on the MuJoCo body. "refuses": a move that
+        would overlap a wall is not made, not even in part; the robot still turns.
       felt: Condition for contact. "near": the gap between rim and wall is within the contact
         margin. "pushed": the wheels push the robot into a wall, as in MuJoCo, where a wall pushes
-        away a robot that does not push.
+        away a robot that does not push. With "refuses" it is a refused move.
       any_contact: Whether contact at any time of a control step counts; otherwise only contact at
         the end of the step counts.
       lag: Time constant in [s] with which the wheels' speed follows the motors; 0 for no lag. The
         MuJoCo body has about 0.08 straight ahead, because of its mass and its servos.
-      pieces: Number of equal parts into which a control step is divided; the robot follows one arc
-        in each part.
+      pieces: Number of equal parts into which a control step is divided; the robot follows one
+        path in each part.
+      path: "arc": the exact path of two wheels of constant speed. "euler": one step of Euler's
+        method, straight along the heading at the start of the part.
     """
 
     radius: float | None = None
@@ -57,6 +61,7 @@ class Kinematics:
     any_contact: bool = False
     lag: float = 0.0
     pieces: int = 4
+    path: Path = "arc"
 
     def __post_init__(self) -> None:
         """Raises ValueError, with the field's name, for a value out of range."""
@@ -67,7 +72,11 @@ class Kinematics:
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise ValueError(f"{name} must be positive, got {value}")
-        for name, allowed in (("wall", WALLS), ("felt", get_args(Felt))):
+        for name, allowed in (
+            ("wall", WALLS),
+            ("felt", get_args(Felt)),
+            ("path", get_args(Path)),
+        ):
             if getattr(self, name) not in allowed:
                 raise ValueError(
                     f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
@@ -85,6 +94,7 @@ class Kinematics:
             dimensions,
             radius=self.radius or dimensions.radius,
             wheel_base=self.wheel_base or dimensions.wheel_base,
+            nose=self.radius if self.radius and dimensions.nose else dimensions.nose,
         )
 
 
@@ -110,15 +120,15 @@ def follow_motors(
 
 
 def drive(
-    poses: np.ndarray, motors: np.ndarray, seconds: float, wall: Wall, size: Dimensions
+    poses: np.ndarray, motors: np.ndarray, seconds: float, how: Kinematics, size: Dimensions
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moves robots along arcs, as far as the walls allow.
+    """Moves robots along one path, as far as the walls allow.
 
     Args:
       poses: x, y in [m] and heading in [rad], shape (B, 3).
       motors: Left and right motor value in [-0.5, 0.5], shape (B, 2).
       seconds: Duration of the motion in [s].
-      wall: Motion of a robot that drives into a wall, see `Kinematics`.
+      how: Path, and motion of a robot that drives into a wall.
       size: Dimensions of robot and arena.
 
     Returns:
@@ -126,23 +136,26 @@ def drive(
     """
     left, right = (motors * (2 * size.motor_speed)).T
     turn = (right - left) / size.wheel_base * seconds
-    # The chord of the arc points along half the turn; it is shorter than the arc by sin(x) / x.
-    length = (left + right) / 2 * seconds * np.sinc(turn / (2 * np.pi))
-    along = poses[:, 2] + turn / 2
+    length, along = (left + right) / 2 * seconds, poses[:, 2]
+    if how.path == "arc":
+        # The chord of the arc points along half the turn; it is shorter than the arc by sin(x) / x.
+        length, along = length * np.sinc(turn / (2 * np.pi)), along + turn / 2
     start, step = poses[:, :2].T, length * np.array([np.cos(along), np.sin(along)])
     room = np.array([[size.half_length], [size.half_width]]) - size.radius
     target = start + step
     reached = np.minimum(np.maximum(target, -room), room)
     pushing = (reached != target).any(axis=0)
-    if wall == "sticks":
+    if how.wall == "sticks":
         turn = np.where(pushing, 0.0, turn)
-    if wall != "slides":
+    if how.wall == "refuses":
+        reached = np.where(pushing, start, target)
+    elif how.wall != "slides":
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             shares = (np.copysign(room, step) - start) / step
         shares[step == 0] = 1
         share = np.minimum(np.maximum(shares.min(axis=0), 0), 1)
         held = start + share * step
-        if wall == "turns":
+        if how.wall == "turns":
             left_over, speed = 1 - share, np.abs(left + right) / 2
             met = (shares <= share) & (share < 1)
             slip, turned = graze(left_over * step, met, speed, left_over * seconds)
@@ -211,7 +224,7 @@ def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
 
 
 def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:
-    """Returns the spots' centres in the frame of the nose, which is at the front of the rim.
+    """Returns the spots' centres in the frame of the nose.
 
     Args:
       poses: x, y in [m] and heading in [rad], shape (B, 3).
@@ -223,5 +236,5 @@ def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np
     """
     offset = spots - poses[:, :2]
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    ahead = cosine * offset[:, 0] + sine * offset[:, 1] - size.radius
+    ahead = cosine * offset[:, 0] + sine * offset[:, 1] - size.nose
     return np.stack([ahead, cosine * offset[:, 1] - sine * offset[:, 0]], axis=1)

@@ -28,18 +28,32 @@ from .errors import EGL_REMEDY
 
 Probe = Callable[[], str]  # returns what was found, or raises Missing
 
-# Modules that load a package's compiled part, where the top module does not.
+# Modules of other names, and modules that load a package's compiled part.
 _MODULES = {
+    "absl-py": "absl",
     "dm-control": "dm_control.suite.base",
+    "dm-tree": "tree",
     "matplotlib": "matplotlib.figure",
+    "pyyaml": "yaml",
     "pillow": "PIL.Image",
+    "protobuf": "google.protobuf",
+    "pyopengl": "OpenGL",
     "safetensors": "safetensors.numpy",
     "scipy": "scipy.stats",
 }
 _OPTIONAL = {  # package: extra of musebot, and what needs it
     "ray": ("cluster", "`musebot run --engine ray`"),
     "gymnasium": ("gym", "the Gymnasium interfaces"),
+    "moviepy": ("gym", "Gymnasium's recorders of films"),
+    "stable-baselines3": ("baselines", "training by PPO"),
 }
+# Seen with CUDA builds of torch and Mesa's EGL (`models.rendering.load_triton`).
+_TORCH_AFTER_EGL = """
+import mujoco.egl
+context = mujoco.egl.GLContext(64, 64)
+context.make_current()
+import torch._dynamo
+"""
 _PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a hang must end
 
 
@@ -55,6 +69,10 @@ class Missing(Exception):
         self.remedy = remedy
 
 
+class Fragile(Missing):
+    """Nothing is missing, but something fails unless the remedy is followed."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Check:
     """A line of the report.
@@ -62,7 +80,7 @@ class Check:
     Attributes:
       name: Name of what was checked.
       text: Description of what was found.
-      remedy: Command that installs what is missing; empty if nothing required is missing.
+      remedy: Command that installs what is missing, or what helps against a failure; or empty.
       passed: Whether nothing required is missing.
     """
 
@@ -85,13 +103,17 @@ def report(probes: Mapping[str, Probe] | None = None) -> int:
     table = Table(box=box.SIMPLE_HEAD, show_header=False, pad_edge=False)
     for check in checks:
         mark = Text("ok", "green") if check.passed else Text("MISSING", "bold red")
+        if check.passed and check.remedy:
+            mark = Text("WARNING", "yellow")
         table.add_row(check.name, mark, Text(check.text))
     # A fixed width keeps commands whole where the output is not a terminal.
     console = Console() if sys.stdout.isatty() else Console(width=160)
     console.print(table)
     missing = [check for check in checks if not check.passed]
-    for check in missing:
-        print(f"{check.name} is missing. Remedy: {check.remedy}")
+    for check in checks:
+        if check.remedy:
+            state = "fails" if check.passed else "is missing"
+            print(f"{check.name} {state}. Remedy: {check.remedy}")
     if not missing:
         print("Nothing that musebot requires is missing.")
     return 1 if missing else 0
@@ -103,7 +125,8 @@ def examine(probes: Mapping[str, Probe]) -> Iterator[Check]:
         try:
             yield Check(name, probe())
         except Missing as missing:
-            yield Check(name, str(missing), missing.remedy, passed=False)
+            passed = isinstance(missing, Fragile)
+            yield Check(name, str(missing), missing.remedy, passed)
 
 
 def all_probes() -> dict[str, Probe]:
@@ -119,6 +142,7 @@ def all_probes() -> dict[str, Probe]:
         **packages,
         **{name: functools.partial(_optional, name) for name in _OPTIONAL},
         "EGL": _egl,
+        "torch after EGL": _torch_after_egl,
         "display": _display,
         "cores": _cores,
         "memory": _memory,
@@ -130,14 +154,14 @@ def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
     """Returns a probe for each required package.
 
     Args:
-      lines: Requirements in the form of PEP 508. Those of extras, and of other platforms and
-        Python versions, are left out.
+      lines: Requirements in the form of PEP 508. Those of extras other than `brain`, and of other
+        platforms and Python versions, are left out.
     """
     requirements = [Requirement(line) for line in lines]
     return {
         requirement.name: functools.partial(_package, requirement)
         for requirement in requirements
-        if requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+        if requirement.marker is None or requirement.marker.evaluate({"extra": "brain"})
     }
 
 
@@ -207,15 +231,7 @@ def _optional(name: str) -> str:
 def _egl() -> str:
     if sys.platform != "linux":
         raise Missing(f"no EGL on {sys.platform}", "make films on Linux")
-    # A process of its own, because a graphics driver can crash.
-    command = [sys.executable, "-m", f"{__package__}.playback.offscreen"]
-    environment = os.environ | {"MUJOCO_GL": "off"}
-    try:
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=_PROBE_SECONDS
-        )
-    except subprocess.TimeoutExpired as error:
-        raise Missing(f"no image within {_PROBE_SECONDS} s", EGL_REMEDY) from error
+    done = _child(["-m", f"{__package__}.playback.offscreen"])
     if done.returncode < 0:
         raise Missing(f"the driver crashed (signal {-done.returncode})", EGL_REMEDY)
     if done.returncode:
@@ -223,6 +239,31 @@ def _egl() -> str:
         raise Missing(lines[-1], EGL_REMEDY)
     found = json.loads(done.stdout.splitlines()[-1])
     return f"{found['renderer']}, {found['ms']:.0f} ms an image of 640 x 480"
+
+
+def _torch_after_egl() -> str:
+    done = _child(["-c", _TORCH_AFTER_EGL])
+    if done.returncode < 0:
+        raise Fragile(
+            f"importing torch._dynamo after another program's picture crashes (signal "
+            f"{-done.returncode}); after musebot's it does not",
+            "import triton before the first picture, or install a CPU build of torch",
+        )
+    return "no crash" if done.returncode == 0 else "not tested, because EGL or torch is missing"
+
+
+def _child(arguments: list[str]) -> subprocess.CompletedProcess[str]:
+    """Runs Python in a process of its own, because a graphics driver can crash."""
+    try:
+        return subprocess.run(
+            [sys.executable, *arguments],
+            env=os.environ | {"MUJOCO_GL": "off"},
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_SECONDS,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise Missing(f"no image within {_PROBE_SECONDS} s", EGL_REMEDY) from error
 
 
 def _display() -> str:

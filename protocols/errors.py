@@ -4,6 +4,15 @@ from __future__ import annotations
 
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 
+# Modules of packages that an extra installs; those of its other requirements are not listed.
+_EXTRAS = {
+    "baselines": "stable_baselines3",
+    "brain": "PIL imageio_ffmpeg jinja2 matplotlib packaging rich safetensors scipy torch tyro "
+    "yaml",
+    "cluster": "ray",
+    "gym": "gymnasium moviepy",
+}
+
 
 class InputError(Exception):
     """The user's request cannot be carried out; the text says why."""
@@ -19,3 +28,16 @@ class RunError(Exception):
 
 class Interrupted(Exception):
     """A simulation was asked to stop; everything simulated so far is in its checkpoints."""
+
+
+def missing_extra(error: ImportError) -> str:
+    """Returns a sentence about a failed import, with the command that installs the module's extra.
+
+    Args:
+      error: Error of the import; its own text is returned if the module belongs to no extra.
+    """
+    module = (error.name or "").partition(".")[0]
+    for extra, modules in _EXTRAS.items():
+        if isinstance(error, ModuleNotFoundError) and module in modules.split():
+            return f"{module} is not installed; pip install 'musebot[{extra}]' gets it"
+    return str(error)

@@ -11,7 +11,7 @@ import signal
 import sys
 from collections.abc import Callable
 
-from .errors import InputError, Interrupted, RunError
+from .errors import InputError, Interrupted, RunError, missing_extra
 
 # What the system says of a path that cannot be what the user takes it for.
 _BAD_PATH = {errno.EISDIR, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EILSEQ}
@@ -35,8 +35,10 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
         work()
         if sys.stdout:  # None where it was closed
             sys.stdout.flush()
-    except (InputError, ImportError) as error:
+    except InputError as error:
         return complain(str(error), 2)
+    except ImportError as error:
+        return complain(missing_extra(error), 2)
     except BrokenPipeError:  # the reader has read enough, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE

@@ -25,12 +25,16 @@ from safetensors.numpy import save
 
 from .errors import DamagedFileError, InputError
 
+# Of OUT, so that the paths of its files are within the system's 4,096; folders that are made.
+_MOST_BYTES_OF_PATH, _MOST_MISSING = 3800, 100
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
 # Largest files that are read: of arrays or rows, and of JSON.
 MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
 Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
 """The dtype, as safetensors names it, and the shape of each array of a file."""
+
+_DIGEST = "digest"  # of a file of JSON, in it
 
 # A temporary file of an interrupted write: no name that anything else would give to a file.
 _DRAFT = re.compile(r"\..*\.[0-9a-f]{16}\.musebot", re.DOTALL)
@@ -53,15 +57,32 @@ def check_place(path: Path) -> None:
         raise InputError(f"{path.parent} cannot be written")
 
 
+def resolved(path: Path) -> Path:
+    """Returns the absolute path that a path's links lead to.
+
+    Raises:
+      InputError: its links lead in a circle.
+    """
+    try:
+        return path.resolve()
+    except RuntimeError as error:  # an OSError since Python 3.13
+        raise InputError(f"the links of {path} lead in a circle") from error
+
+
 def resolved_file(path: Path) -> Path:
     """Returns the absolute path of a file that the user has named, in a folder that is no link."""
-    return path.parent.resolve() / path.name
+    return resolved(path.parent) / path.name
 
 
 def check_folder(path: Path) -> None:
     """Raises InputError if a folder can neither be made nor written to."""
+    if (size := len(os.fsencode(path.absolute()))) > _MOST_BYTES_OF_PATH:
+        raise InputError(f"{path} must have at most {_MOST_BYTES_OF_PATH} bytes, got {size}")
+    missing, path = 0, path.absolute()
     while not path.exists():
-        path = path.parent
+        missing, path = missing + 1, path.parent
+    if missing > _MOST_MISSING:
+        raise InputError(f"{missing} folders below {path} are missing, at most {_MOST_MISSING} may")
     if not path.is_dir():
         raise InputError(f"{path} is not a folder")
     if not os.access(path, os.W_OK | os.X_OK):
@@ -101,6 +122,8 @@ def _opened(folder: Path) -> Iterator[int]:
 def locked(directory: Path) -> Iterator[None]:
     """Makes a folder and keeps other processes of musebot from working in it.
 
+    The system releases the lock of a process that has ended, however it ended.
+
     Raises:
       InputError: another process works in it, or it is a link.
     """
@@ -109,8 +132,22 @@ def locked(directory: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise InputError(f"another musebot is running in {directory}") from error
+            who = "" if (process := _lock_holder(handle)) is None else f" (process {process})"
+            raise InputError(f"another musebot{who} is running in {directory}") from error
         yield
+
+
+def _lock_holder(handle: int) -> int | None:
+    """Returns the process that holds the lock of an open folder; None if the system hides it."""
+    found = os.fstat(handle)
+    device = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}"
+    with contextlib.suppress(OSError, ValueError):
+        for line in Path("/proc/locks").read_text().splitlines():
+            # Such as "1: FLOCK  ADVISORY  WRITE 4711 fe:00:2163747 0 EOF".
+            fields = line.split()
+            if fields[1] == "FLOCK" and fields[5] == f"{device}:{found.st_ino}":
+                return int(fields[4])
+    return None
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -122,15 +159,26 @@ def write_atomically(path: Path, content: bytes) -> None:
       InputError: the folder is a link.
       OSError: the file cannot be written; the old one is untouched.
     """
+    try:
+        _write(path, content)
+    except OSError as error:
+        # Calls on descriptors do not name the file, and a rename names a temporary one.
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _write(path: Path, content: bytes) -> None:
     _make_folder(path.parent)
     with _opened(path.parent) as folder:
         draft = draft_name(path.name)
         handle = os.open(draft, _NEW, 0o666, dir_fd=folder)
         try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
+            try:
+                rest = memoryview(content)
+                while rest:  # a call may write less than it was given
+                    rest = rest[os.write(handle, rest) :]
+                os.fsync(handle)
+            finally:
+                os.close(handle)
             os.replace(draft, path.name, src_dir_fd=folder, dst_dir_fd=folder)
         finally:
             with contextlib.suppress(FileNotFoundError):
@@ -161,8 +209,7 @@ def create_empty(path: Path) -> None:
 
 def draft_name(name: str) -> str:
     """Returns a new name of a temporary file, which `remove_drafts` removes."""
-    # Short enough for every file system, however long the name.
-    return f".{name[:40]}.{secrets.token_hex(8)}.musebot"
+    return f"{_draft_prefix(name)}{secrets.token_hex(8)}.musebot"
 
 
 def is_draft(path: Path) -> bool:
@@ -172,9 +219,19 @@ def is_draft(path: Path) -> bool:
     return not path.is_symlink() and path.is_file()
 
 
-def remove_drafts(folder: Path) -> None:
-    """Removes the temporary files of interrupted writes from a folder."""
-    remove_files(folder, lambda name: _DRAFT.fullmatch(name) is not None)
+def remove_drafts(folder: Path, of: str = "") -> None:
+    """Removes the temporary files of interrupted writes from a folder.
+
+    Args:
+      folder: Folder in which no other process writes such files.
+      of: Name of the file whose temporary files are removed; empty for those of all files.
+    """
+    begins = _draft_prefix(of) if of else ""
+    remove_files(folder, lambda name: name.startswith(begins) and bool(_DRAFT.fullmatch(name)))
+
+
+def _draft_prefix(name: str) -> str:
+    return f".{name[:40]}."  # short enough for every file system, however long the name
 
 
 def remove_files(folder: Path, ours: Callable[[str], bool]) -> None:
@@ -220,13 +277,18 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     Raises:
       OSError: the file cannot be written.
     """
+    write_atomically(path, encoded_arrays(arrays, **notes))
+
+
+def encoded_arrays(arrays: Mapping[str, np.ndarray], **notes: Any) -> bytes:
+    """Returns the content of a file of arrays; see `save_arrays`."""
     # Not ascontiguousarray, which would turn an array of shape () into one of shape (1,).
     contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
     text = json.dumps(notes, sort_keys=True)
     # One entry: safetensors writes several in no fixed order, and equal runs must leave equal
     # bytes.
     metadata = {"musebot": json.dumps({"notes": text, "digest": digest(contiguous, text)})}
-    write_atomically(path, save(contiguous, metadata=metadata))
+    return save(contiguous, metadata=metadata)
 
 
 def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
@@ -238,13 +300,11 @@ def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, is too large, or cannot be read.
+      DamagedFileError: it is no regular file, or is too large.
+      OSError: it cannot be read, which is no damage of it.
     """
     check_file(path, most)
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise DamagedFileError(f"{path} cannot be read ({error.strerror})") from error
+    return path.read_bytes()
 
 
 def check_file(path: Path, most: int = MOST_BYTES) -> None:
@@ -261,14 +321,52 @@ def check_file(path: Path, most: int = MOST_BYTES) -> None:
         raise DamagedFileError(f"{path} must have at most {most} bytes, got {found.st_size}")
 
 
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes an object of JSON atomically, with a digest of its other values.
+
+    Raises:
+      InputError, OSError: see `write_atomically`.
+    """
+    values = {name: value for name, value in content.items() if name != _DIGEST}
+    text = json.dumps(values | {_DIGEST: _digest_of_json(values)}, indent=2)
+    write_atomically(path, f"{text}\n".encode())
+
+
 def read_json(path: Path) -> Any:
-    """Reads a file of JSON.
+    """Reads a file of JSON; one that has a digest must match it, as earlier versions wrote none.
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, too large, or no JSON.
+      DamagedFileError: it is no regular file, too large, no JSON, or was changed.
     """
-    return parsed(path, read_whole(path, MOST_BYTES_OF_JSON))
+    content = parsed(path, read_whole(path, MOST_BYTES_OF_JSON))
+    if isinstance(content, dict) and _DIGEST in content:
+        values = {name: value for name, value in content.items() if name != _DIGEST}
+        if content[_DIGEST] != _digest_of_json(values):
+            raise DamagedFileError(f"{path} was changed after musebot had written it")
+    return content
+
+
+def _digest_of_json(values: Mapping[str, Any]) -> str:
+    return digest_of(json.dumps(values, sort_keys=True).encode())
+
+
+def digest_of(content: bytes) -> str:
+    """Returns the SHA-256 digest of a file's content, 64 hexadecimal digits."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def digest_of_file(path: Path) -> str:
+    """Returns the SHA-256 digest of a file.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: it is no regular file, or is too large.
+      OSError: it cannot be read.
+    """
+    check_file(path)
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def parsed(path: Path, text: str | bytes) -> Any:
@@ -302,8 +400,10 @@ def load_arrays(
     Raises:
       FileNotFoundError: there is no such file.
       DamagedFileError: the file is truncated, altered or foreign.
+      OSError: it cannot be read.
     """
     check_file(path)
+    path.open("rb").close()  # safetensors calls a file that cannot be opened an invalid one
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = parsed(path, (file.metadata() or {})["musebot"])
@@ -317,8 +417,7 @@ def load_arrays(
     except DamagedFileError:
         raise
     except (
-        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, OSError,
-        MemoryError,
+        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, MemoryError
     ) as error:  # fmt: skip
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     if not sound:

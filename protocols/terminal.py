@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import queue
 import re
 import sys
@@ -16,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.text import Text
 
 _MOST = 2000  # characters of a sentence
+_MINUTE = 60.0  # seconds between two lines of progress in a file
 # Control characters, those that change the direction of text, and bytes that are no text.
 _UNPRINTABLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
@@ -27,7 +29,8 @@ def printable(text: str, *, lines: bool = False) -> str:
 
     Args:
       text: Text, with names of files or values that others have chosen.
-      lines: Whether it has several lines, of any length.
+      lines: Whether to keep line breaks and the whole length. Otherwise line breaks are escaped,
+        and a long text is shortened in the middle.
     """
 
     def escaped(match: re.Match[str]) -> str:
@@ -93,47 +96,62 @@ def bar() -> Progress:
 class JobProgress:
     """Progress of several jobs together, with their speed, and the messages they send.
 
-    A job's cost is its amount of work: simulated seconds, added up over the job's robots.
+    A job's cost is its amount of work: simulated seconds, added up over the job's robots. On a
+    terminal a bar shows the progress; elsewhere, as in the log of a cluster, a line a minute.
     """
 
-    def __init__(self, what: str, costs: Sequence[float], quiet: bool = False) -> None:
+    def __init__(
+        self,
+        what: str,
+        costs: Sequence[float],
+        quiet: bool = False,
+        robots: Sequence[int] = (),
+    ) -> None:
         """Prepares the display.
 
         Args:
-          what: Description of the jobs, shown next to the progress bar.
+          what: Description of the jobs, shown next to the progress.
           costs: Cost of each job, in simulated seconds.
           quiet: Whether to show nothing.
+          robots: Number of robots of each job; empty if the jobs are not made of robots' lives.
         """
+        self._costs, self._robots = costs, robots
         self._done: dict[int, float] = {}
         self._first: dict[int, float] = {}  # the speed does not count earlier calls
+        console = Console(stderr=True)
+        self._lines = not (quiet or console.is_terminal)
         self._progress = Progress(
             _DESCRIPTION,
             BarColumn(),
             TextColumn("{task.percentage:5.1f} %"),
             TextColumn("{task.fields[speed]}"),
             TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(elapsed_when_finished=False),
-            console=Console(stderr=True),
-            disable=quiet,
-            speed_estimate_period=300,
+            TextColumn("{task.fields[left]}"),
+            console=console,
+            disable=quiet or self._lines,
         )
         total = sum(costs)
-        self._bar = self._progress.add_task(
-            f"{printable(what)}, {total / 3600:,.0f} robot-hours", total=total, speed=""
-        )
-        self._began = time.monotonic()
+        self._what = f"{printable(what)}, {total / 3600:,.0f} robot-hours"
+        self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
+        self._began = self._said = time.monotonic()
 
     def __enter__(self) -> JobProgress:
         self._progress.start()
+        if self._lines:
+            notice(self._what)
         return self
 
     def __exit__(self, *exception: object) -> None:
         self._progress.stop()
+        if self._lines:
+            notice(self.line())
 
     def tell(self, sentence: str) -> None:
         """Prints a sentence above the bar."""
-        self._progress.console.print(Text(printable(sentence), "yellow"))
+        if self._lines:
+            say(sentence, sys.stderr)
+        else:
+            self._progress.console.print(Text(printable(sentence), "yellow"))
 
     def show(self, reports: Any) -> None:
         """Shows all reports in a queue: (number of the job, simulated seconds done, message)."""
@@ -144,7 +162,33 @@ class JobProgress:
                     self.tell(message)
                 self._done[number] = done
                 self._first.setdefault(number, done)
+        done, speed, left = self._state()
+        self._progress.update(self._bar, completed=done, speed=speed, left=left)
+        if self._lines and time.monotonic() - self._said >= _MINUTE:
+            self._said = time.monotonic()
+            notice(self.line())
+
+    def line(self) -> str:
+        """Returns the progress in words: share and robots done, speed, remaining time."""
+        done, speed, left = self._state()
+        finished = [n for n, cost in enumerate(self._costs) if self._done.get(n, 0) >= cost]
+        share = f"{100 * done / (sum(self._costs) or 1):.1f} %"
+        jobs = f"{len(finished)} of {len(self._costs)} jobs done"
+        if self._robots:
+            robots = sum(self._robots[number] for number in finished)
+            jobs = f"{robots} of {sum(self._robots)} robots done"
+        return ", ".join(filter(None, [share, jobs, speed, left]))
+
+    def _state(self) -> tuple[float, str, str]:
+        """Returns the simulated seconds done, the speed in words and the remaining time in words.
+
+        Both follow the mean speed of this call.
+        """
         done = sum(self._done.values())
         new = done - sum(self._first.values())
-        speed = f"{new / (time.monotonic() - self._began):,.0f} x real time" if new else ""
-        self._progress.update(self._bar, completed=done, speed=speed)
+        seconds = time.monotonic() - self._began
+        if not new > 0 or not seconds > 0:
+            return done, "", ""
+        speed = new / seconds
+        left = datetime.timedelta(seconds=round((sum(self._costs) - done) / speed))
+        return done, f"{speed:,.0f} x real time", f"{left} left"

@@ -1,6 +1,7 @@
 """The robot's tasks: sensors, rewards and starts, as dm_control environments and as batches."""
 
-from .arena import CONTROL_TIMESTEP, Physics, Task
+from ..models.physics import Physics
+from .arena import CONTROL_TIMESTEP, Task
 from .batch import Batch, Robots, silence_warnings, stop_timers
 from .kinematic import KinematicBatch, make_kinematic_batch
 from .suite import (

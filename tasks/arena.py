@@ -1,24 +1,33 @@
-"""The arena in dm_control: its physics, its task, its environment and the definition of a task."""
+"""The arena in dm_control: its task, its environment and the definition of a task."""
 
 from __future__ import annotations
 
 import collections
 import dataclasses
-import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
+import dm_env
 import mujoco as mj
 import numpy as np
-from dm_control import mujoco
 from dm_control.mujoco.wrapper import MjModel
 from dm_control.rl import control
 from dm_control.suite import base
 from dm_control.utils import containers
 from dm_env import specs
 
-from ..models.arena import Dimensions, arena_spec, robot_pose, robot_qpos
+from ..models.arena import Dimensions, arena_spec
+from ..models.physics import INTEGRATION, Physics
+from .episode import (
+    Episode,
+    Lifecycle,
+    check_keywords,
+    check_state,
+    seconds,
+    set_stream_state,
+    stream_state,
+)
 from .rules import Rules
 from .sensors import NoseForm
 from .starts import Corner, Random, Start, random_spots
@@ -26,58 +35,16 @@ from .starts import Corner, Random, Start, random_spots
 CONTROL_TIMESTEP = 0.1  # [s]; the cycle time of section 3
 SUITE = containers.TaggedTasks()  # every task's factory, added by wall_avoidance, spot_finding
 
+# What dm_control's keywords must be, first if not given, and the words of the refusal: jumps of the
+# spot count control steps, and results must be those of the batch.
+_FIXED: Mapping[str, tuple[tuple[Any, ...], str]] = {
+    "control_timestep": ((CONTROL_TIMESTEP, None), f"{CONTROL_TIMESTEP} s"),
+    "n_sub_steps": ((None,), "None, because a control step is 0.1 s"),
+    "legacy_step": ((False,), "False, as in the batch"),
+    "flat_observation": ((False, True), "True or False"),
+}
+
 Edit = Callable[[mj.MjSpec], None]
-
-
-class Physics(mujoco.Physics):
-    """MuJoCo's physics of the arena, with named queries.
-
-    After `step`, `sensordata` shows the start of the last substep (docs/physics.md), as in the
-    batch of robots.
-    """
-
-    @functools.cached_property
-    def dimensions(self) -> Dimensions:
-        """Dimensions of the robot, the arena and the spot."""
-        return Dimensions.of(self.model.ptr)
-
-    def robot_pose(self) -> np.ndarray:
-        """Returns x, y in [m] and heading in [rad], shape (3,)."""
-        return robot_pose(self.data.qpos)
-
-    def spot_position(self) -> np.ndarray:
-        """Returns x, y of the spot's centre in [m], shape (2,)."""
-        return self.data.mocap_pos[0, :2].copy()
-
-    def place_robot(self, x: float, y: float, heading: float) -> None:
-        """Places the robot at rest at x, y in [m], with a heading in [rad]."""
-        self.data.qpos[:] = robot_qpos(np.array([x, y, heading]))
-        self.data.qvel[:] = 0
-        self.data.ctrl[:] = 0
-
-    def place_spot(self, x: float, y: float) -> None:
-        """Places the spot's centre at x, y in [m]; sensors show it from the next step on."""
-        self.data.mocap_pos[0, :2] = x, y
-
-
-def checked_actions(actions: Any, shape: tuple[int, ...], limit: float) -> np.ndarray:
-    """Returns the motor values of actions in [-limit, limit], in the same shape.
-
-    Args:
-      actions: Left and right action; values beyond the limits are clipped.
-      shape: Required shape, (..., 2).
-      limit: Action that corresponds to motor value 0.5.
-
-    Raises:
-      ValueError: The actions have another shape, or are not finite.
-    """
-    actions = np.asarray(actions, dtype=float)
-    if actions.shape != shape or not np.isfinite(actions).all():
-        raise ValueError(
-            f"an action must be two finite motor values, shape {shape} in all, "
-            f"got shape {actions.shape}: {actions!r}"
-        )
-    return np.clip(actions, -limit, limit) * (0.5 / limit)
 
 
 class Task(base.Task):
@@ -85,39 +52,26 @@ class Task(base.Task):
 
     Attributes:
       rules: Observations and reward of the task.
-      start: Places of robot and spot at the start of an episode.
-      limit: Largest action, which corresponds to motor value 0.5.
-      spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
-        spot that stays.
+      episode: Start, actions and length of an episode.
+      options: Options of the episode that begins next, see `Episode.start_with`; or None.
+      steps: Number of control steps of this episode so far.
     """
 
-    def __init__(
-        self,
-        rules: Rules,
-        *,
-        start: Start,
-        limit: float,
-        spot_steps: int,
-        random: Random | int | None,
-    ) -> None:
+    def __init__(self, rules: Rules, episode: Episode, random: Random | int | None) -> None:
         """Initialises the task.
 
         Args:
           rules: Observations and reward of the task.
-          start: Places of robot and spot at the start of an episode.
-          limit: Largest action, which corresponds to motor value 0.5.
-          spot_steps: Number of control steps between two jumps of the spot; 0 for a spot that
-            stays.
+          episode: Start, actions and length of an episode.
           random: Random stream, or its seed; None for a seed of the operating system.
         """
         super().__init__(random=None if isinstance(random, np.random.Generator) else random)
         if isinstance(random, np.random.Generator):
             self.reseed(random)
         self.rules = rules
-        self.start = start
-        self.limit = limit
-        self.spot_steps = spot_steps
-        self._steps = 0
+        self.episode = episode
+        self.options: Mapping[str, Any] | None = None
+        self.steps = 0
         self._shell: np.ndarray | None = None
 
     def reseed(self, random: Random) -> None:
@@ -127,15 +81,15 @@ class Task(base.Task):
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
         """Returns the bounds of the two actions, left and right."""
         del physics
-        high = np.full(2, self.limit)
+        high = np.full(2, self.episode.limit)
         return specs.BoundedArray(high.shape, np.float64, -high, high, name="motors")
 
     def initialize_episode(self, physics: Physics) -> None:
         """Places robot and spot."""
-        robot, spot = self.start.draw(self.random, physics.dimensions)
+        robot, spot = self.episode.begin(self.random, self.options)
         physics.place_robot(*robot)
         physics.place_spot(*spot)
-        self._steps = 0
+        self.steps = 0
         super().initialize_episode(physics)
 
     def before_step(self, action: np.ndarray, physics: Physics) -> None:
@@ -144,14 +98,14 @@ class Task(base.Task):
         Raises:
           ValueError: The action is not two finite numbers.
         """
-        physics.set_control(checked_actions(action, (2,), self.limit))
-        if self.spot_steps and self._steps and self._steps % self.spot_steps == 0:
+        physics.set_control(self.episode.motors(action))
+        if self.episode.jumps(self.steps):
             physics.place_spot(*random_spots(self.random, physics.dimensions, 1)[0])
-        self._steps += 1
+        self.steps += 1
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict[str, np.ndarray]:
         """Returns the sensor signals by name, each of shape (n,)."""
-        observations = self.rules.observations(physics.data.sensordata[None])
+        observations = self.rules.observations(physics.readings)
         return collections.OrderedDict((name, value[0]) for name, value in observations.items())
 
     def observation_spec(self, physics: Physics) -> collections.OrderedDict[str, Any]:
@@ -164,10 +118,15 @@ class Task(base.Task):
 
     def get_reward(self, physics: Physics) -> float:
         """Returns the task's reward for the current measurements."""
-        return float(self.rules.reward(physics.data.sensordata[None])[0])
+        return float(self.rules.reward(physics.readings)[0])
 
     def after_step(self, physics: Physics) -> None:
-        """Colours the robot's shell by the reward if `visualize_reward` is set."""
+        """Colours the robot's shell by the reward if `visualize_reward` is set.
+
+        Raises:
+          PhysicsError: The robot has left the arena, or does not stand on the floor.
+        """
+        physics.check_sound()
         if self._visualize_reward:
             reward = abs(self.get_reward(physics))
             highlight = np.array([0.95, 0.25, 0.15, 1.0])
@@ -180,15 +139,112 @@ class Task(base.Task):
 
 
 class Environment(control.Environment):
-    """dm_control's environment with bounded rewards, flat observation specs, exact time limits."""
+    """dm_control's environment with exact copies, states and time limits.
 
-    def __init__(self, physics: Physics, task: Task, **settings: Any) -> None:
-        """Initialises with the keywords of `dm_control.rl.control.Environment`."""
-        # legacy_step=False: plain mj_step, as in the batch's rollout, so that both agree.
-        settings = {"control_timestep": CONTROL_TIMESTEP, "legacy_step": False} | settings
-        super().__init__(physics, task, **settings)
-        # 100 s / (14 * 0.1 s / 14) is 1000.0000000000001, one step too many.
-        self._step_limit = round(self._step_limit, 6)
+    As dm_env requires, a step of a new environment, or after the end of an episode, is a reset.
+    """
+
+    def __init__(self, physics: Physics, task: Task, flat_observation: bool = False) -> None:
+        """Initialises the environment; `task.episode` has the length of an episode."""
+        super().__init__(
+            physics,
+            task,
+            control_timestep=CONTROL_TIMESTEP,
+            flat_observation=flat_observation,
+            legacy_step=False,
+        )
+        self._step_limit = task.episode.steps
+        self.lifecycle = Lifecycle()
+
+    def reset(self, *, options: Mapping[str, Any] | None = None) -> dm_env.TimeStep:
+        """Starts an episode.
+
+        Args:
+          options: `robot` and `spot` of this episode, in place of the task's; or None.
+
+        Raises:
+          TypeError: An option is unknown.
+          ValueError: A place is outside the arena or inside an obstacle.
+          RuntimeError: The environment is closed.
+        """
+        self.lifecycle.check_open()
+        self.task.episode.start_with(options)  # refuses before anything changes
+        self.task.options = options
+        timestep = super().reset()
+        self.lifecycle.become("running")
+        return timestep
+
+    def step(self, action: Any) -> dm_env.TimeStep:
+        """Simulates 0.1 s.
+
+        Args:
+          action: Left and right action, shape (2,); values beyond the limits are clipped.
+
+        Raises:
+          ValueError: The action is not two finite numbers.
+          PhysicsError: The simulation became unstable; then `reset` must be called.
+          RuntimeError: The environment is closed, or was not reset after a PhysicsError.
+        """
+        if not self.lifecycle.running and self.lifecycle.stage != "new":
+            self.lifecycle.refuse()
+        try:
+            return super().step(action)
+        except control.PhysicsError:
+            self.lifecycle.become("failed")
+            raise
+
+    def close(self) -> None:
+        """Frees the renderer and the physics; the environment cannot be used any more."""
+        if self.lifecycle.stage != "closed":
+            self.lifecycle.become("closed")
+            self.physics.free()
+
+    def get_state(self) -> dict[str, Any]:
+        """Returns everything that the next steps depend on.
+
+        Raises:
+          RuntimeError: The environment is closed, or was not reset after a PhysicsError.
+        """
+        if self.lifecycle.stage in ("closed", "failed"):
+            self.lifecycle.refuse()
+        return {
+            "physics": self.physics.get_state(INTEGRATION),
+            "sensordata": self.physics.data.sensordata.copy(),
+            "steps": self.task.steps,
+            "over": self._reset_next_step,
+            "random": stream_state(self.task.random),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Continues from a state, bit-exactly.
+
+        Args:
+          state: What `get_state` of an environment of the same task has returned.
+
+        Raises:
+          ValueError: The state is of another task, or of another kind of random stream.
+          RuntimeError: The environment is closed.
+        """
+        self.lifecycle.check_open()
+        physics, sensordata = self.physics.get_state(INTEGRATION), self.physics.data.sensordata
+        like = {"physics": physics, "sensordata": sensordata, "steps": 0, "over": True}
+        check_state(state, {**like, "random": {}})
+        set_stream_state(self.task.random, state["random"])
+        self.physics.restore(state["physics"], state["sensordata"])
+        self.task.steps = self._step_count = state["steps"]
+        self._reset_next_step = state["over"]
+        self.lifecycle.become("running")
+        self.task.after_step(self.physics)
+
+    @property
+    def physics(self) -> Physics:
+        """Physics of the arena."""
+        return self._physics
+
+    @property
+    def task(self) -> Task:
+        """The task."""
+        return self._task
 
     def observation_spec(self) -> Any:
         """Returns the bounds of every observation, or of the one flat array if requested."""
@@ -291,24 +347,30 @@ class TaskDefinition:
         check_keywords(f"task {self.name!r}", settings, allowed)
         kwargs = dict(settings.get("environment_kwargs") or {})
         check_keywords("the environment", kwargs, _environment_keywords())
+        for name, (values, says) in _FIXED.items():
+            if kwargs.get(name, values[0]) not in values:
+                raise ValueError(f"{name} must be {says}, got {kwargs[name]!r}")
+        limits = kwargs.get("time_limit"), settings.get("time_limit"), self.time_limit
+        limit = seconds(next(value for value in limits if value is not None))
         physics = Physics.from_model(MjModel(self.spec().compile()))
-        task = Task(
-            self.rules.of(physics.model.ptr, settings.get("nose", "inverse")),
-            start=Start(settings.get("robot"), settings.get("spot")),
-            limit=self.limit,
-            spot_steps=self.spot_steps,
-            random=settings.get("random"),
-        )
-        time_limit = settings.get("time_limit")
-        kwargs.setdefault("time_limit", self.time_limit if time_limit is None else time_limit)
-        return Environment(physics, task, **kwargs)
+        start = Start(settings.get("robot"), settings.get("spot"))
+        episode = self.episode(start, physics.dimensions, round(limit / CONTROL_TIMESTEP, 6))
+        rules = self.rules.of(physics.model.ptr, settings.get("nose", "inverse"))
+        task = Task(rules, episode, settings.get("random"))
+        return Environment(physics, task, kwargs.get("flat_observation", False))
 
+    def episode(self, start: Start, dimensions: Dimensions, steps: float) -> Episode:
+        """Returns an episode of the task.
 
-def check_keywords(whose: str, given: Mapping[str, Any], allowed: Sequence[str]) -> None:
-    """Raises TypeError if a given keyword is not allowed."""
-    unknown = sorted(set(given) - set(allowed))
-    if unknown:
-        raise TypeError(f"{whose} takes the keywords {sorted(allowed)}, got {unknown}")
+        Args:
+          start: Places of robot and spot at the start.
+          dimensions: Dimensions of robot, arena and spot.
+          steps: Number of control steps; infinity for an episode without end.
+
+        Raises:
+          ValueError: A place is outside the arena or inside an obstacle.
+        """
+        return Episode(start, dimensions, self.limit, self.spot_steps, steps)
 
 
 def _environment_keywords() -> list[str]:

@@ -9,8 +9,11 @@ from __future__ import annotations
 import abc
 import copy
 import ctypes
+import os
+import weakref
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,6 +21,7 @@ from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
 from .arena import CONTROL_TIMESTEP
+from .episode import whole_number
 from .rules import Rules
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -57,8 +61,8 @@ class Robots(abc.ABC):
       dimensions: Dimensions of robot, arena and spot.
       sensordata: Last measurements, shape (B, nsensordata).
       valid: False for a stopped robot, shape (B,). A robot is stopped when its simulation becomes
-        unstable, it leaves the arena or its motors are not finite; from then on it stands still
-        and senses zeros.
+        unstable, it leaves the arena or the floor, it tips over, or its motors or sensors are not
+        finite; from then on it stands still and senses zeros.
     """
 
     def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:
@@ -71,11 +75,9 @@ class Robots(abc.ABC):
           nsensordata: Number of values in a robot's `sensordata`.
 
         Raises:
-          ValueError: robots is below 1.
+          ValueError: robots is not a whole number of at least 1.
         """
-        if robots < 1:
-            raise ValueError(f"robots must be at least 1, got {robots}")
-        self.robots = robots
+        self.robots = whole_number("robots", robots, 1)
         self.rules = rules
         self.dimensions = dimensions
         self.sensordata = np.zeros((robots, nsensordata))
@@ -98,6 +100,9 @@ class Robots(abc.ABC):
         Args:
           robots: Indices of the robots, shape (n,).
           poses: x, y in [m] and heading in [rad], shape (n, 3).
+
+        Raises:
+          ValueError: there is no such robot, or the poses have another shape or type.
         """
 
     @abc.abstractmethod
@@ -107,6 +112,9 @@ class Robots(abc.ABC):
         Args:
           robots: Indices of the robots, shape (n,).
           spots: Centres of the spots: x, y in [m], shape (n, 2).
+
+        Raises:
+          ValueError: there is no such robot, or the spots have another shape or type.
         """
 
     @abc.abstractmethod
@@ -116,6 +124,9 @@ class Robots(abc.ABC):
         Args:
           motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
             clipped; a robot whose values are not finite becomes invalid.
+
+        Raises:
+          ValueError: the motors have another shape or type.
         """
 
     @abc.abstractmethod
@@ -146,10 +157,59 @@ class Robots(abc.ABC):
         self.valid[robots] = False
         self.sensordata[robots] = 0
 
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Returns a copy of everything that the next steps depend on."""
+        return {name: array.copy() for name, array in self.arrays().items()}
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Continues from a state of `get_state`, bit-exactly; see `load_arrays`."""
+        self.load_arrays(state)
+
+    def _placed(self, robots: Any, places: Any, what: str, width: int) -> np.ndarray:
+        """Returns the places of some robots, shape (n, width).
+
+        Raises:
+          ValueError: there is no such robot, or the places are no real numbers of that shape.
+        """
+        robots = np.asarray(robots)
+        count = len(robots) if robots.shape == (robots.size,) else -1
+        if count < 0 or (count and robots.dtype.kind not in "iu"):
+            raise ValueError(f"robots must be indices of shape (n,), got {robots!r:.200}")
+        if count and not 0 <= robots.min() <= robots.max() < self.robots:
+            raise ValueError(f"robots must lie in [0, {self.robots - 1}], got {robots!r:.200}")
+        return _real_numbers(what, places, (count, width))
+
     def _finite_motors(self, motors: np.ndarray) -> np.ndarray:
         """Invalidates robots whose motors are not finite; returns 0 for all invalid robots."""
-        self.valid &= np.isfinite(motors).all(axis=1)
+        motors = _real_numbers("motors", motors, (self.robots, 2))
+        if not np.isfinite(motors).all():
+            self.valid &= np.isfinite(motors).all(axis=1)
         return motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
+
+    def _stop_unsound(self, sound: np.ndarray) -> None:
+        """Invalidates robots, and makes all invalid robots sense zeros.
+
+        Args:
+          sound: What `Dimensions.sound` returned, shape (B, n). Robots whose sensors are not finite
+            are unsound too.
+        """
+        finite = np.isfinite(self.sensordata)
+        if not (sound.all() and finite.all()):
+            broken = np.flatnonzero(~(sound.all(axis=1) & finite.all(axis=1)))
+            self.valid[broken] = False
+            self.place(broken, np.zeros((len(broken), 3)))
+        if not self.valid.all():
+            self.sensordata[~self.valid] = 0
+
+
+def _real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        raise ValueError(f"{what} must be real numbers of shape {shape}, got {values!r:.200}")
+    return array
 
 
 class _Call:
@@ -220,16 +280,16 @@ class Batch(Robots):
             0.1 s.
         """
         super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
-        if threads < 0:
-            raise ValueError(f"threads must not be negative, got {threads}")
         self.model = model
         self.substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
         if abs(self.substeps * model.opt.timestep - CONTROL_TIMESTEP) > 1e-9:
             raise ValueError(f"the timestep must divide 0.1 s, got {model.opt.timestep}")
 
+        self._nthread = whole_number("threads", threads, 0)
         self._threads = [mujoco.MjData(model) for _ in range(max(threads, 1))]
         self._scratch = self._threads[0]
-        self._engine = rollout.Rollout(nthread=threads)
+        self._engine: rollout.Rollout | None = None
+        _BATCHES.add(self)
         # Sensors are read once per control step: only its last substep evaluates them.
         blind = copy.copy(model)
         blind.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
@@ -256,20 +316,19 @@ class Batch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
+        poses = self._placed(robots, poses, "poses", 3)
         nq = self.model.nq
         self._state[robots] = 0
         self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
         self._control[robots, : self.model.nu] = 0
         for robot in robots:
-            mujoco.mj_setState(self.model, self._scratch, self._state[robot], _STATE)
-            mujoco.mj_setState(self.model, self._scratch, self._control[robot], _CONTROL)
-            mujoco.mj_forward(self.model, self._scratch)
+            self.show(robot, self._scratch)
             self.sensordata[robot] = self._scratch.sensordata if self.valid[robot] else 0
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""
         nu = self.model.nu
-        self._control[robots, nu : nu + 2] = spots
+        self._control[robots, nu : nu + 2] = self._placed(robots, spots, "spots", 2)
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""
@@ -277,12 +336,27 @@ class Batch(Robots):
         time = self._state[:, 0].copy()
         self.simulate()
         self.sensordata[:] = self._calls[-1].sensordata
-        self._stop_unstable(time)
+        self._stop_unsound(self._sound(time))
+
+    def show(self, robot: int, data: mujoco.MjData) -> None:
+        """Copies a robot's state into MuJoCo's data of this model, for a picture.
+
+        Raises:
+          IndexError: There is no such robot.
+        """
+        if not 0 <= robot < self.robots:
+            raise IndexError(f"robot must lie in [0, {self.robots - 1}], got {robot}")
+        mujoco.mj_setState(self.model, data, self._state[robot], _STATE)
+        mujoco.mj_setState(self.model, data, self._control[robot], _CONTROL)
+        mujoco.mj_forward(self.model, data)
 
     def simulate(self) -> None:
         """Simulates the physics of a control step: the part of `step` that benchmarks time."""
+        engine = self._engine
+        if engine is None:
+            engine = self._engine = rollout.Rollout(nthread=self._nthread)
         for call in self._calls:
-            call.step(self._engine, self._threads)
+            call.step(engine, self._threads)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`."""
@@ -293,16 +367,39 @@ class Batch(Robots):
             "valid": self.valid,
         }
 
-    def _stop_unstable(self, time: np.ndarray) -> None:
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what `__setstate__` needs; threads and MuJoCo's scratch space are made anew."""
+        made_from = (self.model, self.rules, self.robots, self._nthread)
+        return {"made_from": made_from, "dimensions": self.dimensions, "state": self.get_state()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Makes an exact copy."""
+        model, rules, robots, threads = state["made_from"]
+        self.__init__(model, rules, robots, threads=threads)
+        self.dimensions = state["dimensions"]
+        self.set_state(state["state"])
+
+    def _sound(self, time: np.ndarray) -> np.ndarray:
         # MuJoCo resets an unstable simulation, and rollout stops at a warning: in both cases the
         # clock advances by less than a control step. Comparisons with NaN are false.
-        now, x, y = self._state[:, :3].T
-        sound = np.abs(now - time - CONTROL_TIMESTEP) < 1e-6
-        sound &= np.abs(x) < self.dimensions.half_length
-        sound &= np.abs(y) < self.dimensions.half_width
-        if not sound.all():
-            broken = np.flatnonzero(~sound)
-            self.valid[broken] = False
-            self.place(broken, np.zeros((len(broken), 3)))
-        if not self.valid.all():
-            self.sensordata[~self.valid] = 0
+        sound = self.dimensions.sound(self._state[:, 1:7])
+        sound[:, 0] &= np.abs(self._state[:, 0] - time - CONTROL_TIMESTEP) < 1e-6
+        return sound
+
+
+_BATCHES: weakref.WeakSet[Batch] = weakref.WeakSet()
+
+
+def _forget_threads() -> None:
+    """Makes batches of a forked process start their own threads, because only one is inherited.
+
+    The inherited pools are leaked: their destructor would wait for their threads for ever.
+    """
+    for batch in _BATCHES:
+        if batch._nthread and batch._engine is not None:
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch._engine))
+            batch._engine = None
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_forget_threads)

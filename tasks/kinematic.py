@@ -58,7 +58,11 @@ class KinematicBatch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
-        self._poses[robots] = poses
+        poses = self._placed(robots, poses, "poses", 3)
+        inside = self.dimensions.sound(poses[:, :2]).all(axis=1)
+        sound = inside & np.isfinite(poses[:, 2])
+        self.valid[robots[~sound]] = False
+        self._poses[robots] = np.where(sound[:, None], poses, 0.0)
         self._wheels[robots] = 0
         self._touch[robots] = self._near()[robots] if self._kinematics.felt == "near" else 0
         others = np.delete(np.arange(self.robots), robots)
@@ -68,7 +72,7 @@ class KinematicBatch(Robots):
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""
-        self._spots[robots] = spots
+        self._spots[robots] = self._placed(robots, spots, "spots", 2)
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""
@@ -77,11 +81,12 @@ class KinematicBatch(Robots):
         piece = CONTROL_TIMESTEP / how.pieces
         for _ in range(how.pieces):
             speeds, self._wheels[:] = follow_motors(self._wheels, motors, piece, how.lag)
-            self._poses, pushing = drive(self._poses, speeds, piece, how.wall, self.dimensions)
+            self._poses, pushing = drive(self._poses, speeds, piece, how, self.dimensions)
             felt = pushing if how.felt == "pushed" else self._near()
             contact = (contact | felt) if how.any_contact else felt
         self._touch[:] = contact
         self._sense()
+        self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`."""
@@ -103,7 +108,8 @@ class KinematicBatch(Robots):
         self.sensordata[:, layout.distances] = distances(self._poses, self.dimensions)
         self.sensordata[:, layout.touch] = self._touch[:, None]
         self.sensordata[:, layout.smell.start : layout.smell.start + 2] = spot
-        self.sensordata[~self.valid] = 0
+        if not self.valid.all():
+            self.sensordata[~self.valid] = 0
 
 
 def make_kinematic_batch(

@@ -66,8 +66,8 @@ class Rules(abc.ABC):
       layout: Indices of each sensor's numbers.
       shapes: Length, minimum and maximum of each observation, by name.
       rewards: Minimum and maximum of the reward.
-      maximal: Raw signal s' at maximal smell, for each signal that saturates as
-        s = s' / (1 + s') in Eq. 3, by name; "reward" for the reward.
+      maximal: Raw signal s' at maximal smell, by name of the signal ("reward" for the reward).
+        Only for signals that saturate, s = s' / (1 + s') (Eq. 3).
       has_nose: Whether the robot smells the spot.
     """
 

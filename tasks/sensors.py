@@ -50,8 +50,8 @@ class Nose:
       odour: "Amount of odour" o of the spot, in [mol].
       frustum: Angle alpha within which the nose smells, in [rad].
       spot_radius: Radius r of the odorous spot, in [m].
-      form: "inverse": the raw signal falls with the distance, as r/d, as the paper's text and
-        results require. "printed": Eq. 3 as printed, d/r, which grows with the distance
+      form: "inverse": the raw signal falls with the distance, as r/d, so that it is highest in
+        the spot. "printed": Eq. 3 as printed, d/r, which grows with the distance
         (docs/paper.md).
     """
 

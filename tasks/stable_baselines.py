@@ -4,31 +4,41 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
+try:
+    import gymnasium
+    from gymnasium.vector import AutoresetMode
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
+    ) from error
+
+from ..gymnasium_registration import GYMNASIUM_TASKS
 from .gymnasium_env import ArenaVectorEnv
 
 
 class ArenaVecEnv(VecEnv):
     """`ArenaVectorEnv` with the interface of Stable-Baselines3.
 
-    A robot whose episode ends starts the next one in the same step.
+    A robot whose episode ends starts the next one in the same step. Stable-Baselines3 logs the mean
+    return, `rollout/ep_rew_mean`, of a batch in its `VecMonitor`:
 
-        model = PPO("MlpPolicy", ArenaVecEnv("wall_avoidance_obstacles", 64, threads=2))
+        robots = VecMonitor(ArenaVecEnv("musebot/WallAvoidanceObstacles-v0", 64, threads=2))
+        model = PPO("MlpPolicy", robots, verbose=1)
     """
 
     def __init__(self, task: str, num_envs: int, **kwargs: Any) -> None:
         """Initialises the batch.
 
         Args:
-          task: Name of a task, see `musebot.ALL_TASKS`.
+          task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id.
           num_envs: Number of robots, B.
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is 1,000 by default.
         """
         kwargs = {"max_episode_steps": 1000, **kwargs}
+        task = GYMNASIUM_TASKS.get(task.removeprefix("musebot/"), task)
         self._robots = ArenaVectorEnv(
             task, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs
         )
@@ -37,9 +47,19 @@ class ArenaVecEnv(VecEnv):
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
 
     def reset(self) -> np.ndarray:
-        """Starts an episode of every robot with the seeds set by `seed`; returns (B, S)."""
-        observations, _ = self._robots.reset(seed=self._seeds)
+        """Starts an episode of every robot; returns the observations, shape (B, S).
+
+        The seeds are those set by `seed`; options set by `set_options` hold for these episodes.
+
+        Raises:
+          TypeError, ValueError: `ArenaVectorEnv.reset` raises it, or the robots' options differ.
+        """
+        first, *others = self._options
+        if any(options != first for options in others):
+            raise ValueError("options must be the same for all robots of a batch")
+        observations, _ = self._robots.reset(seed=self._seeds, options=first)
         self._reset_seeds()
+        self._reset_options()
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:

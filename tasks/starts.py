@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ Corner = Literal["upper_left", "upper_right"]
 Random = np.random.RandomState | np.random.Generator
 
 FROM_WALLS = 0.10  # [m]; section 3.1: "a distance of ten cm to the walls facing the corner"
+_TOLERANCE = 1e-9  # [m]; of places computed from the arena's dimensions
 _X, _Y = (half - FROM_WALLS for half in half_size(arena_spec()))
 # x, y in [m] and heading in [rad] of a robot that faces the corner.
 CORNERS: Mapping[str, tuple[float, float, float]] = {
@@ -83,8 +84,33 @@ class Start:
                 if place not in CORNERS:
                     raise ValueError(f"{name} must be one of {list(CORNERS)}, got {place!r}")
             elif place is not None:
-                if np.shape(place) != (length,) or not np.isfinite(place).all():
-                    raise ValueError(f"{name} must be {length} finite numbers, got {place!r}")
+                object.__setattr__(self, name, _finite(name, place, length))
+
+    def check(self, dimensions: Dimensions) -> None:
+        """Checks that a robot would fit into an arena, and that the spot's centre is inside.
+
+        Raises:
+          ValueError: The robot would overlap a wall or an obstacle, or the spot is outside.
+        """
+        size = dimensions
+        for name, clear in (("robot", size.radius), ("spot", 0.0)):
+            place = getattr(self, name)
+            if place is None or isinstance(place, str):
+                continue
+            x, y = size.half_length - clear, size.half_width - clear
+            if abs(place[0]) > x + _TOLERANCE or abs(place[1]) > y + _TOLERANCE:
+                raise ValueError(
+                    f"{name} must be inside the arena, |x| <= {x:g} and |y| <= {y:g}, got {place}"
+                )
+        if self.robot is None or isinstance(self.robot, str):
+            return
+        for x, y, radius in size.obstacles:
+            least = radius + size.radius
+            if math.hypot(self.robot[0] - x, self.robot[1] - y) < least - _TOLERANCE:
+                raise ValueError(
+                    f"robot must be at least {least:g} m from the centre of the obstacle at "
+                    f"({x:g}, {y:g}), got {self.robot}"
+                )
 
     def draw(self, random: Random, dimensions: Dimensions) -> tuple[np.ndarray, np.ndarray]:
         """Returns a robot's pose, shape (3,), and a spot, shape (2,), drawn in this order."""
@@ -95,3 +121,14 @@ class Start:
         if spot is None:
             spot = random_spots(random, dimensions, 1)[0]
         return np.asarray(robot, dtype=float), np.asarray(spot, dtype=float)
+
+
+def _finite(name: str, place: Any, length: int) -> tuple[float, ...]:
+    try:
+        values = np.asarray(place)
+    except ValueError:  # parts of different lengths
+        values = np.empty(0)
+    shaped = values.shape == (length,) and values.dtype.kind in "fiu"
+    if not shaped or not np.isfinite(values).all():
+        raise ValueError(f"{name} must be {length} finite numbers, got {place!r:.200}")
+    return tuple(map(float, values))

@@ -16,7 +16,7 @@ from .sensors import NoseForm
 DOMAIN = "arena"
 FOREIGN_DOMAIN = "musebot_arena"  # name of the domain in dm_control's own suite, after `register`
 
-TASKS: Mapping[str, TaskDefinition] = {
+TASKS: dict[str, TaskDefinition] = {  # `registry.register_task` adds to it
     definition.name: definition
     for definition in (
         wall_avoidance.PAPER,

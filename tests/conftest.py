@@ -1,15 +1,42 @@
 """Settings and fixtures of all tests."""
 
+import json
 import os
 import signal
 import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
 os.environ.setdefault("MUJOCO_GL", "off")
+# Threads only slow the tests' small tensors down, and each worker of pytest has a core.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+class RootFolder:
+    """The repository's root, a package whose folder can have any name, "musebot-main" included."""
+
+    def pytest_collect_directory(self, path, parent):
+        if path == Path(__file__).parents[1]:  # pytest would import it by its folder's name
+            return pytest.Dir.from_parent(parent, path=path)
+        return None
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(RootFolder())
+
+
+@pytest.fixture(scope="session")
+def egl():
+    """Skips a test where nothing can be rendered."""
+    command = [sys.executable, "-m", "musebot.protocols.playback.offscreen"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"no EGL here: {done.stderr.strip()}")
 
 
 class InProcess:
@@ -35,7 +62,7 @@ class InProcess:
             yield job
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def in_process():
     """The class `InProcess`, for tests that pass an executor."""
     return InProcess
@@ -56,6 +83,20 @@ def commands_in_process(monkeypatch):
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
+
+
+def forget_digests(directory):
+    """Makes a run look as if an earlier version, which recorded no digests, had written it."""
+    path = directory / "experiment.json"
+    content = json.loads(path.read_bytes())
+    del content["files"], content["digest"]
+    path.write_text(json.dumps(content, indent=2) + "\n")
+
+
+@pytest.fixture(scope="session")
+def without_digests():
+    """The function `forget_digests`."""
+    return forget_digests
 
 
 @pytest.fixture

@@ -12,19 +12,24 @@ from typing import get_args
 
 import pytest
 
+import musebot
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
-from musebot.protocols import cli, options
+from musebot.protocols import cli, shared_options
+from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
-from musebot.protocols.experiment.experiment import BODIES, Experiment
+from musebot.protocols.experiment.experiment import BODIES, Experiment, NosePlace
 from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
+from musebot.protocols.experiment.overrides import READINGS
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import PROTOCOLS
 from musebot.protocols.results.run_files import read_results
 from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
+from musebot.protocols.storage import write_json
 from musebot.protocols.studies import STUDIES, study_class
 from musebot.tasks.sensors import NoseForm
+from musebot.tasks.suite import TASKS
 
 
 @pytest.fixture(scope="module")
@@ -170,6 +175,8 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--seed", "-1"], "seed must not be negative, got -1"),
         (["--brain", "divine"], "brain must be one of paper, steady, steady-hidden_neurons, "),
         (["--nose", "red"], "nose must be one of inverse, printed, got 'red'"),
+        (["--nose-place", "tail"], "nose place must be one of front, centre, got 'tail'"),
+        (["--reading", "late"], "the reading must be one of body, plain, got 'late'"),
         (["--kinematics", "wall=slides"], "kinematics are parameters of the body 'kinematic' only"),
         (
             ["--body=kinematic", "--kinematics", "tyre=flat"],
@@ -216,6 +223,42 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, 
     assert words in message
     assert message.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reading_of_the_paper_is_recorded_and_options_differ_from_it(tmp_path, capsys):
+    scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
+    plain = ["run", str(tmp_path / "plain"), "--reading", "plain"]
+    assert cli.main([*plain, *scale]) == 0
+    held = read_manifest(tmp_path / "plain").experiment
+    assert {name: getattr(held, name) for name in READINGS["plain"]} == READINGS["plain"]
+    assert held.kinematics == Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler")
+    assert cli.main(plain) == 0
+    assert cli.main(plain[:2]) == 0
+    assert cli.main([*plain[:2], "--reading", "body"]) == 2
+    assert "an experiment with body kinematic, not mujoco" in capsys.readouterr().err
+    other = ["run", str(tmp_path / "other"), "--reading", "plain", "--nose", "inverse"]
+    assert cli.main([*other, "--kinematics", "lag=0.1", *scale]) == 0
+    changed = read_manifest(tmp_path / "other").experiment
+    assert (changed.nose, changed.nose_place) == ("inverse", "centre")
+    assert changed.kinematics == dataclasses.replace(held.kinematics, lag=0.1)
+
+
+def test_the_default_reading_is_body():
+    experiment = Experiment()
+    assert {name: getattr(experiment, name) for name in READINGS["body"]} == READINGS["body"]
+    assert experiment == Experiment(**READINGS["body"])
+
+
+def test_tables_class_exact_abilities_when_asked(tmp_path, capsys):
+    directory = tmp_path / "run"
+    shutil.copytree(RESULTS / "kinematic", directory)
+    counts = []
+    for extra in ([], ["--exact-classes"]):
+        assert cli.main(["tables", str(directory), "--json", *extra]) == 0
+        plain = json.loads(capsys.readouterr().out)
+        assert plain["exact_classes"] == bool(extra)
+        counts.append([*plain["tables"]["wall_avoidance"]["fixed"]["ours"]["counts"].values()])
+    assert counts == [[255, 11, 17, 22, 195], [248, 23, 2, 32, 195]]
 
 
 def test_the_kinematic_simulator_has_the_given_parameters(tmp_path, capsys):
@@ -353,8 +396,57 @@ def test_every_verb_has_a_help_text(verb, capsys):
 
 
 def test_the_verbs_are_these():
-    verbs = "run tables film report study explore bench doctor"
+    verbs = "demo run tables film report study explore list bench doctor"
     assert " ".join(cli.VERBS) == verbs
+
+
+def test_no_word_shows_the_help_and_version_the_version(capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert "usage: musebot" in text and all(f" {verb} " in text for verb in cli.VERBS)
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"musebot {musebot.__version__}\n"
+
+
+def test_an_unknown_verb_is_refused_with_all_verbs(capsys):
+    assert cli.main(["dance"]) == 2
+    sentence = f"musebot: the verb must be one of {', '.join(cli.VERBS)}, got 'dance'\n"
+    assert capsys.readouterr().err == sentence
+
+
+def test_everything_with_a_name_is_listed_with_a_line(capsys):
+    assert cli.main(["list"]) == 0
+    kinds = re.split(r"^(\w+):\n", capsys.readouterr().out, flags=re.M)[1:]
+    lists = dict(zip(kinds[::2], kinds[1::2], strict=True))
+    names = {
+        "tasks": TASKS, "brains": BRAINS, "protocols": PROTOCOLS, "studies": STUDIES,
+        "agents": (*PROPOSERS, *RECORDED_NAMES),
+    }  # fmt: skip
+    assert [*lists] == [*names]
+    for kind, text in lists.items():
+        lines = [line.split(maxsplit=1) for line in text.splitlines()]
+        assert [name for name, _ in lines] == [*names[kind]]
+        assert all(line.endswith(".") for _, line in lines)
+    assert cli.main(["list", "protocols"]) == 0
+    assert "  " + capsys.readouterr().out.splitlines()[0] in lists["protocols"]
+
+
+def test_an_unknown_list_is_refused(capsys):
+    assert cli.main(["list", "feelings"]) == 2
+    assert (
+        "list must be one of tasks, brains, protocols, studies, agents" in capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_completion_is_that_of_the_command(shell, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["--tyro-print-completion", shell])
+    assert not stop.value.code
+    text = capsys.readouterr().out
+    assert "musebot" in text and "--cohort-size" in text
 
 
 @pytest.mark.parametrize("study", STUDIES)
@@ -411,16 +503,16 @@ def choices(text):
 
 
 def test_the_values_that_help_shows_are_those_of_the_code():
-    assert choices(options.TASK_CHOICES) == PAPER_TASKS
-    assert choices(options.PROPOSER_CHOICES) == tuple(PROPOSERS)
-    assert choices(options.BODY_CHOICES) == BODIES
+    assert choices(shared_options.TASK_CHOICES) == PAPER_TASKS
+    assert choices(shared_options.PROPOSER_CHOICES) == tuple(PROPOSERS)
+    assert choices(shared_options.BODY_CHOICES) == BODIES
 
 
 def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     with pytest.raises(SystemExit):
         cli.main(["run", "--help"])
-    named = dict(re.findall(r"--(\w+) \{(.*?)\}", capsys.readouterr().out))
+    named = dict(re.findall(r"--([\w-]+) \{(.*?)\}", capsys.readouterr().out))
     *whole, less = named.pop("brain").split(",")
     ours = {f"steady-{ingredient}" for ingredient in INGREDIENTS}
     assert {*whole} == BRAINS.keys() - ours and less == "steady-X"
@@ -428,7 +520,9 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
         "task": PAPER_TASKS,
         "proposer": tuple(PROPOSERS),
         "protocol": tuple(PROTOCOLS),
+        "reading": tuple(READINGS),
         "nose": get_args(NoseForm),
+        "nose-place": get_args(NosePlace),
         "body": BODIES,
         "engine": ("local", "ray"),
     }
@@ -482,7 +576,7 @@ def test_a_run_with_names_of_an_earlier_version_is_continued(tmp_path, capsys, c
     assert brain.pop("bootstrap") == "max" and brain.pop("reward_form") == "difference"
     brain |= {"next_value": "best", "reward": "change"}
     content["experiment"]["course"] = content["experiment"].pop("protocol")
-    (tmp_path / MANIFEST).write_text(json.dumps(content))
+    write_json(tmp_path / MANIFEST, content)
     capsys.readouterr()
     assert cli.main(["run", str(tmp_path), "--robots", "4"]) == 0
     assert "brain: steady" in capsys.readouterr().out

@@ -10,7 +10,7 @@ import tyro
 from PIL import Image
 
 import musebot
-from musebot.protocols.cli import FilmCommand
+from musebot.protocols.commands.film import FilmCommand
 from musebot.tasks.arena import CONTROL_TIMESTEP
 from musebot.tasks.suite import TASKS
 
@@ -52,9 +52,12 @@ def test_the_example_of_stable_baselines_runs(tmp_path):
     pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
     example = EXAMPLES[4]
     assert "learn(327_680)" in example
-    for long, short in (("327_680", "1"), ("n_steps=256", "n_steps=8"), ("=2048", "=512")):
+    changes = (("327_680", "1"), ("n_steps=256", "n_steps=8"), ("=2048", "=512"))
+    # Episodes of a few steps: the mean return is printed once an episode is over.
+    for long, short in (*changes, ("threads=2", "max_episode_steps=5")):
+        assert long in example
         example = example.replace(long, short)
-    run(example, tmp_path)
+    assert "ep_rew_mean" in run(example, tmp_path)
     assert (tmp_path / "driver.zip").exists()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -18,7 +20,12 @@ from musebot import tasks
 from musebot.protocols import doctor
 
 PROJECT = tomllib.loads((Path(musebot.__file__).parent / "pyproject.toml").read_text())["project"]
-REQUIREMENTS = {Requirement(line).name: line for line in PROJECT["dependencies"]}
+LINES = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["brain"]]
+REQUIREMENTS = {
+    needed.name: f"{needed.name}{needed.specifier}"
+    for needed in map(Requirement, LINES)
+    if needed.marker is None or needed.marker.evaluate()
+}
 
 
 def check(name: str) -> doctor.Check:
@@ -33,7 +40,12 @@ def package(line: str) -> doctor.Check:
 
 def test_command_exits_with_0_exactly_if_nothing_is_missing(tmp_path) -> None:
     command = [sys.executable, "-m", "musebot", "doctor"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    # A locale without UTF-8, in which Python would not switch to UTF-8 by itself.
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, **plain}
+    )
+    assert "Traceback" not in done.stderr and done.stdout.isascii()
     assert done.returncode in (0, 1), done.stderr
     assert (done.returncode == 1) == ("MISSING" in done.stdout)
     for name in doctor.all_probes():
@@ -51,34 +63,35 @@ def test_report_without_missing_packages_returns_0(capsys: pytest.CaptureFixture
 
 def test_every_package_that_musebot_requires_is_checked() -> None:
     lines = metadata.requires("musebot") or []
-    needed = [Requirement(line).name for line in lines if "extra ==" not in line]
-    assert {"mujoco", "dm-control", "torch"} < set(needed)
-    assert set(needed) < doctor.all_probes().keys()
+    assert {"mujoco", "imageio", "torch", "tyro"} < REQUIREMENTS.keys()
+    assert set(REQUIREMENTS) == set(doctor.package_probes(lines))
+    assert set(REQUIREMENTS) < doctor.all_probes().keys()
 
 
 def test_requirements_of_extras_and_of_other_platforms_are_not_checked() -> None:
     lines = ["numpy>=2", "ray; extra == 'cluster'", "old; python_version < '3.2'"]
-    lines.append("tomli; python_version >= '3.2'")
-    assert list(doctor.package_probes(lines)) == ["numpy", "tomli"]
+    lines += ["tomli; python_version >= '3.2'", "torch; extra == 'brain'"]
+    assert list(doctor.package_probes(lines)) == ["numpy", "tomli", "torch"]
 
 
 @pytest.mark.parametrize("name", REQUIREMENTS)
 def test_package_that_cannot_be_imported_has_a_remedy(
     monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    module = {
-        "dm-control": "dm_control.suite.base",
-        "matplotlib": "matplotlib.figure",
-        "pillow": "PIL.Image",
-        "safetensors": "safetensors.numpy",
-        "scipy": "scipy.stats",
-    }.get(name, name.replace("-", "_"))
+    module = doctor._MODULES.get(name, name.replace("-", "_"))
     monkeypatch.setitem(sys.modules, module, None)
     found = package(REQUIREMENTS[name])
     assert not found.passed
     assert "cannot be imported" in found.text
     specifier = Requirement(REQUIREMENTS[name]).specifier
     assert found.remedy == f"pip install '{name}{specifier}' --force-reinstall"
+
+
+def test_packages_that_python_3_13_needs_are_imported_by_their_own_names() -> None:
+    lines = [line.partition(";")[0] for line in PROJECT["dependencies"] if ">= '3.13'" in line]
+    assert len(lines) == 11
+    for line in lines:
+        assert package(line).passed, line
 
 
 @pytest.mark.parametrize("name", REQUIREMENTS)
@@ -166,6 +179,31 @@ def test_driver_that_fails_or_crashes_is_missing(
     found = check("EGL")
     assert (found.passed, found.text) == (False, text)
     assert found.remedy == "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
+
+
+@pytest.mark.parametrize(
+    ("status", "text"),
+    [(0, "no crash"), (1, "not tested"), (-11, r"importing torch\._dynamo .* \(signal 11\)")],
+)
+def test_crash_of_torch_after_egl_is_a_warning_that_says_what_helps(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, status: int, text: str
+) -> None:
+    done = SimpleNamespace(returncode=status)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
+    name = "torch after EGL"
+    found = check(name)
+    assert found.passed and re.match(text, found.text)
+    assert doctor.report({name: doctor.all_probes()[name]}) == 0
+    printed = capsys.readouterr().out
+    assert ("WARNING" in printed) == (status < 0)
+    assert ("fails. Remedy: import triton before the first" in printed) == (status < 0)
+
+
+@pytest.mark.slow
+def test_torch_after_egl_is_tested_in_a_process_of_its_own(egl) -> None:
+    found = check("torch after EGL")
+    assert found.passed
+    assert (found.text == "no crash") == (not found.remedy)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's")

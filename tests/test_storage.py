@@ -265,23 +265,20 @@ def test_a_failed_write_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch, 
     for name, content in before.items():
         (tmp_path / name).write_bytes(content)
     monkeypatch.setattr(broken, no_space)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match="No space left") as caught:
         write_atomically(tmp_path / "file", b"new")
+    assert str(caught.value) == f"[Errno 28] No space left on device: {str(tmp_path / 'file')!r}"
     assert files(tmp_path) == before
-
-
-def full_disk(handle):
-    """Opens Linux's full disk in the place of a file."""
-    os.close(handle)
-    return Path("/dev/full").open("wb")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
 def test_a_full_disk_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"old")
-    monkeypatch.setattr(os, "fdopen", lambda handle, mode: full_disk(handle))
-    with pytest.raises(OSError, match="No space left"):
-        write_atomically(tmp_path / "file", b"new")
+    with Path("/dev/full").open("wb") as full, monkeypatch.context() as patch:
+        write = os.write
+        patch.setattr(os, "write", lambda handle, content: write(full.fileno(), content))
+        with pytest.raises(OSError, match="No space left"):
+            write_atomically(tmp_path / "file", b"new")
     assert files(tmp_path) == {"file": b"old"}
 
 
@@ -452,7 +449,21 @@ def test_a_locked_folder_is_refused_until_it_is_free(tmp_path):
     with locked(folder):
         with pytest.raises(InputError) as caught, locked(folder):
             pass
-        assert str(caught.value) == f"another musebot is running in {folder}"
+        assert (
+            str(caught.value) == f"another musebot (process {os.getpid()}) is running in {folder}"
+        )
     with locked(folder):
         pass
     assert files(folder) == {}
+
+
+@pytest.mark.parametrize("mask", [0o000, 0o027])
+def test_new_files_have_the_permissions_that_the_user_asks_for(tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        create_empty(tmp_path / "empty")
+        write_text(tmp_path / "text", "text")
+    finally:
+        os.umask(before)
+    for name in ("empty", "text"):
+        assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~mask

@@ -12,7 +12,7 @@ PACKAGES = ("models", "tasks", "controller", "protocols")
 
 # Folders and modules of `protocols`, lowest first: each imports only its own entry and lower ones.
 LAYERS = (
-    "errors exit_status storage terminal options",
+    "errors examples exit_status storage terminal shared_options",
     "experiment",
     "results",
     "agents",
@@ -23,12 +23,13 @@ LAYERS = (
     "studies",
     "bench",
     "doctor",
+    "commands",
     "cli",
 )
 # What each package of the root may import: models <- tasks <- protocols -> controller.
 ROOT_LAYERS = {
     "models": {"models"},
-    "tasks": {"models", "tasks"},
+    "tasks": {"models", "tasks", "gymnasium_registration"},
     "controller": {"controller"},
     "protocols": set(PACKAGES),
 }
@@ -266,7 +267,7 @@ def test_setup_finds_every_folder_of_modules_and_no_other():
     found = {
         path.parent
         for folder in ROOT.iterdir()
-        if folder.is_dir() and folder.name[0] != "." and folder.name != "tests"
+        if folder.is_dir() and folder.name[0] != "." and folder.name not in ("build", "tests")
         for path in folder.rglob("__init__.py")
     }
     others = sorted(str(folder.relative_to(ROOT)) for folder in found - folders)

@@ -41,6 +41,36 @@ def test_what_an_earlier_call_did_is_not_this_ones_speed():
         assert task_of(progress).fields["speed"] == "100 x real time"
 
 
+def test_a_log_gets_a_line_a_minute_with_robots_speed_and_time_left(capfd):
+    reports = queue.Queue()
+    with JobProgress("two cohorts", [3600.0, 3600.0], robots=[5, 5]) as progress:
+        progress.show(reports)
+        progress._began -= 100
+        reports.put((0, 0.0, ""))
+        reports.put((1, 0.0, ""))
+        reports.put((0, 3600.0, ""))
+        reports.put((1, 2000.0, ""))
+        progress.show(reports)  # within the first minute
+        assert len(capfd.readouterr().err.splitlines()) == 1
+        progress._said -= 60
+        progress.show(reports)
+        progress.show(reports)  # within the second minute
+        (line,) = capfd.readouterr().err.splitlines()
+    assert line == "musebot: 77.8 %, 5 of 10 robots done, 56 x real time, 0:00:29 left"
+
+
+def test_a_run_continued_counts_the_time_left_by_this_calls_speed():
+    reports = queue.Queue()
+    with JobProgress("one cohort", [4000.0], quiet=True) as progress:
+        reports.put((0, 3000.0, ""))
+        progress.show(reports)
+        assert progress.line() == "75.0 %, 0 of 1 jobs done"
+        progress._began -= 10
+        reports.put((0, 3100.0, ""))
+        progress.show(reports)
+        assert progress.line() == "77.5 %, 0 of 1 jobs done, 10 x real time, 0:01:30 left"
+
+
 @pytest.mark.parametrize("quiet", [False, True])
 def test_messages_are_shown_above_the_bar(quiet, capfd):
     reports = queue.Queue()
@@ -76,7 +106,7 @@ def test_no_character_controls_the_terminal(text, shown, capfd):
     lines = capfd.readouterr().err.splitlines()
     assert lines[0] == f"musebot: {shown}"
     assert shown in lines
-    assert any(line.startswith(f"{shown}, 0 robot-hours") for line in lines)
+    assert any(line == f"musebot: {shown}, 0 robot-hours" for line in lines)
 
 
 def test_a_sentence_has_a_bounded_length_and_a_page_has_none():

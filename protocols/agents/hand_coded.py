@@ -48,7 +48,7 @@ def hand_coded(robots: int, sensors: int, seed: int) -> Agent:
     """Makes hand-coded robots that observe the nose's signal only.
 
     Args:
-      robots: Number of robots; any, since nothing is stored for each.
+      robots: Number of robots; unused, since hand-coded robots have no state.
       sensors: Number of sensor signals; must be 1.
       seed: Seed; unused, since nothing is random.
 

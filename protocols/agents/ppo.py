@@ -15,7 +15,8 @@ import torch
 
 from ...tasks.suite import TASKS
 from ..errors import DamagedFileError, InputError
-from ..storage import digest, load_arrays
+from ..examples import POLICIES
+from ..storage import Shapes, digest, load_arrays
 from .base import Agent
 
 LAYERS = 3  # two hidden layers of 64 tanh neurons, and the mean action
@@ -31,8 +32,8 @@ class Policies:
 
     Attributes:
       task: Name of the task on which the policies were trained.
-      arrays: Weights "before.*" and "after.*": `0.weights` (B, H, S), `0.biases` (B, H), and those
-        of the layers 1 and 2.
+      arrays: Weights and biases by name: "before" or "after" training, then the layer (0, 1, 2).
+        In layer 0 with H neurons, "before.0.weights" has shape (B, H, S), "before.0.biases" (B, H).
     """
 
     def __init__(self, task: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -174,6 +175,19 @@ def ppo(robots: int, sensors: int, seed: int) -> Agent:
     return PolicyAgent(policies.some(slice(robots)))
 
 
+def policy_file(task: str) -> Path:
+    """Returns the file of the policy that comes with musebot for a task.
+
+    Raises:
+      InputError: there is no such task, or no policy for it.
+    """
+    if task not in TASKS:
+        raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
+    if not (path := POLICIES / f"{task}.safetensors").exists():
+        raise InputError(f"musebot brings no policy for {task}: `musebot study ppo` trains some")
+    return path
+
+
 def policy_arrays() -> list[str]:
     """Returns the names of a policy's arrays, such as "before.0.weights"."""
     return [
@@ -194,10 +208,33 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
       InputError: there is no such file, or it holds no policies.
     """
     try:
-        arrays, notes = load_arrays(path)
+        arrays, notes = load_arrays(path, _check_shapes)
     except FileNotFoundError as error:
         raise InputError(str(error)) from error
     task = notes.pop("task", None)
-    if task not in TASKS or sorted(arrays) != sorted(policy_arrays()):
+    if not isinstance(task, str) or task not in TASKS:
         raise DamagedFileError(f"{path} holds no policies")
+    signals = sum(length for length, _, _ in TASKS[task].rules.shapes.values())
+    if (got := arrays["after.0.weights"].shape[2]) != signals:
+        raise DamagedFileError(f"{path}: {task} has {signals} signals, its policies have {got}")
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise DamagedFileError(f"{path}: {name} must be finite")
     return task, arrays, notes
+
+
+def _check_shapes(shapes: Shapes) -> None:
+    """Raises ValueError where arrays are not the layers of at least one policy."""
+    if sorted(shapes) != sorted(policy_arrays()):
+        raise ValueError("it holds no policies")
+    weights = [shapes[f"after.{layer}.weights"][1] for layer in range(LAYERS)]
+    if any(len(shape) != 3 for shape in weights) or 0 in weights[0]:
+        raise ValueError("it holds no policies")
+    robots, _, inputs = weights[0]
+    for layer, neurons in enumerate([weights[0][1], weights[1][1], 2]):
+        for when in ("before", "after"):
+            for what, shape in (("weights", (neurons, inputs)), ("biases", (neurons,))):
+                wanted, name = ("F32", (robots, *shape)), f"{when}.{layer}.{what}"
+                if shapes[name] != wanted:
+                    raise ValueError(f"{name} must be {wanted}, got {shapes[name]}")
+        inputs = neurons

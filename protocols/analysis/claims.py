@@ -10,11 +10,14 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
 from ..experiment.conditions import Condition
-from ..results.learn_ability import Summary
+from ..results.learn_ability import CATEGORIES, Summary
+from ..results.results import Robot
 from ..results.run import Run
 from .behaviour import Behaviour
-from .hypothesis_tests import TestedInequality
+from .hypothesis_tests import Sample, TestedInequality
 from .paper_numbers import PAPER
 
 ALPHA = 0.05  # two-sided level of a claim; half of it for either verdict
@@ -87,6 +90,62 @@ class PaperEvidence:
     def observed(self) -> Behaviour:
         """See `Evidence.observed`."""
         raise Undecidable("the paper does not measure what the robots do")
+
+
+def robots(evidence: Evidence, condition: Condition) -> list[Robot]:
+    """Returns the valid robots of a condition.
+
+    Raises:
+      Undecidable: the condition has no valid robots.
+    """
+    rows = evidence.single_robots().valid(condition)
+    if not rows:
+        raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
+    return rows
+
+
+def count(evidence: Evidence, condition: Condition, category: str) -> tuple[int, int]:
+    """Returns the number of a condition's robots in a category, and of all its robots."""
+    summary = evidence.summary(condition)
+    return summary.counts[CATEGORIES.index(category)], summary.robots
+
+
+def ability(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns the Learn Ability L of a condition's measured robots."""
+    summary = evidence.summary(condition)
+    return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
+
+
+def post_share(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns the share of the test after training in contact (or in the spot)."""
+    rows = robots(evidence, condition)
+    found = evidence.single_robots().shares(condition, "post")
+    return Sample(float(found.mean()), float(found.std(ddof=min(1, len(rows) - 1))), len(rows))
+
+
+def arrival_minutes(
+    evidence: Evidence, condition: Condition, part: Literal["pre", "post"] = "post"
+) -> np.ndarray:
+    """Returns the minute of a test in which each robot is first in the spot.
+
+    Args:
+      evidence: Data of single robots.
+      condition: Condition of the robots.
+      part: The test before or after training.
+
+    Returns:
+      Index of the minute, from 0, shape (n,); NaN for robots that never arrive.
+
+    Raises:
+      Undecidable: there are no robots, or no data of the test.
+    """
+    robots(evidence, condition)
+    run = evidence.single_robots()
+    minutes = run.experiment.schedule(condition.task).minutes_of(part)
+    test = run.curves(condition)[:, minutes] > 0
+    if not test.shape[1]:
+        raise Undecidable("the curves end before the test")
+    return np.where(test.any(axis=1), test.argmax(axis=1).astype(float), np.nan)
 
 
 @dataclasses.dataclass(frozen=True)

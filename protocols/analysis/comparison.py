@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.schedules import SCHEDULES
-from ..results.learn_ability import CATEGORIES, category
+from ..results.learn_ability import CATEGORIES, classes
 from ..results.results import Robot
 from ..results.run import Run, abilities, shares
 from ..terminal import bar
@@ -157,7 +157,7 @@ def _measures(run: Run, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarra
     """Returns each robot's value by name of the cell, shape (robots,); bool for categories."""
     rows = [*rows]
     found = abilities(rows)
-    kinds = np.array([category(ability) for ability in found], dtype=object)
+    kinds = np.array(classes(found, run.exact_classes), dtype=object)
     *names, _, _, post = row_names(task)[1:]
     seconds = run.test_seconds(task)
     members = {n: kinds == kind for n, kind in zip(names, CATEGORIES, strict=True)}
@@ -183,7 +183,12 @@ def _cell(
         interval = intervals.difference_of_shares(*pair, paired)
         p = same_share(*pair, paired)
     else:
-        interval = intervals.difference(*pair, statistic, paired)
+        span = intervals.ABILITY if name == "mean L" else intervals.SHARE
+        interval = (
+            intervals.difference(*pair, statistic, paired)
+            if statistic is _deviation
+            else intervals.difference_of_means(*pair, paired, span)
+        )
         p = same_statistic(*pair, statistic, paired, resamples)
     robots = _count(pair[0]), _count(pair[1])
     ours, other = (_value(values, statistic) for values in pair)

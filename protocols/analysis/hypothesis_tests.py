@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from .intervals import FEWEST
 
 _NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values may not be 0
 _SEED = 1  # equal data give bit-exact equal p-values
+_JOINT_DRAWS = 9999
 
 
 class Sample(NamedTuple):
@@ -148,6 +149,41 @@ def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     table = [[int(x.sum()), int((~x).sum())] for x in (first, second)]
     found: Any = stats.fisher_exact(table)
     return float(found.pvalue)
+
+
+def same_classes(pairs: Sequence[tuple[Sequence[int], Sequence[int]]]) -> float:
+    """Returns the p-value of a joint test that each pair of groups has equal shares of classes.
+
+    The statistic is the sum of the pairs' chi-squares of homogeneity. Its null distribution is
+    simulated: both groups of a pair are drawn from their pooled shares. Small counts need this.
+
+    Args:
+      pairs: Number of robots in each class in the first and in the second group.
+
+    Returns:
+      The p-value; NaN where there is no pair or a group has no robots.
+    """
+    if not pairs or any(not sum(group) for pair in pairs for group in pair):
+        return float("nan")
+    random = np.random.default_rng(_SEED)
+    found, drawn = 0.0, np.zeros(_JOINT_DRAWS)
+    for pair in pairs:
+        sizes = [sum(group) for group in pair]
+        shares = np.sum(pair, axis=0) / sum(sizes)
+        groups = np.stack([random.multinomial(n, shares, _JOINT_DRAWS) for n in sizes], axis=1)
+        found += float(_homogeneity(np.array([pair]))[0])
+        drawn += _homogeneity(groups)
+    return float((1 + (drawn >= found - 1e-9).sum()) / (1 + _JOINT_DRAWS))
+
+
+def _homogeneity(counts: np.ndarray) -> np.ndarray:
+    """Returns the chi-square of tables of counts, shape (tables, 2, classes)."""
+    total = counts.sum(axis=(1, 2), keepdims=True)
+    expected = counts.sum(axis=1, keepdims=True) * counts.sum(axis=2, keepdims=True) / total
+    terms = np.divide(
+        (counts - expected) ** 2, expected, out=np.zeros(expected.shape), where=expected > 0
+    )
+    return terms.sum(axis=(1, 2))
 
 
 def same_statistic(

@@ -1,4 +1,10 @@
-"""95 % intervals of means, standard deviations, shares and differences, computed by SciPy."""
+"""95 % intervals of means, standard deviations, shares and differences.
+
+One rule (`_is_near_an_end`) decides for every mean and every difference of means: Gaffke's bounds
+where the mean is near an end of its range, such as the share of time that robots without contact
+spend in contact, and SciPy's BCa bootstrap otherwise. A bootstrap cannot know of the rare robots
+that a sample lacks. Over the kept runs BCa covers 0.3 to 0.8 of nominal 0.95 near an end.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +23,17 @@ Interval = tuple[float, float]
 
 UNKNOWN: Interval = (float("nan"), float("nan"))
 
+SHARE = (0.0, 1.0)
+"""Range of a share of time."""
+
+ABILITY = (-1.0, 1.0)
+"""Range of the Learn Ability L."""
+
 FEWEST = 5  # smallest number of robots for which a bootstrap or a test of means is meaningful
 
+_ENOUGH = 5  # the usual bound of n p and n (1 - p), from which a share is about normal
 _RESAMPLES = 4999
+_DRAWS = 9999  # of Gaffke's bounds; the random error of an end is below 2 % of its distance
 _SEED = 1  # equal data give bit-exact equal intervals
 
 
@@ -39,16 +53,55 @@ def share(count: int, robots: int) -> Interval:
     return float(found.low), float(found.high)
 
 
-def mean(values: np.ndarray) -> Interval:
-    """Returns the BCa bootstrap interval of a mean.
+def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
+    """Returns the interval of a mean: Gaffke's near an end of the range, else the BCa bootstrap.
 
     Args:
       values: One value for each robot, shape (n,).
+      span: Lowest and highest value that a robot can have, such as `SHARE`; None if not known.
 
     Returns:
-      Lower and upper end; unknown for fewer than `FEWEST` robots, or if all values are equal.
+      Lower and upper end; unknown for fewer than `FEWEST` robots. Unknown also if all values are
+      equal and not near an end of `span`.
     """
+    values = np.asarray(values, dtype=float)
+    if len(values) >= FEWEST and span and _is_near_an_end(values, span):
+        return _gaffke(values, span)
     return _bootstrap(values, np.mean)
+
+
+def _is_near_an_end(values: np.ndarray, span: Interval) -> bool:
+    """Returns whether the mean of n values is within 5 / n of an end of their range.
+
+    The distance is a share of the range. For values that are the two ends themselves, this is the
+    textbook's condition for the normal approximation of a share: n p and n (1 - p) at least 5.
+    """
+    low, high = span
+    share = (values.mean() - low) / (high - low)
+    return len(values) * min(share, 1 - share) < _ENOUGH
+
+
+def _gaffke(values: np.ndarray, span: Interval) -> Interval:
+    """Returns Gaffke's bounds of the mean of a bounded variable.
+
+    Each bound is a quantile of the mean of the values and one end of their range, weighted by the
+    spacings of n uniform variables. The end stands for the robots that the sample lacks. For
+    values that are the ends themselves the bounds are Clopper's and Pearson's. Coverage of at least
+    `LEVEL` is conjectured for all distributions; `tests/analysis/test_intervals.py` simulates it.
+
+    Sources: Gaffke, Mathematical Methods of Statistics 14 (2005); Learned-Miller and Thomas, "A new
+    confidence interval for the mean of a bounded random variable", arXiv:1905.06208.
+
+    Args:
+      values: One value for each robot, shape (n,).
+      span: Lowest and highest value that a robot can have.
+    """
+    random = np.random.default_rng(_SEED)
+    ends = []
+    for end, level in zip(span, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), strict=True):
+        points, counts = np.unique([*values, end], return_counts=True)
+        ends.append(float(np.quantile(random.dirichlet(counts, _DRAWS) @ points, level)))
+    return ends[0], ends[1]
 
 
 def deviation(values: np.ndarray) -> Interval:
@@ -118,9 +171,20 @@ def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) ->
     """
     if not len(first) or not len(second):
         return UNKNOWN
-    p, q = float(np.mean(first)), float(np.mean(second))
-    (p_low, p_high), (q_low, q_high) = (share(int(x.sum()), len(x)) for x in (first, second))
-    correlation = _correlation(first, second) if paired else 0.0
+    values = float(np.mean(first)), float(np.mean(second))
+    ends = share(int(first.sum()), len(first)), share(int(second.sum()), len(second))
+    return _combined(values, ends, _correlation(first, second) if paired else 0.0)
+
+
+def _combined(
+    values: tuple[float, float], ends: tuple[Interval, Interval], correlation: float = 0.0
+) -> Interval:
+    """Returns the interval of a difference from the intervals of its two values.
+
+    This is the method of variance estimates recovery (Zou and Donner, Statistics in Medicine 27,
+    2008), of which Newcombe's method 10 is the case of two shares.
+    """
+    (p, q), ((p_low, p_high), (q_low, q_high)) = values, ends
 
     def reach(a: float, b: float) -> float:
         return max(0.0, a * a - 2 * correlation * a * b + b * b) ** 0.5
@@ -135,6 +199,33 @@ def _correlation(first: np.ndarray, second: np.ndarray) -> float:
     scale = float(a * (n - a) * b * (n - b)) ** 0.5
     excess = both * n - a * b  # determinant of the 2 x 2 table
     return (max(excess - n / 2, 0.0) if excess > 0 else excess) / scale if scale else 0.0
+
+
+def difference_of_means(
+    first: np.ndarray, second: np.ndarray, paired: bool, span: Interval
+) -> Interval:
+    """Returns the interval of a difference of two groups' means.
+
+    Where one of the means is near an end of the range, the intervals of both are combined as those
+    of independent groups, also for pairs: a correlation that rests on a few robots is not reliable.
+    Otherwise this is the BCa bootstrap.
+
+    Args:
+      first: Values of the first group, shape (n,); NaN for a robot without a value.
+      second: Values of the second group, shape (m,); NaN for a robot without a value.
+      paired: Whether robots of the same index are pairs, resampled together; then n = m.
+      span: Lowest and highest value that a robot can have, such as `SHARE`.
+
+    Returns:
+      Interval of the first mean minus the second; unknown if a group has fewer than `FEWEST`
+      values. Unknown also if the values of a group are all equal and not near an end of `span`.
+    """
+    measured = first[~np.isnan(first)], second[~np.isnan(second)]
+    enough = min(map(len, measured)) >= FEWEST
+    if enough and any(_is_near_an_end(values, span) for values in measured):
+        means = float(measured[0].mean()), float(measured[1].mean())
+        return _combined(means, (mean(measured[0], span), mean(measured[1], span)))
+    return difference(first, second, np.nanmean, paired)
 
 
 def difference(

@@ -15,10 +15,22 @@ import numpy as np
 from ...controller import PROPOSERS
 from ..experiment.conditions import Condition
 from ..results.learn_ability import CATEGORIES
-from ..results.results import Robot
 from ..results.run import Run
 from .behaviour import Behaviour
-from .claims import Claim, ClaimResult, Evidence, PaperEvidence, RunEvidence, Undecidable, judge
+from .claims import (
+    Claim,
+    ClaimResult,
+    Evidence,
+    PaperEvidence,
+    RunEvidence,
+    Undecidable,
+    ability,
+    arrival_minutes,
+    count,
+    judge,
+    post_share,
+    robots,
+)
 from .hypothesis_tests import (
     Sample,
     TestedInequality,
@@ -58,58 +70,6 @@ def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]
     ]
 
 
-# ---- What is compared ----
-
-
-def robots(evidence: Evidence, condition: Condition) -> list[Robot]:
-    """Returns the valid robots of a condition.
-
-    Raises:
-      Undecidable: the condition has no valid robots.
-    """
-    rows = evidence.single_robots().valid(condition)
-    if not rows:
-        raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
-    return rows
-
-
-def count(evidence: Evidence, condition: Condition, category: str) -> tuple[int, int]:
-    """Returns the number of a condition's robots in a category, and of all its robots."""
-    summary = evidence.summary(condition)
-    return summary.counts[CATEGORIES.index(category)], summary.robots
-
-
-def ability(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the Learn Ability L of a condition's measured robots."""
-    summary = evidence.summary(condition)
-    return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
-
-
-def post_share(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the share of the test after training in contact (or in the spot)."""
-    rows = robots(evidence, condition)
-    found = evidence.single_robots().shares(condition, "post")
-    return Sample(float(found.mean()), float(found.std(ddof=min(1, len(rows) - 1))), len(rows))
-
-
-def arrival_minutes(evidence: Evidence, condition: Condition) -> np.ndarray:
-    """Returns the minute of the test after training in which each robot is first in the spot.
-
-    Returns:
-      Index of the minute, from 0, shape (n,); NaN for robots that never arrive.
-
-    Raises:
-      Undecidable: there are no robots, or no data of the test.
-    """
-    robots(evidence, condition)
-    run = evidence.single_robots()
-    minutes = run.experiment.schedule(condition.task).minutes_of("post")
-    test = run.curves(condition)[:, minutes] > 0
-    if not test.shape[1]:
-        raise Undecidable("the curves end before the test")
-    return np.where(test.any(axis=1), test.argmax(axis=1).astype(float), np.nan)
-
-
 # ---- Inequalities ----
 
 
@@ -145,6 +105,11 @@ def fewer(condition: Condition, other: Condition, category: str) -> Compare:
         return [larger_share(theirs, own, words)]
 
     return compare
+
+
+def both(*tests: Compare) -> Compare:
+    """Returns the test of all inequalities of several tests."""
+    return lambda evidence: [one for test in tests for one in test(evidence)]
 
 
 def mostly(condition: Condition, category: str) -> Compare:
@@ -216,7 +181,10 @@ def spoiled_without_contact(condition: Condition) -> Compare:
     """Returns the test that most robots with L < 0 had no contact before training."""
 
     def compare(evidence: Evidence) -> list[TestedInequality]:
-        spoiled = [row for row in robots(evidence, condition) if row.category == _NEGATIVE]
+        pairs = zip(
+            robots(evidence, condition), evidence.single_robots().classes(condition), strict=True
+        )
+        spoiled = [row for row, kind in pairs if kind == _NEGATIVE]
         if not spoiled:
             raise Undecidable(f"no {condition.proposer} robot has L < 0")
         clean = sum(row.t_pre_s == 0 for row in spoiled)
@@ -242,6 +210,80 @@ def arrive_late(condition: Condition, least: float) -> Compare:
             f"{np.median(arrived):g}"
         )
         return [majority(int(late), len(arrived), words, least)]
+
+    return compare
+
+
+def stuck(condition: Condition, least: float) -> Compare:
+    """Returns the test that a condition has the most robots in contact nearly all the time.
+
+    Args:
+      condition: The condition.
+      least: Share of the time in the test after training.
+    """
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        def held(one: Condition) -> tuple[int, int]:
+            rows = robots(evidence, one)
+            shares = evidence.single_robots().shares(one, "post")
+            return int((shares >= least).sum()), len(rows)
+
+        own, found = held(condition), []
+        for other in _others(condition):
+            theirs = held(other)
+            words = f"{condition.proposer} {_of(own)}, {other.proposer} {_of(theirs)}"
+            found.append(larger_share(own, theirs, words))
+        return found
+
+    return compare
+
+
+def settlers(evidence: Evidence, condition: Condition) -> np.ndarray:
+    """Returns which robots are in the spot for half of the test before training, shape (n,)."""
+    robots(evidence, condition)
+    return evidence.single_robots().shares(condition, "pre") >= 0.5
+
+
+def settle(condition: Condition, least: float) -> Compare:
+    """Returns the test that more than a share of newborns stay in the spot."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        found = settlers(evidence, condition)
+        pair = int(found.sum()), len(found)
+        return [majority(*pair, f"{_of(pair)}, against {least:.0%}", least)]
+
+    return compare
+
+
+def settlers_learn(condition: Condition) -> Compare:
+    """Returns the test that most of `settlers` are in the spot for half of training's end."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        run, chosen = evidence.single_robots(), settlers(evidence, condition)
+        if not chosen.any():
+            raise Undecidable(f"no {condition.proposer} robot stays in the spot before training")
+        training = run.curves(condition)[
+            :, run.experiment.schedule(condition.task).minutes_of("training")
+        ]
+        last = training[chosen, -(training.shape[1] // 4) :].mean(axis=1) >= 0.5
+        pair = int(last.sum()), int(chosen.sum())
+        return [majority(*pair, f"{_of(pair)}, against a half")]
+
+    return compare
+
+
+def later(condition: Condition) -> Compare:
+    """Returns the test that robots with L < 0 that arrive in both tests arrive later after it."""
+
+    def compare(evidence: Evidence) -> list[TestedInequality]:
+        worse = np.array(evidence.single_robots().classes(condition)) == _NEGATIVE
+        before, after = (arrival_minutes(evidence, condition, part) for part in ("pre", "post"))
+        both = worse & ~np.isnan(before) & ~np.isnan(after)
+        if not both.any():
+            raise Undecidable(f"no {condition.proposer} robot with L < 0 arrives in both tests")
+        medians = [np.median(minutes[both]) for minutes in (before, after)]
+        words = f"{both.sum()} robots: median minute {medians[0]:g} before, {medians[1]:g} after"
+        return [larger_in_pairs(after[both], before[both], words)]
 
     return compare
 
@@ -334,6 +376,20 @@ CLAIMS = (
         "Many creative robots with L < 0, more than half, had no contact before training.",
         spoiled_without_contact(_CREATIVE_W),
     ),
+    Claim(
+        _WALLS,
+        "Creative has more geniuses than random, and more robots with L = 1.",
+        both(
+            fewer(_RANDOM_W, _CREATIVE_W, _UNMEASURED),
+            fewer(_RANDOM_W, _CREATIVE_W, _ONES),
+        ),
+    ),
+    Claim(
+        _WALLS,
+        "After training fixed has the most robots that do not leave the wall: in contact for 95 % "
+        "of the test or more.",
+        stuck(_FIXED_W, 0.95),
+    ),
     Claim(_WALLS, _SPINS, spin(_WALLS)),
     Claim(
         _SPOT,
@@ -361,6 +417,22 @@ CLAIMS = (
         _SPOT,
         "Creative has the highest time in the spot after training.",
         leads(post_share, _CREATIVE_S, "share of the time", highest=True),
+    ),
+    Claim(
+        _SPOT,
+        "Before training quite a few creative robots, more than 5 %, stay in the spot, for half of "
+        "the test or more.",
+        settle(_CREATIVE_S, 0.05),
+    ),
+    Claim(
+        _SPOT,
+        "Most of these are easily trained: in the spot for half of training's last quarter.",
+        settlers_learn(_CREATIVE_S),
+    ),
+    Claim(
+        _SPOT,
+        "Creative robots with L < 0 that arrive in both tests arrive later after training.",
+        later(_CREATIVE_S),
     ),
     Claim(_SPOT, _SPINS, spin(_SPOT)),
     Claim(

@@ -43,9 +43,9 @@ def column(run: Run, condition: Condition) -> Column:
     return Column(
         summary,
         _shares(summary),
-        intervals.mean(measured),
+        intervals.mean(measured, intervals.ABILITY),
         intervals.deviation(measured),
-        intervals.mean(run.shares(condition, "post")),
+        intervals.mean(run.shares(condition, "post"), intervals.SHARE),
     )
 
 

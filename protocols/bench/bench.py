@@ -23,7 +23,7 @@ from ...tasks import stop_timers
 from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.provenance import machine
-from ..options import cores
+from ..shared_options import cores
 from ..storage import check_place, resolved_file, write_atomically
 from . import lives, models, sections, workers
 from .lives import PairedTiming, Setting, TimedCohort
@@ -52,9 +52,8 @@ class Effort:
 
     Attributes:
       blocks: Number of blocks for each cohort in wall avoidance, and for each brain.
-      fewer_blocks: Number of blocks where less precision suffices: for each cohort in spot finding,
-        for each cohort that is only measured to compare cohort sizes, and for each of the two
-        processes with MuJoCo's timers on or off.
+      fewer_blocks: Number of blocks of measurements that need less precision: spot finding, other
+        cohort sizes, and the cost of MuJoCo's timers.
       robot_steps: Approximate number of robot-steps in a block.
       turns: Number of times that one, two and all processes are timed.
       rounds: Number of timed rounds of each model and of each environment.

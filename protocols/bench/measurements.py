@@ -29,8 +29,7 @@ class Measurements:
       lives: Paired timings: with MAIN robots for every task and proposer, with SMALL robots for
         every proposer in wall avoidance.
       sizes: Paired timings of creative wall avoidance, one for each number of robots.
-      brains: Time that acting and learning take with each brain, by task and by name of the brain;
-        all robots are creative.
+      brains: Time of acting and of learning, by task and by name of the brain (creative robots).
       timers: Two median durations in [s] of a block's physics, repeated by `mujoco.rollout` alone:
         first with MuJoCo's stage timers on, then with the timers off.
       scaling: Timings of one, two and all processes, by kind of work: "live" simulates a cohort,

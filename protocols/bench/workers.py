@@ -138,7 +138,7 @@ def scaling(setting: Setting, processes: int, turns: int) -> dict[Work, Scaling]
 
     Args:
       setting: Setting of the cohort, the same in every process.
-      processes: Number of processes that work together when all processes are timed.
+      processes: Number of processes in the largest of the three timings.
       turns: Number of times that one, two and all processes are timed.
     """
     seconds: dict[Work, list[tuple[float, float, float]]] = {"live": [], "replay": []}
@@ -160,7 +160,7 @@ def timer_cost(setting: Setting, turns: int) -> tuple[float, float]:
     """Times a block's physics, by `mujoco.rollout` alone, with MuJoCo's timers on and off.
 
     Args:
-      setting: Setting of the cohort whose block is repeated by `mujoco.rollout` alone.
+      setting: Cohort to measure, and length of a block.
       turns: Number of timings with the timers on, and again with the timers off.
 
     Returns:

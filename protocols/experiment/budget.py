@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...controller.creative_memory import NoisePatterns
+from ...controller.noise import NoisePatterns
 from ..errors import InputError
 from .networks import network_shapes
 

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ...controller.parameters import Parameters, shown
-from ...models import Kinematics
+from ...models import Kinematics, centre_nose
+from ...models.arena import FASTEST
 from ...tasks.batch import Robots
 from ...tasks.kinematic import make_kinematic_batch
 from ...tasks.sensors import NoseForm
@@ -21,10 +22,11 @@ from .overrides import brain_name
 from .schedules import PROTOCOLS, ProtocolName, Schedule
 
 Body = Literal["mujoco", "kinematic"]
+NosePlace = Literal["front", "centre"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
-# Motor speed in [m/s], turn in degrees.
-_SEEDS, _FASTEST, _LARGEST_TURN = 2**128, 10, 360
+# Turn in degrees.
+_SEEDS, _LARGEST_TURN = 2**128, 360
 # Number, [s], [m].
 _MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}
 
@@ -41,6 +43,7 @@ class Experiment:
       cohort_size: Number of robots simulated in lockstep on one random stream.
       time_scale: Factor on every duration of the schedules, in (0, 1]; 1 is the paper's.
       nose: Form of Eq. 3 (see `tasks.sensors.Nose`).
+      nose_place: Place of the nose: the front of the rim, or the robot's centre.
       learn_across_placement: Whether robots learn from the step that spans a new placement (not
         stated in the paper).
       turned_start: Angle in degrees by which a robot that starts in a corner is turned away from
@@ -57,6 +60,7 @@ class Experiment:
     cohort_size: int = 50
     time_scale: float = 1.0
     nose: NoseForm = "inverse"
+    nose_place: NosePlace = "front"
     learn_across_placement: bool = False
     turned_start: float = 0.0
     motor_speed: float | None = None
@@ -90,10 +94,12 @@ class Experiment:
         for name, allowed in (
             ("protocol", tuple(PROTOCOLS)),
             ("nose", ("inverse", "printed")),
+            ("nose_place", ("front", "centre")),
             ("body", BODIES),
         ):
             if (value := getattr(self, name)) not in allowed:
-                raise InputError(f"the {name} must be one of {', '.join(allowed)}, got {value!r}")
+                word = name.replace("_", " ")
+                raise InputError(f"the {word} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < self.time_scale <= 1:
             raise InputError(f"the time scale must lie in (0, 1], got {shown(self.time_scale)}")
         if self.nose == "printed" and self.brain.needs_senses:
@@ -107,9 +113,9 @@ class Experiment:
             raise InputError("kinematics are parameters of the body 'kinematic' only")
         if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
             raise InputError(f"the motor speed must be positive, got {shown(self.motor_speed)}")
-        if self.motor_speed is not None and self.motor_speed > _FASTEST:
+        if self.motor_speed is not None and self.motor_speed > FASTEST:
             value = shown(self.motor_speed)
-            raise InputError(f"the motor speed must be at most {_FASTEST} m/s, got {value}")
+            raise InputError(f"the motor speed must be at most {FASTEST} m/s, got {value}")
         if not -_LARGEST_TURN <= self.turned_start <= _LARGEST_TURN:
             allowed, value = f"[-{_LARGEST_TURN}, {_LARGEST_TURN}]", shown(self.turned_start)
             raise InputError(f"the turn at the start must lie in {allowed}, got {value}")
@@ -143,6 +149,8 @@ class Experiment:
           edits: Edits of the arena's model, made after the task's own.
         """
         task = self.arena_task(task)
+        if self.nose_place == "centre":
+            edits = (*edits, centre_nose)
         shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)

@@ -58,6 +58,20 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
     return Experiment(**(_renamed(fields) | parts))
 
 
+def current_names(fields: Mapping[str, Any], cls: type) -> list[str]:
+    """Returns the present names of stored fields, without those that no longer exist.
+
+    Args:
+      fields: Fields as stored by this or an earlier version.
+      cls: `Experiment` or `Parameters`, whose fields they are.
+    """
+    if cls is Experiment:
+        return [_RENAMED.get(name, name) for name in fields]
+    gone = {name for name, neutral in _REMOVED.items() if fields.get(name) == neutral}
+    names = [_RENAMED.get(name, name) for name in fields if name not in gone]
+    return ["random_share" if name == "random_ideas" else name for name in names]
+
+
 def _renamed(fields: Mapping[str, Any]) -> dict[str, Any]:
     return {
         _RENAMED.get(name, name): _RENAMED_VALUES.get((name, value), value)

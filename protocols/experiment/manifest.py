@@ -1,9 +1,11 @@
-"""The file `experiment.json` of a run: plan, physics and provenance; reads older versions too."""
+"""The file `experiment.json` of a run: plan, physics, provenance, and digests of its other files.
+
+Reads older versions too.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ import numpy as np
 
 from ...models import Kinematics
 from ..errors import DamagedFileError, InputError
-from ..storage import read_json, write_atomically
+from ..storage import read_json, write_json
 from .conditions import Condition
 from .experiment import Experiment
 from .former_names import experiment_from
@@ -22,7 +24,7 @@ from .plan import Plan
 from .provenance import machine
 
 MANIFEST = "experiment.json"
-
+_FILES = "files"
 
 # What fields of JSON that are not those of an experiment raise.
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
@@ -37,26 +39,61 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     Args:
       directory: Folder of the run.
       plan: Plan with at least the robots in the plan of the existing file (see `Plan.merged_with`).
-      begun: Whether any robot was simulated with the versions that the existing file lists;
-        otherwise these are dropped.
+      begun: Whether the existing file's list of versions is kept. Pass False if no robot was
+        simulated with them.
 
     Raises:
       InputError: the existing file records another physics.
     """
     path = directory / MANIFEST
     made_with: list[Any] = []
+    files: dict[str, Any] = {}
     if path.exists():
         older = read_json(path)
+        files = {_FILES: older[_FILES]} if _FILES in older else {}
         made_with = [one for one in older["made_with"] if begun and one != machine()]
         check_physics(directory)
     experiment = plan.experiment
+    robots = sorted(plan.robots.items())  # a run that was continued has them in this order
     content = {
         "experiment": dataclasses.asdict(experiment),
-        "plan": [{**dataclasses.asdict(c), "robots": robots} for c, robots in plan.robots.items()],
+        "plan": [{**dataclasses.asdict(condition), "robots": n} for condition, n in robots],
         "physics": physics_probe(experiment.body, experiment.kinematics),
         "made_with": [*made_with, machine()],
     }
-    write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
+    write_json(path, content | files)
+
+
+def record_files(directory: Path, digests: Mapping[str, str]) -> None:
+    """Adds the digests of files that are about to be written to those of earlier ones.
+
+    A run that is enlarged writes its files one after the other, and may be killed, or read,
+    between two of them: the digests of all earlier states stay.
+
+    Args:
+      directory: Folder of a run.
+      digests: SHA-256 digest of each file's content, by the name of the file.
+
+    Raises:
+      OSError: `experiment.json` cannot be written.
+    """
+    path = directory / MANIFEST
+    content = read_json(path)
+    earlier = [state for state in content.get(_FILES, []) if state != digests]
+    write_json(path, content | {_FILES: [*earlier, dict(digests)]})
+
+
+def recorded_files(directory: Path) -> list[dict[str, str]]:
+    """Returns the digests of a run's files, by name, of each state; empty for an older run's.
+
+    Raises:
+      DamagedFileError: they are no digests.
+    """
+    path = directory / MANIFEST
+    try:
+        return [dict(state) for state in read_json(path).get(_FILES, [])]
+    except UNREADABLE as error:
+        raise DamagedFileError(f"{path} is damaged (its digests are none)") from error
 
 
 def read_manifest(directory: Path) -> Plan:

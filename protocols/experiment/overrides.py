@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from ...controller.brains import BRAINS
@@ -14,6 +15,40 @@ from ...models import Kinematics
 from ..errors import InputError
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
+
+# Readings of the paper: fields of an experiment. "body": the brain in a physical body. "plain": the
+# plainest program that the paper's text describes (docs/paper.md).
+READINGS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "body": MappingProxyType(
+            {
+                "body": "mujoco",
+                "kinematics": Kinematics(),
+                "nose": "inverse",
+                "nose_place": "front",
+            }
+        ),
+        "plain": MappingProxyType(
+            {
+                "body": "kinematic",
+                "kinematics": Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler"),
+                "nose": "printed",
+                "nose_place": "centre",
+            }
+        ),
+    }
+)
+
+
+def named_reading(name: str) -> Mapping[str, Any]:
+    """Returns the fields of an experiment that a reading of the paper sets.
+
+    Raises:
+      InputError: there is no reading of that name.
+    """
+    if name not in READINGS:
+        raise InputError(f"the reading must be one of {', '.join(READINGS)}, got {name!r}")
+    return READINGS[name]
 
 
 def named_brain(name: str) -> Parameters:
@@ -72,7 +107,7 @@ def overrides_of(numbers: Numbers, reference: Numbers) -> list[str]:
 
 def _value(text: str) -> Any:
     for read in (json.loads, float):
-        with contextlib.suppress(ValueError):
+        with contextlib.suppress(ValueError, RecursionError):
             value = read(text)
             return tuple(value) if isinstance(value, list) else value
     return text

@@ -18,13 +18,14 @@ import numpy as np
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.rules import Rules
 from ..errors import InputError
-from ..storage import check_place, resolved_file, write_atomically
+from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import bar, notice, printable
 from .episode import Episode, Moment
 from .panel import Panel
 from .scene import Scene, Shot
 
 _TRAIL = 8.0  # [s] of the film, after which the robot's trail has faded
+_LONGEST = 3600  # [s], of a film
 _TRAIL_LIMIT = 90.0  # simulated [s] after which it has faded at any speed of the film
 
 # Half the size and one palette for the whole film keep the file small.
@@ -84,6 +85,8 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
     for name, value in (("length in seconds", seconds), ("speed", speed)):
         if not (value > 0 and math.isfinite(value)):
             raise InputError(f"the film's {name} must be positive, got {value:g}")
+    if seconds > _LONGEST:
+        raise InputError(f"the film must last at most {_LONGEST} s, got {seconds:g}")
     output = resolved_file(output)
     fps = _check_output(output).fps
     count = frame_count(seconds, speed, episode.seconds, fps)
@@ -203,6 +206,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
         # imageio does not check whether ffmpeg could write everything.
         if _frames_in(draft) != count:
             raise OSError(f"{output} could not be written completely; is the disk full?")
+        remove_drafts(output.parent, output.name)  # of a film that was killed
         write_atomically(output, draft.read_bytes())
 
 

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from ...models import arena_spec
+from ...models.rendering import fit_buffer, load_triton
 from ..errors import EGL_REMEDY, InputError
 
 
@@ -34,13 +35,14 @@ class Canvas:
         Args:
           model: Model to render.
           camera: Name of one of the model's cameras.
-          width: Width of an image in pixels, at most the model's `offwidth`.
-          height: Height of an image in pixels, at most the model's `offheight`.
+          width: Width of an image in pixels.
+          height: Height of an image in pixels.
           max_geoms: Largest number of geoms in the scene.
 
         Raises:
           InputError: there is no EGL.
         """
+        fit_buffer(model, width, height)
         self._model = model
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED.value
@@ -49,6 +51,7 @@ class Canvas:
         self._options.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER] = False
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.empty((height, width, 3), dtype=np.uint8)
+        load_triton()
         try:
             from mujoco.egl import GLContext
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import sys
-import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -13,6 +11,7 @@ import dm_env
 import numpy as np
 
 from ... import tasks
+from ...models.rendering import DRAWS_NOTHING, no_window
 from ...tasks.sensors import NoseForm
 from ...tasks.suite import TASKS
 from ..errors import InputError
@@ -106,21 +105,11 @@ def explore(task: str, driver: Driver | None = None) -> None:
 def check_display() -> None:
     """Raises InputError if no window can be opened."""
     remedy = "`musebot film` needs no display"
-    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
-        raise InputError(f"there is no display to open a window on; {remedy}")
+    if reason := no_window():
+        raise InputError(f"{reason}; {remedy}")
     backend = os.environ.get("MUJOCO_GL", "glfw")
-    if backend.lower() in ("egl", "osmesa", "off", "disable", "disabled", "false", "0"):
+    if backend.lower() in ("egl", "osmesa", *DRAWS_NOTHING):
         raise InputError(f"a window needs GLFW, but MUJOCO_GL is {backend!r}: unset it; {remedy}")
-    try:
-        import glfw
-
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the sentence below says why
-            ready = glfw.init()
-    except Exception as error:  # no library, or a display that does not answer
-        raise InputError(f"GLFW cannot open a window here ({error}); {remedy}") from error
-    if not ready:
-        raise InputError(f"GLFW cannot open a window on this display; {remedy}")
 
 
 class RandomMotors:

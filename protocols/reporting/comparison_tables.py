@@ -62,7 +62,7 @@ def note(cells: Sequence[Cell]) -> str:
     tests = ["McNemar's" if any(paired) else "", "Fisher's" if not all(paired) else ""]
     return (
         f"{pairs}. In brackets: the 95 % interval of the difference (Newcombe for shares of "
-        "robots, BCa bootstrap for the rest). *p*: two-sided, "
+        f"robots; for the rest {md.MEANS}). *p*: two-sided, "
         f"{' or '.join(filter(None, tests))} exact test for shares, a permutation test for the "
         f"rest. *Holm*: p corrected over {len(cells)} cells, bold below {ALPHA:g}. A dash: too few "
         "measured robots.\n"

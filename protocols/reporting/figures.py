@@ -52,7 +52,7 @@ def _curve(axis: Axes, curves: np.ndarray, proposer: str) -> None:
     edges = np.unique(np.minimum(np.arange(0, minutes + width, width), minutes))
     steps = [curves[:, a:b].mean(axis=1) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     means = np.array([step.mean() for step in steps])
-    low, high = np.array([intervals.mean(step) for step in steps]).T
+    low, high = np.array([intervals.mean(step, intervals.SHARE) for step in steps]).T
     hours = (edges[:-1] + edges[1:]) / 2 / 60
     axis.plot(hours, means, color=colour(proposer))
     axis.fill_between(hours, low, high, color=colour(proposer), alpha=0.2, linewidth=0)

@@ -78,7 +78,8 @@ def page(
     Args:
       run: The run.
       results: Verdicts on the claims; if empty, the page has no section of claims.
-      figures: Figures in the order on the page.
+      figures: Figures in the order on the page; the first, of the learning curves, and the films
+        are above the tables.
       films: Films in the order on the page.
       missing: Sentence about missing films; empty for none.
     """
@@ -95,12 +96,11 @@ def page(
         facts=_facts(run),
         tables={labels.title(t, experiment): [*_tables(run, t)] for t in run.tasks()},
         tables_note=tables.NOTE,
-        claims={
-            title: [result for result in results if result.claim.task == task]
-            for task, title in labels.TITLES.items()
-        },
+        claims=tables.judged_claims(results),
+        not_judged=tables.not_judged(results),
         claims_note=tables.claims_note(experiment) if results else "",
-        figures=figures,
+        first_figures=figures[:1],
+        figures=figures[1:],
         films=films,
         missing=missing,
     )

@@ -10,6 +10,9 @@ import numpy as np
 from ..analysis import intervals
 from ..analysis.intervals import Interval
 
+MEANS = "BCa bootstrap over robots; Gaffke's bounds for a mean near an end of its range"
+"""How the intervals of means are computed."""
+
 
 def line(row: Sequence[str]) -> str:
     """Returns a row of a table as a line of Markdown."""
@@ -42,6 +45,11 @@ def bracket(interval: Interval, percent: bool = False) -> str:
     return f"[{low:.0%}, {high:.0%}]" if percent else f"[{low:.3f}, {high:.3f}]"
 
 
-def mean_cell(values: np.ndarray) -> str:
-    """Returns the mean of some values, with its 95 % interval in brackets if it is known."""
-    return f"{values.mean():.3f} {bracket(intervals.mean(values))}".strip()
+def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
+    """Returns the mean of some values, with its 95 % interval in brackets if it is known.
+
+    Args:
+      values: One value for each robot, shape (n,).
+      span: Lowest and highest value that a robot can have; None if not known.
+    """
+    return f"{values.mean():.3f} {bracket(intervals.mean(values, span))}".strip()

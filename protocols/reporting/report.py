@@ -17,12 +17,20 @@ from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.schedules import SCHEDULES, TASK_NAMES
 from ..playback import film as films
-from ..playback import observation
+from ..playback import measured_behaviour
 from ..playback.episode import Episode
 from ..playback.rollout import SEED, Tick
 from ..playback.stored_brains import StoredRobot
 from ..results.run import Run
-from ..storage import check_own_folder, check_place, resolved_file, write_text
+from ..storage import (
+    check_own_folder,
+    check_place,
+    locked,
+    remove_drafts,
+    resolved,
+    resolved_file,
+    write_text,
+)
 from ..terminal import bar
 from . import example_robots, figures, html_page, robot_figures, style
 from .html_page import Medium
@@ -70,16 +78,26 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
       Path of the page.
 
     Raises:
-      InputError: a path cannot be written; no file was changed.
+      InputError: a path cannot be written, or another process writes the report; no file was
+        changed.
       OSError: a file could not be written.
     """
     output = output or out / PAGE
-    out, page_file = out.resolve(), resolved_file(output)  # links below them are not followed
+    out, page_file = resolved(out), resolved_file(output)  # links below them are not followed
     _check(out, page_file)
+    with locked(out / "figures"):
+        for folder in (out / "figures", out / "films"):
+            remove_drafts(folder)
+        remove_drafts(page_file.parent, page_file.name)
+        _write(run, out, page_file, film)
+    return output
+
+
+def _write(run: Run, out: Path, page_file: Path, film: Film) -> None:
     drawn: list[Medium] = []
-    total = observation.ticks(run) + robot_figures.ticks(run)
+    total = measured_behaviour.ticks(run) + robot_figures.ticks(run)
     with _progress(total) as tick, style.styled():
-        behaviour = observation.observe(run, tick)
+        behaviour = measured_behaviour.observe(run, tick)
         for planned in _figures(run, behaviour, tick):
             if (figure := planned.draw()) is not None:
                 paths = style.save(figure, out / "figures", planned.name)
@@ -88,7 +106,6 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
     shown, missing = _films(run, out / "films", film)
     page = html_page.page(run, judge_all(run, behaviour), drawn, shown, missing)
     write_text(page_file, page)
-    return output
 
 
 def _check(out: Path, output: Path) -> None:
@@ -115,7 +132,7 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
     yield PlannedFigure(
         "learning_curves",
         "Learning curves",
-        "Means over all valid robots of a condition, with 95 % bootstrap bands.",
+        "Means over all valid robots of a condition, with bands of 95 %.",
         lambda: figures.learning_curves(run),
     )
     yield PlannedFigure(
@@ -139,10 +156,10 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
         yield PlannedFigure(
             "spinning",
             "Spinning",
-            f"A dot is a robot (the first {observation.SAMPLE} of each condition); the line is "
-            "their mean. In a second of spinning a robot turns by more than 1 rad and moves less "
-            f"than 2 cm. First {observation.SPIN_MINUTES * scale:g} minutes of the test, replayed "
-            "with the stored brains.",
+            f"A dot is a robot (the first {measured_behaviour.SAMPLE} of each condition); the line "
+            "is their mean. In a second of spinning a robot turns by more than 1 rad and moves "
+            f"less than 2 cm. First {measured_behaviour.SPIN_MINUTES * scale:g} minutes of the "
+            "test, replayed with the stored brains.",
             lambda: figures.spinning(behaviour),
         )
     if behaviour.stays:

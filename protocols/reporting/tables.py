@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from ..analysis import intervals
 from ..analysis.claims import ClaimResult
+from ..analysis.hypothesis_tests import same_classes
 from ..analysis.intervals import Interval
 from ..analysis.paper_claims import judge_all
 from ..analysis.paper_tables import Column, column, paper_column, row_names
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
+from ..experiment.schedules import TASK_NAMES
 from ..results.learn_ability import CATEGORIES, total_variation
 from ..results.run import Run
 from . import labels
-from .markdown import bracket, number, table
+from .markdown import MEANS, bracket, number, table
 
 NOTE = (
-    "In brackets: 95 % intervals (Wilson for shares, BCa bootstrap over robots for means and "
-    "deviations, Student's t for the paper's means, from its table). *By chance*: the total "
+    "In brackets: 95 % intervals (Wilson for shares; for means and deviations "
+    f"{MEANS}; Student's t for the paper's means, from its table). *By chance*: the total "
     "variation that two groups of these sizes exceed with a probability of 5 % if their robots "
     "do not differ."
 )
+_ROUNDED = " L is rounded to two decimals before it is classed (`--exact-classes` does not round)."
 VARIATION = "total variation"
 
 
@@ -59,10 +63,30 @@ def variation_cell(first: Column, second: Column | None) -> tuple[str, str]:
 
 def markdown(run: Run) -> str:
     """Returns the tables of a run, and the verdicts on the claims that it can test."""
-    parts = [*(_table(run, task) for task in run.tasks()), NOTE + "\n"]
+    parts = [_table(run, task) for task in run.tasks()]
+    if agreement := joint_tests(run):
+        found = ", ".join(f"{name} p = {p:.4f}" for name, p in agreement.items())
+        parts.append(
+            "Joint test that all columns of a table have the paper's shares of classes (sum of "
+            f"chi-squares, simulated null distribution): {found}.\n"
+        )
+    parts.append(NOTE + ("" if run.exact_classes else _ROUNDED) + "\n")
     if results := judge_all(run):
         parts.append(_claims(run.experiment, results))
     return "\n".join(parts)
+
+
+def joint_tests(run: Run) -> dict[str, float]:
+    """Returns p of the joint test of each table, and of both; empty without the paper's columns."""
+    found: dict[str, list[tuple[tuple[int, ...], tuple[int, ...]]]] = {}
+    for condition in run.conditions():
+        ours, paper = run.summary(condition), paper_column(run.experiment, condition)
+        if paper and ours.robots:
+            counts = ours.counts, paper.summary.counts
+            found.setdefault(TASK_NAMES[condition.task].lower(), []).append(counts)
+    if len(found) > 1:
+        found["both tables"] = [pair for pairs in found.values() for pair in pairs]
+    return {name: same_classes(pairs) for name, pairs in found.items()}
 
 
 def _table(run: Run, task: str) -> str:
@@ -84,15 +108,29 @@ def _joined(cell: tuple[str, str]) -> str:
 
 def _claims(experiment: Experiment, results: list[ClaimResult]) -> str:
     lines = ["### The claims of section 4", "", claims_note(experiment), ""]
-    for task, title in labels.TITLES.items():
+    for title, judged in judged_claims(results).items():
         lines += [f"**{title}**", ""]
-        lines += [
-            f"- *{result.claim.says}* **{result.verdict}**: {result.words}"
-            for result in results
-            if result.claim.task == task
-        ]
+        lines += [f"- *{one.claim.says}* **{one.verdict}**: {one.words}" for one in judged]
         lines.append("")
+    if left := not_judged(results):
+        lines += [left, ""]
     return "\n".join(lines)
+
+
+def judged_claims(results: Sequence[ClaimResult]) -> dict[str, list[ClaimResult]]:
+    """Returns the judged claims by the title of their table, without tables that have none."""
+    judged = {
+        title: [one for one in results if one.claim.task == task and one.verdict != "not judged"]
+        for task, title in labels.TITLES.items()
+    }
+    return {title: found for title, found in judged.items() if found}
+
+
+def not_judged(results: Sequence[ClaimResult]) -> str:
+    """Returns a sentence with the number of claims that are not judged, and why; or empty text."""
+    left = [one for one in results if one.verdict == "not judged"]
+    why = "; ".join(dict.fromkeys(one.why.rstrip(".") for one in left))
+    return f"{len(left)} of {len(results)} claims are not judged: {why}." if left else ""
 
 
 def claims_note(experiment: Experiment) -> str:
@@ -127,7 +165,9 @@ def as_json(run: Run) -> dict[str, Any]:
         "time_scale": experiment.time_scale,
         "seed": experiment.seed,
         "interval_level": intervals.LEVEL,
+        "exact_classes": run.exact_classes,
         "tables": found,
+        "joint_tests": {name: _finite(p) for name, p in joint_tests(run).items()},
         "claims": [result.as_json() for result in judge_all(run)],
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 
 CATEGORIES = ("L = 1", "0 < L < 1", "L = 0", "L < 0", "unmeasured")
 INVALID = "invalid"
+DECIMALS = 2  # of L in the classes of the tables: the paper's counts of L = 0 need it
 
 
 def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray:
@@ -29,7 +30,7 @@ def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray
 
 
 def category(ability: float) -> str:
-    """Returns the class of a Learn Ability, a row of tables 1 and 2; "unmeasured" for NaN."""
+    """Returns the class of an exact Learn Ability; "unmeasured" for NaN."""
     if np.isnan(ability):
         return "unmeasured"
     if ability == 1:
@@ -37,6 +38,18 @@ def category(ability: float) -> str:
     if ability > 0:
         return "0 < L < 1"
     return "L = 0" if ability == 0 else "L < 0"
+
+
+def classes(abilities: Sequence[float] | np.ndarray, exact: bool = False) -> list[str]:
+    """Returns the class of each Learn Ability, a row of tables 1 and 2.
+
+    Args:
+      abilities: L of each robot, shape (n,); NaN for a genius or an ignorant.
+      exact: Whether exact values are classed; otherwise L is first rounded to two decimals, so
+        that a robot whose times differ by less than 1 % has L = 0.
+    """
+    values = np.asarray(abilities, dtype=float)
+    return [category(ability) for ability in (values if exact else np.round(values, DECIMALS))]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,6 +87,7 @@ def summarise(
     post_times: Sequence[float],
     test_time: float,
     invalid: int = 0,
+    exact: bool = False,
 ) -> Summary:
     """Summarises valid robots as tables 1 and 2 do.
 
@@ -82,8 +96,9 @@ def summarise(
       post_times: Time of each robot in contact, or in the spot, in the test after training, in [s].
       test_time: Duration of the test after training, in [s].
       invalid: Number of invalid robots, which the other arguments leave out.
+      exact: Whether exact L are classed, see `classes`; mean and deviation are always exact.
     """
-    rows = [category(ability) for ability in abilities]
+    rows = classes(abilities, exact)
     measured = np.array([ability for ability in abilities if not np.isnan(ability)])
     return Summary(
         counts=tuple(rows.count(name) for name in CATEGORIES),  # type: ignore[arg-type]

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+import importlib
+from typing import Any, Literal
 
 import numpy as np
 
 from ...tasks.arena import CONTROL_TIMESTEP
+from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
-from .learn_ability import Summary, summarise
+from .learn_ability import Summary, classes, summarise
 from .results import NetworkArrays, Results, Robot, When
+
+_TESTS: tuple[Literal["pre", "post"], ...] = ("pre", "post")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,11 +26,13 @@ class Run:
       name: Name of the run's folder.
       experiment: Experiment that decided the robots' lives.
       results: Results of the robots, by condition.
+      exact_classes: Whether exact L are classed in the tables; otherwise L rounded to two decimals.
     """
 
     name: str
     experiment: Experiment
     results: Results
+    exact_classes: bool = False
 
     def conditions(self) -> list[Condition]:
         """Returns the conditions that have robots, in the order of the tables."""
@@ -64,6 +70,10 @@ class Run:
         """Returns L of each valid robot, NaN for a genius or an ignorant, shape (n,)."""
         return abilities(self.valid(condition))
 
+    def classes(self, condition: Condition) -> list[str]:
+        """Returns the class of each valid robot, a row of tables 1 and 2."""
+        return classes(self.abilities(condition), self.exact_classes)
+
     def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
         """Returns each valid robot's share of a test in contact, or in the spot, shape (n,)."""
         return shares(self.valid(condition), self.test_seconds(condition.task), part)
@@ -76,11 +86,36 @@ class Run:
             [row.t_post_s for row in rows],
             self.test_seconds(condition.task),
             invalid=len(self.robots(condition)) - len(rows),
+            exact=self.exact_classes,
         )
 
     def test_seconds(self, task: str) -> float:
         """Returns the duration of the test after training, in simulated seconds."""
         return self.experiment.schedule(task).steps_of("post") * CONTROL_TIMESTEP
+
+    def to_frame(self) -> Any:
+        """Returns a row for each robot, invalid robots included, as a pandas DataFrame.
+
+        Its columns are those of robots.csv, and `pre_share` and `post_share`: the share of a test
+        in contact, or in the spot, in [0, 1].
+
+        Raises:
+          InputError: pandas is not installed.
+        """
+        try:
+            pandas = importlib.import_module("pandas")  # optional, in no extra
+        except ModuleNotFoundError as error:
+            raise InputError("Run.to_frame needs pandas: pip install pandas") from error
+        rows = [
+            dataclasses.asdict(row)
+            | {
+                f"{part}_share": float(shares([row], self.test_seconds(row.task), part)[0])
+                for part in _TESTS
+            }
+            for condition in self.conditions()
+            for row in self.robots(condition)
+        ]
+        return pandas.DataFrame(rows)
 
 
 def abilities(rows: list[Robot]) -> np.ndarray:

@@ -17,16 +17,24 @@ import numpy as np
 
 from ..errors import DamagedFileError, InputError
 from ..experiment.conditions import Condition
-from ..experiment.manifest import MANIFEST, read_manifest, same_physics
+from ..experiment.manifest import (
+    MANIFEST,
+    read_manifest,
+    record_files,
+    recorded_files,
+    same_physics,
+)
 from ..experiment.plan import Plan
 from ..storage import (
     Shapes,
-    check_file,
     check_folder,
+    digest_of,
+    digest_of_file,
+    encoded_arrays,
     is_draft,
     load_arrays,
     read_whole,
-    save_arrays,
+    resolved,
     write_atomically,
 )
 from ..terminal import notice
@@ -41,6 +49,7 @@ from .results import WHEN, ConditionResults, NetworkArrays, Results, Robot, When
 from .run import Run
 
 ROBOTS_FILE, CURVES_FILE, BRAINS_FILE = "robots.csv", "curves.npz", "brains.safetensors"
+_IN_ORDER = (BRAINS_FILE, CURVES_FILE, ROBOTS_FILE)  # of writing
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
 _WHOLE = re.compile(r"(0|[1-9][0-9]{0,60})")
 _DECIMAL = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?(e[-+]?[0-9]{1,4})?")
@@ -83,12 +92,17 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
         raise InputError(
             f"{directory} holds no finished robots yet; `musebot run {directory}` continues it"
         )
+    if not recorded_files(directory):
+        notice(
+            f"{directory} has no digests of its files, as an older version wrote it: a changed "
+            "file may not be recognised"
+        )
     if replay and not same_physics(directory):
         notice(
             f"{directory} was simulated in another physics than this version's, in which its "
             "brains now run"
         )
-    return Run(name or directory.resolve().name, experiment, results)
+    return Run(name or resolved(directory).name, experiment, results)
 
 
 def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]:
@@ -99,7 +113,7 @@ def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]
     """
     if not directories:
         raise InputError("at least one run is needed")
-    if len({directory.resolve() for directory in directories}) < len(directories):
+    if len({resolved(directory) for directory in directories}) < len(directories):
         raise InputError("a run is given twice")
     names = run_names(directories)
     return [read_run(d, n, replay=replay) for n, d in zip(names, directories, strict=True)]
@@ -107,7 +121,7 @@ def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]
 
 def run_names(directories: Sequence[Path]) -> list[str]:
     """Returns the folders' names, or the paths as given where two names are equal."""
-    names = [directory.resolve().name for directory in directories]
+    names = [resolved(directory).name for directory in directories]
     return names if len({*names}) == len(names) else [str(directory) for directory in directories]
 
 
@@ -122,16 +136,34 @@ def flat_networks(results: Results, when: Sequence[When] = WHEN) -> NetworkArray
 
 
 def write_results(directory: Path, results: Results) -> None:
-    """Writes the three files, each atomically; robots.csv last.
+    """Writes the three files, each atomically; their digests first, robots.csv last.
 
     Raises:
       OSError: a file cannot be written.
     """
-    save_arrays(directory / BRAINS_FILE, flat_networks(results))
+    contents = _contents(results)
+    if (directory / ROBOTS_FILE).exists():
+        adopt_files(directory)
+    record_files(directory, {name: digest_of(contents[name]) for name in _IN_ORDER})
+    for name in _IN_ORDER:
+        write_atomically(directory / name, contents[name])
+
+
+def adopt_files(directory: Path) -> None:
+    """Records the digests of a finished run that an earlier version has written without them.
+
+    Raises:
+      OSError: `experiment.json` cannot be written.
+    """
+    if not recorded_files(directory):
+        record_files(directory, {name: digest_of_file(directory / name) for name in _IN_ORDER})
+
+
+def _contents(results: Results) -> dict[str, bytes]:
+    """Returns the contents of the three files by name."""
     curves = {str(condition): part.curves for condition, part in results.items()}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **dict(sorted(curves.items())))  # type: ignore[arg-type]
-    write_atomically(directory / CURVES_FILE, buffer.getvalue())
     text = io.StringIO()
     writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -139,13 +171,18 @@ def write_results(directory: Path, results: Results) -> None:
         for robot in part.robots:
             ability = "" if np.isnan(robot.learn_ability) else robot.learn_ability
             writer.writerow(dataclasses.asdict(robot) | {"learn_ability": ability})
-    write_atomically(directory / ROBOTS_FILE, text.getvalue().encode())
+    return {
+        BRAINS_FILE: encoded_arrays(flat_networks(results)),
+        CURVES_FILE: buffer.getvalue(),
+        ROBOTS_FILE: text.getvalue().encode(),
+    }
 
 
 def read_results(directory: Path) -> Results:
     """Reads the three files; returns no results without robots.csv, which is written last.
 
-    Every value is checked: against the plan of experiment.json, and against the other files.
+    Every value is checked: against the plan of experiment.json, and against the other files. Each
+    file must be one whose digest experiment.json has, if it has any.
 
     Raises:
       DamagedFileError: a file is damaged or missing, or the files contradict each other.
@@ -159,10 +196,27 @@ def read_results(directory: Path) -> Results:
         brains = _read_brains(directory / BRAINS_FILE, plan)
     except FileNotFoundError as error:
         raise DamagedFileError(f"{directory} lacks a file ({error})") from error
+    _check_digests(directory)  # first: of files that contradict each other, one was changed
     return {
         condition: _condition_results(directory, plan, (condition, rows[condition]), curves, brains)
         for condition in sorted(rows)
     }
+
+
+def _check_digests(directory: Path) -> None:
+    """Raises DamagedFileError where a file is not one that was written for this run."""
+    found = {name: digest_of_file(directory / name) for name in _IN_ORDER}
+    # Read after the files: a run that is enlarged meanwhile has recorded them before.
+    if not (states := recorded_files(directory)):
+        return
+    for name in reversed(_IN_ORDER):  # a file is of the same state as robots.csv, or a later one
+        known = [n for n, state in enumerate(states) if state.get(name) == found[name]]
+        if not known:
+            raise DamagedFileError(
+                f"{directory / name} is not the file that musebot wrote for this run (its digest "
+                f"is not the one in {MANIFEST})"
+            )
+        states = states[known[0] :]
 
 
 def _condition_results(
@@ -264,9 +318,9 @@ def _read_curves(path: Path, plan: Plan) -> dict[str, np.ndarray]:
     planned = {f"{condition}.npy": condition for condition in plan.conditions}
     minutes = {c: len(minutes_of_life(plan.experiment.schedule(c.task))) for c in plan.conditions}
     sizes = [4 * n * minutes[c] + 2 * _MOST_BYTES_OF_HEADER for c, n in plan.robots.items()]
-    check_file(path, sum(sizes) + _MOST_BYTES_OF_HEADER)
+    content = read_whole(path, sum(sizes) + _MOST_BYTES_OF_HEADER)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
             if len({member.filename for member in members}) < len(members):
                 raise ValueError("an array is in it twice")

@@ -135,10 +135,7 @@ class Cohort:
           ValueError: an array is missing, foreign, or of another dtype or shape.
         """
         own, _ = self.checkpoint()
-        wanted: Shapes = {
-            name: (_DTYPES.get(array.dtype.str[1:], array.dtype.str), array.shape)
-            for name, array in own.items()
-        }
+        wanted = shapes_of(own)
         if not self.key.condition.has_brain:
             wanted, shapes = (
                 {name: shape for name, shape in group.items() if not name.startswith("brain.")}
@@ -198,6 +195,14 @@ class Cohort:
             raise ValueError(f"its random stream is damaged ({error!r:.100})") from error
         if generator.state != state:
             raise ValueError("its random stream is damaged")
+
+
+def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:
+    """Returns the dtype, as safetensors names it, and the shape of each array."""
+    return {
+        name: (_DTYPES.get(array.dtype.str[1:], array.dtype.str), array.shape)
+        for name, array in arrays.items()
+    }
 
 
 def check_agents(plan: Plan) -> None:

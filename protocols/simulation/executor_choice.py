@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ..errors import InputError
-from ..options import cores
+from ..shared_options import cores
 
 if TYPE_CHECKING:
     from .jobs import Executor

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...tasks.arena import CONTROL_TIMESTEP
-from ..agents.factory import trust
+from ..agents.trust import trust
 from ..errors import InputError, RunError
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
@@ -177,7 +177,9 @@ def execute(
     """
     if not jobs:
         return
-    with JobProgress(what, [job.cost for job in jobs], quiet) as progress:
+    robots = [job.experiment.cohort_size for job in jobs if isinstance(job, CohortJob)]
+    robots = robots if len(robots) == len(jobs) else []
+    with JobProgress(what, [job.cost for job in jobs], quiet, robots) as progress:
         for sentence in messages:
             progress.tell(sentence)
         running = executor(jobs, progress)

@@ -59,6 +59,14 @@ class RayCluster:
                 logging_level=logging.ERROR,
                 runtime_env={"env_vars": {"MUJOCO_GL": "off", "OMP_NUM_THREADS": "1"}},
             )
+        except (ConnectionError, RayError) as error:
+            cause = " ".join(str(error).split())
+            if isinstance(error, ConnectionRefusedError | ConnectionResetError):
+                raise InputError(f"there is no Ray cluster at {address!r} ({cause})") from error
+            raise InputError(
+                f"the Ray cluster at {address!r} does not accept this process ({cause}); a cluster "
+                "with a token needs it in RAY_AUTH_TOKEN and RAY_AUTH_MODE=token here too"
+            ) from error
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             cause = " ".join(str(error).split())
             raise InputError(f"there is no Ray cluster at {address!r} ({cause})") from error

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 from pathlib import Path
 
-from ..agents.factory import check_trusted
+from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, RunError
 from ..experiment.budget import check_memory
 from ..experiment.conditions import CohortKey
@@ -14,8 +14,8 @@ from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_
 from ..experiment.plan import Plan
 from ..results.results import Lives, Results, collect, merge
 from ..results.run import Run
-from ..results.run_files import read_results, write_results
-from ..storage import check_own_folder, locked, remove_drafts, remove_files
+from ..results.run_files import adopt_files, read_results, write_results
+from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from .checkpoints import CHECKPOINTS, checkpoint_file, finished_file, read_lives, set_aside
 from .cohort import check_agents
 from .jobs import CohortJob, Executor, Job, execute
@@ -49,7 +49,7 @@ def simulate(
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
-    directory = directory.resolve()  # an agent may change the working directory
+    directory = resolved(directory)  # an agent may change the working directory
     if (missing := UnfinishedRun.read(directory, plan).missing) is not None:
         check_agents(missing)  # before anything is written
     with locked(directory):
@@ -89,7 +89,7 @@ class UnfinishedRun:
           InputError: the folder's experiment or physics differs, a file is damaged, a folder is a
             link, or the folder's experiment names an agent that is not trusted.
         """
-        directory = directory.resolve()
+        directory = resolved(directory)
         check_own_folder(directory / CHECKPOINTS)
         if (directory / MANIFEST).exists():
             plan = plan.merged_with(read_manifest(directory))
@@ -124,6 +124,7 @@ class UnfinishedRun:
         for folder in (self.directory, checkpoints):
             remove_drafts(folder)
         if not self.left:
+            adopt_files(self.directory)
             self._clear()
             return []
         begun = bool(self.results) or checkpoints.exists()

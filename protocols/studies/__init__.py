@@ -19,6 +19,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Sensitivity",
             "Vary what the paper leaves open, one choice at a time, in the kinematic simulator.",
         ),
+        "reading": (
+            "reading",
+            "Reading",
+            "Compare readings of the paper by what they make of its tables.",
+        ),
         "ablation": (
             "ablation",
             "Ablation",

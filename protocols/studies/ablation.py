@@ -15,11 +15,11 @@ from ..experiment.experiment import Body, Experiment
 from ..experiment.overrides import with_overrides
 from ..experiment.plan import default_cohort_size
 from ..experiment.schedules import TASK_NAMES
-from ..options import COHORT_SIZE, TASK_CHOICES, KinematicsOption, option
 from ..reporting import comparison_tables
 from ..reporting.labels import described, title
 from ..reporting.markdown import line
 from ..results.run import Run
+from ..shared_options import COHORT_SIZE, TASK_CHOICES, KinematicsOption, option
 from .study import Page
 from .variants import Variant, VariantStudy
 

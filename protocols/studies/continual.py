@@ -14,15 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..analysis import intervals
+from ..analysis.intervals import SHARE
 from ..errors import InputError
 from ..experiment.experiment import Experiment
 from ..experiment.schedules import CONTINUAL
-from ..options import Runs
 from ..reporting import style
 from ..reporting.labels import described
-from ..reporting.markdown import line, mean_cell
+from ..reporting.markdown import MEANS, line, mean_cell
 from ..results.run import Run
 from ..results.run_files import read_runs
+from ..shared_options import Runs
 from ..terminal import bar
 from .study import Page, Study
 
@@ -139,11 +140,11 @@ def markdown(found: Sequence[Training]) -> str:
     rows = [head, ["---", *["---:"] * (len(head) - 1)]]
     for training in found:
         values = [*(training.share(span) for span in (EARLY, MIDDLE, LATE)), training.found()]
-        rows.append([training.name, f"{len(training.minutes)}", *map(mean_cell, values)])
+        cells = [mean_cell(value, SHARE) for value in values]
+        rows.append([training.name, f"{len(training.minutes)}", *cells])
     note = (
         "Share of the time in the spot during training, and share of the spot's places in which "
-        "the robot was in it at some moment. In brackets 95 % intervals, BCa bootstrap over "
-        "robots; none where all robots are alike."
+        f"the robot was in it at some moment. In brackets 95 % intervals ({MEANS})."
     )
     descriptions = dict.fromkeys(training.run for training in found)
     return "\n".join([*map(line, rows), "", note, "", *descriptions, ""])
@@ -175,7 +176,7 @@ def _by_hour(axis: Axes, training: Training, shade: str, tick: Callable[[], None
     for hour in range(1, HOURS + 1):
         share = training.share((hour, hour))
         means.append(share.mean())
-        ends.append(intervals.mean(share))
+        ends.append(intervals.mean(share, SHARE))
         tick()
     middles = np.arange(HOURS) + 0.5
     axis.plot(middles, means, color=shade)

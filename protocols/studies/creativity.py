@@ -19,14 +19,14 @@ from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from ..experiment.schedules import SCHEDULES
-from ..options import Runs
 from ..playback.stored_brains import stored_brains
 from ..reporting import style
 from ..reporting.comparison_tables import difference, number
 from ..reporting.labels import described
-from ..reporting.markdown import line
+from ..reporting.markdown import MEANS, line
 from ..results.run import Run
 from ..results.run_files import read_runs
+from ..shared_options import Runs
 from .study import Page, Study
 
 _CREATIVE, _RANDOM = "creative", "random"
@@ -171,8 +171,8 @@ def markdown(
                 ]
             )
     note = (
-        "Two independent groups of robots. In brackets the 95 % interval of the difference, BCa "
-        "bootstrap. Better or worse: permutation test, corrected by Holm's method over the "
+        "Two independent groups of robots. In brackets the 95 % interval of the difference "
+        f"({MEANS}). Better or worse: permutation test, corrected by Holm's method over the "
         f"{2 * len(found)} rows."
     )
     head = ["run", "ideas", "", "situation", "regret of their ideas", "of random ideas"]

@@ -16,20 +16,22 @@ from ..agents.neurocontroller import NeurocontrollerAgent
 from ..analysis.regret import regret
 from ..errors import DamagedFileError, InputError, RunError
 from ..experiment.conditions import CohortKey, Condition
-from ..experiment.experiment import Experiment
+from ..experiment.experiment import Experiment, check_same
+from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.schedules import control_steps
 from ..playback.rollout import Tick, watch
-from ..simulation.cohort import Cohort
+from ..results.checks import check_same_shapes
+from ..simulation.cohort import Cohort, shapes_of
 from ..simulation.jobs import Report, Stop
 from ..simulation.placement import place
 from ..storage import digest, load_arrays, save_arrays
-from .study import MinuteTick, StoppedError
+from .study import MinuteTick, StoppedError, own_arrays
 
 TIMES = 8  # of the training, besides its beginning
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
 SMELLS = {"no smell": None, "weak: 20 cm ahead": 0.2, "strong: 7 cm ahead": 0.07, "maximal": 0.0}
 
-_CONDITION = Condition("spot_finding", "creative")
+CONDITION = Condition("spot_finding", "creative")
 _STRIDE = control_steps(1)
 _TOGETHER = 250  # robots in lockstep in a test
 _STORED = "known."  # prefix of the networks' names in the file of a life
@@ -66,7 +68,7 @@ class LearningProgress:
             shape (2, B).
           seed: Seed of the batch's random stream.
         """
-        agent = make_agent(self.experiment, _CONDITION, which.shape[1], seed)
+        agent = make_agent(self.experiment, CONDITION, which.shape[1], seed)
         assert isinstance(agent, NeurocontrollerAgent)
         stored = {n: torch.from_numpy(nets[tuple(which)]) for n, nets in self.networks.items()}
         agent.controller.load_networks(stored)
@@ -110,7 +112,7 @@ class Evaluation:
 
 def times(experiment: Experiment) -> list[int]:
     """Returns the T control steps of a life at which the networks are stored."""
-    before, training, _ = experiment.schedule(_CONDITION.task).steps()
+    before, training, _ = experiment.schedule(CONDITION.task).steps()
     return (before + np.linspace(0, training, TIMES + 1).round().astype(int)).tolist()
 
 
@@ -162,7 +164,7 @@ class LifeJob:
                 stored[name] = np.concatenate([stored[name], weights[None]], dtype=weights.dtype)
             arrays, notes = cohort.checkpoint()
             arrays |= {_STORED + name: array for name, array in stored.items()}
-            save_arrays(self.path, arrays, **notes)
+            save_arrays(self.path, arrays, **notes, experiment=dataclasses.asdict(self.experiment))
         report(self.cost, "")
         return True
 
@@ -175,21 +177,27 @@ class LifeJob:
         Raises:
           InputError: the file is damaged, or belongs to other robots.
         """
-        cohort = Cohort(self.experiment, CohortKey(_CONDITION, 0))
+        cohort = Cohort(self.experiment, CohortKey(CONDITION, 0))
         newborn = cohort.agent.weights()
         if not self.path.exists():
             return cohort, {name: np.empty((0, *array.shape)) for name, array in newborn.items()}
         arrays, notes = load_arrays(self.path)
         try:
+            if "experiment" in notes:  # files of earlier versions do not name theirs
+                held = experiment_from(notes["experiment"])
+                check_same("an experiment", held, self.experiment)
             stored = {name: arrays.pop(_STORED + name) for name in newborn}
+            cohort.check_shapes(shapes_of(arrays))
             cohort.restore(arrays, notes)
             count = len(_first(stored))
-            shapes = {name: (count, *array.shape) for name, array in newborn.items()}
-            if shapes != {name: array.shape for name, array in stored.items()}:
-                raise ValueError(f"networks must have shapes {shapes}")
+            shapes = {name: ("F32", (count, *array.shape)) for name, array in newborn.items()}
+            check_same_shapes(shapes, shapes_of(stored))
+            for name, array in stored.items():
+                if not np.isfinite(array[:, cohort.batch.valid]).all():
+                    raise ValueError(f"{name} is not finite")
             if not count or cohort.step != times(self.experiment)[count - 1]:
                 raise ValueError(f"{count} networks are not those of step {cohort.step}")
-        except (KeyError, ValueError, TypeError) as error:
+        except (InputError, *UNREADABLE) as error:
             raise DamagedFileError(f"{self.path} is of other robots ({error!r})") from error
         return cohort, stored
 
@@ -243,7 +251,7 @@ class FrozenTest:
     def cost(self) -> float:
         """See `Job.cost`; assumes that all robots are valid."""
         experiment = self.life.experiment
-        steps = control_steps(experiment.schedule(_CONDITION.task).phases[-1].minutes)
+        steps = control_steps(experiment.schedule(CONDITION.task).phases[-1].minutes)
         return steps * CONTROL_TIMESTEP * experiment.cohort_size * (TIMES + 1)
 
     def done(self) -> bool:
@@ -271,10 +279,13 @@ class FrozenTest:
         """
         if not self.path.exists():
             raise InputError(f"{self.life.out} lacks {self.path.name}")
-        arrays, notes = load_arrays(self.path)
-        if notes != self._notes(progress):
+        if load_arrays(self.path)[1] != self._notes(progress):
             raise InputError(f"{self.path} is of other brains than {self.life.path.name}")
-        return arrays["shares"]
+        shapes = {"shares": ("F64", (TIMES + 1, progress.robots))}
+        shares = own_arrays(self.path, shapes, {})["shares"]
+        if not ((shares >= 0) & (shares <= 1) | np.isnan(shares)).all():
+            raise DamagedFileError(f"{self.path} is damaged (a share is not within [0, 1])")
+        return shares
 
     def _notes(self, progress: LearningProgress) -> dict[str, Any]:
         return {"seed": self.seed, "brains": digest(progress.networks)}
@@ -293,12 +304,12 @@ def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -
       Share of the time in the spot, shape (T, R); NaN where the simulation became unstable.
     """
     experiment = progress.experiment
-    test = experiment.schedule(_CONDITION.task).phases[-1]
+    test = experiment.schedule(CONDITION.task).phases[-1]
     everyone = np.indices((len(progress.hours), progress.robots)).reshape(2, -1)
     shares = []
     for first in range(0, everyone.shape[1], _TOGETHER):
         which = everyone[:, first : first + _TOGETHER]
-        batch = experiment.batch(_CONDITION.task, which.shape[1])
+        batch = experiment.batch(CONDITION.task, which.shape[1])
         place(batch, test, np.random.default_rng(0))
         agent = progress.brains(which, seed)
         track = watch(batch, agent, control_steps(test.minutes), learning=False, tick=tick)
@@ -320,10 +331,10 @@ def evaluation(life: LifeJob) -> Evaluation:
 
 def smells(experiment: Experiment) -> np.ndarray:
     """Returns the sensor signals at each of `SMELLS`, far from all walls, shape (S, signals)."""
-    batch = experiment.batch(_CONDITION.task, len(SMELLS))
-    everyone, radius = np.arange(batch.robots), batch.dimensions.radius
+    batch = experiment.batch(CONDITION.task, len(SMELLS))
+    everyone, nose = np.arange(batch.robots), batch.dimensions.nose
     # The spot is in the middle and ahead of the robot; for no smell it is far behind.
-    poses = [(0.3 if far is None else -radius - far, 0.0, 0.0) for far in SMELLS.values()]
+    poses = [(0.3 if far is None else -nose - far, 0.0, 0.0) for far in SMELLS.values()]
     batch.place_spot(everyone, np.zeros((batch.robots, 2)))
     batch.place(everyone, np.array(poses))
     return batch.rules.state(batch.sensordata).astype(np.float32)

@@ -15,15 +15,27 @@ from matplotlib.figure import Figure
 
 from ...models import Kinematics
 from ..errors import InputError
+from ..experiment.budget import check_memory
 from ..experiment.experiment import Body, Experiment
 from ..experiment.overrides import named_brain, with_overrides
-from ..options import KinematicsOption, option
+from ..experiment.plan import Plan
 from ..reporting import style
 from ..reporting.markdown import line, mean_cell
 from ..reporting.robot_figures import draw_values
+from ..shared_options import KinematicsOption, option
 from ..simulation.jobs import Job
-from ..storage import load_arrays
-from .frozen_brains import SEEDS, SMELLS, Evaluation, FrozenTest, LifeJob, evaluation, smells, times
+from ..storage import load_arrays, resolved
+from .frozen_brains import (
+    CONDITION,
+    SEEDS,
+    SMELLS,
+    Evaluation,
+    FrozenTest,
+    LifeJob,
+    evaluation,
+    smells,
+    times,
+)
 from .study import Page, Study, check_positive
 
 SHOWN = (0, 2, 4, 8)  # times in the figure of values
@@ -65,7 +77,10 @@ class LearningProgressStudy(Study):
             body=self.body,
             kinematics=with_overrides(Kinematics(), self.kinematics),
         )
-        return {n: dataclasses.replace(shared, brain=named_brain(n)) for n in self.brains}
+        found = {n: dataclasses.replace(shared, brain=named_brain(n)) for n in self.brains}
+        for experiment in found.values():
+            check_memory(Plan.of(experiment, [CONDITION], self.robots))
+        return found
 
     def details(self) -> Mapping[str, Any]:
         """See `Study.details`: the control steps at which networks are stored."""
@@ -81,7 +96,7 @@ class LearningProgressStudy(Study):
 
     def lives(self, out: Path) -> list[LifeJob]:
         """Returns the jobs of the first stage, which train the brains."""
-        return [LifeJob(out.resolve(), *named) for named in self.experiments().items()]
+        return [LifeJob(resolved(out), *named) for named in self.experiments().items()]
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: the jobs that train brains, then the tests of the stored brains."""

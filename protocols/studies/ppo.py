@@ -15,7 +15,7 @@ import torch
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
 from ..agents.ppo import POLICIES_FILE, policy_arrays, read_policies
-from ..errors import InputError
+from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment
 from ..simulation.jobs import Job, Report, Stop
 from ..storage import save_arrays
@@ -26,6 +26,7 @@ from .study import Page, Study, check_positive
 # earned 0.32 and 0.67 a step with it, 0.83 and 0.76 with this one.
 SETTINGS = {"n_steps": 256, "batch_size": 512, "learning_rate": 1e-3, "gamma": 0.98}
 ROBOTS = 16  # in lockstep for one policy
+_MOST_POLICIES, _MOST_STEPS = 10_000, 10**9
 
 _ROLLOUT = SETTINGS["n_steps"] * ROBOTS  # control steps
 
@@ -52,7 +53,8 @@ class PPOTraining(Study):
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`: there are none."""
-        check_positive(policies=self.policies, steps=self.steps)
+        check_positive(_MOST_POLICIES, policies=self.policies)
+        check_positive(_MOST_STEPS, steps=self.steps)
         most = 2**32 - self.policies
         if not 0 <= self.seed <= most:
             raise InputError(f"the seed must lie in [0, {most}], got {self.seed}")
@@ -77,12 +79,12 @@ class PPOTraining(Study):
             raise InputError(f"{out} holds {held} policies, more than {self.policies}")
         for job in self._jobs(out):
             if job.done():
-                read_policies(job.path)
+                job.policy()
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`; joins the policies in one file when all are trained."""
         yield self._jobs(out)
-        policies = [read_policies(job.path)[1] for job in self._jobs(out)]
+        policies = [job.policy() for job in self._jobs(out)]
         arrays = {
             name: np.concatenate([policy[name] for policy in policies]) for name in policy_arrays()
         }
@@ -149,6 +151,18 @@ class TrainingJob:
         save_arrays(self.path, policy, task=self.task, steps=self.steps, seed=self.seed)
         report(self.cost, "")
         return True
+
+    def policy(self) -> dict[str, np.ndarray]:
+        """Reads the trained policy.
+
+        Raises:
+          InputError: there is no such file, it is damaged, or it is another job's.
+        """
+        task, arrays, notes = read_policies(self.path)
+        wanted = {"task": self.task, "steps": self.steps, "seed": self.seed}
+        if (held := {"task": task, **notes}) != wanted or len(arrays["after.0.weights"]) != 1:
+            raise DamagedFileError(f"{self.path} is of {held}, not of {wanted}")
+        return arrays
 
 
 def rounded(steps: int) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -17,7 +16,7 @@ from ...tasks import CONTROL_TIMESTEP, Robots
 from ...tasks.rules import RANGEFINDERS
 from ..agents.perturbed import PerturbedBrain
 from ..analysis import intervals
-from ..errors import InputError
+from ..errors import DamagedFileError, InputError
 from ..experiment.conditions import PAPER_TASKS, CohortKey, Condition
 from ..experiment.experiment import Body, Experiment
 from ..experiment.random_streams import random_streams
@@ -29,9 +28,8 @@ from ..experiment.schedules import (
     Schedule,
     control_steps,
 )
-from ..options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..playback.episode import check_seed
-from ..playback.observation import sample, with_brains
+from ..playback.measured_behaviour import sample, with_brains
 from ..playback.rollout import Tick, watch
 from ..playback.stored_brains import stored_brains
 from ..reporting import markdown
@@ -39,10 +37,11 @@ from ..reporting.labels import described
 from ..results.results import When
 from ..results.run import Run
 from ..results.run_files import flat_networks, read_run
+from ..shared_options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..simulation.jobs import Job, Report, Stop
 from ..simulation.placement import place
-from ..storage import digest, load_arrays, save_arrays
-from .study import MinuteTick, Page, StoppedError, Study, check_positive
+from ..storage import digest, resolved, save_arrays
+from .study import MinuteTick, Page, StoppedError, Study, check_positive, own_arrays
 
 _WALLS, _SPOTS = ("wall_avoidance",), ("spot_finding",)
 _LOWER_LEFT = (UPPER_LEFT[0], -UPPER_LEFT[1])
@@ -161,7 +160,7 @@ class Robustness(Study):
                 )
         if not self.runs:
             raise InputError("at least one run is needed")
-        names = [run.resolve().name for run in self.runs]
+        names = [resolved(run).name for run in self.runs]
         if len({*names}) < len(names):
             raise InputError(f"the runs must have different names, got {', '.join(names)}")
         found = [self._evaluated(read_run(run, replay=True)) for run in self.runs]
@@ -212,7 +211,7 @@ class Robustness(Study):
         """See `Study.check`."""
         for job in self.jobs(out):
             if job.done():
-                measured(job.path, job.perturbation)
+                job.measured()
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: a job for each condition and perturbation."""
@@ -221,15 +220,9 @@ class Robustness(Study):
     def jobs(self, out: Path) -> list[EvaluationJob]:
         """Returns all jobs, the longest first, so that all processes end at about the same time."""
         found = [
-            EvaluationJob(
-                one.file(out, condition, perturbation),
-                one.run,
-                condition,
-                tuple(sample(one.run, condition, count)),
-                perturbation,
-            )
+            one.job(out, condition, perturbation)
             for one in self.evaluated
-            for condition, count in one.robots.items()
+            for condition in one.robots
             for perturbation in self.perturbations
             if condition.task in perturbation.tasks
         ]
@@ -265,9 +258,9 @@ class Robustness(Study):
     def _note(self) -> str:
         lines = [
             "Trained brains repeat the test after training with frozen weights: share of the time, "
-            "mean over robots, in brackets its 95 % interval (BCa bootstrap). *Difference*: from "
-            "the test without a perturbation, robot by robot. No interval where robots are too few "
-            "or all alike.",
+            f"mean over robots, in brackets its 95 % interval ({markdown.MEANS}). *Difference*: "
+            "from the test without a perturbation, robot by robot. No interval where robots are "
+            "too few.",
             "",
             *(described(one.run) for one in self.evaluated),
             "",
@@ -292,10 +285,11 @@ class EvaluatedRun:
         """Name of the run, and of the folder of its files."""
         return self.run.name
 
-    def file(self, out: Path, condition: Condition, perturbation: Perturbation) -> Path:
-        """Returns the file with the results of a condition's robots."""
+    def job(self, out: Path, condition: Condition, perturbation: Perturbation) -> EvaluationJob:
+        """Returns the job that evaluates a condition's robots with a perturbation."""
         name = f"{condition.task}-{condition.proposer}-{perturbation.name}.safetensors"
-        return out / self.name / name
+        rows = tuple(sample(self.run, condition, self.robots[condition]))
+        return EvaluationJob(out / self.name / name, self.run, condition, rows, perturbation)
 
     def shares(self, out: Path, condition: Condition, perturbation: Perturbation) -> np.ndarray:
         """Reads the results of a condition's robots with a perturbation.
@@ -307,10 +301,10 @@ class EvaluatedRun:
         Raises:
           InputError: the file is missing, damaged, or of another perturbation with this name.
         """
-        path = self.file(out, condition, perturbation)
-        if not path.exists():
-            raise InputError(f"{out} lacks {path.relative_to(out)}")
-        arrays = measured(path, perturbation)
+        job = self.job(out, condition, perturbation)
+        if not job.done():
+            raise InputError(f"{out} lacks {job.path.relative_to(out)}")
+        arrays = job.measured()
         times = arrays["events"] * CONTROL_TIMESTEP
         return np.where(arrays["valid"], times / self.run.test_seconds(condition.task), np.nan)
 
@@ -351,8 +345,35 @@ class EvaluationJob:
             arrays = evaluate(self, MinuteTick(self, len(self.rows), stop, report))
         except StoppedError:
             return False
-        save_arrays(self.path, arrays, change=_plain(self.perturbation))
+        save_arrays(self.path, arrays, **self.identity)
         return True
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What says that a file is this job's."""
+        weights = self.evaluated.results[self.condition].networks["after"]
+        return {
+            "change": dataclasses.asdict(self.perturbation),
+            "condition": str(self.condition),
+            "seed": self.evaluated.experiment.seed,
+            "brains": digest({name: array[[*self.rows]] for name, array in weights.items()}),
+        }
+
+    def measured(self) -> dict[str, np.ndarray]:
+        """Reads what `evaluate` returned.
+
+        Raises:
+          FileNotFoundError: there is no such file.
+          DamagedFileError: the file is damaged, or another job's.
+        """
+        robots = (len(self.rows),)
+        shapes = {"events": ("I32", robots), "valid": ("BOOL", robots)}
+        arrays = own_arrays(self.path, shapes, self.identity)
+        most = self.evaluated.test_seconds(self.condition.task) / CONTROL_TIMESTEP
+        if (wrong := (arrays["events"] < 0) | (arrays["events"] > most + 0.5)).any():
+            value = arrays["events"][wrong][0]
+            raise DamagedFileError(f"{self.path}: events must lie in [0, {most:.0f}], got {value}")
+        return arrays
 
 
 def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndarray]:
@@ -386,24 +407,6 @@ def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndar
     return {"events": events, "valid": batch.valid}
 
 
-def measured(path: Path, perturbation: Perturbation) -> dict[str, np.ndarray]:
-    """Reads the file of an evaluation.
-
-    Raises:
-      FileNotFoundError: there is no such file.
-      InputError: the file is damaged, or of another perturbation with this name.
-    """
-    arrays, notes = load_arrays(path)
-    if notes.get("change") != _plain(perturbation):
-        raise InputError(f"{path} was measured with another perturbation {perturbation.name}")
-    return arrays
-
-
-def _plain(perturbation: Perturbation) -> dict[str, Any]:
-    """Returns a perturbation as plain data for JSON."""
-    return json.loads(json.dumps(dataclasses.asdict(perturbation)))
-
-
 def cells(shares: np.ndarray, reference: np.ndarray) -> list[str]:
     """Returns a condition's cells of a row: share, difference, robots without the event.
 
@@ -415,12 +418,14 @@ def cells(shares: np.ndarray, reference: np.ndarray) -> list[str]:
     """
     sound = shares[~np.isnan(shares)]
     mean = np.nanmean
-    share = _joined(markdown.number(float(mean(sound))), intervals.mean(sound))
+    share = _joined(markdown.number(float(mean(sound))), intervals.mean(sound, intervals.SHARE))
     never = f"{int((sound == 0).sum())} of {len(sound)}"
     if shares is reference:
         return [share, "", never]
     both = ~np.isnan(shares - reference)
-    interval = intervals.difference(shares[both], reference[both], mean, paired=True)
+    interval = intervals.difference_of_means(
+        shares[both], reference[both], paired=True, span=intervals.SHARE
+    )
     return [share, _joined(f"{float(mean((shares - reference)[both])):+.4f}", interval), never]
 
 

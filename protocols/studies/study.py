@@ -4,27 +4,36 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment, check_same
-from ..experiment.former_names import experiment_from
+from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
+from ..experiment.plan import MOST_ROBOTS
 from ..experiment.provenance import machine
 from ..reporting import style
+from ..results.checks import check_same_shapes
 from ..simulation.jobs import Executor, Job, Report, Stop, execute
 from ..storage import (
+    Shapes,
     check_folder,
     check_own_folder,
     is_draft,
+    load_arrays,
     locked,
+    read_json,
     remove_drafts,
-    write_atomically,
+    resolved,
+    write_json,
     write_text,
 )
 
@@ -120,15 +129,17 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
       Interrupted, RunError: see `simulation.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """
-    out = out.resolve()  # links below it are not followed
+    out = resolved(out)  # links below it are not followed
     experiments = study.experiments()
     made_with = _check(study, experiments, out)
     study.check(out)
     with locked(out):
-        for folder in (out, *study.folders(out)):
+        remove_drafts(out)
+        # First: a folder that is not empty is continued only if it says which study it holds.
+        _write_manifest(study, experiments, out, made_with)
+        for folder in study.folders(out):
             folder.mkdir(exist_ok=True)
             remove_drafts(folder)
-        _write_manifest(study, experiments, out, made_with)
         for jobs in study.stages(out):
             left = [job for job in jobs if not job.done()]
             execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)
@@ -138,6 +149,27 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
             for name, figure in page.figures.items():
                 style.save(figure, out, name)
     return page
+
+
+def own_arrays(path: Path, shapes: Shapes, identity: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Reads the file of a job: the arrays that the job writes, and no others.
+
+    Args:
+      path: File to read.
+      shapes: The dtype, as safetensors names it, and the shape of each array.
+      identity: What says whose file it is, as plain data; files of earlier versions say less.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: the file is damaged, or another job's.
+    """
+    arrays, notes = load_arrays(path, functools.partial(check_same_shapes, shapes))
+    for name, wanted in _plain(identity).items():
+        if name in notes and notes[name] != wanted:
+            raise DamagedFileError(
+                f"{path} is another's: its {name} is {notes[name]!r:.100}, not {wanted!r:.100}"
+            )
+    return arrays
 
 
 class StoppedError(Exception):
@@ -172,11 +204,13 @@ class MinuteTick:
             raise StoppedError
 
 
-def check_positive(**numbers: int) -> None:
-    """Raises InputError where an option that counts something is less than 1."""
+def check_positive(most: int = MOST_ROBOTS, /, **numbers: int) -> None:
+    """Raises InputError where an option that counts something is less than 1, or too large."""
     for name, number in numbers.items():
         if number < 1:
             raise InputError(f"{name} must be at least 1, got {number}")
+        if number > most:
+            raise InputError(f"{name} must be at most {most}, got {shown(number)}")
 
 
 def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> list[Any]:
@@ -190,12 +224,14 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
             raise InputError(f"{out} is not empty and holds no study of musebot's")
         return []
     try:
-        held = json.loads(path.read_bytes())
+        held = read_json(path)
         name, details, made_with = held["study"], held["details"], [*held["made_with"]]
         known = {n: experiment_from(fields) for n, fields in held["experiments"].items()}
         probes = {n: tuple(map(float, held["physics"][n])) for n in known or _DEFAULT}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DamagedFileError(f"{path} is no study of musebot's ({error!r})") from error
+        if not isinstance(details, dict):
+            raise TypeError("its details are no object")
+    except UNREADABLE as error:
+        raise DamagedFileError(f"{path} is no study of musebot's ({error!r:.200})") from error
     if name != study.name:
         raise InputError(f"{out} holds the study {name}, not {study.name}")
     if known.keys() != experiments.keys():
@@ -225,7 +261,7 @@ def _write_manifest(
         "details": study.details(),
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }
-    write_atomically(out / STUDY_FILE, (json.dumps(content, indent=2) + "\n").encode())
+    write_json(out / STUDY_FILE, content)
 
 
 def _plain(details: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,16 +14,18 @@ from mujoco import rollout
 
 from ...models.arena import Dimensions, arena_spec, robot_pose, robot_qpos
 from ...tasks import CONTROL_TIMESTEP
-from ..errors import InputError
+from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment
 from ..reporting.markdown import line
 from ..simulation.jobs import Job, Report, Stop
-from ..storage import load_arrays, save_arrays
-from .study import Page, StoppedError, Study, check_positive
+from ..storage import Shapes, save_arrays
+from .study import Page, StoppedError, Study, check_positive, own_arrays
 
 SUBSTEPS = (100, 50, 25, 20, 15, 14, 10, 5)  # in a control step; the first is the reference
 
-_CALM_ROBOTS, _CALM_STEPS = 50, 50
+_CALM_ROBOTS, _CALM_STEPS, _FAST_STEPS = 50, 50, 20
+_MOST_MINUTES = 20_000  # of all robots; half a gigabyte of poses
+_NUMBERS = ("deepest", "tilt", "differing", "touching", "microseconds")
 _CENTRE = (0.0, 0.0, 0.0)
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
@@ -49,6 +51,11 @@ class Timestep(Study):
         check_positive(robots=self.robots)
         if not 0.05 <= self.minutes < np.inf:
             raise InputError(f"minutes must be at least 0.05, got {self.minutes}")
+        if (total := self.robots * self.minutes) > _MOST_MINUTES:
+            raise InputError(
+                f"robots times minutes must be at most {_MOST_MINUTES}, got {total:g}: every pose "
+                "is kept in memory"
+            )
         return {}
 
     def details(self) -> Mapping[str, Any]:
@@ -65,7 +72,7 @@ class Timestep(Study):
         for job in self._jobs(out):
             if not job.done():
                 raise InputError(f"{out} lacks {job.path.name}")
-            found.append((job.substeps, load_arrays(job.path)[0]))
+            found.append((job.substeps, job.measured()))
         return Page(markdown(found))
 
     def _jobs(self, out: Path) -> list[TimestepJob]:
@@ -102,7 +109,7 @@ class TimestepJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        steps = _CALM_ROBOTS * _CALM_STEPS + 20 + (self.robots + 2) * self.steps
+        steps = _CALM_ROBOTS * _CALM_STEPS + _FAST_STEPS + (self.robots + 2) * self.steps
         return steps * CONTROL_TIMESTEP
 
     def done(self) -> bool:
@@ -115,8 +122,27 @@ class TimestepJob:
             arrays = self._measured(stop, report)
         except StoppedError:
             return False
-        save_arrays(self.path, arrays)
+        save_arrays(self.path, arrays, **self.identity)
         return True
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What says that a file is this job's."""
+        return {"substeps": self.substeps, "robots": self.robots, "minutes": self.minutes}
+
+    def measured(self) -> dict[str, np.ndarray]:
+        """Reads the measurements.
+
+        Raises:
+          DamagedFileError: the file is damaged, or another job's.
+        """
+        steps = {"calm": _CALM_ROBOTS, "spin": self.steps, "rest": self.steps, "fast": _FAST_STEPS}
+        shapes: Shapes = {name: ("F64", (count, 3)) for name, count in steps.items()}
+        arrays = own_arrays(self.path, shapes | {n: ("F64", ()) for n in _NUMBERS}, self.identity)
+        for name, array in arrays.items():
+            if not np.isfinite(array).all():
+                raise DamagedFileError(f"{self.path} is damaged ({name} is not finite)")
+        return arrays
 
     def _measured(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
         done = 0.0
@@ -133,7 +159,7 @@ class TimestepJob:
         crash = driven(wild, (-0.425, 0.25, 3 * np.pi / 4))
         spin = driven(np.tile([-0.5, 0.5], (1, self.steps, 1)), _CENTRE)
         rest = driven(np.zeros((1, self.steps, 2)), _CENTRE)
-        fast = driven(np.full((1, 20, 2), 0.5), (-0.45, 0.0, 0.0))
+        fast = driven(np.full((1, _FAST_STEPS, 2), 0.5), (-0.45, 0.0, 0.0))
         size = Dimensions.of(arena_spec().compile())
         touching = crash.touch > 0
         numbers = {

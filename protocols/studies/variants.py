@@ -11,6 +11,7 @@ from typing import Any
 
 from ...controller import PROPOSERS
 from ..errors import InputError
+from ..experiment.budget import check_memory
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
@@ -19,7 +20,7 @@ from ..results.run import Run
 from ..results.run_files import planned, read_run
 from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
-from ..storage import locked
+from ..storage import locked, resolved
 from ..terminal import notice
 from .study import Page, Study, check_positive
 
@@ -109,6 +110,7 @@ class VariantStudy(Study):
     def check(self, out: Path) -> None:
         """See `Study.check`: a run may be continued with more robots, but not with fewer."""
         for name, plan in self.plans().items():
+            check_memory(plan)
             folder = out / name
             if (held := planned(folder)) is None:
                 continue
@@ -123,12 +125,16 @@ class VariantStudy(Study):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all cohorts of all runs."""
-        plans = self.plans().items()
+        yield from self.runs(out, self.plans())
+
+    def runs(self, out: Path, plans: Mapping[str, Plan]) -> Iterator[Sequence[Job]]:
+        """Yields one group: the cohorts of some runs, which are given by name."""
         with contextlib.ExitStack() as stack:
-            for folder in self.folders(out):
-                stack.enter_context(locked(folder))
+            for name in plans:
+                stack.enter_context(locked(out / name))
             self._unfinished = {
-                (out / name).resolve(): UnfinishedRun.read(out / name, plan) for name, plan in plans
+                resolved(out / name): UnfinishedRun.read(out / name, plan)
+                for name, plan in plans.items()
             }
             for sentence in (s for run in self._unfinished.values() for s in run.begin()):
                 notice(sentence)

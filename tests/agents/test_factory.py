@@ -12,18 +12,14 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols import cli
-from musebot.protocols.agents import factory
+from musebot.protocols.agents import trust as trusting
 from musebot.protocols.agents.base import Agent
-from musebot.protocols.agents.factory import (
-    RECORDED_NAMES,
-    make_agent,
-    recorded_name,
-    senses_of,
-    trust,
-)
+from musebot.protocols.agents.factory import make_agent, senses_of
 from musebot.protocols.agents.hand_coded import HandCoded
+from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name
 from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
 from musebot.protocols.agents.q_learning import QLearner
+from musebot.protocols.agents.trust import trust
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
@@ -31,6 +27,7 @@ from musebot.protocols.experiment.manifest import read_manifest
 from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.results.run_files import read_run
 from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.storage import read_json, write_json
 
 GUIDE = Path(__file__).parents[2] / "docs" / "agents.md"
 WALLS = "wall_avoidance"
@@ -40,7 +37,7 @@ REHEARSAL = "--robots 2 --time-scale 0.001 --body kinematic --task wall_avoidanc
 
 @pytest.fixture(autouse=True)
 def _nothing_is_trusted_before_or_after(monkeypatch):
-    monkeypatch.setattr(factory, "_TRUSTED", set())
+    monkeypatch.setattr(trusting, "_TRUSTED", set())
     monkeypatch.setattr(sys, "path", [*sys.path])
 
 
@@ -224,7 +221,7 @@ def held(tmp_path, monkeypatch, commands_in_process):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["run", "out", "--agent", "spy_agent:make", *REHEARSAL]) == 0
     sys.modules.pop("spy_agent")
-    monkeypatch.setattr(factory, "_TRUSTED", set())
+    monkeypatch.setattr(trusting, "_TRUSTED", set())
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path != str(tmp_path)])
     (tmp_path / "ran").unlink()
 
@@ -242,12 +239,12 @@ def test_an_agent_that_only_the_run_names_is_not_imported(held, words, capsys, t
     capsys.readouterr()
     plan = json.loads(before)
     plan["plan"][0]["robots"] = 4
-    (tmp_path / "out" / "experiment.json").write_text(json.dumps(plan))
+    write_json(tmp_path / "out" / "experiment.json", plan)
     assert held(*words) == (2, False)
     said = capsys.readouterr().err
     assert "names the agent spy_agent:make, whose code would be run: allow it by --agent" in said
     assert str(tmp_path) not in sys.path
-    assert json.loads((tmp_path / "out" / "experiment.json").read_bytes()) == plan
+    assert read_json(tmp_path / "out" / "experiment.json")["plan"] == plan["plan"]
 
 
 @pytest.mark.parametrize("words", [["--trust-agent"], ["--agent", "spy_agent:make"]])

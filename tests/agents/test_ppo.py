@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
+import musebot
 from musebot.protocols import cli
 from musebot.protocols.agents import ppo
 from musebot.protocols.agents.factory import make_agent
+from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import save_arrays
+from musebot.tasks.suite import TASKS
 
 AGENT = "musebot.protocols.ppo:ppo"
 
@@ -144,3 +147,19 @@ def test_policies_are_identified_by_their_weights():
     one, same, other = (newborn("spot_finding_unit", 2, seed).digest for seed in (1, 1, 2))
     assert len(one) == 16
     assert np.array_equal(one, same) and not np.array_equal(one, other)
+
+
+def test_a_policy_comes_with_musebot_for_every_task_of_the_suite():
+    for _, task in musebot.ALL_TASKS:
+        policies = Policies.load(path := policy_file(task), task)
+        _, _, notes = read_policies(path)
+        assert policies.robots == 1 and (notes["seed"], notes["steps"]) == (0, 327_680)
+        assert path.stat().st_size < 50_000
+
+
+def test_a_task_without_a_policy_is_one_sentence(monkeypatch):
+    with pytest.raises(InputError, match="the task must be one of .*, got 'dancing'"):
+        policy_file("dancing")
+    monkeypatch.setitem(TASKS, "mine", TASKS["wall_avoidance"])
+    with pytest.raises(InputError, match="^musebot brings no policy for mine: `musebot study ppo`"):
+        policy_file("mine")

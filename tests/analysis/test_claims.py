@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musebot.controller import BRAINS, PROPOSERS
-from musebot.protocols.analysis import hypothesis_tests, paper_claims
+from musebot.protocols.analysis import claims, hypothesis_tests, paper_claims
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.analysis.claims import Claim, PaperEvidence, RunEvidence, judge
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
@@ -211,8 +211,73 @@ def test_arrival_is_the_first_minute_of_the_test_with_time_in_the_spot():
     curves[1, 300] = 1.0
     rows = robots(SF, "creative", one=2, un=1)
     given = evidence(rows, curves={Condition(SF, "creative"): curves})
-    found = paper_claims.arrival_minutes(given, Condition(SF, "creative")).tolist()
+    found = claims.arrival_minutes(given, Condition(SF, "creative")).tolist()
     assert found == pytest.approx([10, 0, math.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [((30, 2, 3), "holds"), ((2, 30, 3), "does not hold"), ((5, 4, 2), "undecided")],
+)
+def test_fixed_robots_alone_stay_at_a_wall(held, expected):
+    columns = [
+        [
+            *robots(WA, proposer, post=1140.0, less=count),
+            *robots(WA, proposer, post=1139.0, less=100 - count),
+        ]
+        for proposer, count in zip(PROPOSERS, held, strict=True)
+    ]
+    assert verdict("do not leave the wall", evidence(*columns)) == expected
+
+
+@pytest.mark.parametrize(
+    ("random", "creative", "expected"),
+    [
+        ({"one": 40, "un": 5, "some": 55}, {"one": 70, "un": 25, "some": 5}, "holds"),
+        ({"one": 40, "un": 25, "some": 35}, {"one": 70, "un": 5, "some": 25}, "does not hold"),
+        ({"one": 40, "un": 5, "some": 55}, {"one": 70, "un": 7, "some": 23}, "undecided"),
+    ],
+)
+def test_creative_has_more_geniuses_and_perfect_learners_than_random(random, creative, expected):
+    given = evidence(robots(WA, "random", **random), robots(WA, "creative", **creative))
+    assert verdict("more geniuses than random", given) == expected
+
+
+@pytest.mark.parametrize(
+    ("stayed", "expected"), [(20, "holds"), (0, "does not hold"), (6, "undecided")]
+)
+def test_quite_a_few_newborns_stay_in_the_spot(stayed, expected):
+    rows = robots(SF, "creative", pre=1800.0, some=stayed)
+    rows += robots(SF, "creative", pre=1799.0, some=100 - stayed)
+    assert verdict("quite a few creative robots", evidence(rows)) == expected
+
+
+@pytest.mark.parametrize(
+    ("learnt", "expected"), [(30, "holds"), (1, "does not hold"), (15, "undecided")]
+)
+def test_newborns_that_stay_are_easily_trained(learnt, expected):
+    curves = np.zeros((60, 360))
+    curves[:learnt, 240:300] = 0.5
+    curves[learnt:, 60:240] = 1.0  # before the last quarter
+    rows = robots(SF, "creative", pre=1800.0, one=30) + robots(SF, "creative", pre=0.0, one=30)
+    given = evidence(rows, curves={Condition(SF, "creative"): curves})
+    assert verdict("easily trained", given) == expected
+    nobody = evidence(robots(SF, "creative", pre=0.0, one=30))
+    assert verdict("easily trained", nobody) == "not judged"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [(2, 25, "holds"), (25, 2, "does not hold"), (2, 2, "undecided"), (2, None, "not judged")],
+)
+def test_robots_with_negative_l_arrive_later(before, after, expected):
+    curves = np.zeros((40, 360))
+    curves[:, before:60] = 1.0
+    if after is not None:
+        curves[:20, 300 + after :] = 1.0
+    rows = robots(SF, "creative", less=20, some=20)
+    given = evidence(rows, curves={Condition(SF, "creative"): curves})
+    assert verdict("arrive later after training", given) == expected
 
 
 def stay(first, last, robots=20):
@@ -298,7 +363,9 @@ def test_a_run_with_the_papers_counts_supports_its_claims_about_categories():
     # 282 against 260 of 500 is no significant difference: the paper's claim rests on chance.
     assert found["Creative has most robots with L = 1."] == "undecided"
     # The table and the single robots give the same verdict.
-    assert all(f.paper == f.verdict for f in results if "Fisher" in f.why)
+    told = [f for f in results if "Fisher" in f.why and f.paper != "not judged"]
+    assert told
+    assert all(f.paper == f.verdict for f in told)
 
 
 @pytest.mark.parametrize("brain", ["steady", "paper-stopping"])

@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from musebot.protocols.analysis import hypothesis_tests
-from musebot.protocols.analysis.hypothesis_tests import holm, same_share, same_statistic
+from musebot.protocols.analysis.hypothesis_tests import (
+    holm,
+    same_classes,
+    same_share,
+    same_statistic,
+)
 
 quick = settings(deadline=None, max_examples=50)
 NAN = math.nan
@@ -198,3 +204,22 @@ def test_the_p_value_of_signed_ranks_counts_signs():
     found = hypothesis_tests.larger_in_pairs(first, np.zeros(6), "")
     assert found.p_for == pytest.approx(1 / 2**6)  # all six positive: one way of 64
     assert found.p_against == pytest.approx(1.0)
+
+
+def test_the_joint_test_of_one_pair_with_large_counts_is_the_chi_square_test():
+    first, second = (220, 180, 100), (190, 190, 120)
+    expected = float(stats.chi2_contingency([first, second]).pvalue)
+    assert same_classes([(first, second)]) == pytest.approx(expected, abs=0.015)
+
+
+def test_the_joint_test_sees_what_each_pair_alone_does_not():
+    pair = (260, 240), (230, 270)
+    alone, together = same_classes([pair]), same_classes([pair] * 6)
+    assert alone > 0.04
+    assert together < 0.01
+    assert same_classes([((50, 50), (50, 50))]) == 1
+
+
+def test_the_joint_test_needs_robots_in_both_groups():
+    assert math.isnan(same_classes([]))
+    assert math.isnan(same_classes([((0, 0), (5, 5))]))

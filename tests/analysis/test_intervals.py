@@ -1,18 +1,23 @@
 """Intervals against small oracles, and for data that do not determine them."""
 
+import functools
 import itertools
 import math
+from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from musebot.protocols.analysis import intervals
+from musebot.protocols.analysis.intervals import ABILITY, SHARE
 from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.results.learn_ability import Summary
+from musebot.protocols.results.run_files import read_run
 
 quick = settings(deadline=None, max_examples=30)
 NAN = math.nan
@@ -87,9 +92,143 @@ def test_few_robots_or_equal_values_have_no_interval(find, values, recwarn):
     assert not recwarn.list
 
 
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+WALLS, SPOT = (Condition(task, "creative") for task in ("wall_avoidance", "spot_finding"))
+
+
+@functools.cache
+def kept(condition, *names, span=SHARE):
+    """Returns the values of robots of runs in docs, shape (n,): times after training, or L."""
+    runs = [read_run(RESULTS / name) for name in names]
+    if span is SHARE:
+        return np.concatenate([run.shares(condition, "post") for run in runs])
+    found = np.concatenate([run.abilities(condition) for run in runs])
+    return found[~np.isnan(found)]
+
+
+# Samples of a simulation of coverage; its figures in docs/reliability.md are those at night.
+many = pytest.mark.parametrize("samples", [100, pytest.param(1000, marks=pytest.mark.night)])
+
+
+def share_of_hits(true, find, draw, samples):
+    """Returns in what share of samples an interval contains the true value, and the mean width."""
+    found = np.array([find(*draw()) for _ in range(samples)])
+    hits = (found[:, 0] <= true) & (true <= found[:, 1])
+    share, width = hits.mean(), np.diff(found).mean()
+    print(f"{samples} samples: covered {share:.3f}, mean width {width:.4f}")
+    return share, width
+
+
+@many
+@pytest.mark.parametrize(
+    "condition, names, span, robots, widest",
+    [
+        # Rare contact; BCa covers 0.79, 0.69, 0.63, 0.74.
+        (WALLS, ("steady", "steady-again"), SHARE, 200, 0.03),
+        (WALLS, ("steady", "steady-again"), SHARE, 60, 0.08),
+        (WALLS, ("half-steady",), SHARE, 60, 0.08),
+        (WALLS, ("ablation/steady-persistent_exploration",), SHARE, 60, 0.08),
+        # Time in the spot where few robots fail; BCa covers 0.65 and 0.86.
+        (SPOT, ("continual-steady",), SHARE, 60, 0.1),
+        (SPOT, ("ablation/steady",), SHARE, 60, 0.13),
+        # L where few robots touch a wall; BCa covers 0.48.
+        (WALLS, ("steady", "steady-again"), ABILITY, 60, 0.22),
+    ],
+)
+def test_intervals_of_means_near_an_end_cover_the_true_mean(
+    condition, names, span, robots, widest, samples
+):
+    population = kept(condition, *names, span=span)
+    random = np.random.default_rng(7)
+    found, width = share_of_hits(
+        population.mean(),
+        lambda values: intervals.mean(values, span),
+        lambda: (random.choice(population, robots),),
+        samples,
+    )
+    assert found >= 0.92
+    assert width < widest
+
+
+@many
+@pytest.mark.parametrize("paired", [False, True])
+@pytest.mark.parametrize("other", ["steady-persistent_exploration", "steady-advantage"])
+def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(other, paired, samples):
+    populations = [kept(WALLS, f"ablation/{name}") for name in ("steady", other)]
+    random = np.random.default_rng(8)
+
+    def draw():
+        rows = random.integers(0, 60, (2, 60))
+        first, second = rows[[0, 0]] if paired else rows
+        return populations[0][first], populations[1][second]
+
+    true = populations[0].mean() - populations[1].mean()
+    found, width = share_of_hits(
+        true, lambda *pair: intervals.difference_of_means(*pair, paired, SHARE), draw, samples
+    )
+    assert found >= 0.92
+    assert width < 0.15
+
+
+@pytest.mark.parametrize("count, robots", [(0, 60), (1, 60), (4, 200), (57, 60), (60, 60), (3, 5)])
+def test_gaffkes_bounds_of_zeros_and_ones_are_those_of_clopper_and_pearson(count, robots):
+    low, high = intervals.mean(marks(count, robots).astype(float), SHARE)
+    exact = stats.binomtest(count, robots).proportion_ci(0.95, method="exact")
+    assert (low, high) == pytest.approx(
+        (exact.low, exact.high), abs=0.04 * (exact.high - exact.low)
+    )
+
+
+def test_robots_without_contact_do_not_prove_that_there_is_none():
+    low, high = intervals.mean(np.zeros(200), SHARE)
+    assert low == 0
+    assert high == pytest.approx(1 - 0.025 ** (1 / 200), rel=0.05)
+
+
+def test_gaffkes_bounds_move_with_the_values():
+    values = np.array([0.0] * 55 + [0.001, 0.02, 0.3, 0.4, 0.9])
+    low, high = intervals.mean(values, SHARE)
+    assert 0 < low < values.mean() < high < 1
+    scaled = intervals.mean(2 * values - 1, ABILITY)
+    assert scaled == pytest.approx((2 * low - 1, 2 * high - 1), abs=1e-9)
+    mirrored = intervals.mean(1 - values, SHARE)
+    assert mirrored == pytest.approx((1 - high, 1 - low), abs=0.02 * (high - low))
+
+
+def test_a_mean_is_near_an_end_below_five_robots_worth_of_distance():
+    for count, changed in ((4, True), (6, False), (54, False), (56, True)):
+        values = marks(count, 60).astype(float)
+        assert (intervals.mean(values, SHARE) != intervals.mean(values)) == changed
+        scaled = intervals.mean(2 * values - 1, ABILITY), intervals.mean(2 * values - 1)
+        assert (scaled[0] != scaled[1]) == changed
+    five = marks(5, 50).astype(float)
+    assert intervals.mean(five, SHARE) == intervals.mean(five)
+
+
+def test_a_difference_is_that_of_groups_if_one_mean_is_near_an_end():
+    random = np.random.default_rng(9)
+    usual, rare = random.random(60), np.append(np.zeros(58), [0.1, 0.2])
+    far = intervals.difference(usual, usual[::-1], np.nanmean, paired=True)
+    assert intervals.difference_of_means(usual, usual[::-1], True, SHARE) == far
+    means, (a, b), (c, d) = (
+        usual.mean() - rare.mean(),
+        intervals.mean(usual, SHARE),
+        intervals.mean(rare, SHARE),
+    )
+    low = means - math.hypot(usual.mean() - a, d - rare.mean())
+    high = means + math.hypot(b - usual.mean(), rare.mean() - c)
+    for first in (usual, np.append(usual, NAN)):
+        second = rare if len(first) == 60 else np.append(NAN, rare)
+        found = intervals.difference_of_means(first, second, True, SHARE)
+        assert found == pytest.approx((low, high), abs=1e-12)
+    few = np.append(np.zeros(4), np.full(56, NAN))
+    assert all(map(math.isnan, intervals.difference_of_means(few, rare, True, SHARE)))
+
+
 def test_an_interval_is_reproducible():
     values = np.random.default_rng(0).random(30)
     assert intervals.mean(values) == intervals.mean(values.copy())
+    assert intervals.mean(values / 9, SHARE) == intervals.mean(values / 9, SHARE)
 
 
 def test_the_papers_mean_has_the_interval_of_student():

@@ -26,6 +26,7 @@ from musebot.protocols.experiment.manifest import (
 )
 from musebot.protocols.experiment.overrides import named_brain
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.storage import write_json
 
 quick = settings(deadline=None, max_examples=50)
 CONDITIONS = tuple(Condition(task, p) for task in PAPER_TASKS for p in PROPOSERS)
@@ -75,7 +76,7 @@ def change(folder, **changes):
             content["experiment"] |= value
         else:
             content[name] = value
-    (folder / MANIFEST).write_text(json.dumps(content))
+    write_json(folder / MANIFEST, content)
 
 
 def assert_damaged(folder):
@@ -248,7 +249,7 @@ def test_a_number_of_random_ideas_is_read_as_their_share(name, count, tmp_path):
     content = content_of(tmp_path)
     content["experiment"]["brain"]["random_ideas"] = count
     del content["experiment"]["brain"]["random_share"]
-    (tmp_path / MANIFEST).write_text(json.dumps(content))
+    write_json(tmp_path / MANIFEST, content)
     assert read_manifest(tmp_path).experiment.brain == BRAINS[name]
 
 
@@ -403,7 +404,7 @@ def test_a_manifest_with_an_invalid_value_is_refused(sound, group, changes, erro
         content["experiment"]["brain"] |= changes
     else:
         content[group] = changes
-    (sound / MANIFEST).write_text(json.dumps(content))
+    write_json(sound / MANIFEST, content)
     with pytest.raises(error) as caught:
         read_manifest(sound)
     assert str(sound / MANIFEST) in str(caught.value) and len(str(caught.value)) < 600

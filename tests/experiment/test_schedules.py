@@ -153,3 +153,13 @@ def test_schedules_cannot_be_changed():
         WALL_AVOIDANCE.phases = ()
     with pytest.raises(dataclasses.FrozenInstanceError):
         WALL_AVOIDANCE.phases[0].minutes = 1
+
+
+def test_a_turned_schedule_turns_fixed_poses_and_nothing_else():
+    turned = WALL_AVOIDANCE.turned(0.25)
+    for before, after in zip(WALL_AVOIDANCE.phases, turned.phases, strict=True):
+        if before.robot == "random":
+            assert after == before
+        else:
+            x, y, heading = before.robot
+            assert after == dataclasses.replace(before, robot=(x, y, heading + 0.25))

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, arena_spec
@@ -13,6 +13,7 @@ from musebot.tasks import make_batch
 
 SIZE = Dimensions.of(arena_spec().compile())
 ROOM = np.array([SIZE.half_length, SIZE.half_width]) - SIZE.radius
+TURNS = Kinematics(wall="turns")
 
 motors = st.floats(-0.5, 0.5)
 poses = st.tuples(
@@ -21,7 +22,8 @@ poses = st.tuples(
 
 
 def driven(pose, left, right, seconds=0.1, wall="holds"):
-    return drive(np.array([pose]), np.array([[left, right]]), seconds, wall, SIZE)[0][0]
+    how = Kinematics(wall=wall)
+    return drive(np.array([pose]), np.array([[left, right]]), seconds, how, SIZE)[0][0]
 
 
 def test_equal_motors_drive_straight_at_the_commanded_speed():
@@ -66,6 +68,41 @@ def test_a_robot_that_drives_into_a_wall_is_held_slides_or_sticks():
     assert stuck == pytest.approx(start)
 
 
+REFUSES = Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler")
+
+
+@given(poses, motors, motors)
+def test_a_move_is_refused_if_and_only_if_its_end_overlaps_a_wall(pose, left, right):
+    free = driven_as(dataclasses.replace(REFUSES, wall="holds"), pose, left, right)[0]
+    reach = (left + right) * SIZE.motor_speed * 0.1
+    x, y, heading = pose
+    end = np.array([x + reach * np.cos(heading), y + reach * np.sin(heading)])
+    assume((np.abs(np.abs(end) - ROOM) > 1e-12).all())
+    overlaps = bool((np.abs(end) > ROOM).any())
+    moved, refused = driven_as(REFUSES, pose, left, right)
+    assert refused == overlaps
+    if refused:
+        assert tuple(moved[:2]) == pose[:2]
+    else:
+        assert moved[:2] == pytest.approx(end, abs=1e-12)
+    assert moved[2] == free[2]  # the heading turns at a wall as it turns in the open
+
+
+@given(poses, motors, motors)
+def test_an_euler_step_goes_straight_along_the_heading_at_its_start(pose, left, right):
+    reach = (left + right) * SIZE.motor_speed * 0.1
+    turn = (right - left) * 2 * SIZE.motor_speed * 0.1 / SIZE.wheel_base
+    start = (0.0, 0.0, pose[2])
+    end = driven_as(Kinematics(path="euler"), start, left, right)[0]
+    aim = [reach * np.cos(pose[2]), reach * np.sin(pose[2]), pose[2] + turn]
+    assert end == pytest.approx(aim, abs=1e-12)
+
+
+def driven_as(how, pose, left, right):
+    after, pushing = drive(np.array([pose]), np.array([[left, right]]), 0.1, how, SIZE)
+    return after[0], bool(pushing[0])
+
+
 def test_a_robot_can_reverse_from_a_wall():
     for wall in WALLS:
         moved = driven((ROOM[0], 0, 0), -0.5, -0.5, wall=wall)
@@ -107,16 +144,16 @@ def test_a_robot_that_grazes_a_wall_slips_into_the_corner():
     for pieces in (1, 4):
         after = np.array([[*wall, way]])
         for _ in range(pieces):
-            after = drive(after, np.full((1, 2), 0.5), 0.1 / pieces, "turns", SIZE)[0]
+            after = drive(after, np.full((1, 2), 0.5), 0.1 / pieces, TURNS, SIZE)[0]
         assert after[0, :2] == pytest.approx(ROOM, abs=1e-12)
-        assert drive(after, np.full((1, 2), 0.5), 0.1, "turns", SIZE)[0] == pytest.approx(after)
+        assert drive(after, np.full((1, 2), 0.5), 0.1, TURNS, SIZE)[0] == pytest.approx(after)
 
 
 def test_the_turn_at_a_wall_is_symmetric():
     start = np.radians([70, -70, 110, -110])
     poses = np.column_stack([np.full(4, ROOM[0]), np.zeros(4), start])
     motors = np.array([[0.5, 0.5]] * 2 + [[-0.5, -0.5]] * 2)
-    after = drive(poses, motors, 0.1, "turns", SIZE)[0]
+    after = drive(poses, motors, 0.1, TURNS, SIZE)[0]
     turned = after[:, 2] - start
     assert turned == pytest.approx(turned[1] * np.array([-1, 1, 1, -1]), abs=1e-12)
     assert 0.03 < -turned[0] < 0.06
@@ -124,12 +161,22 @@ def test_the_turn_at_a_wall_is_symmetric():
 
 def test_a_given_size_replaces_that_of_the_body():
     changed = Kinematics(radius=0.02, wheel_base=0.04).applied_to(SIZE)
-    assert changed == dataclasses.replace(SIZE, radius=0.02, wheel_base=0.04)
+    assert changed == dataclasses.replace(SIZE, radius=0.02, wheel_base=0.04, nose=0.02)
     assert Kinematics().applied_to(SIZE) == SIZE
+    central = dataclasses.replace(SIZE, nose=0.0)
+    assert Kinematics(radius=0.02).applied_to(central).nose == 0
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"radius": 0}, {"wheel_base": -1}, {"wall": "eats"}, {"lag": -1}, {"pieces": 0}]
+    "wrong",
+    [
+        {"radius": 0},
+        {"wheel_base": -1},
+        {"wall": "eats"},
+        {"lag": -1},
+        {"pieces": 0},
+        {"path": "line"},
+    ],
 )
 def test_a_value_out_of_range_is_refused_with_its_name(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -107,12 +105,3 @@ def policy_file(newborn: Callable[[str], ppo.Policies]) -> Callable[[str, Path],
         return path
 
     return policy_file
-
-
-@pytest.fixture(scope="session")
-def egl() -> None:
-    """Skips a test where nothing can be rendered."""
-    command = [sys.executable, "-m", "musebot.protocols.playback.offscreen"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"no EGL here: {done.stderr.strip()}")

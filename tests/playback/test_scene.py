@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from musebot.models.edits import OBSTACLES
+from musebot.models.obstacles import OBSTACLES
 from musebot.protocols.playback import scene
 from musebot.tasks.suite import TASKS
 

@@ -8,6 +8,7 @@ import pytest
 from musebot.protocols.analysis.paper_claims import judge_all
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.reporting import tables
 from musebot.protocols.reporting.html_page import Medium, page
 from musebot.protocols.results.results import ConditionResults, Robot
 from musebot.protocols.results.run import Run
@@ -62,3 +63,25 @@ def test_figures_and_films_are_part_of_the_file(run, tmp_path):
     text = page(run, [], *media, "")
     assert 'src="data:image/png;base64,ZmlndXJl" alt="A &amp; B"' in text
     assert 'src="data:video/mp4;base64,ZmlsbQ=="' in text
+
+
+def test_claims_that_a_run_cannot_judge_are_one_line():
+    run = run_of("fixed", "random", "creative")
+    results = judge_all(run)
+    judged = [one for one in results if one.verdict != "not judged"]
+    assert 0 < len(judged) < len(results)
+    for text in (page(run, results, [], [], ""), tables.markdown(run)):
+        assert text.count("are not judged") == text.count("not judged") == 1
+        assert f"{len(results) - len(judged)} of {len(results)} claims are not judged" in text
+        assert text.count("no robots of spot_finding, fixed") == 1
+        assert "Spot finding (table 2)" not in text  # none of its claims is judged
+
+
+def test_films_and_learning_curves_come_before_the_tables(run, tmp_path):
+    for name in "abc":
+        (tmp_path / f"{name}.png").write_bytes(name.encode())
+    figures = [Medium(tmp_path / f"{name}.png", f"Figure {name}", "") for name in "abc"]
+    text = page(run, judge_all(run), figures, [], "No film.")
+    marks = ("No film.", "Figure a", "<table>", "The claims", "Figure b", "Figure c")
+    places = [text.index(mark) for mark in marks]
+    assert places == sorted(places)

@@ -16,6 +16,8 @@ from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import MANIFEST, write_manifest
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.experiment.schedules import PARTS, SPOT_FINDING, WALL_AVOIDANCE
+from musebot.protocols.results.checks import check_events
 from musebot.protocols.results.results import Robot
 from musebot.protocols.results.run_files import (
     BRAINS_FILE,
@@ -25,7 +27,7 @@ from musebot.protocols.results.run_files import (
     read_run,
     write_results,
 )
-from musebot.protocols.storage import load_arrays, save_arrays
+from musebot.protocols.storage import load_arrays, save_arrays, write_json
 
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 EXPERIMENT = Experiment(seed=3, cohort_size=2, time_scale=0.05)  # tests of 60 s and of 180 s
@@ -58,10 +60,12 @@ class Rows:
 
 
 @pytest.fixture
-def folder(tmp_path, results):
+def folder(tmp_path, results, without_digests):
+    """A run of a version that recorded no digests, by which any change would be seen."""
     write_manifest(tmp_path, PLAN)
     write_results(tmp_path, results)
     assert {*read_run(tmp_path).results} == {WALLS, SPOT}
+    without_digests(tmp_path)
     return tmp_path
 
 
@@ -143,7 +147,7 @@ def test_a_run_that_is_being_enlarged_has_fewer_rows_than_its_plan(folder):
 def test_an_edited_experiment_is_refused(folder, changes):
     content = json.loads((folder / MANIFEST).read_text())
     content["experiment"] |= changes
-    (folder / MANIFEST).write_text(json.dumps(content))
+    write_json(folder / MANIFEST, content)
     with pytest.raises(DamagedFileError):
         read_run(folder)
 
@@ -151,7 +155,7 @@ def test_an_edited_experiment_is_refused(folder, changes):
 def test_an_edited_brain_is_refused(folder):
     content = json.loads((folder / MANIFEST).read_text())
     content["experiment"]["brain"]["evaluation_hidden"] = 8
-    (folder / MANIFEST).write_text(json.dumps(content))
+    write_json(folder / MANIFEST, content)
     assert "evaluation.hidden_biases must have shape (N, 8) with N up to 4" in refusal(
         folder, BRAINS_FILE
     )
@@ -282,6 +286,31 @@ def test_an_invalid_robot_may_have_any_weights(folder):
     save_arrays(folder / BRAINS_FILE, changed(AFTER, 3, NAN)(arrays))
     part = read_results(folder)[WALLS]
     assert np.isnan(part.networks["after"]["evaluation.output_weights"][3]).all()
+
+
+# Counts of events
+
+
+@pytest.mark.parametrize("schedule", [WALL_AVOIDANCE.scaled(0.011), SPOT_FINDING.scaled(0.011)])
+@pytest.mark.parametrize("step", [1, 150, 601, 1000])
+def test_one_event_more_than_control_steps_is_refused(schedule, step):
+    parts = [
+        phase.part
+        for phase, steps in zip(schedule.phases, schedule.steps(), strict=True)
+        for _ in range(steps)
+    ]
+    assert step < len(parts)
+    # A robot with the event in each step so far.
+    events = np.array([[parts[:step].count(part) for part in PARTS]])
+    minutes = np.array([[len(parts[:step][a : a + 600]) for a in range(0, len(parts), 600)]])
+    check_events(schedule, events, minutes, step)
+    check_events(schedule, 0 * events, 0 * minutes, step)
+    for counts in (events, minutes):
+        for column in range(counts.shape[1]):
+            counts[0, column] += 1
+            with pytest.raises(ValueError, match=f"row 0, column {column}: must lie in"):
+                check_events(schedule, events, minutes, step)
+            counts[0, column] -= 1
 
 
 # Files that are no files

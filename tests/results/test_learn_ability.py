@@ -12,6 +12,7 @@ from musebot.protocols.results.learn_ability import (
     CATEGORIES,
     Summary,
     category,
+    classes,
     learn_ability,
     summarise,
     total_variation,
@@ -177,3 +178,26 @@ def test_total_variation_does_not_depend_on_how_many_robots_there_are():
     assert total_variation(few, many) == pytest.approx(0, abs=1e-15)
     apart = total_variation(Summary((5, 0, 0, 0, 0), 0, 0, 0), Summary((0, 0, 9, 0, 0), 0, 0, 0))
     assert apart == 1
+
+
+@quick
+@given(st.lists(st.one_of(st.floats(-1, 1), st.just(float("nan"))), max_size=20))
+def test_classes_are_those_of_l_rounded_to_two_decimals(abilities):
+    for ability, kind in zip(abilities, classes(abilities), strict=True):
+        if abs(abs(ability) - 0.005) < 1e-9 or abs(ability - 0.995) < 1e-9:
+            continue  # a tie of the rounding
+        if abs(ability) < 0.005:
+            assert kind == "L = 0"
+        elif ability > 0.995:
+            assert kind == "L = 1"
+        else:
+            assert kind == category(ability)
+    assert classes(abilities, exact=True) == [category(ability) for ability in abilities]
+
+
+def test_a_summary_rounds_classes_but_not_the_mean():
+    near, times = [0.004, -0.004, 0.996], [10, 10, 10]
+    rounded, exact = (summarise(near, times, 100, exact=exact) for exact in (False, True))
+    assert rounded.counts == (1, 0, 2, 0, 0)
+    assert exact.counts == (0, 2, 0, 1, 0)
+    assert rounded.mean == exact.mean == pytest.approx(0.332)

@@ -1,8 +1,12 @@
 """A run as a value: what it gives to whoever reads results."""
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.results.results import ConditionResults, Robot
@@ -84,3 +88,27 @@ def test_abilities_and_shares_of_rows():
     np.testing.assert_array_equal(abilities(ROWS), [0.5, NAN, 1, NAN])
     assert shares(ROWS, 100.0, "pre").tolist() == pytest.approx([0.3, 0.09, 0.3, 0])
     assert abilities([]).shape == shares([], 100.0, "post").shape == (0,)
+
+
+def test_a_frame_has_a_row_for_each_robot_with_the_shares_of_the_tests(run, monkeypatch):
+    frames = []
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=frames.append))
+    run.to_frame()
+    (rows,) = frames
+    assert [row["robot"] for row in rows] == [
+        robot.robot for condition in run.conditions() for robot in run.robots(condition)
+    ]
+    for condition in run.conditions():
+        own = [
+            r for r in rows if (r["task"], r["proposer"]) == (condition.task, condition.proposer)
+        ]
+        own = [row for row in own if row["category"] != "invalid"]
+        for part in ("pre", "post"):
+            shares = [row[f"{part}_share"] for row in own]
+            assert shares == run.shares(condition, part).tolist()
+
+
+def test_without_pandas_one_sentence_says_what_helps(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match="^Run.to_frame needs pandas: pip install pandas$"):
+        run.to_frame()

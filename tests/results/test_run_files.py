@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import hashlib
 import json
 import math
 import os
@@ -16,15 +17,22 @@ from hypothesis import strategies as st
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.manifest import MANIFEST, write_manifest
+from musebot.protocols.experiment.manifest import (
+    MANIFEST,
+    read_manifest,
+    recorded_files,
+    write_manifest,
+)
 from musebot.protocols.experiment.networks import network_shapes
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.results import run_files
 from musebot.protocols.results.learn_ability import learn_ability
 from musebot.protocols.results.results import WHEN, Robot, category_in, merge
 from musebot.protocols.results.run_files import (
     BRAINS_FILE,
     CURVES_FILE,
     ROBOTS_FILE,
+    adopt_files,
     flat_networks,
     planned,
     read_results,
@@ -34,6 +42,7 @@ from musebot.protocols.results.run_files import (
     run_names,
     write_results,
 )
+from musebot.protocols.storage import write_json
 
 quick = settings(deadline=None, max_examples=50)
 FILES = {ROBOTS_FILE, CURVES_FILE, BRAINS_FILE}
@@ -123,6 +132,8 @@ def test_results_of_an_agent_without_weights_survive_their_files(tmp_path, part_
 def test_equal_results_leave_equal_bytes_however_they_were_merged(tmp_path, part_of):
     first = {WALLS: part_of(rows_of(WALLS, (0, 1)), seed=1)}
     second = {OTHER: part_of(rows_of(OTHER, (0, 1)), seed=2)}
+    write_manifest(tmp_path / "one", PLAN)
+    write_manifest(tmp_path / "two", PLAN)
     write_results(tmp_path / "one", merge(first, second))
     write_results(tmp_path / "two", merge(second, first))
     for name in FILES:
@@ -131,8 +142,9 @@ def test_equal_results_leave_equal_bytes_however_they_were_merged(tmp_path, part
 
 @pytest.mark.parametrize("name", ["mujoco", "baselines"])
 def test_a_kept_run_that_is_read_and_written_keeps_its_bytes(name, tmp_path):
+    write_manifest(tmp_path, read_manifest(KEPT / name))
     write_results(tmp_path, read_results(KEPT / name))
-    assert {path.name for path in tmp_path.iterdir()} == FILES
+    assert {path.name for path in tmp_path.iterdir()} == {*FILES, MANIFEST}
     for file in FILES:
         assert (tmp_path / file).read_bytes() == (KEPT / name / file).read_bytes(), file
 
@@ -178,6 +190,7 @@ def test_learn_ability_survives_robots_csv_bit_exactly(tmp_path, part_of):
     condition, ability = Condition("spot_finding", "fixed"), math.nextafter(1 / 3, 1)
     row = Robot("spot_finding", "fixed", 1, 0, 0, 1.0, 2.0, ability, "0 < L < 1")
     plan = Plan(EXPERIMENT, {condition: 1})
+    write_manifest(tmp_path, plan)
     write_results(tmp_path, {condition: part_of([row])})
     assert read_robots(tmp_path / ROBOTS_FILE, plan)[condition][0].learn_ability == ability
 
@@ -254,7 +267,8 @@ def test_a_flipped_bit_has_no_effect_or_is_named(folder, results, name, every):
     assert named > 100
 
 
-def test_curves_whose_shape_was_altered_are_damaged(folder, results):
+def test_curves_whose_shape_was_altered_are_damaged(folder, results, without_digests):
+    without_digests(folder)
     curves = {str(condition): part.curves for condition, part in results.items()}
     np.savez(folder / CURVES_FILE, **curves)
     assert read_results(folder)[WALLS].curves.shape == (3, 8)
@@ -312,6 +326,114 @@ def test_a_crash_before_robots_csv_was_written_leaves_the_older_results(folder, 
     assert same(read_results(folder), results)
 
 
+# Digests
+
+
+def refusal(folder, name):
+    with pytest.raises(DamagedFileError) as caught:
+        read_run(folder)
+    text = str(caught.value)
+    assert str(folder / name) in text and "\n" not in text
+    return text
+
+
+def digests(folder):
+    found = {n: hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in FILES}
+    assert [*recorded_files(folder)[-1]] == [BRAINS_FILE, CURVES_FILE, ROBOTS_FILE]
+    return found
+
+
+def test_the_manifest_has_the_sha256_of_every_file(folder):
+    assert recorded_files(folder) == [digests(folder)]
+
+
+@pytest.mark.parametrize("name", [ROBOTS_FILE, CURVES_FILE, BRAINS_FILE])
+def test_a_file_of_another_run_with_the_same_plan_is_refused_and_named(
+    folder, results, part_of, tmp_path_factory, name
+):
+    other = tmp_path_factory.mktemp("other")
+    write_manifest(other, PLAN)
+    walls = [dataclasses.replace(row, seed=1) for row in results[WALLS].robots[::-1]]
+    walls = [dataclasses.replace(row, robot=n, cohort=n) for n, row in enumerate(walls)]
+    write_results(other, {WALLS: part_of(walls, seed=7), SPOT: part_of(results[SPOT].robots, 8)})
+    read_run(other)
+    (folder / name).write_bytes((other / name).read_bytes())
+    refusal(folder, name)
+
+
+def test_brains_of_another_run_are_refused_by_their_digest_alone(
+    folder, results, part_of, without_digests, tmp_path_factory
+):
+    other = tmp_path_factory.mktemp("other")
+    write_manifest(other, PLAN)
+    write_results(other, {c: part_of(part.robots, seed=9) for c, part in results.items()})
+    (folder / BRAINS_FILE).write_bytes((other / BRAINS_FILE).read_bytes())
+    assert "is not the file that musebot wrote for this run" in refusal(folder, BRAINS_FILE)
+    without_digests(folder)
+    read_run(folder)
+
+
+def test_an_edited_robots_csv_that_contradicts_nothing_is_refused(folder):
+    text = (folder / ROBOTS_FILE).read_text()
+    (folder / ROBOTS_FILE).write_text(text.replace("0.3333333333333333", "0.33333333333333334"))
+    assert "is not the file that musebot wrote" in refusal(folder, ROBOTS_FILE)
+
+
+def test_an_edited_manifest_is_refused(folder):
+    text = (folder / MANIFEST).read_text()
+    (folder / MANIFEST).write_text(text.replace('"python": "', '"python": "1'))
+    assert "was changed after musebot had written it" in refusal(folder, MANIFEST)
+
+
+def test_digests_that_are_none_are_damage(folder):
+    for files in ([1], "x", [["a"]]):
+        write_json(
+            folder / MANIFEST, json.loads((folder / MANIFEST).read_text()) | {"files": files}
+        )
+        refusal(folder, MANIFEST)
+
+
+def test_a_run_without_digests_is_read_with_a_warning_until_they_are_adopted(
+    folder, results, without_digests, capsys
+):
+    without_digests(folder)
+    before = {name: (folder / name).read_bytes() for name in FILES}
+    assert same(read_run(folder).results, results)
+    assert f"{folder} has no digests of its files" in capsys.readouterr().err
+    adopt_files(folder)
+    assert same(read_run(folder).results, results)
+    assert capsys.readouterr().err == ""
+    assert recorded_files(folder) == [digests(folder)]
+    assert {name: (folder / name).read_bytes() for name in FILES} == before
+
+
+@pytest.mark.parametrize(
+    "manifest", sorted(KEPT.rglob(MANIFEST)), ids=lambda path: str(path.parent.relative_to(KEPT))
+)
+def test_the_digests_of_a_kept_run_are_recorded(manifest):
+    # A run of an earlier version gets them by `adopt_files`.
+    assert recorded_files(manifest.parent) == [digests(manifest.parent)]
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_every_mixture_that_a_killed_enlargement_leaves_is_read(
+    folder, results, part_of, monkeypatch, without_digests, older
+):
+    if older:
+        without_digests(folder)
+    newer = merge(results, {OTHER: part_of(rows_of(OTHER, (0, 1)), seed=4)})
+    written, seen = run_files.write_atomically, []
+
+    def look(path, content):
+        written(path, content)
+        seen.append(len(read_run(folder).conditions()))
+
+    monkeypatch.setattr(run_files, "write_atomically", look)
+    write_results(folder, newer)
+    assert seen == [2, 2, 3]
+    assert len(recorded_files(folder)) == 2
+
+
 @pytest.mark.parametrize("shorter", ["curves", "networks"])
 def test_fewer_curves_or_networks_than_rows_are_damage(folder, results, shorter):
     part = results[WALLS]
@@ -322,7 +444,8 @@ def test_fewer_curves_or_networks_than_rows_are_damage(folder, results, shorter)
         read_results(folder)
 
 
-def test_rows_without_any_curve_are_damage(folder, results):
+def test_rows_without_any_curve_are_damage(folder, results, without_digests):
+    without_digests(folder)
     np.savez_compressed(folder / CURVES_FILE, **{str(WALLS): results[WALLS].curves})
     with pytest.raises(DamagedFileError, match="lacks spot_finding/creative"):
         read_results(folder)
@@ -380,7 +503,7 @@ def test_brains_of_another_physics_are_read_with_a_notice(folder, capsys):
     assert capsys.readouterr().err == ""
     content = json.loads((folder / MANIFEST).read_text())
     content["physics"][0] += 1
-    (folder / MANIFEST).write_text(json.dumps(content))
+    write_json(folder / MANIFEST, content)
     read_run(folder)
     assert capsys.readouterr().err == ""
     read_run(folder, replay=True)
@@ -391,8 +514,8 @@ def test_brains_of_another_physics_are_read_with_a_notice(folder, capsys):
 def test_several_runs_have_distinct_names(tmp_path, results):
     folders = [tmp_path / name for name in ("a/run", "b/run", "b/other")]
     for folder in folders:
-        write_results(folder, results)
         write_manifest(folder, PLAN)
+        write_results(folder, results)
     assert [run.name for run in read_runs(folders[1:])] == ["run", "other"]
     assert [run.name for run in read_runs(folders[:2])] == [str(folder) for folder in folders[:2]]
     assert run_names([folders[0], folders[0].parent / "run"]) == [str(folders[0])] * 2

@@ -1,6 +1,8 @@
 """A restored cohort continues bit-exactly, and a damaged file is never taken for a sound one."""
 
 import dataclasses
+import errno
+import io
 import os
 import random
 
@@ -293,6 +295,24 @@ def test_a_pipe_in_place_of_a_checkpoint_is_set_aside_and_not_waited_for(tmp_pat
     restored, message = restored_cohort(tmp_path, SHORT, KEY)
     assert restored.step == 0
     assert f"{path} is not a regular file" in message
+
+
+def test_a_file_that_cannot_be_read_is_no_damage_and_stays(tmp_path, monkeypatch):
+    advanced = Cohort(SHORT, KEY)
+    advanced.advance(3)
+    path = checkpoint_file(tmp_path, KEY)
+    save_checkpoint(tmp_path, KEY, advanced)
+    real = io.open
+
+    def fail(file, *args, **kwargs):
+        if str(file) == str(path):
+            raise OSError(errno.EIO, "Input/output error", str(path))
+        return real(file, *args, **kwargs)
+
+    monkeypatch.setattr(io, "open", fail)
+    with pytest.raises(OSError, match="Input/output error"):
+        restored_cohort(tmp_path, SHORT, KEY)
+    assert [*path.parent.iterdir()] == [path]
 
 
 def test_a_file_that_is_set_aside_keeps_its_content(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musebot.models import Dimensions
-from musebot.protocols.agents import factory
+from musebot.protocols.agents import trust
 from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
@@ -450,7 +450,7 @@ def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
         "        return np.zeros((1, 2))\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(factory, "_TRUSTED", {"one_for_all:Lazy"})
+    monkeypatch.setattr(trust, "_TRUSTED", {"one_for_all:Lazy"})
     condition = Condition("wall_avoidance", "one_for_all:Lazy")
     plan = Plan.of(Experiment(cohort_size=2), [condition], 2)
     with pytest.raises(InputError) as caught:
@@ -471,3 +471,15 @@ def test_a_plan_that_the_machine_cannot_hold_is_refused_before_it_is_begun(monke
         with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
             begin(plan)
     assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("step", [-1, 961, 10**9, True, 5.0, "5", None])
+def test_a_checkpoint_of_a_step_outside_the_life_is_refused(step):
+    experiment = Experiment(cohort_size=2, time_scale=0.01, body="kinematic")
+    cohort = Cohort(experiment, CohortKey(Condition("wall_avoidance", "fixed"), 0))
+    assert cohort.steps == 960
+    arrays, notes = cohort.checkpoint()
+    with pytest.raises(ValueError, match=r"step must be a whole number in \[0, 960\], got"):
+        cohort.restore(arrays, {**notes, "step": step})
+    cohort.restore(arrays, {**notes, "step": 960})
+    assert cohort.finished

@@ -1,14 +1,17 @@
 """Jobs in the processes of this machine: their order, how they stop, and what goes wrong."""
 
 import importlib
+import multiprocessing
 import os
 import signal
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 
 from musebot.protocols.errors import Interrupted, RunError
+from musebot.protocols.simulation import local
 from musebot.protocols.simulation.jobs import execute
 from musebot.protocols.simulation.local import Local
 
@@ -44,6 +47,31 @@ class Die(Write):
     """A job whose process is killed."""
 
     def run(self, stop, report):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+@dataclasses.dataclass(frozen=True)
+class Talk(Write):
+    """A job that reports again and again."""
+
+    def run(self, stop, report):
+        self.path.with_suffix(".begun").touch()
+        while not stop():
+            report(0.0, "")
+            time.sleep(0.01)
+        return False
+
+
+@dataclasses.dataclass(frozen=True)
+class DieLocked(Write):
+    """A job whose process is killed while it has the lock of the reports."""
+
+    def run(self, stop, report):
+        from musebot.protocols.simulation import local
+
+        while not [*self.path.parent.glob("*.begun")]:
+            time.sleep(0.01)
+        local._REPORTS._wlock.acquire()
         os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -117,6 +145,46 @@ def test_a_job_that_cannot_go_on_is_one_sentence(kind, sentence, kinds, tmp_path
             processes=2,
         )
     assert str(caught.value) == f"{sentence}; the same command continues from the last checkpoints"
+
+
+@pytest.fixture
+def rescued():
+    """Kills the processes of a test that waits for ever, and asserts that it did not."""
+    ended, waited = threading.Event(), []
+
+    def rescue():
+        if not ended.wait(60):
+            waited.append(True)
+            [process.kill() for process in multiprocessing.active_children()]
+
+    threading.Thread(target=rescue, daemon=True).start()
+    yield
+    ended.set()
+    assert not waited
+
+
+def test_the_death_of_a_process_that_has_just_begun_is_noticed(
+    kinds, tmp_path, monkeypatch, rescued
+):
+    spawn = ProcessPoolExecutor._spawn_process
+
+    def late(pool):  # the pool watches the processes that it had before it started one more
+        time.sleep(0.5)
+        spawn(pool)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", late)
+    jobs = [kinds.Write(tmp_path / "other", looks=10**6), kinds.Die(tmp_path / "file")]
+    with pytest.raises(RunError, match="a process died, perhaps for want of memory"):
+        execute_all(jobs, processes=2)
+
+
+def test_a_process_killed_with_a_lock_does_not_hold_up_the_others(
+    kinds, tmp_path, monkeypatch, rescued
+):
+    monkeypatch.setattr(local, "_GRACE", 0.5)
+    jobs = [kinds.DieLocked(tmp_path / "file"), kinds.Talk(tmp_path / "other")]
+    with pytest.raises(RunError, match="a process died, perhaps for want of memory"):
+        execute_all(jobs, processes=2)
 
 
 def test_a_fault_in_the_code_of_a_job_is_raised_as_it_is(kinds, tmp_path):

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -49,7 +50,11 @@ def join(nodes, *arguments):
     process = subprocess.Popen(
         [RAY, "start", "--block", *settings],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0"},
+        env=os.environ | {
+            "PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0",
+            # On a busy machine.
+            "RAY_raylet_start_wait_time_s": "300", "RAY_agent_register_timeout_ms": "300000",
+        },
     )  # fmt: skip
     nodes.append(process)
     said = []
@@ -61,7 +66,10 @@ def join(nodes, *arguments):
 
 
 @pytest.fixture
-def cluster():
+def cluster(monkeypatch):
+    """A cluster of two nodes, which listens on all addresses but runs nothing without its token."""
+    monkeypatch.setenv("RAY_AUTH_MODE", "token")
+    monkeypatch.setenv("RAY_AUTH_TOKEN", secrets.token_hex(32))
     port = free_port()
     address = f"127.0.0.1:{port}"
     nodes = []
@@ -148,6 +156,27 @@ def test_a_study_on_a_cluster_leaves_the_local_ones_bytes(cluster, tmp_path):
     assert (here / "ablation.md").read_bytes() == (there / "ablation.md").read_bytes()
     for name in runs:
         assert contents(here / name) == contents(there / name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("token", [None, "f" * 64])
+def test_a_cluster_runs_nothing_without_its_token(token, cluster, tmp_path, monkeypatch):
+    address, _ = cluster
+    monkeypatch.delenv("RAY_AUTH_TOKEN")
+    monkeypatch.setenv("HOME", str(tmp_path))  # where Ray looks for a token
+    if token:
+        monkeypatch.setenv("RAY_AUTH_TOKEN", token)
+    else:
+        monkeypatch.delenv("RAY_AUTH_MODE")
+    run = subprocess.run(
+        [sys.executable, "-m", "musebot", "run", str(tmp_path / "run"), "--engine", "ray",
+         "--address", address],
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert run.returncode == 2, run.stderr
+    assert f"musebot: the Ray cluster at '{address}' does not accept this process" in run.stderr
+    assert "RAY_AUTH_TOKEN" in run.stderr and "Traceback" not in run.stderr
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

@@ -29,11 +29,12 @@ from musebot.protocols.results.run_files import (
     write_results,
 )
 from musebot.protocols.simulation import checkpoints
-from musebot.protocols.simulation.checkpoints import finished_file
+from musebot.protocols.simulation.checkpoints import checkpoint_file, finished_file
 from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.simulation.jobs import CohortJob
 from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
-from musebot.protocols.storage import locked
+from musebot.protocols.storage import locked, write_json
 
 FILES = (ROBOTS_FILE, CURVES_FILE, BRAINS_FILE)
 BOTH = (Condition("wall_avoidance", "creative"), Condition("spot_finding", "random"))
@@ -48,12 +49,18 @@ def plan(robots=4, conditions=BOTH, **changes):
     return Plan.of(Experiment(**settings), conditions, robots)
 
 
-def run(directory, the_plan, processes=2):
-    return simulate(Path(directory), the_plan, Local(processes), quiet=True)
+@pytest.fixture(scope="module")
+def run(in_process):
+    """Simulates robots in this process, or by another executor."""
+
+    def run(directory, the_plan, executor=None):
+        return simulate(Path(directory), the_plan, executor or in_process(), quiet=True)
+
+    return run
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def whole(run, tmp_path_factory):
     """A finished run of `plan()`."""
     directory = tmp_path_factory.mktemp("whole") / "run"
     run(directory, plan())
@@ -64,7 +71,7 @@ def test_a_run_leaves_its_manifest_and_its_results_only(whole):
     assert {path.name for path in whole.iterdir()} == {MANIFEST, *FILES}
 
 
-def test_a_run_returns_what_its_files_hold(whole, tmp_path):
+def test_a_run_returns_what_its_files_hold(run, whole, tmp_path):
     returned = run(tmp_path / "run", plan())
     read = read_run(tmp_path / "run")
     assert (returned.name, returned.experiment) == ("run", plan().experiment)
@@ -72,12 +79,13 @@ def test_a_run_returns_what_its_files_hold(whole, tmp_path):
     assert_same(returned, read)
 
 
-def test_the_same_seed_leaves_the_same_bytes_with_any_number_of_processes(whole, tmp_path):
-    run(tmp_path / "again", plan(), processes=1)
-    assert contents(tmp_path / "again") == contents(whole)
+def test_the_same_seed_leaves_the_same_bytes_with_any_number_of_processes(run, whole, tmp_path):
+    for processes in (1, 2):
+        run(tmp_path / str(processes), plan(), Local(processes))
+        assert contents(tmp_path / str(processes)) == contents(whole)
 
 
-def test_another_seed_gives_other_lives(whole, tmp_path):
+def test_another_seed_gives_other_lives(run, whole, tmp_path):
     run(tmp_path / "other", plan(seed=2))
     assert contents(tmp_path / "other")[CURVES_FILE] != contents(whole)[CURVES_FILE]
     assert contents(tmp_path / "other")[BRAINS_FILE] != contents(whole)[BRAINS_FILE]
@@ -92,26 +100,26 @@ def assert_same(first: Run, second: Run):
         np.testing.assert_equal(one.networks, other.networks)
 
 
-def test_a_life_does_not_depend_on_the_other_conditions(whole, tmp_path):
+def test_a_life_does_not_depend_on_the_other_conditions(run, whole, tmp_path):
     alone = run(tmp_path / "alone", plan(conditions=BOTH[1:]))
     both = read_run(whole)
     assert alone.conditions() == [BOTH[1]]
     assert_same(alone, Run("", both.experiment, {BOTH[1]: both.results[BOTH[1]]}))
 
 
-def test_robots_added_to_a_finished_run_are_new_cohorts_and_the_old_ones_stay(whole, tmp_path):
+def test_robots_added_to_a_finished_run_are_new_cohorts_and_the_old_ones_stay(run, whole, tmp_path):
     run(tmp_path / "grown", plan(robots=2))
     run(tmp_path / "grown", plan(robots=4))
     assert contents(tmp_path / "grown") == contents(whole)
 
 
-def test_conditions_can_be_added_to_a_finished_run(whole, tmp_path):
+def test_conditions_can_be_added_to_a_finished_run(run, whole, tmp_path):
     run(tmp_path / "grown", plan(conditions=BOTH[1:]))
     run(tmp_path / "grown", plan())
     assert contents(tmp_path / "grown") == contents(whole)
 
 
-def test_a_run_that_has_more_robots_than_the_plan_keeps_them(whole):
+def test_a_run_that_has_more_robots_than_the_plan_keeps_them(run, whole):
     before = contents(whole)
     larger = run(whole, plan(robots=2, conditions=BOTH[:1]))
     assert [len(larger.robots(condition)) for condition in BOTH] == [4, 4]
@@ -145,7 +153,7 @@ LONGER = plan(
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
+def undisturbed(run, tmp_path_factory):
     """The files of a run of `LONGER` that was not stopped."""
     directory = tmp_path_factory.mktemp("undisturbed") / "run"
     run(directory, LONGER)
@@ -169,7 +177,7 @@ def wait_for_checkpoints(directory, process, seconds=300):
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_run_says_so_and_resumes_to_the_same_bytes(how, tmp_path, undisturbed):
+def test_a_stopped_run_says_so_and_resumes_to_the_same_bytes(run, how, tmp_path, undisturbed):
     process = started(tmp_path / "run")
     wait_for_checkpoints(tmp_path / "run", process)
     os.killpg(process.pid, how)
@@ -181,7 +189,7 @@ def test_a_stopped_run_says_so_and_resumes_to_the_same_bytes(how, tmp_path, undi
     assert contents(tmp_path / "run") == undisturbed
 
 
-def test_a_killed_run_leaves_no_process_and_resumes_to_the_same_bytes(tmp_path, undisturbed):
+def test_a_killed_run_leaves_no_process_and_resumes_to_the_same_bytes(run, tmp_path, undisturbed):
     process = started(tmp_path / "run")
     wait_for_checkpoints(tmp_path / "run", process)
     group = os.getpgid(process.pid)
@@ -202,7 +210,7 @@ def test_a_killed_run_leaves_no_process_and_resumes_to_the_same_bytes(tmp_path, 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to mount a small file system")
 def test_a_full_disk_is_one_sentence_and_the_run_continues_once_there_is_room(
-    tmp_path, undisturbed
+    run, tmp_path, undisturbed
 ):
     disk = tmp_path / "disk"
     disk.mkdir()
@@ -234,25 +242,32 @@ def test_a_full_disk_is_one_sentence_and_the_run_continues_once_there_is_room(
 
 @pytest.mark.parametrize("damage", ["truncated", "altered"])
 def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_starts_anew(
-    damage, tmp_path, undisturbed
+    damage, tmp_path, whole, capfd, in_process
 ):
-    directory = tmp_path / "run"
-    process = started(directory)
-    wait_for_checkpoints(directory, process)
-    os.killpg(process.pid, signal.SIGTERM)
-    process.communicate(timeout=300)
-    victim = sorted((directory / "checkpoints").glob("*.safetensors"))[0]
+    key = plan().cohorts()[0]
+    looks = iter([False, False, True])  # at the start, after the first steps, then stop
+    assert not CohortJob(tmp_path, plan().experiment, key, 60).run(
+        lambda: next(looks), lambda done, message: None
+    )
+    write_manifest(tmp_path, plan())
+    victim = checkpoint_file(tmp_path, key)
     content = victim.read_bytes()
     half = len(content) // 2
     altered = content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
     victim.write_bytes(content[:half] if damage == "truncated" else altered)
-    again = subprocess.run(command(directory), capture_output=True, text=True, check=False)
-    assert again.returncode == 0, again.stderr
-    printed = " ".join((again.stdout + again.stderr).split())
-    assert victim.name in printed.replace(" ", "") or victim.stem in printed.replace(" ", "")
-    assert "set aside" in printed
-    assert [*directory.glob("checkpoints/*.damaged")]
-    assert contents(directory) == undisturbed
+    messages = []
+
+    def executor(jobs, progress):
+        for job in jobs:
+            assert job.run(lambda: False, lambda done, message: messages.append(message))
+            yield job
+
+    simulate(tmp_path, plan(), executor, quiet=True)
+    [message] = filter(None, messages)
+    assert victim.name in message
+    assert "set aside" in message
+    assert victim.with_suffix(".damaged").exists()
+    assert contents(tmp_path) == contents(whole)
 
 
 # What an earlier call finished
@@ -390,7 +405,7 @@ def test_nothing_is_changed_in_a_run_that_cannot_be_continued(
     if what == "physics":
         content = json.loads((directory / MANIFEST).read_text())
         content["physics"][0] += 1
-        (directory / MANIFEST).write_text(json.dumps(content))
+        write_json(directory / MANIFEST, content)
     before, executor = files(tmp_path), in_process()
     with pytest.raises(InputError, match=words):
         simulate(directory, plan(seed=seed), executor, quiet=True)
@@ -401,7 +416,7 @@ def test_a_finished_run_of_another_physics_can_be_read(tmp_path, in_process):
     simulate(tmp_path, plan(robots=2), in_process(), quiet=True)
     content = json.loads((tmp_path / MANIFEST).read_text())
     content["physics"][0] += 1
-    (tmp_path / MANIFEST).write_text(json.dumps(content))
+    write_json(tmp_path / MANIFEST, content)
     executor = in_process()
     simulate(tmp_path, plan(robots=2), executor, quiet=True)
     assert executor.jobs == []
@@ -411,19 +426,19 @@ def test_a_locked_folder_is_refused_before_anything_is_written(tmp_path, in_proc
     executor = in_process()
     with (
         locked(tmp_path / "run"),
-        pytest.raises(InputError, match="another musebot is running in .*run"),
+        pytest.raises(InputError, match="another musebot .*is running in .*run"),
     ):
         simulate(tmp_path / "run", plan(), executor, quiet=True)
     assert executor.jobs == []
     assert not (tmp_path / "run" / MANIFEST).exists()
 
 
-def test_two_commands_in_one_folder_are_refused(tmp_path):
+def test_two_commands_in_one_folder_are_refused(run, tmp_path):
     directory = tmp_path / "run"
     process = started(directory)
     wait_for_checkpoints(directory, process)
     try:
-        with pytest.raises(InputError, match="another musebot is running"):
+        with pytest.raises(InputError, match="another musebot .*is running"):
             run(directory, LONGER)
     finally:
         os.killpg(process.pid, signal.SIGKILL)

@@ -139,6 +139,7 @@ def test_a_run_from_before_there_were_protocols_has_that_of_the_paper(tmp_path):
     path = tmp_path / MANIFEST
     content = json.loads(path.read_text())
     assert content["experiment"].pop("protocol") == "paper"
+    del content["digest"]
     path.write_text(json.dumps(content))
     assert read_manifest(tmp_path).experiment == Experiment(seed=5)
 
@@ -202,10 +203,10 @@ def test_a_study_of_kept_runs_has_a_page_and_a_figure(tmp_path, here, run_of):
     )
     out = tmp_path / "out"
     text = conduct(Continual((early, late)), out, here).markdown
-    assert "| early, creative | 5 | 0.900 | 0.900 | 0.900 | 1.000 |" in text
+    assert "| early, creative | 5 | 0.900 [0." in text and "| 1.000 [0." in text
     assert "| late, creative | 5 | 0.8" in text
     (row,) = (line for line in text.splitlines() if line.startswith("| late"))
-    assert float(row.split("|")[5]) < 0.1
+    assert float(row.split("|")[5].split()[0]) < 0.1
     assert text.endswith(
         "\n\n- early: brain paper, cohort_size 6, protocol continual"
         "\n- late: brain paper, cohort_size 6, protocol continual\n"

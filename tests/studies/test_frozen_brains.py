@@ -108,6 +108,32 @@ def test_a_file_of_other_robots_is_refused(copy):
         copy.restored()
 
 
+def test_a_file_of_another_experiment_is_refused_and_one_that_names_none_is_read(copy):
+    other = LifeJob(copy.out, "steady", dataclasses.replace(SHORT, seed=2))
+    with pytest.raises(InputError, match="is of other robots .*an experiment with seed 1, not 2"):
+        other.restored()
+    arrays, notes = load_arrays(copy.path)
+    del notes["experiment"]  # as an earlier version
+    save_arrays(copy.path, arrays, **notes)
+    assert copy.done()
+
+
+def test_weights_of_a_valid_robot_that_are_not_finite_are_refused(copy):
+    biases = load_arrays(copy.path)[0]["known.memory.output_biases"]
+    biases[3, 1, 0] = np.nan
+    altered(copy, {"known.memory.output_biases": biases})
+    with pytest.raises(InputError, match="memory.output_biases is not finite"):
+        copy.restored()
+
+
+def test_shares_that_are_none_are_refused(copy):
+    test, progress = FrozenTest(copy, 0), copy.progress()
+    for shares in (np.full((TIMES + 1, 3), 1.5), np.zeros((TIMES + 1, 2)), np.zeros(3)):
+        save_arrays(test.path, {"shares": shares}, **test._notes(progress))
+        with pytest.raises(InputError, match="test-steady-0.safetensors is damaged"):
+            test.shares(progress)
+
+
 def test_frozen_brains_are_those_of_their_time_and_robot(progress):
     which = np.array([[0, TIMES, 2], [2, 0, 1]])
     networks = progress.brains(which).controller.networks()

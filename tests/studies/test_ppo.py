@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, read_policies
+from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, policy_arrays, read_policies
 from musebot.protocols.errors import InputError
+from musebot.protocols.storage import save_arrays
 from musebot.protocols.studies import ppo
 from musebot.protocols.studies.ppo import PPOTraining
 from musebot.protocols.studies.study import conduct
@@ -105,3 +106,31 @@ def test_without_stable_baselines_nothing_is_made(tmp_path, here, monkeypatch):
 def test_an_invalid_option_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         PPOTraining(**({"task": TASK} | options)).experiments()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("after.0.weights", lambda a: a * np.nan, "after.0.weights must be finite"),
+        ("before.2.biases", lambda a: a[:, :1], "before.2.biases must be"),
+        ("after.1.weights", lambda a: a[..., :-1], "after.1.weights must be"),
+        ("after.0.weights", lambda a: a.astype(float), "after.0.weights must be"),
+        ("after.0.biases", lambda a: a[0], "after.0.biases must be"),
+        ("after.0.weights", lambda a: a[0], "it holds no policies"),
+    ],
+)
+def test_policies_of_an_impossible_shape_or_value_are_refused(name, change, words, tmp_path):
+    shapes = {"0": (4, 1), "1": (4, 4), "2": (2, 4)}
+    arrays = {
+        n: np.ones((1, *shapes[n.split(".")[1]][: 1 if n.endswith("biases") else 2]), np.float32)
+        for n in policy_arrays()
+    }
+    path = tmp_path / POLICIES_FILE
+    save_arrays(path, arrays, task=TASK)
+    assert read_policies(path)[0] == TASK
+    save_arrays(path, arrays, task="wall_avoidance_unit")
+    with pytest.raises(InputError, match="wall_avoidance_unit has 5 signals, its policies have 1"):
+        read_policies(path)
+    save_arrays(path, arrays | {name: change(arrays[name])}, task=TASK)
+    with pytest.raises(InputError, match=words):
+        read_policies(path)

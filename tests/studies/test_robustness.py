@@ -21,6 +21,7 @@ from musebot.protocols.results.run import Run
 from musebot.protocols.results.run_files import read_run, write_results
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.placement import place
+from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies import robustness
 from musebot.protocols.studies.robustness import (
     PERTURBATIONS,
@@ -58,9 +59,9 @@ def simulated(folder, experiment=EXPERIMENT):
 
 def kept(folder, run):
     folder.mkdir(parents=True)
-    write_results(folder, run.results)
     size = run.experiment.cohort_size
     write_manifest(folder, Plan.of(run.experiment, run.conditions(), size))
+    write_results(folder, run.results)
     return folder
 
 
@@ -314,7 +315,10 @@ def test_differences_are_of_pairs_and_robots_that_became_unstable_are_left_out()
     assert difference.startswith(f"{-(0.1 + 0.1 + 0 + 0.2 + 0.2) / 5:+.4f} [")
     assert never == "1 of 6"
     assert robustness.cells(reference, reference)[1] == ""
-    assert robustness.cells(np.zeros(9), np.ones(9)) == ["0.0000", "-1.0000", "9 of 9"]
+    share, difference, never = robustness.cells(np.zeros(9), np.ones(9))
+    # Clopper and Pearson: 1 - 0.025 ** (1 / 9) = 0.336.
+    assert share.startswith("0.0000 [0.000, 0.33") and never == "9 of 9"
+    assert difference.startswith("-1.0000 [-1.000, -0.5")
 
 
 def test_the_first_valid_robots_are_evaluated(runs, tmp_path):
@@ -400,12 +404,33 @@ def test_a_missing_file_and_one_of_another_perturbation_are_named(runs, tmp_path
     conduct(Few(runs[:1]), tmp_path, here)
     before = listing(tmp_path)
     for refused in (conduct, lambda study, out, executor: study.page(out)):
-        with pytest.raises(InputError, match="was measured with another perturbation noise"):
+        with pytest.raises(InputError, match="noise.safetensors is another's: its change is"):
             refused(Louder(runs[:1]), tmp_path, here)
     assert listing(tmp_path) == before
     (tmp_path / "first" / "spot_finding-creative-noise.safetensors").unlink()
     with pytest.raises(InputError, match="lacks first/spot_finding-creative-noise"):
         Few(runs[:1]).page(tmp_path)
+
+
+def test_a_file_of_other_robots_or_of_impossible_counts_is_refused(runs, tmp_path, here):
+    study = Few(runs[:1])
+    conduct(study, tmp_path, here)
+    path = tmp_path / "first" / "spot_finding-creative-noise.safetensors"
+    arrays, notes = load_arrays(path)
+    for changed, words in (
+        ({"condition": "spot_finding/random"}, "is another's: its condition is"),
+        ({"brains": "0" * 32}, "is another's: its brains is"),
+        ({"seed": 7}, "is another's: its seed is 7, not 0"),
+    ):
+        save_arrays(path, arrays, **(notes | changed))
+        with pytest.raises(InputError, match=words):
+            study.page(tmp_path)
+    for events in (arrays["events"] - 1000, arrays["events"] + 10**6, arrays["events"][:-1]):
+        save_arrays(path, arrays | {"events": events}, **notes)
+        with pytest.raises(InputError, match="events must"):
+            study.page(tmp_path)
+    save_arrays(path, arrays, change=notes["change"])  # as an earlier version
+    assert study.page(tmp_path).markdown
 
 
 def test_a_stopped_study_continues_to_the_same_bytes(tmp_path, here, listing, stopped):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.storage import locked
+from musebot.protocols.storage import locked, write_json
 from musebot.protocols.studies import STUDIES, study, study_class
 from musebot.protocols.studies.study import MinuteTick, Page, StoppedError, Study, conduct
 
@@ -175,7 +175,7 @@ def test_another_study_option_or_physics_is_refused(tmp_path, here, listing):
     path = tmp_path / study.STUDY_FILE
     known = json.loads(path.read_text())
     known["physics"]["robots"][0] += 0.001
-    path.write_text(json.dumps(known))
+    write_json(path, known)
     refused(Squares(), tmp_path, "was simulated in another physics than this", here, listing)
 
 
@@ -185,19 +185,36 @@ def test_a_study_without_experiments_is_refused_in_another_physics(tmp_path, her
     path = tmp_path / study.STUDY_FILE
     known = json.loads(path.read_text())
     known["physics"]["default"][0] += 0.001
-    path.write_text(json.dumps(known))
+    write_json(path, known)
     refused(Nothing(), tmp_path, "was simulated in another physics than this", here, listing)
 
 
-@pytest.mark.parametrize("content", ["{}", "[]", "nonsense", '{"study": "squares"}'])
-def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, here, listing, content):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("{}", "is no study of musebot's"),
+        ("[]", "is no study of musebot's"),
+        ('{"study": "squares"}', "is no study of musebot's"),
+        ("nonsense", "is damaged"),
+        ("[" * 100_000, "is nested too deeply"),
+    ],
+    ids=["empty", "list", "part", "nonsense", "deep"],
+)
+def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, here, listing, content, words):
     (tmp_path / study.STUDY_FILE).write_text(content)
-    refused(Squares(), tmp_path, "is no study of musebot's", here, listing)
+    refused(Squares(), tmp_path, words, here, listing)
+
+
+def test_an_edited_manifest_is_refused(tmp_path, here, listing):
+    conduct(Squares(), tmp_path, here)
+    path = tmp_path / study.STUDY_FILE
+    path.write_text(path.read_text().replace('"python": "', '"python": "1'))
+    refused(Squares(), tmp_path, "was changed after musebot had written it", here, listing)
 
 
 def test_two_processes_cannot_conduct_a_study_in_one_folder(tmp_path, here, listing):
     with locked(tmp_path):
-        refused(Squares(), tmp_path, "another musebot is running", here, listing)
+        refused(Squares(), tmp_path, "another musebot .*is running", here, listing)
 
 
 def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, here, monkeypatch):
@@ -252,7 +269,7 @@ def test_each_study_explains_its_options(name, capsys):
 def test_a_study_that_does_not_exist_is_refused(tmp_path, capsys):
     assert cli.main(["study", "astrology", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err
-    assert "the study must be one of sensitivity, ablation" in message
+    assert "the study must be one of sensitivity, reading, ablation" in message
     assert message.endswith("got 'astrology'\n") and message.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 

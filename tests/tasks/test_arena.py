@@ -174,14 +174,6 @@ print("drawn")
 """
 
 
-@pytest.fixture(scope="module")
-def egl():
-    command = [sys.executable, "-m", "musebot.protocols.playback.offscreen"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"nothing draws here: {done.stderr.strip()}")
-
-
 @pytest.mark.slow
 def test_the_pixel_wrapper_of_dm_control_works(egl, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "egl")

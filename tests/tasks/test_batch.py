@@ -6,9 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
-from musebot.models import robot_pose, robot_qpos
-from musebot.tasks import ALL_TASKS, load, make_batch
-from musebot.tasks.starts import Start
+from musebot.models import Kinematics, robot_pose, robot_qpos
+from musebot.tasks import ALL_TASKS, load, make_batch, make_kinematic_batch
 
 TASKS = [task for _, task in ALL_TASKS]
 
@@ -26,7 +25,8 @@ def scripted_motors(steps, seed=0):
 def test_the_batch_equals_the_environment_bit_exactly(task):
     start, second, spot = (-0.425, 0.25, 2.356), (0.3, -0.2, 0.4), (0.1, 0.05)
     environment = load("arena", task, {"robot": start, "spot": spot, "time_limit": 1e9})
-    environment.task.spot_steps = 0  # the caller of a batch moves the spot
+    # The caller of a batch moves the spot.
+    environment.task.episode = dataclasses.replace(environment.task.episode, spot_steps=0)
     batch = make_batch(task, 3)
     everyone = np.arange(3)
     timestep = environment.reset()
@@ -35,8 +35,7 @@ def test_the_batch_equals_the_environment_bit_exactly(task):
     touched = 0
     for step, motor in enumerate(scripted_motors(3000)):
         if step in (700, 1500):
-            environment.task.start = Start(second, spot)
-            timestep = environment.reset()
+            timestep = environment.reset(options={"robot": second})
             batch.place(everyone, np.tile(second, (3, 1)))
         if step == 2200:
             environment.physics.place_spot(-0.2, 0.1)
@@ -45,7 +44,7 @@ def test_the_batch_equals_the_environment_bit_exactly(task):
             np.concatenate(list(timestep.observation.values())),
             batch.rules.state(batch.sensordata)[1],
         )
-        timestep = environment.step(motor / 0.5 * environment.task.limit)
+        timestep = environment.step(motor / 0.5 * environment.task.episode.limit)
         others = np.random.default_rng(step).uniform(-0.5, 0.5, (2, 2))
         batch.step(np.stack([others[0], motor, others[1]]))
         qpos = batch.arrays()["state"][1, 1:10]
@@ -93,7 +92,7 @@ def test_a_restored_batch_continues_bit_exactly():
         np.testing.assert_array_equal(array, second.arrays()[name])
 
 
-@pytest.mark.parametrize("how", ["motor", "velocity", "escape"])
+@pytest.mark.parametrize("how", ["motor", "velocity", "escape along x", "escape along y"])
 def test_an_unstable_robot_is_stopped_and_the_others_continue(how, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log into the working directory
     batch, twin = make_batch("wall_avoidance", 3), make_batch("wall_avoidance", 3)
@@ -103,9 +102,11 @@ def test_an_unstable_robot_is_stopped_and_the_others_continue(how, tmp_path, mon
         bad[1] = np.nan
     elif how == "velocity":
         batch.arrays()["state"][1, 10:] = np.inf
-    else:  # no robot passes these walls: reduce the length instead
-        batch.place(np.array([1]), np.array([[0.4, 0.0, 0.0]]))
-        batch.dimensions = dataclasses.replace(batch.dimensions, half_length=0.39)
+    else:  # no robot passes these walls: reduce the arena's size instead
+        along_x, along_y = ([0.4, 0, 0], "half_length"), ([0, 0.3, 0], "half_width")
+        place, name = along_x if how.endswith("x") else along_y
+        batch.place(np.array([1]), np.array([place]))
+        batch.dimensions = dataclasses.replace(batch.dimensions, **{name: max(place) - 0.01})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         batch.step(bad)
@@ -144,9 +145,105 @@ def test_the_nose_signal_of_a_moved_spot_is_equation_3(form):
 
 
 def test_values_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="robots must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="robots must be a whole number of at least 1, got 0"):
         make_batch("wall_avoidance", 0)
-    with pytest.raises(ValueError, match="threads must not be negative, got -1"):
+    with pytest.raises(ValueError, match="threads must be a whole number of at least 0, got -1"):
         make_batch("wall_avoidance", 1, threads=-1)
     with pytest.raises(ValueError, match="task must be one of .*got 'dancing'"):
         make_batch("dancing", 1)
+
+
+def bodies():
+    """Returns three robots in each simulator, in the middle of the arena."""
+    return [
+        make_batch("spot_finding_walls", 3),
+        make_kinematic_batch("spot_finding_walls", 3, Kinematics()),
+    ]
+
+
+REFUSED = [
+    ("place", (2, [0.1, 0.1, 0.1]), "robots must be indices"),
+    ("place", ([1.0], [[0.1, 0.1, 0.1]]), "robots must be indices"),
+    ("place", ([3], [[0.1, 0.1, 0.1]]), r"robots must lie in \[0, 2\]"),
+    ("place", ([-1], [[0.1, 0.1, 0.1]]), r"robots must lie in \[0, 2\]"),
+    ("place", ([0, 1], [0.1, 0.1, 0.1]), r"poses must be real numbers of shape \(2, 3\)"),
+    ("place", ([0, 1], [[0.1, 0.1, 0.1]]), r"poses must be real numbers of shape \(2, 3\)"),
+    ("place", ([0, 1], 0.5), r"poses must be real numbers of shape \(2, 3\)"),
+    ("place", ([0], [[0.1, 0.1, 1j]]), "poses must be real numbers"),
+    ("place", ([0, 1], [[0.1], [0.1, 0.2]]), "poses must be real numbers"),
+    ("place_spot", ([0], [["a", "b"]]), r"spots must be real numbers of shape \(1, 2\)"),
+    ("place_spot", ([0, 1], (0.1, 0.1)), r"spots must be real numbers of shape \(2, 2\)"),
+    ("place_spot", ([0], 10**400), "spots must be real numbers"),
+    ("step", ([0.1, 0.1],), r"motors must be real numbers of shape \(3, 2\)"),
+    ("step", (np.zeros((1, 2)),), r"motors must be real numbers of shape \(3, 2\)"),
+    ("step", (np.zeros((3, 2), complex),), "motors must be real numbers"),
+    ("step", (np.zeros((3, 2), object),), "motors must be real numbers"),
+]
+
+
+@pytest.mark.parametrize("body", [0, 1], ids=["MuJoCo", "kinematic"])
+@pytest.mark.parametrize(("name", "given", "sentence"), REFUSED)
+def test_places_and_motors_of_a_wrong_shape_or_type_are_refused_and_change_nothing(
+    body, name, given, sentence
+):
+    batch = bodies()[body]
+    before = batch.get_state()
+    with pytest.raises(ValueError, match=sentence):
+        getattr(batch, name)(*given)
+    for key, array in batch.get_state().items():
+        np.testing.assert_array_equal(array, before[key])
+
+
+@pytest.mark.parametrize("speed", [0, -1, float("nan"), float("inf"), 10**400, "fast", True, 1j])
+def test_a_motor_speed_that_no_wheel_has_is_refused(speed):
+    with pytest.raises(ValueError, match="motor_speed must be"):
+        make_batch("wall_avoidance", 1, motor_speed=speed)
+
+
+@pytest.mark.parametrize("body", [0, 1], ids=["MuJoCo", "kinematic"])
+@pytest.mark.parametrize("how", ["stop", "motors", "NaN place", "NaN spot", "beyond the wall"])
+def test_a_stopped_robot_senses_zeros_from_that_step_on(body, how):
+    batch, twin = bodies()[body], bodies()[body]
+    for robots in (batch, twin):
+        robots.place_spot(np.arange(3), np.full((3, 2), 0.1))
+        robots.place(np.arange(3), np.array([[0.0, 0.1, 0.0]] * 3))
+    motors = np.full((3, 2), [0.3, 0.2])
+    bad, one = motors.copy(), np.array([1])
+    if how == "stop":
+        batch.stop(one)
+        assert (batch.sensordata[1] == 0).all()
+    elif how == "motors":
+        bad[1] = [0.1, np.inf]
+    elif how == "NaN place":
+        batch.place(one, np.array([[np.nan, 0, 0]]))
+    elif how == "NaN spot":
+        batch.place_spot(one, np.array([[np.nan, 0]]))
+    else:
+        batch.place(one, np.array([[0.0, 0.4, 0.0]]))
+    for step in range(3):
+        batch.step(bad if step == 0 else motors)
+        twin.step(motors)
+        assert batch.valid.tolist() == [True, False, True]
+        assert (batch.sensordata[1] == 0).all()
+        np.testing.assert_array_equal(batch.sensordata[[0, 2]], twin.sensordata[[0, 2]])
+    assert np.isfinite(batch.pose).all() and (twin.sensordata[1] != 0).any()
+
+
+@pytest.mark.parametrize("where", ["in the air", "on its back"])
+def test_a_robot_off_the_floor_is_stopped(where):
+    batch = make_batch("wall_avoidance", 3)
+    qpos = batch.arrays()["state"][1, 1:10]
+    if where == "in the air":
+        qpos[2] = 5.0
+    else:
+        qpos[2:7] = [0.02, 0, 1, 0, 0]
+    batch.step(np.zeros((3, 2)))
+    assert batch.valid.tolist() == [True, False, True]
+
+
+def test_huge_motors_are_clipped_without_a_warning():
+    for batch in bodies():
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            batch.step(np.array([[1e308, 1e308], [-1e308, -1e308], [0, 0]]))
+        assert batch.valid.all()

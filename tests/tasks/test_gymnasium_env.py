@@ -1,9 +1,11 @@
 """The Gymnasium environments fulfil its contract, and the batch equals single environments."""
 
+import re
 import subprocess
 import sys
 import types
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import SyncVectorEnv  # noqa: E402
 
 import musebot  # noqa: E402
-from musebot.tasks.gymnasium_env import ArenaVectorEnv  # noqa: E402
+from musebot.tasks.gymnasium_env import INFO, ArenaVectorEnv  # noqa: E402
 from musebot.tasks.suite import TASKS  # noqa: E402
 
 IDS = [f"musebot/{name}" for name in musebot.GYMNASIUM_TASKS]
@@ -112,8 +114,21 @@ def make_pair(name, robots, mode, **kwargs):
 
 
 def assert_same(ours, theirs):
-    assert ours.dtype == theirs.dtype
+    assert getattr(ours, "dtype", None) == getattr(theirs, "dtype", None)
     np.testing.assert_array_equal(ours, theirs)
+
+
+def assert_same_info(ours, theirs):
+    """Asserts that the dictionaries of a batch and of Gymnasium's own are equal in all types."""
+    assert ours.keys() == theirs.keys()
+    for name, mine in ours.items():
+        if isinstance(mine, dict):
+            assert_same_info(mine, theirs[name])
+        elif mine.dtype == object:
+            for one, other in zip(mine, theirs[name], strict=True):
+                assert_same(one, other)
+        else:
+            assert_same(mine, theirs[name])
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -126,7 +141,9 @@ def test_the_batch_equals_single_envs_bit_exactly_with_autoreset(name, mode):
     assert batch.action_space == single.action_space
     random, ends = np.random.default_rng(0), 0
     for seed in (7, [3, None, 1, 4, 1], None):
-        assert_same(batch.reset(seed=seed)[0], single.reset(seed=seed)[0])
+        (first, info), (their_first, their_info) = (e.reset(seed=seed) for e in (batch, single))
+        assert_same(first, their_first)
+        assert_same_info(info, their_info)
         for step in range(2 * length + 10):
             if step % 40 < 25:  # long straight drives into walls, some beyond the limits
                 actions = np.tile(random.uniform(0.5, 1.2, (5, 1)), 2).astype(np.float32)
@@ -135,12 +152,7 @@ def test_the_batch_equals_single_envs_bit_exactly_with_autoreset(name, mode):
             ours, theirs = batch.step(actions), single.step(actions)
             for mine, its in zip(ours[:4], theirs[:4], strict=True):
                 assert_same(mine, its)
-            assert ours[4].keys() == theirs[4].keys()
-            if "final_obs" in ours[4]:
-                for key in ("_final_obs", "_final_info"):
-                    assert_same(ours[4][key], theirs[4][key])
-                for mine, its in zip(ours[4]["final_obs"], theirs[4]["final_obs"], strict=True):
-                    assert_same(mine, its)
+            assert_same_info(ours[4], theirs[4])
             ends += ours[3].sum()
     assert ends == 3 * 2 * 5
     assert len(set(batch.np_random_seed)) == 4  # seed 1 is given twice
@@ -200,10 +212,10 @@ def test_unknown_names_and_keywords_are_refused_with_the_known_ones():
             make("musebot/SpotFinding-v0", colour="red")
         with pytest.raises(ValueError, match="nose|form must be 'inverse' or 'printed'"):
             make("musebot/SpotFinding-v0", nose="long")
-    with pytest.raises(ValueError, match="render_mode must be None for a batch, got 'human'"):
+    with pytest.raises(ValueError, match=r"must be one of \['rgb_array'\] or None, got 'human'"):
         gymnasium.make_vec("musebot/WallAvoidance-v0", render_mode="human")
-    with pytest.raises(ValueError, match="'NextStep' or 'SameStep', got 'Disabled'"):
-        gymnasium.make_vec("musebot/WallAvoidance-v0", autoreset_mode="Disabled")
+    with pytest.raises(ValueError, match="'Never' is not a valid AutoresetMode"):
+        gymnasium.make_vec("musebot/WallAvoidance-v0", autoreset_mode="Never")
     batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 3)
     with pytest.raises(ValueError, match="there must be 3 seeds, got 2"):
         batch.reset(seed=[1, 2])
@@ -221,8 +233,8 @@ def test_the_window_shows_every_step_and_closes(monkeypatch):
     seen = []
 
     class Window:
-        def __init__(self, model, data, **kwargs):
-            seen.append(kwargs["camera_name"])
+        def __init__(self, model, data, camera_id, width, height):
+            seen.append((camera_id, width, height))
 
         def render(self, mode):
             seen.append(mode)
@@ -230,39 +242,15 @@ def test_the_window_shows_every_step_and_closes(monkeypatch):
         def close(self):
             seen.append("closed")
 
-    module = types.ModuleType("gymnasium.envs.mujoco.mujoco_rendering")
-    module.MujocoRenderer = Window
+    module = types.ModuleType("musebot.models.gymnasium_renderer")
+    module.ArenaRenderer = Window
     monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr("musebot.tasks.gymnasium_env.single.no_window", lambda: "")
     env = gymnasium.make("musebot/WallAvoidance-v0", render_mode="human")
     env.reset(seed=0)
     env.step(np.zeros(2, np.float32))
     env.close()
-    assert seen == ["overhead", "human", "human", "closed"]
-
-
-DRAW = """
-import gymnasium, musebot, numpy as np
-from gymnasium.utils.env_checker import check_env
-env = gymnasium.make("musebot/SpotFindingWalls-v0", render_mode="rgb_array", width=96, height=64)
-env.reset(seed=0)
-first = env.render()
-env.step(np.ones(2, np.float32))
-assert first.shape == (64, 96, 3) and first.dtype == np.uint8 and first.std() > 0
-assert (env.render() != first).any()
-env.close()
-env.close()
-print("drawn")
-"""
-
-
-@pytest.mark.slow
-def test_render_returns_pictures(monkeypatch):
-    headless = subprocess.run([sys.executable, "-m", "musebot.protocols.playback.offscreen"])
-    if headless.returncode:
-        pytest.skip("nothing draws here")
-    monkeypatch.setenv("MUJOCO_GL", "egl")
-    done = subprocess.run([sys.executable, "-c", DRAW], capture_output=True, text=True)
-    assert done.stdout == "drawn\n", done.stderr
+    assert seen == [("overhead", 480, 320), "human", "human", "closed"]
 
 
 def test_reset_restarts_a_stopped_robot():
@@ -273,3 +261,125 @@ def test_reset_restarts_a_stopped_robot():
         robots.step(np.zeros((2, 2), np.float32))
     robots.reset(seed=1)
     robots.step(np.zeros((2, 2), np.float32))
+
+
+def test_every_entry_of_info_is_in_the_documentation():
+    page = (Path(__file__).parents[2] / "docs" / "tasks.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| (?:\(2,\)|number|Boolean) \|", page, re.MULTILINE)
+    assert rows == list(INFO)
+
+
+def test_info_holds_the_state_of_the_world(name):
+    env = gymnasium.make(name).unwrapped
+    _, info = env.reset(seed=3, options={"robot": (0.4, 0.2, 0.3), "spot": (0.47, 0.24)})
+    assert list(info) == list(INFO)
+    assert not info["contact"] and info["contact_steps"] == info["in_spot_steps"] == 0
+    counts = np.zeros(2)
+    for _ in range(60):
+        info = env.step(env.action_space.high)[-1]
+        x, y, heading = env.physics.robot_pose()
+        assert (*info["position"], info["heading"]) == (x, y, heading)
+        np.testing.assert_array_equal(info["spot"], env.physics.spot_position())
+        counts += info["contact"], info["in_spot"]
+        assert (info["contact_steps"], info["in_spot_steps"]) == tuple(counts)
+    assert (counts > 0).all()
+    assert env.model is env.physics.model.ptr and env.data.qpos[0] == x
+
+
+def test_the_batch_without_autoreset_equals_single_envs_bit_exactly(name):
+    batch, single = make_pair(name, 3, "Disabled", max_episode_steps=7)
+    assert_same(batch.reset(seed=5)[0], single.reset(seed=5)[0])
+    random, ended = np.random.default_rng(0), 0
+    for step in range(40):
+        actions = random.uniform(-1, 1, (3, 2)).astype(np.float32)
+        ours, theirs = batch.step(actions), single.step(actions)
+        for mine, its in zip(ours[:4], theirs[:4], strict=True):
+            assert_same(mine, its)
+        assert_same_info(ours[4], theirs[4])
+        mask = ours[3].copy()
+        mask[step % 3] |= step == 4  # so that episodes end at different times
+        if mask.any():
+            ended += mask.sum()
+            seeds = [None, 3, None] if step == 4 else None
+            options = {"reset_mask": mask, "robot": (0.1, 0.0, 0.2)}
+            (first, info), (their_first, their_info) = (
+                e.reset(seed=seeds, options=dict(options)) for e in (batch, single)
+            )
+            assert_same(first, their_first)
+            assert_same_info(info, their_info)
+            assert options.keys() == {"reset_mask", "robot"}
+    assert ended > 10
+
+
+def test_without_autoreset_a_robot_whose_episode_has_ended_must_be_reset():
+    batch = gymnasium.make_vec(
+        "musebot/SpotFinding-v0", 3, autoreset_mode="Disabled", max_episode_steps=2
+    )
+    everyone, actions = np.ones(3, dtype=bool), np.zeros((3, 2), np.float32)
+    with pytest.raises(ValueError, match="reset_mask must be True for all robots before an episod"):
+        batch.reset(options={"reset_mask": np.array([True, False, True])})
+    batch.reset(seed=1, options={"reset_mask": everyone})
+    batch.step(actions)
+    batch.reset(options={"reset_mask": np.array([False, True, False])})
+    batch.step(actions)
+    with pytest.raises(RuntimeError, match=r"reset_mask of the robots \[0, 2\], whose episodes"):
+        batch.step(actions)
+    for mask in (everyone[:2], ~everyone, np.ones(3), [True] * 3, True):
+        with pytest.raises(ValueError, match="reset_mask must be an array of 3 Booleans, one of"):
+            batch.reset(options={"reset_mask": mask})
+    batch.reset(options={"reset_mask": np.array([True, False, True])})
+    batch.step(actions)
+
+
+def test_a_batch_renders_chosen_robots(monkeypatch):
+    batch = gymnasium.make_vec(
+        "musebot/SpotFinding-v0", 4, render_mode="rgb_array", camera="follow", width=96, height=64
+    )
+    shown = []
+
+    def render(physics, height, width, camera_id):
+        shown.append((height, width, camera_id, *physics.robot_pose(), *physics.spot_position()))
+        return np.full((height, width, 3), len(shown), np.uint8)
+
+    monkeypatch.setattr("musebot.models.physics.Physics.render", render)
+    _, info = batch.reset(seed=0)
+    pictures = batch.render(robots=[2, 0])
+    assert [picture.shape for picture in pictures] == [(64, 96, 3)] * 2
+    for robot, (height, width, camera, *places) in zip((2, 0), shown, strict=True):
+        assert (height, width, camera) == (64, 96, "follow")
+        state = (*info["position"][robot], info["heading"][robot], *info["spot"][robot])
+        np.testing.assert_allclose(places, state, atol=1e-12)
+    assert len(batch.render()) == len(batch.call("render")) == 4
+    for robot in (4, -1):
+        with pytest.raises(IndexError, match=rf"robot must lie in \[0, 3\], got {robot}"):
+            batch.render(robots=[robot])
+    assert gymnasium.make_vec("musebot/SpotFinding-v0", 2).render() is None
+    batch.close()
+
+
+@pytest.mark.parametrize(
+    "kwargs, sentence",
+    [
+        ({"camera": "moon"}, r"camera must be one of \['overhead', 'corner', .*\], got 'moon'"),
+        ({"width": 0}, "width must be a whole number of at least 1, got 0"),
+        ({"height": 1.5}, "height must be a whole number of at least 1, got 1.5"),
+    ],
+)
+def test_pictures_that_cannot_be_made_are_refused(kwargs, sentence):
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(ValueError, match=sentence):
+            make("musebot/SpotFinding-v0", render_mode="rgb_array", **kwargs)
+
+
+def test_attributes_of_robots_of_a_batch_can_be_read_but_not_set():
+    batch = gymnasium.make_vec("musebot/SpotFinding-v0", 3)
+    _, info = batch.reset(seed=4)
+    assert batch.get_attr("np_random_seed") == (4, 5, 6)
+    np.testing.assert_array_equal(batch.get_attr("position"), info["position"])
+    assert batch.call("action_space") == (batch.single_action_space,) * 3
+    assert batch.get_attr("model")[0].nu == 2
+    for call in (batch.get_attr, batch.call):
+        with pytest.raises(AttributeError, match=r"have the attributes \[.*\], got 'colour'"):
+            call("colour")
+    with pytest.raises(AttributeError, match="no attributes that can be set, use reset.*'spot'"):
+        batch.set_attr("spot", (0, 0))

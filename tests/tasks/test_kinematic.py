@@ -81,6 +81,45 @@ def test_a_grazed_wall_turns_the_mujoco_body_and_the_simulator_with_turns(wall):
     assert (ours < 15).all() if wall == "turns" else (ours > 60).all()
 
 
+PLAIN = Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler")
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_robots_with_refused_moves_are_the_same_alone_and_in_a_batch(seed):
+    random = np.random.default_rng(seed)
+    poses = random.uniform([*-ROOM, -np.pi], [*ROOM, np.pi], (5, 3))
+    steps = random.uniform(-0.5, 0.5, (40, 5, 2)).round(1)
+    together = make_kinematic_batch("wall_avoidance", 5, PLAIN)
+    together.place(np.arange(5), poses)
+    alone = [make_kinematic_batch("wall_avoidance", 1, PLAIN) for _ in range(5)]
+    for robot, pose in zip(alone, poses, strict=True):
+        robot.place(np.array([0]), pose[None])
+    before = together.pose
+    for motors in steps:
+        together.step(motors)
+        for robot, own in zip(alone, motors, strict=True):
+            robot.step(own[None])
+        assert np.array_equal(together.pose, np.concatenate([r.pose for r in alone]))
+        assert np.array_equal(together.sensordata, np.concatenate([r.sensordata for r in alone]))
+        contact = together.rules.event(together.sensordata)
+        stayed = (together.pose[:, :2] == before[:, :2]).all(axis=1)
+        assert (stayed | ~contact).all()  # who moved was not refused
+        assert (contact | ~stayed | (motors.sum(axis=1) == 0)).all()
+        before = together.pose
+
+
+@pytest.mark.parametrize("body", ["mujoco", "kinematic"])
+def test_a_nose_at_the_centre_measures_from_the_robots_centre(body):
+    experiment = Experiment(body=body, nose_place="centre")
+    robots = experiment.batch("spot_finding", 2)
+    robots.place_spot(np.arange(2), np.array([[0.1, 0.0], [0.0, 0.05]]))
+    robots.place(np.arange(2), np.zeros((2, 3)))
+    spot = robots.sensordata[:, robots.rules.layout.smell][:, :2]
+    np.testing.assert_allclose(spot, [[0.1, 0], [0, 0.05]], atol=1e-9)
+    assert robots.rules.event(robots.sensordata).tolist() == [False, True]
+
+
 AT_THE_WALL = (ROOM[0], -0.2, 0.0)  # facing it
 
 

@@ -34,6 +34,18 @@ def test_it_returns_the_batch_and_the_last_observation_of_an_episode():
     np.testing.assert_array_equal(observations, batch.step(actions)[0])
 
 
+def test_options_set_for_all_robots_are_obeyed_once():
+    ours, batch = ArenaVecEnv(TASK, 2), ArenaVectorEnv(TASK, 2)
+    place = {"robot": (0.1, 0.0, 0.3)}
+    ours.seed(1)
+    ours.set_options(place)
+    np.testing.assert_array_equal(ours.reset(), batch.reset(seed=1, options=place)[0])
+    np.testing.assert_array_equal(ours.reset(), batch.reset()[0])
+    ours.set_options([place, {}])
+    with pytest.raises(ValueError, match="options must be the same for all robots of a batch"):
+        ours.reset()
+
+
 class Rewards(BaseCallback):
     """Stores the rewards of every robot."""
 

@@ -62,3 +62,13 @@ def test_pushing_an_obstacle_earns_nothing():
         "wall_avoidance_obstacles", [1.0, 1.0], 30, robot=(x - radius - 0.04, y, 0.0)
     )
     assert timesteps[-1].reward == 0
+
+
+@pytest.mark.parametrize("task", ["wall_avoidance", "wall_avoidance_obstacles"])
+def test_every_force_on_the_rim_is_contact_however_small(task):
+    rules = make_batch(task, 1).rules
+    sensordata = np.zeros((4, 20))
+    sensordata[:, rules.layout.touch] = [[0.0], [1e-12], [0.049], [1.0]]
+    assert rules.event(sensordata).tolist() == [False, True, True, True]
+    contact = rules.observations(sensordata)["contact"]
+    np.testing.assert_array_equal(contact[:, 0], [0, -1, -1, -1])

@@ -1,0 +1,47 @@
+"""Registration of the tasks with Gymnasium, without loading any of them."""
+
+from __future__ import annotations
+
+import os
+
+# Gymnasium ids in the namespace "musebot", and their tasks. A task that changes gets a new version.
+GYMNASIUM_TASKS = {
+    "WallAvoidance-v0": "wall_avoidance",
+    "SpotFinding-v0": "spot_finding",
+    "WallAvoidanceUnit-v0": "wall_avoidance_unit",
+    "WallAvoidanceObstacles-v0": "wall_avoidance_obstacles",
+    "SpotFindingUnit-v0": "spot_finding_unit",
+    "SpotFindingTwoNoses-v0": "spot_finding_two_noses",
+    "SpotFindingWalls-v0": "spot_finding_walls",
+    "SpotFindingJumping-v0": "spot_finding_jumping",
+}
+
+
+def register_gymnasium() -> None:
+    """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
+
+    Importing musebot calls this: Gymnasium 1.x has no plugins, so that a package registers its
+    environments when it is imported. Only the names are registered; no environment is loaded.
+
+    Raises:
+      ModuleNotFoundError: Gymnasium is not installed.
+    """
+    promptless = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
+    try:
+        import gymnasium
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "gymnasium is not installed; pip install 'musebot[gym]' gets it", name=error.name
+        ) from error
+    if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
+        os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
+    for name, task in GYMNASIUM_TASKS.items():
+        if f"musebot/{name}" in gymnasium.registry:
+            continue
+        gymnasium.register(
+            id=f"musebot/{name}",
+            entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
+            vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
+            kwargs={"task": task},
+            max_episode_steps=1000,
+        )

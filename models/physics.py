@@ -1,0 +1,119 @@
+"""MuJoCo's physics of the arena in dm_control: places, pictures, states and copies."""
+
+from __future__ import annotations
+
+import copy
+import operator
+from typing import Any, Self
+
+import mujoco as mj
+import numpy as np
+
+from .rendering import fit_buffer, open_context  # first: imports dm_control without its warnings
+
+# isort: split
+from dm_control import mujoco
+from dm_control.mujoco.engine import Contexts
+from dm_control.mujoco.wrapper import MjData, MjrContext
+from dm_control.rl import control
+
+from .arena import Dimensions, robot_pose, robot_qpos
+
+INTEGRATION = mj.mjtState.mjSTATE_INTEGRATION.value  # everything that a physics step depends on
+
+
+class Physics(mujoco.Physics):
+    """MuJoCo's physics of the arena, with named queries.
+
+    After `step`, `sensordata` shows the start of the last substep (docs/physics.md), as in the
+    batch of robots. Copies, also through pickle, continue bit-exactly.
+
+    Attributes:
+      dimensions: Dimensions of the robot, the arena and the spot.
+      qpos: View of MuJoCo's qpos.
+      readings: View of MuJoCo's sensordata, shape (1, nsensordata).
+    """
+
+    legacy_step = False  # plain mj_step, as in the batch's rollout, so that both agree
+
+    def robot_pose(self) -> np.ndarray:
+        """Returns x, y in [m] and heading in [rad], shape (3,)."""
+        return robot_pose(self.data.qpos)
+
+    def spot_position(self) -> np.ndarray:
+        """Returns x, y of the spot's centre in [m], shape (2,)."""
+        return self.data.mocap_pos[0, :2].copy()
+
+    def place_robot(self, x: float, y: float, heading: float) -> None:
+        """Places the robot at rest at x, y in [m], with a heading in [rad]."""
+        self.data.qpos[:] = robot_qpos(np.array([x, y, heading]))
+        self.data.qvel[:] = 0
+        self.data.ctrl[:] = 0
+
+    def place_spot(self, x: float, y: float) -> None:
+        """Places the spot's centre at x, y in [m]; sensors show it from the next step on."""
+        self.data.mocap_pos[0, :2] = x, y
+
+    def render(self, height: int = 240, width: int = 320, *args: Any, **kwargs: Any) -> np.ndarray:
+        """Returns dm_control's picture of a camera; the model's buffer grows to its size.
+
+        Args:
+          height: Height of the picture in pixels.
+          width: Width of the picture in pixels.
+          *args: See `dm_control.mujoco.Physics.render`.
+          **kwargs: See `dm_control.mujoco.Physics.render`.
+
+        Raises:
+          RuntimeError: OpenGL cannot be opened here.
+        """
+        if fit_buffer(self.model.ptr, width, height) and self._contexts:
+            size = self.model.vis.global_
+            with self._contexts.gl.make_current() as executor:
+                context = self._contexts.mujoco.ptr
+                executor.call(mj.mjr_resizeOffscreen, size.offwidth, size.offheight, context)
+        return super().render(height, width, *args, **kwargs)
+
+    def _make_rendering_contexts(self) -> None:
+        size = self.model.vis.global_
+        gl = open_context(size.offwidth, size.offheight)
+        self._contexts = Contexts(gl=gl, mujoco=MjrContext(self.model, gl))
+
+    def check_sound(self) -> None:
+        """Raises PhysicsError where the robot is outside the arena, above the floor or tilted."""
+        place = self.qpos.tolist()[:6]
+        if not all(map(operator.lt, map(abs, place), self._bounds)):
+            x, y, z = place[:3]
+            raise control.PhysicsError(
+                f"the simulation became unstable: the robot is at x {x:g}, y {y:g}, z {z:g} m"
+            )
+
+    def restore(self, state: np.ndarray, sensordata: np.ndarray) -> None:
+        """Restores what `get_state(INTEGRATION)` and `data.sensordata` returned."""
+        self.set_state(state, INTEGRATION)
+        self.forward()  # for pictures; it overwrites what the last step has left
+        self.set_state(state, INTEGRATION)
+        self.data.sensordata[:] = sensordata
+
+    def copy(self, share_model: bool = False) -> Self:
+        """Returns an exact copy, see `dm_control.mujoco.Physics.copy`."""
+        twin = super().copy(share_model)
+        mj.mj_copyData(twin.data.ptr, twin.model.ptr, self.data.ptr)
+        return twin
+
+    def __setstate__(self, data: MjData) -> None:
+        """Restores a pickled or copied physics."""
+        kept = copy.copy(data.ptr)  # the parent's forward pass overwrites what the last step left
+        super().__setstate__(data)
+        mj.mj_copyData(self.data.ptr, self.model.ptr, kept)
+
+    def free(self) -> None:
+        """Frees the renderer and MuJoCo's data; the physics cannot be used any more."""
+        super().free()
+        self.qpos = self.readings = np.zeros(0)
+
+    def _reload_from_data(self, data: MjData) -> None:
+        super()._reload_from_data(data)
+        self.dimensions = Dimensions.of(self.model.ptr)
+        self._bounds = self.dimensions.bounds.tolist()
+        self.qpos = self.data.qpos
+        self.readings = self.data.sensordata[None]

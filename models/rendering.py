@@ -1,0 +1,163 @@
+"""OpenGL for pictures of the arena: the backend, the context and the size of the largest picture.
+
+MUJOCO_GL is the user's choice of a backend. If it is unset and there is no display, the first
+picture sets it to EGL. The choice waits for the first picture, because EGL takes time to start.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+
+
+def load_triton() -> None:
+    """Imports Triton, if it is installed, before EGL is opened.
+
+    CUDA builds of torch import it for torch._dynamo, which crashes where Mesa's EGL was opened
+    first: both hold LLVM.
+    """
+    with contextlib.suppress(Exception):  # whatever is wrong with it, pictures do not need it
+        importlib.import_module("triton")
+
+
+if os.environ.get("MUJOCO_GL") == "egl":  # then dm_control opens it now
+    load_triton()
+try:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # dm_control looks for a display; GLFW warns of its absence
+        from dm_control import _render
+except ModuleNotFoundError as error:
+    if error.name != "dm_control":
+        raise
+    raise ModuleNotFoundError(
+        "dm_control is not installed; on Python 3.13 and later, where its requirement labmaze "
+        "cannot be built, pip install --no-deps 'dm-control>=1.0.50' gets it",
+        name=error.name,
+    ) from error
+
+EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
+DRAWS_NOTHING = ("off", "disable", "disabled", "false", "0")  # values of MUJOCO_GL
+
+
+def no_window() -> str:
+    """Returns why no window can be opened, in half a sentence; "" if one can be opened."""
+    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        return "there is no display to open a window on"
+    try:
+        import glfw
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the returned text says it
+            ready = glfw.init()
+    except Exception as error:  # no library, or a display that does not answer
+        return f"GLFW cannot open a window here ({error})"
+    return "" if ready else "GLFW cannot open a window on this display"
+
+
+def choose_backend() -> str:
+    """Returns the value of MUJOCO_GL, after setting it to "egl" if it is unset without a display.
+
+    Returns:
+      The backend, in lower case; "" for the default of a machine with a display.
+
+    Raises:
+      RuntimeError: The backend draws nothing, or cannot be opened here.
+    """
+    chosen = os.environ.get("MUJOCO_GL")
+    backend = "" if chosen is None else chosen.lower()
+    if backend in DRAWS_NOTHING:
+        raise RuntimeError(f"MUJOCO_GL is {chosen!r}, with which nothing is drawn: unset it")
+    if backend == "egl":
+        _egl_context()
+    if backend in ("egl", "osmesa") or sys.platform != "linux" or not (reason := no_window()):
+        return backend
+    if chosen is not None:
+        raise RuntimeError(f"MUJOCO_GL is {chosen!r}, but {reason}: unset it, or set it to 'egl'")
+    _egl_context()
+    os.environ["MUJOCO_GL"] = "egl"
+    return "egl"
+
+
+def open_context(width: int, height: int) -> Any:
+    """Returns an OpenGL context of dm_control's for pictures up to a size.
+
+    Args:
+      width: Width of the largest picture in pixels.
+      height: Height of the largest picture in pixels.
+
+    Raises:
+      RuntimeError: The backend draws nothing, or cannot be opened here.
+    """
+    # dm_control chose a backend when it was imported; MUJOCO_GL may have been set since.
+    renderer = _egl_context() if choose_backend() == "egl" else _render.Renderer
+    if _render.BACKEND == "glfw":
+        no_window()  # initialises GLFW again after Gymnasium has closed a window
+    if not isinstance(renderer, type):
+        raise RuntimeError("dm_control was imported without OpenGL: set MUJOCO_GL to 'egl'")
+    shared: Any = type("Context", (_Shared, renderer), {})
+    return shared(width, height)
+
+
+class _Shared:
+    """A context of dm_control's in a process where others open contexts, too.
+
+    dm_control only remembers which of its own contexts is current.
+    """
+
+    @contextlib.contextmanager
+    def make_current(self) -> Iterator[Any]:
+        with super().make_current() as executor:  # type: ignore[misc]
+            executor.call(self._platform_make_current)  # type: ignore[attr-defined]
+            yield executor
+
+
+@functools.cache
+def _egl_context() -> type:
+    load_triton()
+    try:
+        from dm_control._render.pyopengl.egl_renderer import EGLContext
+        from mujoco.egl import GLContext
+
+        # Gymnasium's contexts are of this class. Its first one registers the end of the display
+        # that all contexts share, which must come after the end of each of them.
+        GLContext(1, 1).free()
+    except Exception as error:  # drivers and PyOpenGL each raise their own
+        reason = " ".join(str(error).split())
+        raise RuntimeError(
+            f"there is no headless OpenGL (EGL) on this machine; get it with `{EGL_REMEDY}` "
+            f"({reason})"
+        ) from error
+    return EGLContext
+
+
+def leave_egl() -> None:
+    """Releases this thread's EGL context: X11 stops a process that then makes a window current."""
+    if egl := sys.modules.get("OpenGL.EGL"):
+        egl.eglReleaseThread()
+
+
+def fit_buffer(model: mujoco.MjModel, width: int, height: int) -> bool:
+    """Enlarges the buffer for pictures of a model to at least a size.
+
+    Args:
+      model: Model whose contexts are created later.
+      width: Width of the largest picture in pixels.
+      height: Height of the largest picture in pixels.
+
+    Returns:
+      Whether the buffer was smaller.
+    """
+    size = model.vis.global_
+    if width <= size.offwidth and height <= size.offheight:
+        return False
+    size.offwidth = max(width, size.offwidth)
+    size.offheight = max(height, size.offheight)
+    return True

@@ -1,0 +1,66 @@
+"""`musebot explore`: opens a window on a task."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ..errors import InputError
+from ..shared_options import PROPOSER_CHOICES, option
+
+if TYPE_CHECKING:
+    from ..playback.viewer import Driver
+
+
+@dataclasses.dataclass
+class ExploreCommand:
+    """Open a window on a task, driven by a policy, a brain, the arrow keys, or at random."""
+
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")] = "wall_avoidance"
+    """task of docs/tasks.md; with --out only wall_avoidance or spot_finding"""
+    out: Annotated[Path | None, option("OUT", "none")] = None
+    """folder of a run to take a brain from"""
+    policies: Annotated[Path | None, option("FILE", "the policy that musebot brings")] = None
+    """file of PPO's policies for this task, a .safetensors"""
+    keys: bool = False
+    """drive with the arrow keys"""
+    random: bool = False
+    """drive at random"""
+    proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
+    """proposer of the robot; only for a run"""
+    robot: int = 0
+    """number of the robot within its condition, or of the policy"""
+    phase: Literal["pre", "post"] = "post"
+    """show the robot before (pre) or after (post) training"""
+
+    def __call__(self) -> None:
+        """Opens the window, which needs a display."""
+        from ..playback import viewer
+
+        if sum((self.out is not None, self.policies is not None, self.keys, self.random)) > 1:
+            raise InputError("only one of --out, --policies, --keys and --random can drive")
+        if self.proposer and not self.out:
+            raise InputError("--proposer needs --out, the run to take a brain from")
+        viewer.explore(self.task, self._driver())
+
+    def _driver(self) -> Driver | None:
+        """Returns the driver; None for random motor values."""
+        from ..agents.ppo import Policies, policy_file
+        from ..experiment.conditions import Condition
+        from ..playback.stored_brains import StoredRobot
+        from ..playback.viewer import ArrowKeys, Driver
+        from ..results.run_files import read_run
+
+        if self.random:
+            return None
+        if self.keys:
+            return Driver("arrow keys", ArrowKeys())
+        if self.out:
+            run = read_run(self.out, replay=True)
+            condition = Condition(self.task, self.proposer or "creative")
+            return Driver.of_robot(StoredRobot(run, condition, self.robot, self.phase))
+        policies = Policies.load(self.policies or policy_file(self.task), self.task)
+        return Driver.of_policy(policies, self.robot, self.phase)

@@ -1,0 +1,249 @@
+"""`musebot run`: simulates robots."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ..errors import InputError
+from ..shared_options import (
+    BODY_CHOICES,
+    COHORT_SIZE,
+    KINEMATICS,
+    PROPOSER_CHOICES,
+    TASK_CHOICES,
+    Out,
+    option,
+)
+from ..simulation.executor_choice import HERE, Workers, WorkersOption
+from ..terminal import show_markdown
+
+if TYPE_CHECKING:
+    from ..experiment.plan import Plan
+    from ..results.run import Run
+    from .config import Config
+
+_FIELDS = (
+    "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "motor_speed",
+    "brain",
+)  # fmt: skip
+
+
+def _kept(values: str, default: str) -> Any:
+    """Returns how help shows an option whose default is the value stored in OUT."""
+    return option(values, f"{default}, or the value stored in OUT")
+
+
+@dataclasses.dataclass
+class RunCommand:
+    """Simulate robots' lives: all that OUT does not hold yet. Can be stopped and continued.
+
+    Options that are not given keep the values stored in OUT, tasks, proposers and agents included.
+    --save-every and the options of the workers are not stored. Where standard error is a file, a
+    line a minute shows the progress.
+    """
+
+    out: Out
+    """folder for all files of the run; an unfinished run continues"""
+    task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "those of the protocol")] = ()
+    """tasks to learn"""
+    proposer: Annotated[tuple[str, ...], option(f"{PROPOSER_CHOICES} ..", "all three")] = ()
+    """how actions are proposed; none of these if only agents are given"""
+    agent: Annotated[tuple[str, ...], option("AGENT ..", "none")] = ()
+    """q_learner, hand_coded, ppo, or a factory of yours as package.module:factory"""
+    trust_agent: bool = False
+    """run the code of agents that only OUT or a --config names; --agent allows those it names"""
+    robots: Annotated[int | None, _kept("INT", "60")] = None
+    """number of robots in each condition"""
+    cohort_size: Annotated[int | None, _kept(*COHORT_SIZE)] = None
+    """number of robots in lockstep on one random stream; part of the experiment's identity"""
+    seed: Annotated[int | None, _kept("INT", "1")] = None
+    """seed from which all random streams derive"""
+    protocol: Annotated[str | None, _kept("{paper,continual,walls}", "paper")] = None
+    """continual: 24 hours of spot finding, the spot moves; walls: spot finding with walls sensed"""
+    time_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
+    """factor on every duration, in (0, 1], for rehearsals"""
+    reading: Annotated[str | None, _kept("{body,plain}", "body")] = None
+    """reading of the paper: plain sets the four options below (docs/paper.md); they may differ"""
+    nose: Annotated[str | None, _kept("{inverse,printed}", "inverse")] = None
+    """form of Eq. 3"""
+    nose_place: Annotated[str | None, _kept("{front,centre}", "front")] = None
+    """place of the nose: front of the rim, or centre of the robot"""
+    body: Annotated[str | None, _kept(BODY_CHOICES, "mujoco")] = None
+    """mujoco, or kinematic for an ideal differential drive without physics"""
+    kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
+    """parameters of the kinematic simulator, such as wall=slides felt=pushed lag=0.08"""
+    brain: Annotated[str | None, _kept("{paper,paper-stopping,steady,steady-X}", "paper")] = None
+    """paper-stopping: training ends after a minute in the spot; steady-X: steady without X"""
+    set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
+    """parameters of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
+    motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None
+    """speed of a wheel at motor value 0.5, in metres per second"""
+    workers: WorkersOption = HERE
+    save_every: float = 60.0
+    """seconds between two checkpoints of a cohort"""
+    config: Annotated[Path | None, option("FILE", "none")] = None
+    """YAML file, or experiment.json of a run, with values of the options that are not given"""
+
+    def __call__(self) -> None:
+        """Simulates, and prints the tables."""
+        from ..reporting import tables
+        from ..storage import resolved, write_text
+
+        out = resolved(self.out)  # an agent may change the working directory
+        text = tables.markdown(self.simulate())
+        write_text(out / "tables.md", f"{text}\n")
+        show_markdown(text)
+
+    def simulate(self, *, quiet: bool = False) -> Run:
+        """Checks all input, then simulates.
+
+        Args:
+          quiet: Whether to show no progress.
+
+        Returns:
+          The run with all robots of OUT.
+
+        Raises:
+          InputError: a value is invalid, or OUT holds something else; nothing was done.
+          Interrupted, RunError, OSError: see `simulation.runs.simulate`.
+        """
+        from ..agents.names import recorded_name
+        from ..agents.trust import trust
+        from ..results.run_files import planned
+        from ..simulation.runs import simulate
+        from ..storage import resolved
+        from .config import Config, read_config
+
+        if not self.save_every > 0:
+            raise InputError(f"save-every must be positive, got {self.save_every}")
+        out = resolved(self.out)  # an agent may change the working directory
+        config = read_config(self.config) if self.config else Config()
+        held = planned(self.out)
+        trust(*map(recorded_name, (*self.proposer, *self.agent)))
+        if self.trust_agent:
+            trust(*(recorded_name(proposer) for _, proposer in config.robots))
+            trust(*(condition.proposer for condition in held.robots) if held else ())
+        plan = self._plan(held, config)
+        executor = self.workers.executor()
+        return simulate(out, plan, executor, save_every=self.save_every, quiet=quiet)
+
+    def _plan(self, held: Plan | None, config: Config) -> Plan:
+        """Returns the plan asked for, completed by the file, by OUT, and by the defaults."""
+        from ...controller import PROPOSERS
+        from ..agents.names import recorded_name
+        from ..agents.trust import check_trusted
+        from ..experiment.conditions import Condition
+        from ..experiment.experiment import Experiment
+        from ..experiment.manifest import check_same_experiment
+        from ..experiment.plan import Plan, default_cohort_size
+
+        wanted = self._wanted(held, config)
+        if self.robots is not None and (type(self.robots) is not int or self.robots < 1):
+            raise InputError(f"robots must be at least 1, got {self.robots}")
+        chosen = (*self.proposer, *map(recorded_name, self.agent))
+        rows: dict[Condition, int] = {}
+        if not self.task and not chosen:
+            for (task, proposer), number in config.robots.items():
+                check_trusted(name := recorded_name(proposer), self.config)
+                rows[Condition(task, name)] = number if self.robots is None else self.robots
+        known = rows or (held.robots if held else {})
+        robots = max(known.values(), default=60) if self.robots is None else self.robots
+        if held:
+            experiment = held.experiment
+            check_same_experiment(self.out, experiment, wanted)
+        else:
+            wanted.setdefault(
+                "cohort_size", default_cohort_size(math.gcd(*rows.values()) or robots)
+            )
+            experiment = Experiment(**wanted)
+        if rows:
+            return Plan(experiment, rows)
+        if held and not self.task and not chosen:
+            return Plan.of(experiment, held.robots, robots) if self.robots else held
+        tasks = self.task or experiment.tasks
+        conditions = [Condition(t, p) for t in tasks for p in chosen or PROPOSERS]
+        return Plan.of(experiment, conditions, robots)
+
+    def _wanted(self, held: Plan | None, config: Config) -> dict[str, Any]:
+        """Returns the experiment's fields that were given as options, or else in the file."""
+        from ...controller import Parameters
+        from ...models import Kinematics
+        from ..experiment.overrides import named_brain, named_reading, with_overrides
+
+        wanted = dict(config.fields)
+        if self.reading is not None:
+            wanted |= named_reading(self.reading)
+        wanted |= {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
+        if self.brain is not None:
+            wanted["brain"] = named_brain(self.brain)
+        for name, words, default in (
+            ("kinematics", self.kinematics, Kinematics()),
+            ("brain", self.set, Parameters()),
+        ):
+            if words:
+                own = getattr(held.experiment, name) if held else default
+                wanted[name] = with_overrides(wanted.get(name, own), words)
+        return wanted
+
+
+def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
+    """Simulates all robots that a folder does not hold yet, as `musebot run` does.
+
+    Args:
+      out: Folder of the run; an unfinished run continues.
+      quiet: Whether to show no progress.
+      **options: Options of `musebot run`, with underscores: `task`, `proposer`, `agent`, `robots`,
+        `seed`, `brain`, `set` and so on. A single name may stand for a list of one. `set` and
+        `kinematics` may be dictionaries. `processes` is the number of processes. A script needs
+        no main guard, unless it defines an agent that it also simulates.
+
+    Returns:
+      The run with all robots of the folder.
+
+    Raises:
+      TypeError: an option is unknown.
+      InputError: a value is invalid, or the folder holds something else; nothing was done.
+      Interrupted, RunError, OSError: see `simulation.runs.simulate`.
+    """
+    names = [field.name for field in dataclasses.fields(RunCommand) if field.name != "workers"]
+    workers = [field.name for field in dataclasses.fields(Workers)]
+    allowed = sorted({*names, *workers} - {"out"})
+    if unknown := sorted({*options} - {*allowed}):
+        raise TypeError(f"musebot.run takes the options {', '.join(allowed)}, got {unknown[0]}")
+    given = {name: options.pop(name) for name in [*options] if name in workers}
+    for name in ("task", "proposer", "agent", "set", "kinematics"):
+        if name in options:
+            options[name] = _words(options[name])
+    if options.get("config") is not None:
+        options["config"] = Path(options["config"])
+    command = RunCommand(Path(out), **options, workers=dataclasses.replace(HERE, **given))
+    global _running
+    if _running:
+        raise InputError(
+            "musebot.run was called again while it imported an agent's module: put the call below "
+            'if __name__ == "__main__":'
+        )
+    _running = True
+    try:
+        return command.simulate(quiet=quiet)
+    finally:
+        _running = False
+
+
+_running = False  # whether `run` is simulating
+
+
+def _words(value: Any) -> tuple[str, ...]:
+    """Returns the words of an option: of one name, a list of names, or a dictionary."""
+    if isinstance(value, str):
+        return (value,)
+    if isinstance(value, Mapping):
+        return tuple(
+            f"{name}={x if isinstance(x, str) else json.dumps(x)}" for name, x in value.items()
+        )
+    return tuple(value)

@@ -1,0 +1,249 @@
+"""What an episode is, for every interface: its start, actions, length, random stream and states.
+
+The dm_control environment, the Gymnasium environment and the batch of Gymnasium build an `Episode`
+and hold a `Lifecycle`, so that they refuse the same values with the same sentences.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..models.arena import Dimensions
+    from .starts import Random, Start
+
+Stage = Literal["new", "running", "failed", "closed"]
+_REFUSALS: Mapping[Stage, str] = {
+    "new": "reset must be called before the first step",
+    "failed": "reset must be called after a PhysicsError, before the next step",
+    "closed": "the environment is closed",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Episode:
+    """An episode of a task.
+
+    Attributes:
+      start: Places of robot and spot at the start.
+      dimensions: Dimensions of robot, arena and spot.
+      limit: Largest action, which corresponds to motor value 0.5.
+      spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
+        spot that stays.
+      steps: Number of control steps; infinity for an episode without end.
+    """
+
+    start: Start
+    dimensions: Dimensions
+    limit: float
+    spot_steps: int = 0
+    steps: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a place outside the arena or inside an obstacle."""
+        self.start.check(self.dimensions)
+
+    def begin(
+        self, random: Random, options: Mapping[str, Any] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the robot's pose, shape (3,), and the spot, shape (2,), of a new episode.
+
+        Args:
+          random: Random stream from which random places are drawn.
+          options: Options of `reset`, see `start_with`.
+
+        Raises:
+          TypeError, ValueError: `start_with` raises it.
+        """
+        return self.start_with(options).draw(random, self.dimensions)
+
+    def start_with(self, options: Mapping[str, Any] | None) -> Start:
+        """Returns the start of one episode.
+
+        Args:
+          options: `robot` and `spot` as in `Start`, which replace those of the task; or None.
+
+        Raises:
+          TypeError: An option is unknown.
+          ValueError: A place is outside the arena or inside an obstacle.
+        """
+        if not options:
+            return self.start
+        check_keywords("reset", options, ["robot", "spot"], "options")
+        start = dataclasses.replace(self.start, **options)
+        start.check(self.dimensions)
+        return start
+
+    def jumps(self, step: int) -> bool:
+        """Returns whether the spot jumps at the start of a control step."""
+        return bool(self.spot_steps and step and step % self.spot_steps == 0)
+
+    def motors(self, action: Any) -> tuple[float, float]:
+        """Returns the motor values of one robot's action.
+
+        Args:
+          action: Left and right action; values beyond the limits are clipped.
+
+        Raises:
+          ValueError: The action is not two finite numbers.
+        """
+        left, right = _numbers(action, (2,)).tolist()
+        if not (math.isfinite(left) and math.isfinite(right)):
+            _refuse_action(action, (2,))
+        limit = self.limit
+        scale = 0.5 / limit
+        return min(max(left, -limit), limit) * scale, min(max(right, -limit), limit) * scale
+
+    def batch_motors(self, actions: Any, robots: int) -> np.ndarray:
+        """Returns the motor values of a batch's actions, shape (B, 2); see `motors`.
+
+        Args:
+          actions: Left and right action of every robot, shape (B, 2).
+          robots: Number of robots, B.
+
+        Raises:
+          ValueError: The actions have another shape, or are not finite numbers.
+        """
+        values = _numbers(actions, (robots, 2)).astype(float)
+        if not np.isfinite(values).all():
+            _refuse_action(actions, (robots, 2))
+        return np.clip(values, -self.limit, self.limit) * (0.5 / self.limit)
+
+
+def _numbers(action: Any, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        values = np.asarray(action)
+    except ValueError:  # rows of different lengths
+        _refuse_action(action, shape)
+    if values.shape != shape or values.dtype.kind not in "fiu":
+        _refuse_action(action, shape)
+    return values
+
+
+def _refuse_action(action: Any, shape: tuple[int, ...]) -> NoReturn:
+    raise ValueError(
+        f"an action must be two finite motor values, real numbers of shape {shape} in all, "
+        f"got {action!r:.200}"
+    )
+
+
+class Lifecycle:
+    """The states of an environment: "new", then "running" from each reset on, until it fails.
+
+    A PhysicsError makes it "failed" until the next reset; `close` makes it "closed" for ever.
+
+    Attributes:
+      stage: State of the environment.
+      running: Whether an episode is under way; what every step reads.
+    """
+
+    def __init__(self) -> None:
+        """Begins before the first reset."""
+        self.stage: Stage = "new"
+        self.running = False
+
+    def become(self, stage: Stage) -> None:
+        """Changes the state.
+
+        Raises:
+          RuntimeError: The environment is closed.
+        """
+        self.check_open()
+        self.stage, self.running = stage, stage == "running"
+
+    def check_open(self) -> None:
+        """Raises RuntimeError if the environment is closed."""
+        if self.stage == "closed":
+            self.refuse()
+
+    def refuse(self) -> NoReturn:
+        """Raises RuntimeError: says what must be done before the next step."""
+        raise RuntimeError(_REFUSALS[self.stage])
+
+
+def check_keywords(
+    whose: str, given: Mapping[str, Any], allowed: Sequence[str], kind: str = "keywords"
+) -> None:
+    """Raises TypeError if a given keyword is not allowed."""
+    unknown = sorted(map(str, set(given) - set(allowed)))
+    if unknown:
+        raise TypeError(f"{whose} takes the {kind} {sorted(allowed)}, got {unknown}")
+
+
+def whole_number(name: str, value: Any, least: int) -> int:
+    """Returns a whole number.
+
+    Raises:
+      ValueError: The value is not a whole number, or is too small.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r:.60}")
+    return int(value)
+
+
+def steps_of(max_episode_steps: Any) -> float:
+    """Returns the number of control steps of an episode; infinity for None and -1.
+
+    Raises:
+      ValueError: `max_episode_steps` is neither of these, nor a whole number of at least 1.
+    """
+    if max_episode_steps is None or (type(max_episode_steps) is int and max_episode_steps == -1):
+        return math.inf
+    return whole_number("max_episode_steps, if not -1,", max_episode_steps, 1)
+
+
+def seconds(time_limit: Any) -> float:
+    """Returns the length of an episode in [s], which may be infinite.
+
+    Raises:
+      ValueError: `time_limit` is not a positive number.
+    """
+    number = isinstance(time_limit, int | float | np.integer | np.floating)
+    if isinstance(time_limit, bool) or not number or not time_limit > 0:
+        raise ValueError(f"time_limit must be a positive number of seconds, got {time_limit!r:.60}")
+    return float(time_limit)
+
+
+def stream_state(random: Random) -> dict[str, Any]:
+    """Returns the state of a random stream, for `set_stream_state`."""
+    if isinstance(random, np.random.RandomState):
+        state: Any = random.get_state(legacy=False)
+    else:
+        state = random.bit_generator.state
+    return copy.deepcopy(state)
+
+
+def set_stream_state(random: Random, state: Any) -> None:
+    """Sets the state of a random stream.
+
+    Raises:
+      ValueError: The state is not one of such a stream.
+    """
+    try:
+        if isinstance(random, np.random.RandomState):
+            random.set_state(state)
+        else:
+            random.bit_generator.state = state
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError) as error:
+        raise ValueError(f"state must hold the state of such a random stream ({error})") from error
+
+
+def check_state(state: Any, like: Mapping[str, Any]) -> None:
+    """Raises ValueError unless a state has the keys, types and shapes of another state."""
+    if not isinstance(state, Mapping) or set(state) != set(like):
+        got = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
+        raise ValueError(f"state must have the keys {sorted(like)}, got {got}")
+    for name, own in like.items():
+        if type(state[name]) is not type(own):
+            kinds = type(own).__name__, type(state[name]).__name__
+            raise ValueError(f"state[{name!r}] must be of type {kinds[0]}, got {kinds[1]}")
+        wanted = (own.shape, own.dtype) if isinstance(own, np.ndarray) else None
+        if wanted and (state[name].shape, state[name].dtype) != wanted:
+            got = state[name].shape, str(state[name].dtype)
+            raise ValueError(f"state[{name!r}] must be {wanted[0]}, {wanted[1]}, got {got}")

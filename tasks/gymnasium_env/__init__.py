@@ -1,0 +1,12 @@
+"""The tasks as Gymnasium environments: one robot, or a batch of robots.
+
+`musebot.register_gymnasium` registers both. Observations are the task's signals concatenated in
+the order of docs/tasks.md; observations and actions are 32-bit floats. Episodes never terminate;
+they are truncated after 1,000 steps. The dictionary `info` holds the entries of `INFO`.
+"""
+
+from .common import INFO
+from .single import ArenaEnv
+from .vector import ArenaVectorEnv
+
+__all__ = ["INFO", "ArenaEnv", "ArenaVectorEnv"]

@@ -1,0 +1,70 @@
+"""What one robot and a batch of robots have in common: spaces, `info`, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+
+from ..arena import CONTROL_TIMESTEP, TaskDefinition
+from ..episode import check_keywords, whole_number
+from ..rules import Rules
+from ..suite import task_definition
+
+FPS = round(1 / CONTROL_TIMESTEP)
+
+INFO: Mapping[str, str] = {
+    "position": "x, y of the robot's centre in [m], shape (2,)",
+    "heading": "direction of the robot's front in [rad], 0 along x, counterclockwise",
+    "spot": "x, y of the spot's centre in [m], shape (2,)",
+    "contact": "whether the rim is in contact with a wall or an obstacle",
+    "in_spot": "whether the front of the rim is inside the spot",
+    "contact_steps": "number of control steps of this episode that ended in contact",
+    "in_spot_steps": "number of control steps of this episode that ended in the spot",
+}
+PICTURE = {"camera": "overhead", "width": 480, "height": 320}
+
+
+def spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+    """Returns the spaces of a robot's observations, shape (S,), and actions, shape (2,)."""
+    low, high = (
+        np.concatenate(
+            [np.full(shape[0], shape[end], np.float32) for shape in rules.shapes.values()]
+        )
+        for end in (1, 2)
+    )
+    return gymnasium.spaces.Box(low, high), gymnasium.spaces.Box(-limit, limit, (2,))
+
+
+def checked_task(task: str, kwargs: Mapping[str, Any]) -> TaskDefinition:
+    """Returns a task's definition.
+
+    Raises:
+      TypeError: A keyword is unknown.
+      ValueError: There is no such task.
+    """
+    definition = task_definition(task)
+    check_keywords(f"task {task!r}", kwargs, definition.keywords)
+    return definition
+
+
+def check_render_mode(render_mode: Any, modes: Sequence[str]) -> None:
+    """Raises ValueError unless a mode is None or one of those."""
+    if render_mode not in (None, *modes):
+        raise ValueError(f"render_mode must be one of {list(modes)} or None, got {render_mode!r}")
+
+
+def picture_of(model: mujoco.MjModel, camera: Any, width: Any, height: Any) -> dict[str, Any]:
+    """Returns the keywords of dm_control's `render`: size in pixels, and camera.
+
+    Raises:
+      ValueError: There is no such camera, or a size is not a whole number of at least 1.
+    """
+    cameras = [model.camera(number).name for number in range(model.ncam)]
+    if camera not in cameras:
+        raise ValueError(f"camera must be one of {cameras}, got {camera!r}")
+    size = {"height": whole_number("height", height, 1), "width": whole_number("width", width, 1)}
+    return {**size, "camera_id": camera}

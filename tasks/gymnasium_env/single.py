@@ -1,0 +1,207 @@
+"""One robot with Gymnasium's interface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+
+from ...models.physics import Physics
+from ...models.rendering import no_window
+from ..episode import check_state
+from ..suite import load
+from .common import FPS, check_render_mode, checked_task, picture_of, spaces
+
+
+class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """The dm_control environment of one robot with Gymnasium's interface.
+
+    Actions beyond the limits are clipped; an action that is not finite raises ValueError.
+    """
+
+    metadata = {
+        "render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"],
+        "render_fps": FPS,
+    }
+
+    def __init__(
+        self,
+        task: str,
+        *,
+        render_mode: str | None = None,
+        camera: str = "overhead",
+        width: int = 480,
+        height: int = 320,
+        **kwargs: Any,
+    ) -> None:
+        """Initialises the environment.
+
+        Args:
+          task: Name of a task, see `musebot.ALL_TASKS`.
+          render_mode: "rgb_array", "depth_array", "rgbd_tuple", "human" for a window, or None.
+          camera: Name of the camera: "overhead", "corner", "follow" or "eye".
+          width: Width of the picture in pixels.
+          height: Height of the picture in pixels.
+          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`).
+
+        Raises:
+          TypeError: A keyword is unknown.
+          ValueError: There is no such task, or a value is out of range.
+          RuntimeError: The mode is "human", and no window can be opened.
+        """
+        definition = checked_task(task, kwargs)
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        if render_mode == "human" and (reason := no_window()):
+            raise RuntimeError(f"{reason}; render_mode='rgb_array' needs no display")
+        # Gymnasium's wrapper TimeLimit counts the steps of an episode.
+        self._environment = load("arena", task, {**kwargs, "time_limit": float("inf")})
+        self.observation_space, self.action_space = spaces(definition.rules, definition.limit)
+        self.render_mode = render_mode
+        self._picture = picture_of(self.model, camera, width, height)
+        self.mujoco_renderer: Any = None
+        self._layout = self._environment.task.rules.layout
+        self._radius = self.physics.dimensions.spot_radius
+        self._counts = [0, 0]  # control steps of this episode in contact, and in the spot
+
+    @property
+    def physics(self) -> Physics:
+        """Physics of dm_control."""
+        return self._environment.physics
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """MuJoCo's model of robot and arena."""
+        return self.physics.model.ptr
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's data."""
+        return self.physics.data.ptr
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Starts an episode.
+
+        Args:
+          seed: Seed of the random stream; None continues it.
+          options: `robot` and `spot` of this episode, in place of the task's; or None.
+
+        Returns:
+          The observation, shape (S,), and the entries of `INFO`.
+
+        Raises:
+          TypeError: An option is unknown.
+          ValueError: A place is outside the arena or inside an obstacle.
+          RuntimeError: The environment is closed.
+        """
+        self._environment.lifecycle.check_open()
+        self._environment.task.episode.start_with(options)  # refuses before anything changes
+        super().reset(seed=seed)
+        self._environment.task.reseed(self.np_random)
+        timestep = self._environment.reset(options=options)
+        self._counts = [0, 0]
+        self._show()
+        return _state(timestep.observation), self._info(0)
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Simulates 0.1 s.
+
+        Args:
+          action: Left and right action within `action_space`, shape (2,).
+
+        Returns:
+          Observation (S,), reward, termination (False), truncation (False) and the entries of
+          `INFO`.
+
+        Raises:
+          ValueError: The action is not two finite numbers.
+          PhysicsError: The simulation became unstable; then `reset` must be called.
+          RuntimeError: There was no reset, or the environment is closed.
+        """
+        environment = self._environment
+        if not environment.lifecycle.running:
+            environment.lifecycle.refuse()
+        timestep = environment.step(action)
+        self._show()
+        return _state(timestep.observation), timestep.reward, False, False, self._info(1)
+
+    def render(self) -> Any:
+        """Draws the window, or returns a picture.
+
+        Returns:
+          "rgb_array": uint8, shape (height, width, 3). "depth_array": OpenGL's depth in [0, 1],
+          shape (height, width). "rgbd_tuple": both. "human": None.
+
+        Raises:
+          RuntimeError: OpenGL cannot be opened here, or the environment is closed.
+        """
+        self._environment.lifecycle.check_open()
+        if self.render_mode is None:
+            return None
+        if self.mujoco_renderer is None:
+            from ...models.gymnasium_renderer import ArenaRenderer
+
+            self.mujoco_renderer = ArenaRenderer(self.model, self.data, **self._picture)
+        return self.mujoco_renderer.render(self.render_mode)
+
+    def close(self) -> None:
+        """Closes the window, and frees the renderer."""
+        if self.mujoco_renderer is not None:
+            self.mujoco_renderer.close()
+            self.mujoco_renderer = None
+        self._environment.close()
+
+    def get_state(self) -> dict[str, Any]:
+        """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
+
+        The count of steps of Gymnasium's wrapper TimeLimit is not in it.
+        """
+        counts = {"counts": list(self._counts), "seed": self.np_random_seed}
+        return self._environment.get_state() | counts
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Continues from a state, bit-exactly, see `arena.Environment.set_state`."""
+        rest = dict(state) if isinstance(state, Mapping) else {}
+        check_state({k: rest.pop(k, None) for k in ("counts", "seed")}, {"counts": [], "seed": 0})
+        self._environment.task.reseed(self.np_random)
+        self._environment.set_state(rest)
+        self._counts, self._np_random_seed = list(state["counts"]), state["seed"]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns the attributes of an exact copy, which has no window."""
+        return {**self.__dict__, "mujoco_renderer": None}
+
+    def _info(self, steps: int) -> dict[str, Any]:
+        """Returns the entries of `INFO`, after so many further control steps (0 or 1)."""
+        physics = self._environment.physics
+        # Scalars of Python: a few small arrays would cost as much as a tenth of the step.
+        x, y, _, w, i, j, k = physics.qpos.tolist()[:7]
+        readings, layout = physics.readings[0].tolist(), self._layout
+        contact = readings[layout.touch.start] > 0
+        ahead, left = readings[layout.smell.start], readings[layout.smell.start + 1]
+        in_spot = math.sqrt(ahead * ahead + left * left) < self._radius
+        counts = self._counts
+        counts[0] += steps * contact
+        counts[1] += steps * in_spot
+        return {
+            "position": np.array([x, y]),
+            "heading": float(np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))),
+            "spot": physics.spot_position(),
+            "contact": contact,
+            "in_spot": in_spot,
+            "contact_steps": counts[0],
+            "in_spot_steps": counts[1],
+        }
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self.render()
+
+
+def _state(observation: dict[str, np.ndarray]) -> np.ndarray:
+    return np.concatenate(list(observation.values())).astype(np.float32)

@@ -1,0 +1,408 @@
+"""A batch of robots with Gymnasium's interface."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from dm_control.mujoco.wrapper import MjModel
+from dm_control.rl.control import PhysicsError
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from ...models.physics import Physics
+from ..episode import (
+    Lifecycle,
+    check_state,
+    set_stream_state,
+    steps_of,
+    stream_state,
+    whole_number,
+)
+from ..sensors import Nose
+from ..starts import Start, random_spots
+from ..suite import make_batch
+from .common import FPS, INFO, PICTURE, check_render_mode, checked_task, picture_of, spaces
+
+
+class ArenaVectorEnv(gymnasium.vector.VectorEnv):
+    """A batch of B robots, each with its own seed, bit-exactly equal to B instances of `ArenaEnv`.
+
+    Actions beyond the limits are clipped; an action that is not finite raises ValueError.
+    """
+
+    metadata = {
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+        "render_modes": ["rgb_array"],
+        "render_fps": FPS,
+    }
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        render_mode: str | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Initialises the batch.
+
+        Args:
+          task: Name of a task, see `musebot.ALL_TASKS`.
+          num_envs: Number of robots, B.
+          max_episode_steps: Length of an episode in control steps; None or -1 for endless ones.
+          autoreset_mode: Start of the next episode. NEXT_STEP: the next call of `step` starts
+            it, ignores the action, and returns the first observation with a reward of 0.
+            SAME_STEP: the call that ends an episode starts the next, and returns the last
+            observation as `info["final_obs"]`. DISABLED: the caller resets the robots whose
+            episodes have ended, with `reset(options={"reset_mask": mask})`.
+          threads: Number of threads that step the physics; 0 for the calling thread. Results do
+            not depend on it.
+          render_mode: "rgb_array" or None.
+          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`); and those
+            of pictures: `camera`, `width`, `height` (see `ArenaEnv`).
+
+        Raises:
+          TypeError: A keyword is unknown.
+          ValueError: There is no such task, or a value is out of range.
+        """
+        picture = {name: kwargs.pop(name, usual) for name, usual in PICTURE.items()}
+        definition = checked_task(task, kwargs)
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        steps = steps_of(max_episode_steps)
+        self.num_envs = whole_number("num_envs", num_envs, 1)
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        nose = kwargs.pop("nose", "inverse")
+        self._batch = make_batch(task, num_envs, nose=nose, threads=threads)
+        self._episode = definition.episode(Start(**kwargs), self._batch.dimensions, steps)
+        self.single_observation_space, self.single_action_space = spaces(
+            definition.rules, definition.limit
+        )
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.render_mode = render_mode
+        self._picture = picture_of(self._batch.model, **picture)
+        self._painter: Physics | None = None
+        self._lifecycle = Lifecycle()
+        self._nose = Nose(spot_radius=self._batch.dimensions.spot_radius)
+        self._randoms: list[np.random.Generator] | None = None
+        self._seeds: list[int] = [0] * num_envs
+        self._steps = np.zeros(num_envs, dtype=np.int64)  # so far in each robot's episode
+        self._counts = np.zeros((2, num_envs), dtype=np.int64)  # of them in contact, in the spot
+        self._over = np.zeros(num_envs, dtype=bool)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Random stream of every robot."""
+        return tuple(self._streams([None] * self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Seed of every robot's random stream."""
+        self._streams([None] * self.num_envs)
+        return tuple(self._seeds)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Starts an episode of every robot, or of some.
+
+        Args:
+          seed: Seeds of the robots; or one seed s, which gives robot k the seed s + k. None
+            continues a robot's random stream.
+          options: `robot` and `spot` of these episodes, in place of the task's; and `reset_mask`,
+            the robots that start an episode, Booleans of shape (B,); all by default.
+
+        Returns:
+          Observations of all robots, shape (B, S), and the entries of `INFO`.
+
+        Raises:
+          TypeError: An option is unknown.
+          ValueError: The number of seeds is not the number of robots, a place is outside the arena
+            or inside an obstacle, or the mask leaves out a robot that needs a reset.
+          RuntimeError: The batch is closed.
+        """
+        self._lifecycle.check_open()
+        places = dict(options or {})
+        mask = self._mask(places.pop("reset_mask", None))
+        start = self._episode.start_with(places)
+        if isinstance(seed, int | np.integer):
+            seed = [int(seed) + k for k in range(self.num_envs)]
+        seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
+        self._streams([one if own else None for one, own in zip(seeds, mask, strict=True)])
+        self._begin(np.flatnonzero(mask), start)
+        self._over[mask] = False
+        self._lifecycle.become("running")
+        return self._states(), self._info(mask)
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Simulates 0.1 s.
+
+        Args:
+          actions: Left and right action of every robot, within `action_space`, shape (B, 2).
+
+        Returns:
+          Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and a dictionary
+          with the entries of `INFO`, each an array with a row for every robot, and the last
+          observations and entries of episodes that SAME_STEP ended.
+
+        Raises:
+          ValueError: The actions have another shape, or are not finite.
+          PhysicsError: A robot's simulation became unstable; then all must be reset.
+          RuntimeError: There was no reset, the batch is closed, or with DISABLED a robot whose
+            episode has ended was not reset.
+        """
+        batch = self._batch
+        if not self._lifecycle.running:
+            self._lifecycle.refuse()
+        motors = self._episode.batch_motors(actions, self.num_envs)
+        starting = np.flatnonzero(self._over)  # never with SAME_STEP
+        if len(starting) and self._mode is AutoresetMode.DISABLED:
+            raise RuntimeError(
+                f"reset must be called with a reset_mask of the robots {starting.tolist()}, "
+                "whose episodes have ended"
+            )
+        spot_steps = self._episode.spot_steps
+        if spot_steps:
+            due = (self._steps > 0) & (self._steps % spot_steps == 0) & ~self._over
+            self._jump(np.flatnonzero(due))
+        batch.step(motors)
+        if not batch.valid.all():
+            self._lifecycle.become("failed")
+            broken = np.flatnonzero(~batch.valid).tolist()
+            raise PhysicsError(f"the simulation of the robots {broken} became unstable")
+        self._steps += 1
+        events: np.ndarray | None = self._events()
+        self._counts += events
+        rewards = batch.rules.reward(batch.sensordata)
+        if len(starting):
+            self._begin(starting, self._episode.start)
+            rewards[starting] = 0.0
+            events = None
+        self._over = self._steps >= self._episode.steps
+        truncations, observations, info = self._over.copy(), self._states(), {}
+        if self._mode is AutoresetMode.SAME_STEP and self._over.any():
+            info = _final(observations, self._over.copy(), self._info(self._over, events))
+            self._begin(np.flatnonzero(self._over), self._episode.start)
+            self._over[:] = False
+            observations, events = self._states(), None
+        info |= self._info(None, events)
+        return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
+
+    def render(self, robots: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
+        """Returns pictures of robots, for `render_mode="rgb_array"`.
+
+        Args:
+          robots: Numbers of the robots; None for all.
+
+        Returns:
+          A picture of each robot, shape (height, width, 3).
+
+        Raises:
+          IndexError: There is no such robot.
+          RuntimeError: The batch is closed.
+        """
+        self._lifecycle.check_open()
+        if self.render_mode != "rgb_array":
+            return None
+        batch = self._batch
+        if self._painter is None:
+            self._painter = Physics.from_model(MjModel(copy.copy(batch.model)))
+        physics, pictures = self._painter, []
+        for robot in range(self.num_envs) if robots is None else robots:
+            batch.show(robot, physics.data.ptr)
+            pictures.append(physics.render(**self._picture))
+        return tuple(pictures)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Frees the renderer; the batch cannot be used any more."""
+        self._lifecycle.become("closed")
+        if self._painter is not None:
+            self._painter.free()
+            self._painter = None
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Returns `get_attr(name)`, or `render()`, the only method that robots of a batch have.
+
+        Raises:
+          AttributeError: Robots of a batch have no such attribute.
+        """
+        if name == "render":
+            return self.render(*args, **kwargs) or (None,) * self.num_envs
+        return self.get_attr(name)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Returns an attribute of every robot: its random stream, an entry of `INFO` or a space.
+
+        Raises:
+          AttributeError: Robots of a batch have no such attribute.
+        """
+        if name in ("np_random", "np_random_seed"):
+            return getattr(self, name)
+        if name in INFO:
+            return tuple(self._info()[name])
+        shared = {
+            "action_space": self.single_action_space,
+            "observation_space": self.single_observation_space,
+            "metadata": self.metadata,
+            "model": self._batch.model,
+            "render_mode": self.render_mode,
+            "spec": self.spec,
+        }
+        if name not in shared:
+            names = sorted([*shared, *INFO, "np_random", "np_random_seed"])
+            raise AttributeError(f"robots of a batch have the attributes {names}, got {name!r}")
+        return (shared[name],) * self.num_envs
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Raises AttributeError: robots of a batch have no attributes that can be set."""
+        raise AttributeError(
+            "robots of a batch have no attributes that can be set, use reset(options=) for robot "
+            f"and spot, got {name!r}"
+        )
+
+    def get_state(self) -> dict[str, Any]:
+        """Returns everything that the next steps depend on.
+
+        Raises:
+          RuntimeError: There was no reset, or none after a PhysicsError, or the batch is closed.
+        """
+        if not self._lifecycle.running:
+            self._lifecycle.refuse()
+        return {
+            "batch": self._batch.get_state(),
+            "randoms": [stream_state(random) for random in self.np_random],
+            "seeds": list(self._seeds),
+            "steps": self._steps.copy(),
+            "counts": self._counts.copy(),
+            "over": self._over.copy(),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Continues from a state, bit-exactly.
+
+        Args:
+          state: What `get_state` of a batch of as many robots in the same task has returned.
+
+        Raises:
+          ValueError: The state is of another task or number of robots.
+          RuntimeError: The batch is closed.
+        """
+        self._lifecycle.check_open()
+        arrays = {"steps": self._steps, "counts": self._counts, "over": self._over}
+        check_state(state, {"batch": {}, "randoms": [], "seeds": [], **arrays})
+        check_state(state["batch"], self._batch.arrays())
+        for random, one in zip(self.np_random, state["randoms"], strict=True):
+            set_stream_state(random, one)
+        self._batch.set_state(state["batch"])
+        self._seeds = list(state["seeds"])
+        self._steps, self._counts, self._over = (state[name].copy() for name in arrays)
+        self._lifecycle.become("running")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns the attributes of an exact copy, which has no renderer yet."""
+        return {**self.__dict__, "_painter": None}
+
+    def _mask(self, mask: Any) -> np.ndarray:
+        """Returns the robots that a reset starts, shape (B,)."""
+        if mask is None:
+            return np.ones(self.num_envs, dtype=bool)
+        kind = isinstance(mask, np.ndarray) and mask.dtype == bool
+        if not kind or mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(
+                f"reset_mask must be an array of {self.num_envs} Booleans, one of them True, "
+                f"got {mask!r:.200}"
+            )
+        if not self._lifecycle.running and not mask.all():
+            raise ValueError(
+                f"reset_mask must be True for all robots before an episode is under way, got {mask}"
+            )
+        return mask.copy()
+
+    def _streams(self, seeds: Sequence[int | None]) -> list[np.random.Generator]:
+        """Returns the random streams, with a new one for every seed given."""
+        if self._randoms is None:
+            pairs = [seeding.np_random(seed) for seed in seeds]
+            self._randoms = [random for random, _ in pairs]
+            self._seeds = [made_from for _, made_from in pairs]
+        else:
+            for robot, seed in enumerate(seeds):
+                if seed is not None:
+                    self._randoms[robot], self._seeds[robot] = seeding.np_random(seed)
+        return self._randoms
+
+    def _begin(self, robots: np.ndarray, start: Start) -> None:
+        """Starts an episode of some robots, with starts drawn from their own streams."""
+        randoms = self._streams([None] * self.num_envs)
+        starts = [start.draw(randoms[robot], self._batch.dimensions) for robot in robots]
+        poses, spots = map(np.stack, zip(*starts, strict=True))
+        self._batch.valid[robots] = True  # a robot that was stopped starts again
+        self._batch.place_spot(robots, spots)
+        self._batch.place(robots, poses)
+        self._steps[robots] = 0
+        self._counts[:, robots] = 0
+
+    def _jump(self, robots: np.ndarray) -> None:
+        """Moves the spots of some robots to places drawn from their own streams."""
+        randoms = self._streams([None] * self.num_envs)
+        for robot in robots:
+            spot = random_spots(randoms[robot], self._batch.dimensions, 1)
+            self._batch.place_spot(robot[None], spot)
+
+    def _states(self) -> np.ndarray:
+        return self._batch.rules.state(self._batch.sensordata).astype(np.float32)
+
+    def _events(self) -> np.ndarray:
+        """Returns which robots are in contact, and which in the spot, shape (2, B)."""
+        readings, layout = self._batch.sensordata, self._batch.rules.layout
+        touched = readings[:, layout.touch][:, 0] > 0
+        return np.stack([touched, self._nose.inside(readings[:, layout.smell])])
+
+    def _info(
+        self, robots: np.ndarray | None = None, events: np.ndarray | None = None
+    ) -> dict[str, Any]:
+        """Returns the entries of `INFO`, and each one's mask, as Gymnasium's own batches do.
+
+        Args:
+          robots: Mask of the robots whose entries are returned, shape (B,); the others' are 0.
+          events: What `_events` returns now, if known.
+        """
+        pose, (contact, in_spot) = self._batch.pose, self._events() if events is None else events
+        entries = {
+            "position": pose[:, :2],
+            "heading": pose[:, 2],
+            "spot": self._batch.spot,
+            "contact": contact,
+            "in_spot": in_spot,
+            "contact_steps": self._counts[0].copy(),
+            "in_spot_steps": self._counts[1].copy(),
+        }
+        mask = np.ones(self.num_envs, dtype=bool) if robots is None else robots.copy()
+        info: dict[str, Any] = {}
+        for name, entry in entries.items():
+            info[name] = entry if robots is None else (entry.T * robots).T
+            info[f"_{name}"] = mask
+        return info
+
+
+def _final(observations: np.ndarray, mask: np.ndarray, info: dict[str, Any]) -> dict[str, Any]:
+    """Returns Gymnasium's dictionary of the last observations of the episodes that ended."""
+    final = np.full(len(observations), None, dtype=object)
+    for robot in np.flatnonzero(mask):
+        final[robot] = observations[robot]
+    return {"final_obs": final, "_final_obs": mask, "final_info": info, "_final_info": mask.copy()}

@@ -1,0 +1,65 @@
+"""Registers tasks of one's own, which open in every interface as those of the suite do."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from typing import Any, Unpack
+
+from ..gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
+from .arena import SUITE, Environment, Settings, TaskDefinition
+from .rules import Rules
+from .suite import TASKS
+
+_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+
+
+def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
+    """Adds a task to the domain "arena" of this process.
+
+    `musebot.load("arena", name)`, `musebot.tasks.make_batch(name, robots)`,
+    `gymnasium.make("musebot/Name-v0")` and `gymnasium.make_vec("musebot/Name-v0", num_envs=8)` open
+    it from then on. The lists `musebot.ALL_TASKS`, `PAPER` and `BENCHMARKING` stay those of the
+    suite.
+
+    Args:
+      name: Name of the task, in lower case with underscores, such as "two_spots".
+      rules: Observations, reward and event of the task.
+      **settings: Further fields of `TaskDefinition`: `edits` of the arena's model, `limit` of the
+        actions, `time_limit` and `spot_seconds` in [s].
+
+    Returns:
+      The task's Gymnasium id, such as "musebot/TwoSpots-v0".
+
+    Raises:
+      TypeError: A setting is unknown, or `rules` is not a class of rules.
+      ValueError: The name is taken or has another form, or a setting is out of range.
+    """
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"name must be lower case with underscores, got {name!r}")
+    if name in TASKS:
+        raise ValueError(f"there is a task {name!r} already")
+    if not (isinstance(rules, type) and issubclass(rules, Rules)):
+        raise TypeError(f"rules must be a subclass of musebot.tasks.rules.Rules, got {rules!r}")
+    definition = TaskDefinition(name, rules, **settings)
+    if not 0 < definition.limit < math.inf:
+        raise ValueError(f"limit must be positive, got {definition.limit}")
+    if not definition.time_limit > 0 or definition.spot_seconds < 0:
+        raise ValueError(
+            "time_limit must be positive and spot_seconds must not be negative, got "
+            f"{definition.time_limit} and {definition.spot_seconds}"
+        )
+    rules.of(definition.spec().compile())  # fails here where a sensor is missing
+
+    def factory(**keywords: Unpack[Settings]) -> Environment:
+        return definition.environment(**keywords)
+
+    factory.__name__, factory.__doc__ = name, rules.__doc__
+    SUITE.add("own")(factory)
+    TASKS[name] = definition
+    identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
+    GYMNASIUM_TASKS[identifier] = name
+    with contextlib.suppress(ImportError):  # Gymnasium is optional
+        register_gymnasium()
+    return f"musebot/{identifier}"

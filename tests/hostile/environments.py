@@ -1,0 +1,266 @@
+"""Hostile calls of the environments, judged by what they promise.
+
+The promise: a call that cannot be carried out raises one error, a ValueError or a TypeError with
+a sentence, or a RuntimeError for a step before a reset or after `close`; every other call returns
+finite numbers. What Gymnasium refuses before it calls musebot has Gymnasium's own errors.
+"""
+
+import contextlib
+import dataclasses
+import io
+import traceback
+import warnings
+from pathlib import Path
+
+import numpy as np
+from hostile import oracle
+
+import musebot
+from musebot.models import Dimensions, Kinematics
+from musebot.tasks.episode import _REFUSALS
+from musebot.tasks.kinematic import make_kinematic_batch
+from musebot.tasks.suite import TASKS, make_batch
+
+SEED = 20042
+NAN, INF = float("nan"), float("inf")
+
+VALUES = (
+    None, 0, 1, -1, 2, 3, 5, 1.5, 0.5, NAN, INF, -INF, 1e400, -1e-300, 10**400, True, False, "",
+    "3",
+    "upper_left", "lower_left", "inverse", "printed", "x" * 5000, b"x", (), (0, 0), (0, 0, 0),
+    (5, 5, 0), (0.3, 0.1, 1.0), (0.5249, 0, 0), (0, NAN, 0), (5, 5), (0.1, 0.1), ("a", "b", "c"),
+    [[0, 0, 0]], {}, {"a": 1}, object, np.zeros(3), np.full(2, np.nan), np.array("x"), 1j,
+    lambda: 0,
+    np.int64(3), np.float32(0.1), 2**31, -(2**63), 2**64, [], [1, 2], np.array(1),
+)  # fmt: skip
+ACTIONS = (
+    *VALUES, np.array([0.5, -0.5]), [0.5, 0.5], np.array([NAN, 0.0]), np.array([INF, 0]), [1e300,
+    0],
+    np.array([0.1 + 1j, 0]), np.array(["a", "b"]), np.array([1, 2], dtype=object), np.zeros((1, 2)),
+    np.zeros((2, 2)), np.zeros(3), np.zeros((2, 3)), np.zeros((2, 1)), [[0.1, 0.1], [NAN, 0]],
+    np.array([True, False]), np.array([1, -1], dtype=np.int8), np.ma.masked_array([0.1, 0.1], [1,
+    0]),
+    np.array([0, 0], dtype="M8[s]"), np.float16([6e4, 0]), [None, 0], [[0.1], [0.1, 0.2]],
+)  # fmt: skip
+KEYWORDS = ("random", "time_limit", "robot", "spot", "nose", "nothing", "environment_kwargs")
+OF_ENVIRONMENT = (
+    "control_timestep",
+    "n_sub_steps",
+    "flat_observation",
+    "legacy_step",
+    "time_limit",
+    "x",
+)
+OF_GYMNASIUM = (
+    "robot", "spot", "nose", "render_mode", "camera", "width", "height", "max_episode_steps",
+    "task",
+    "disable_env_checker", "nothing",
+)  # fmt: skip
+OF_VECTOR = (
+    "robot",
+    "spot",
+    "nose",
+    "render_mode",
+    "max_episode_steps",
+    "autoreset_mode",
+    "threads",
+)
+
+
+@dataclasses.dataclass
+class Case:
+    """A hostile call.
+
+    Attributes:
+      what: The call, in words.
+      call: Function that makes the call and returns the numbers that it gave.
+    """
+
+    what: str
+    call: object
+
+
+def _numbers(value):
+    """Yields all numbers of a nested value."""
+    if isinstance(value, dict):
+        value = [*value.values()]
+    if isinstance(value, tuple | list):
+        for part in value:
+            yield from _numbers(part)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        yield value
+    elif isinstance(value, float | int | np.number):
+        yield np.asarray(value)
+
+
+def _one(draw, values):
+    return values[draw.integers(len(values))]
+
+
+def _kwargs(draw, names, most=2):
+    count = 0 if draw.random() < 0.5 else draw.integers(1, most + 1)
+    return {_one(draw, names): _one(draw, VALUES) for _ in range(count)}
+
+
+def _actions(draw, sound):
+    """Returns three actions, one of them hostile in half of the cases."""
+    actions = [sound] * 3
+    if draw.random() < 0.5:
+        actions[draw.integers(3)] = _one(draw, ACTIONS)
+    return actions
+
+
+def _dm(draw):
+    task, kwargs = _one(draw, [*TASKS]), _kwargs(draw, KEYWORDS)
+    environment = _kwargs(draw, OF_ENVIRONMENT) if draw.random() < 0.3 else None
+    domain = "arena" if draw.random() < 0.95 else _one(draw, VALUES)
+    task = task if draw.random() < 0.95 else _one(draw, VALUES)
+    actions = _actions(draw, np.full(2, 0.3))
+    first = draw.random() < 0.1
+
+    def call():
+        env = musebot.load(domain, task, kwargs, environment)
+        given = [] if first else [env.reset()]
+        given += [env.step(action) for action in actions]
+        pose = env.physics.data.qpos
+        size = Dimensions.of(env.physics.model.ptr)
+        assert abs(pose[0]) < size.half_length and abs(pose[1]) < size.half_width, "outside"
+        return [(step.observation, step.reward) for step in given], pose
+
+    shown = f"load({domain!r:.20}, {task!r:.30}, {kwargs!r:.200}, {environment!r:.200})"
+    return Case(f"{shown}, actions {actions!r:.300}, step first: {first}", call)
+
+
+def _gym(draw):
+    import gymnasium
+
+    name, kwargs = _one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_GYMNASIUM)
+    actions = _actions(draw, np.full(2, 0.3))
+    seed, options = (_one(draw, VALUES) if draw.random() < 0.15 else None for _ in range(2))
+    order = int(draw.integers(12))
+
+    def call():
+        env = gymnasium.make(f"musebot/{name}", **kwargs)
+        given = []
+        if order != 0:
+            given.append(env.reset(seed=seed, options=options)[0])
+        if order == 1:
+            env.close()
+        for action in actions:
+            given.append(env.step(action)[:2])
+        env.close()
+        return given
+
+    shown = f"make({name}, {kwargs!r:.200}), reset({seed!r:.60}, {options!r:.60})"
+    return Case(f"{shown}, actions {actions!r:.300}, order {order}", call)
+
+
+def _vector(draw):
+    import gymnasium
+
+    name, kwargs = _one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_VECTOR)
+    count = 2 if draw.random() < 0.8 else _one(draw, [v for v in VALUES if v is not None])
+    actions = _actions(draw, np.full((2, 2), 0.3))
+    seed = _one(draw, VALUES) if draw.random() < 0.2 else None
+    order = int(draw.integers(12))
+    if isinstance(count, int) and count > 10**6:
+        count = 2  # rightly out of memory
+
+    def call():
+        env = gymnasium.make_vec(
+            f"musebot/{name}", num_envs=count, vectorization_mode="vector_entry_point", **kwargs
+        )
+        given = []
+        if order != 0:
+            given.append(env.reset(seed=seed)[0])
+        if order == 1:
+            env.close()
+        for action in actions:
+            given.append(env.step(action)[:3])
+        env.close()
+        return given
+
+    shown = f"make_vec({name}, {count!r:.60}, {kwargs!r:.200}), reset({seed!r:.60})"
+    return Case(f"{shown}, actions {actions!r:.300}, order {order}", call)
+
+
+def _batch(draw):
+    task, robots = _one(draw, [*TASKS]), 2
+    kwargs = (
+        {_one(draw, ("nose", "motor_speed")): _one(draw, VALUES)} if draw.random() < 0.4 else {}
+    )
+    if draw.random() < 0.15:
+        robots = _one(draw, [v for v in VALUES if not (isinstance(v, int) and v > 10**6)])
+    kinematic = draw.random() < 0.4
+    place, spot = (_one(draw, VALUES) if draw.random() < 0.3 else None for _ in range(2))
+    motors = _actions(draw, np.full((2, 2), 0.3))
+
+    def call():
+        if kinematic:
+            batch = make_kinematic_batch(task, robots, Kinematics(), **kwargs)
+        else:
+            batch = make_batch(task, robots, **kwargs)
+        everyone = np.arange(batch.robots)
+        if spot is not None:
+            batch.place_spot(everyone, spot)
+        if place is not None:
+            batch.place(everyone, place)
+        given = []
+        for motor in motors:
+            batch.step(motor)
+            given.append(
+                (batch.rules.state(batch.sensordata), batch.rules.reward(batch.sensordata))
+            )
+        return given, batch.pose[batch.valid]
+
+    kind = "make_kinematic_batch" if kinematic else "make_batch"
+    shown = f"{kind}({task}, {robots!r:.60}, {kwargs!r:.100}), place {place!r:.60}, {spot!r:.60}"
+    return Case(f"{shown}, motors {motors!r:.300}", call)
+
+
+KINDS = {"load": _dm, "gymnasium.make": _gym, "make_vec": _vector, "batch": _batch}
+
+
+def case(kind, number):
+    """Carries out one case; returns the class of what happened, and a sentence.
+
+    Args:
+      kind: A key of `KINDS`.
+      number: Number of the case.
+    """
+    draw = np.random.default_rng([SEED, [*KINDS].index(kind), number])
+    one = KINDS[kind](draw)
+    found, error = None, None
+    with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
+        warnings.simplefilter("ignore")
+        try:
+            with oracle.limited():
+                found = one.call()
+        except oracle.OutOfTime:
+            return "wrong: slow", one.what
+        except Exception as caught:
+            error = caught
+    return _judged(found, error), f"{kind} {number}: {one.what}: {error!r:.600}"
+
+
+def _judged(found, error):
+    if error is None:
+        sound = all(np.isfinite(array).all() for array in _numbers(found))
+        return "carried out, finite" if sound else "wrong: numbers that are not finite"
+    name = type(error).__name__
+    if not str(error):
+        return "wrong: an error without a sentence"
+    if type(error) in (ValueError, TypeError) or str(error) in _REFUSALS.values():
+        return f"refused by {name}"
+    if type(error).__module__.startswith("gymnasium") or not _reached(error):
+        return f"refused by Gymnasium's own {name}"
+    return f"wrong: {name}"
+
+
+def _reached(error):
+    """Returns whether an error was raised in a call of musebot, not by Gymnasium alone."""
+    package = Path(musebot.__file__).resolve().parent
+    paths = [Path(f.filename).resolve() for f in traceback.extract_tb(error.__traceback__)]
+    ours = [path for path in paths if path.is_relative_to(package)]
+    return any(not path.is_relative_to(package / "tests") and ".venv" not in path.parts
+               for path in ours)  # fmt: skip

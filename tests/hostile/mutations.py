@@ -1,0 +1,416 @@
+"""Changes of files: of their bytes, of their JSON, rows and arrays, and of what they are."""
+
+import io
+import json
+import os
+import struct
+import warnings
+import zipfile
+
+import numpy as np
+
+HUGE = 2**35
+
+
+# ---- Bytes ----
+
+
+def flip(draw, data):
+    """Flips 1 to 4 bits."""
+    data = bytearray(data)
+    for _ in range(draw.integers(1, 5)):
+        data[draw.integers(len(data))] ^= 1 << int(draw.integers(8))
+    return bytes(data)
+
+
+def truncate(draw, data):
+    """Cuts the end."""
+    return data[: draw.integers(len(data))]
+
+
+def extend(draw, data):
+    """Appends bytes."""
+    return data + draw.bytes(int(draw.integers(1, 5000)))
+
+
+def insert(draw, data):
+    """Inserts bytes."""
+    at = draw.integers(len(data) + 1)
+    return data[:at] + draw.bytes(int(draw.integers(1, 50))) + data[at:]
+
+
+def cut(draw, data):
+    """Removes bytes from within."""
+    at = draw.integers(len(data))
+    return data[:at] + data[at + draw.integers(1, 200) :]
+
+
+def repeat(draw, data):
+    """Repeats a part."""
+    start, stop = sorted(draw.integers(0, len(data) + 1, 2))
+    return data[:stop] + data[start:stop] + data[stop:]
+
+
+def blank(draw, data):
+    """Sets a part to zeros, as a file system does after a crash."""
+    start, stop = sorted(draw.integers(0, len(data) + 1, 2))
+    return data[:start] + bytes(stop - start) + data[stop:]
+
+
+def noise(draw, data):
+    """Replaces everything."""
+    return draw.bytes(int(draw.integers(0, len(data) + 1)))
+
+
+def bytes_of_text(draw, data):
+    """Puts in what text must not contain, or what changes its meaning."""
+    pieces = (b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", "\u202e".encode(), b"\r", b"\x1b[2J", b"\xc3")
+    at = draw.integers(len(data) + 1)
+    return data[:at] + pieces[draw.integers(len(pieces))] + data[at:]
+
+
+BYTES = (flip, flip, flip, truncate, extend, insert, cut, repeat, blank, noise, bytes_of_text)
+
+
+# ---- What stands in the place of a file ----
+
+
+def no_file(draw, path, other):
+    """Deletes the file."""
+    del draw, other
+    path.unlink()
+
+
+def pipe(draw, path, other):
+    """Puts a pipe there that nobody writes to."""
+    del draw, other
+    path.unlink()
+    os.mkfifo(path)
+
+
+def folder(draw, path, other):
+    """Puts a folder there."""
+    del draw, other
+    path.unlink()
+    path.mkdir()
+
+
+def link_to_other(draw, path, other):
+    """Puts a link to the same file of another run there."""
+    del draw
+    path.unlink()
+    path.symlink_to(other)
+
+
+def link_to_device(draw, path, other):
+    """Puts a link to a device there."""
+    del other
+    path.unlink()
+    path.symlink_to(("/dev/zero", "/dev/full", "/dev/null", "/dev/stdin")[draw.integers(4)])
+
+
+def link_to_itself(draw, path, other):
+    """Puts a link there that leads nowhere."""
+    del draw, other
+    path.unlink()
+    path.symlink_to(path.name)
+
+
+def huge(draw, path, other):
+    """Makes the file huge, without blocks on the disk."""
+    del draw, other
+    os.truncate(path, HUGE)
+
+
+def swapped(draw, path, other):
+    """Puts the same file of another run there."""
+    del draw
+    path.write_bytes(other.read_bytes())
+
+
+PLACES = (no_file, pipe, folder, link_to_other, link_to_device, link_to_itself, huge)
+
+
+# ---- JSON ----
+
+
+def hostile_value(draw):
+    """Returns a text of JSON that is no sound value of most fields."""
+    n = int(draw.integers(1, 2000))
+    values = (
+        "null", "true", "false", "-1", "0", "1", "2", "0.5", "1.5", "1e400", "-1e400", "NaN",
+        "Infinity", "-Infinity", "1" + "0" * 400, "9" * 5000, "1e-320", "18446744073709551616",
+        '""', '"150"', '"' + "x" * n + '"', '"\\u0000"', '"\\ud800"', '"\\u202e"', '"__import__"',
+        "[]", "{}", "[[]]", "[0]", '{"a": 1}', "[" * n + "]" * n, "[" * 10**5 + "]" * 10**5,
+        '{"a":' * n + "1" + "}" * n, "[" + "0," * n + "0]", '"os:system"', '"../../x"', "1e3",
+        '"fixed"', '"spot_finding"', '"kinematic"', '"walls"', "3", "4", "-0.0", "1e308",
+    )  # fmt: skip
+    return values[draw.integers(len(values))]
+
+
+class Raw(str):
+    """Text that stands in JSON as it is."""
+
+
+def dumped(value):
+    """Returns JSON with the texts of `Raw` in it, and with keys that may be given twice."""
+    if isinstance(value, Raw):
+        return str(value)
+    if isinstance(value, Pairs):
+        return "{" + ", ".join(f"{json.dumps(k)}: {dumped(v)}" for k, v in value.pairs) + "}"
+    if isinstance(value, dict):
+        return dumped(Pairs([*value.items()]))
+    if isinstance(value, list):
+        return "[" + ", ".join(map(dumped, value)) + "]"
+    return json.dumps(value)
+
+
+class Pairs:
+    """An object of JSON whose keys may repeat."""
+
+    def __init__(self, pairs):
+        self.pairs = pairs
+
+
+def _containers(value):
+    found = [value] if isinstance(value, dict | list) and value else []
+    for child in value.values() if isinstance(value, dict) else value if found else ():
+        if isinstance(child, dict | list):
+            found += _containers(child)
+    return found
+
+
+def json_mutated(draw, data):
+    """Changes one value, key or entry of a text of JSON, or nests it."""
+    content = json.loads(data)
+    if draw.random() < 0.03:
+        n = int(draw.integers(1, 2 * 10**5))
+        return b'{"a":' * n + data + b"}" * n
+    if draw.random() < 0.03:
+        return hostile_value(draw).encode()
+    places = _containers(content)
+    place = places[draw.integers(len(places))]
+    if isinstance(place, dict):
+        keys = [*place]
+        key = keys[draw.integers(len(keys))]
+        what = draw.integers(6)
+        if what == 0:
+            del place[key]
+        elif what == 1:
+            place[hostile_key(draw)] = place.pop(key)
+        elif what == 2:
+            place[hostile_key(draw)] = Raw(hostile_value(draw))
+        elif what == 3 and place is content:
+            return dumped(Pairs([*place.items(), (key, Raw(hostile_value(draw)))])).encode()
+        else:
+            place[key] = Raw(hostile_value(draw))
+    else:
+        at = draw.integers(len(place))
+        what = draw.integers(4)
+        if what == 0:
+            del place[at]
+        elif what == 1:
+            place.append(place[at])
+        else:
+            place[at] = Raw(hostile_value(draw))
+    return dumped(content).encode()
+
+
+def hostile_key(draw):
+    """Returns a name of a field that is none."""
+    names = ("", "a", "seed ", "\x00", "__class__", "x" * 5000, "course", "young_epsilon", "🤖")
+    return names[draw.integers(len(names))]
+
+
+# ---- Rows ----
+
+_CELLS = (
+    "", " ", "nan", "inf", "-inf", "NaN", "-1", "0", "1", "2", "0.0", "-0.0", "1e400", "-5.0",
+    "0.05", "1_0", "٢", "1" * 5000, "0x10", "1e-320", "12.3", "60.0", "60.1", "genius", "ignorant",
+    "invalid", "L = 1", "0 < L < 1", "L = 0", "L < 0", "wall_avoidance", "spot_finding", "fixed",
+    "creative", "random", "os:system", '"', "'", "\x00", "\x1b[2J", "=1+1", "\u202e", "0.5", "1.0",
+    "x" * 5000, "True", "None", "1,0", "18446744073709551616",
+)  # fmt: skip
+
+
+def rows_mutated(draw, data):
+    """Changes a cell, a row or the head of a table."""
+    lines = [line.split(",") for line in data.decode().splitlines()]
+    at, what = int(draw.integers(1, len(lines))), draw.integers(12)
+    if what == 0:
+        del lines[at]
+    elif what == 1:
+        lines.insert(int(draw.integers(1, len(lines))), lines[at])
+    elif what == 2:
+        other = draw.integers(1, len(lines))
+        lines[at], lines[other] = lines[other], lines[at]
+    elif what == 3:
+        lines[at].append(_CELLS[draw.integers(len(_CELLS))])
+    elif what == 4:
+        lines[at].pop(draw.integers(len(lines[at])))
+    elif what == 5:
+        lines[0][draw.integers(len(lines[0]))] = _CELLS[draw.integers(len(_CELLS))]
+    elif what == 6:
+        del lines[at:]
+    elif what == 7:
+        other = draw.integers(1, len(lines))
+        column = draw.integers(len(lines[0]))
+        lines[at][column], lines[other][column] = lines[other][column], lines[at][column]
+    else:
+        lines[at][draw.integers(len(lines[at]))] = _CELLS[draw.integers(len(_CELLS))]
+    return "".join(",".join(line) + "\n" for line in lines).encode()
+
+
+# ---- Arrays ----
+
+
+def array_mutated(draw, array):
+    """Returns an array of other values, another shape or dtype."""
+    what = draw.integers(16)
+    array = np.array(array)
+    if not array.ndim and what > 11:
+        array = array[None]
+    at = tuple(draw.integers(n) for n in array.shape)
+    if what < 5 and array.size:
+        values = (np.nan, np.inf, -np.inf, -1, 2, 1.0001, 1e30, 30000, 0.5, 1e-40, -0.0)
+        with np.errstate(all="ignore"):
+            value = values[draw.integers(len(values))]
+            if array.dtype.kind == "f" or np.isfinite(value):
+                array[at] = np.array(value).astype(array.dtype)
+    elif what < 10:
+        kinds = (complex, float, np.float16, np.int64, np.uint8, bool, "U8", "S8", ">f4", "M8[s]")
+        with np.errstate(all="ignore"):
+            array = np.nan_to_num(array).astype(kinds[draw.integers(len(kinds))])
+    elif what == 10:
+        array = np.array(array.ravel()[:1].sum())
+    elif what == 11:
+        array = array[None]
+    elif what == 12:
+        array = array[:-1]
+    elif what == 13:
+        array = np.concatenate([array, array])
+    elif what == 14:
+        array = array.reshape(-1)
+    else:
+        array = array[..., :-1] if array.ndim > 1 else array[:0]
+    return array
+
+
+def zip_of(members, how=zipfile.ZIP_DEFLATED):
+    """Returns the bytes of a zip of pairs of a name and a content."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", how) as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that is there twice
+        for name, content in members:
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def npy(array):
+    """Returns a file of numpy's format; an array of objects with its pickle."""
+    buffer = io.BytesIO()
+    np.save(buffer, array, allow_pickle=True)
+    return buffer.getvalue()
+
+
+def npy_promise(shape, descr="<f4", data=b""):
+    """Returns a file of numpy's format whose head promises an array that is not there."""
+    head = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape!r}, }}".encode()
+    head += b" " * (-(len(head) + 11) % 64) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + data
+
+
+class Bomb:
+    """An object that makes a folder when it is unpickled."""
+
+    def __reduce__(self):
+        return os.mkdir, (os.environ.get("HOSTILE_MARK", "unpickled"),)
+
+
+def npz_mutated(draw, data):
+    """Changes an array of a `.npz`, its head, its name or its number."""
+    with np.load(io.BytesIO(data)) as archive:
+        arrays = dict(archive)
+    members = {f"{name}.npy": npy(array) for name, array in arrays.items()}
+    names = [*members]
+    name = names[draw.integers(len(names))]
+    what = draw.integers(13)
+    if what == 0:
+        del members[name]
+    elif what == 1:
+        other = names[draw.integers(len(names))]
+        members[name], members[other] = members[other], members[name]
+    elif what == 2:
+        shapes = ((10**12,), (2**62, 2**62), (-1, 4), (10**6, 10**6), (0, 0), ("a",), (1.5, 2))
+        kinds = ("<f4", "|O", "<c16", "V8", "<f8", "|u1")
+        descr = kinds[draw.integers(len(kinds))]
+        members[name] = npy_promise(shapes[draw.integers(len(shapes))], descr, b"\0" * 64)
+    elif what == 3:
+        members[name] = npy_promise((2**26,), "<f4") + bytes(2**26)
+    elif what == 4:
+        members[name] = npy(np.array([Bomb()], dtype=object))
+    elif what == 5:
+        strange = (
+            "../../x.npy",
+            "/etc/x.npy",
+            "x",
+            ".npy",
+            "a/b/c.npy",
+            name.upper(),
+            f"{name}\x00.npy",
+        )
+        members[strange[draw.integers(len(strange))]] = members[name]
+    elif what == 6:
+        return zip_of([*members.items(), (name, members[name])])
+    elif what == 7:
+        members[name] = flip(draw, members[name])  # with its own, correct checksum
+    elif what == 8:
+        return zip_of(members.items(), (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)[draw.integers(2)])
+    else:
+        members[name] = npy(array_mutated(draw, arrays[name.removesuffix(".npy")]))
+    return zip_of(members.items())
+
+
+def tensors_header(data):
+    """Returns the header of a safetensors file as JSON, and what follows it."""
+    size = struct.unpack("<Q", data[:8])[0]
+    return json.loads(data[8 : 8 + size]), data[8 + size :]
+
+
+def with_header(text, rest):
+    """Returns a safetensors file of a header and what follows it."""
+    return struct.pack("<Q", len(text)) + text + rest
+
+
+def tensors_mutated(draw, data):
+    """Changes the header of a safetensors file; its digest stays."""
+    header, rest = tensors_header(data)
+    names = [name for name in header if name != "__metadata__"]
+    entry = header[names[draw.integers(len(names))]]
+    what = draw.integers(9)
+    if what == 0:
+        shapes = ([10**12], [2**63, 2], [-1], [], [0], "x", [1.5])
+        entry["shape"] = shapes[draw.integers(len(shapes))]
+    elif what == 1:
+        offsets = ([0, 2**40], [2**62, 2**63], [-4, 0], [0, 0], [8, 4], [])
+        entry["data_offsets"] = offsets[draw.integers(len(offsets))]
+    elif what == 2:
+        kinds = ("F64", "F16", "I32", "BOOL", "F8_E4M3", "X", "", "BF16")
+        entry["dtype"] = kinds[draw.integers(len(kinds))]
+    elif what == 3:
+        other = header[names[draw.integers(len(names))]]
+        entry["data_offsets"], other["data_offsets"] = other["data_offsets"], entry["data_offsets"]
+    elif what == 4:
+        sizes = (2**63 - 1, 2**64 - 1, 2**40, 0, 7, 10**8)
+        return struct.pack("<Q", sizes[draw.integers(len(sizes))]) + data[8:]
+    elif what == 5:
+        return with_header(json_mutated(draw, json.dumps(header).encode()), rest)
+    elif what == 6:
+        header["__metadata__"] = {"musebot": hostile_value(draw)}
+    elif what == 7:
+        at = draw.integers(len(rest))
+        rest = rest[:at] + bytes([rest[at] ^ (1 << int(draw.integers(8)))]) + rest[at + 1 :]
+    else:
+        header["new"] = {"dtype": "F32", "shape": [1], "data_offsets": [len(rest), len(rest) + 4]}
+        rest += draw.bytes(4)
+    return with_header(json.dumps(header).encode(), rest)

@@ -1,0 +1,92 @@
+"""Hostile cases of the readers: one changed file, one reader, and the judgement."""
+
+import shutil
+
+import numpy as np
+from hostile import files, oracle
+
+SEED = 20040
+
+# Accepted changes of a result: kinds of files, names of changes, and why nothing could tell.
+ANY = ("flip", "truncate", "extend", "insert", "cut", "repeat", "blank", "bytes_of_text")
+OTHERS = ("swapped", "mixed_up", "link_to_other")
+UNTOLD = (
+    (("experiment.json",), (*ANY, "json_mutated", *OTHERS), "another sound setting"),
+    (("robots.csv",), (*ANY, "rows_mutated"), "other sound rows"),
+    (("curves.npz",), ("npz_mutated",), "other sound shares, with a checksum of their own"),
+    (
+        ("brains.safetensors", "film of a run", "policies"),
+        OTHERS,
+        "sound weights of another run, with their own digest",
+    ),
+    (
+        [kind.name for kind in files.KINDS if kind.file.endswith(".safetensors")],
+        ("forged",),
+        "sound values, with a digest written anew",
+    ),
+)
+
+
+def case(base, folder, kind, number):
+    """Carries out one case.
+
+    Args:
+      base: Folder with `a` and `b`, each made by `files.make`.
+      folder: Folder of the case; it is removed.
+      kind: Kind of file to change.
+      number: Number of the case within the kind.
+
+    Returns:
+      A pair: the class of what happened, and what the case did in a sentence. Classes that begin
+      with "wrong" must not occur.
+    """
+    draw = np.random.default_rng([SEED, files.KINDS.index(kind), number])
+    own, victim = folder / "own", folder / "victim"
+    files.copied(kind, base / "a", own)
+    victim.mkdir()
+    (victim / "notes.txt").write_text("mine")
+    marked = files.mark(folder)
+    what = kind.changed(draw, own, base / "b")
+    before, outside = oracle.snapshot(own), oracle.snapshot(victim, base, contents=False)
+    outcome = oracle.carried_out(files.working(kind, own))
+    said = f"{kind.name} {number}, {what}: {outcome.status} {outcome.printed.strip()[-1200:]}"
+    try:
+        return _judged(kind, what, outcome, (before, oracle.snapshot(own))), said
+    finally:
+        left = oracle.snapshot(victim, base, contents=False)
+        assert left == outside, f"{said}: something outside was changed"
+        assert not marked.exists(), f"{said}: code of the file was run"
+        shutil.rmtree(folder)
+
+
+def _judged(kind, what, outcome, folders):
+    if outcome.status == 0:
+        true = _true(kind)
+        if outcome.value == true:
+            return "accepted, the same results"
+        if kind.name == "checkpoint" and outcome.value[1] is (what != "no_file"):
+            return "set aside, starts anew"
+        for kinds, changes, reason in UNTOLD:
+            if kind.name in kinds and what in changes:
+                return f"cannot be told: {reason}"
+        return f"wrong: accepted with other results after {what}"
+    if wrong := oracle.complaint(outcome):
+        return f"wrong: {wrong}"
+    if folders[0] != folders[1]:
+        return "wrong: refused, but the folder was changed"
+    return "refused in one sentence"
+
+
+_TRUE = {}
+
+
+def learn_truth(base):
+    """Reads the unchanged files: what every accepted case must give."""
+    for kind in files.KINDS:
+        outcome = oracle.carried_out(files.working(kind, base / "a"))
+        assert outcome.status == 0, f"{kind.name}: {outcome.printed}"
+        _TRUE[kind.name] = outcome.value
+
+
+def _true(kind):
+    return _TRUE[kind.name]

@@ -1,0 +1,296 @@
+"""Pictures and windows: without a display, with one, and with the user's choice of a backend.
+
+Each script runs in a process of its own, because a process chooses OpenGL once. What it saw is
+checked by several tests.
+"""
+
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import musebot
+from musebot.models import arena_spec, rendering
+from musebot.protocols import errors
+from musebot.protocols.playback.offscreen import Canvas
+
+pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+
+# Everything is imported in the order of habit, in which musebot comes last.
+HEADLESS = """
+import gc, json, os, sys, warnings
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # dm_control's own, where it is imported first
+    import dm_control.suite
+import gymnasium
+import mujoco
+import numpy as np
+import musebot
+from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
+from gymnasium.wrappers.vector import RecordVideo as VecRecordVideo
+
+seen = {}
+musebot.register()
+env = dm_control.suite.load("musebot_arena", "spot_finding")
+env.reset()
+physics = env.physics
+seen["before"] = os.environ.get("MUJOCO_GL"), "OpenGL" in sys.modules
+small = physics.render(64, 96, "overhead")
+seen["std"] = float(small.std())
+seen["twice"] = bool((physics.render(64, 96, "overhead") == small).all())
+seen["large"] = physics.render(1080, 1920, "overhead").shape
+seen["after large"] = bool((physics.render(64, 96, "overhead") == small).all())
+
+
+def make(mode="rgb_array", **kwargs):
+    made = gymnasium.make("musebot/SpotFinding-v0", render_mode=mode, **kwargs)
+    made.reset(seed=0)
+    return made
+
+
+def sentence(**kwargs):
+    try:
+        make(**kwargs)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+
+
+one, two = make(), make(width=1920, height=1080)
+image, large = one.render(), two.render()
+seen["gymnasium"] = image.shape, str(image.dtype), float(image.std()), large.shape
+own = one.unwrapped._environment.physics.render(320, 480, "overhead")
+seen["both renderers"] = bool((own == image).all())
+one.close()
+one.close()
+seen["after close"] = bool((two.render() == large).all())
+three = make()
+three.render()
+del two
+gc.collect()
+seen["after deletion"] = bool((three.render() == image).all())
+seen["among others"] = bool((physics.render(64, 96, "overhead") == small).all())
+depth = make("depth_array").render()
+both = make("rgbd_tuple").render()
+seen["depth"] = depth.shape, float(depth.min()), float(depth.max()), float(depth.std())
+seen["rgbd"] = bool((both[0] == image).all() and (both[1] == depth).all())
+seen["window"] = sentence(mode="human")
+seen["camera"] = sentence(camera="nose")
+
+# Gymnasium warns that folders exist, and of moviepy's own warnings; neither is ours.
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    film = RecordVideo(RecordEpisodeStatistics(make()), "single", disable_logger=True)
+    robots = gymnasium.make_vec(
+        "musebot/SpotFinding-v0", 2, vectorization_mode="sync", render_mode="rgb_array",
+        width=96, height=64,
+    )
+    films = VecRecordVideo(
+        robots, "batch", step_trigger=lambda n: n == 0, video_length=3, disable_logger=True
+    )
+    film.reset(seed=0)
+    films.reset(seed=0)
+    for _ in range(4):
+        films.step(np.zeros((2, 2), np.float32))
+        film.step(np.zeros(2, np.float32))
+    film.close()
+    films.close()
+seen["after"] = os.environ["MUJOCO_GL"], "torch" in sys.modules
+print(json.dumps(seen))
+"""
+
+WINDOW = """
+import gymnasium, musebot, numpy as np, os
+env = musebot.load("arena", "spot_finding")
+env.reset()
+
+
+def make(mode):
+    made = gymnasium.make("musebot/SpotFinding-v0", render_mode=mode)
+    made.reset(seed=0)
+    return made
+
+
+still = env.physics.render(64, 96)
+window, pictures = make("human"), make("rgb_array")
+first = pictures.render()
+assert first.std() > 0
+window.step(np.zeros(2, np.float32))
+assert (pictures.render() == first).all() and (env.physics.render(64, 96) == still).all()
+window.close()
+assert (pictures.render() == first).all() and (env.physics.render(64, 96) == still).all()
+window = make("human")
+assert (pictures.render() == first).all()
+print(os.environ.get("MUJOCO_GL"))
+"""
+
+
+def environment(**changes):
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
+    return {k: v for k, v in os.environ.items() if k not in names} | changes
+
+
+@pytest.fixture(scope="module")
+def headless(egl, tmp_path_factory):
+    """What a process without a display sees, where it leaves films, and what it prints."""
+    pytest.importorskip("moviepy", reason="needs the extra `gym`")
+    folder = tmp_path_factory.mktemp("headless")
+    done = subprocess.run(
+        [sys.executable, "-c", HEADLESS],
+        cwd=folder, env=environment(), capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), folder, done.stderr
+
+
+@pytest.mark.slow
+def test_dm_control_renders_twice_without_a_display_and_in_any_size(headless):
+    seen, _, _ = headless
+    assert seen["std"] > 0 and seen["twice"]
+    assert seen["large"] == [1080, 1920, 3] and seen["after large"]
+
+
+@pytest.mark.slow
+def test_egl_is_chosen_by_the_first_picture_and_not_before(headless):
+    seen, _, _ = headless
+    assert seen["before"] == [None, False]
+    assert seen["after"] == ["egl", False]
+
+
+@pytest.mark.slow
+def test_gymnasium_renders_the_same_picture_as_dm_control(headless):
+    seen, _, _ = headless
+    shape, dtype, std, large = seen["gymnasium"]
+    assert (shape, dtype, large) == ([320, 480, 3], "uint8", [1080, 1920, 3]) and std > 0
+    assert seen["both renderers"]
+
+
+@pytest.mark.slow
+def test_environments_in_one_process_leave_each_others_pictures_alone(headless):
+    seen, _, printed = headless
+    assert seen["after close"] and seen["after deletion"] and seen["among others"]
+    assert not printed  # no warning, and nothing at exit, where four of them are still open
+
+
+@pytest.mark.slow
+def test_a_first_picture_of_gymnasiums_and_no_close_print_nothing_at_exit(egl):
+    code = (
+        "import gymnasium, musebot; env = gymnasium.make('musebot/SpotFinding-v0', "
+        "render_mode='rgb_array'); env.reset(seed=0); assert env.render().std() > 0"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
+def test_depth_is_rendered_alone_and_with_colours(headless):
+    shape, low, high, std = headless[0]["depth"]
+    assert shape == [320, 480] and 0 <= low < high <= 1 and std > 0
+    assert headless[0]["rgbd"]
+
+
+@pytest.mark.slow
+def test_a_window_without_a_display_and_an_unknown_camera_are_one_sentence(headless):
+    seen, _, _ = headless
+    assert seen["window"] == (
+        "RuntimeError: there is no display to open a window on; "
+        "render_mode='rgb_array' needs no display"
+    )
+    assert seen["camera"].startswith("ValueError: camera must be one of ['overhead', ")
+    assert seen["camera"].endswith("got 'nose'")
+
+
+@pytest.mark.slow
+def test_gymnasiums_recorders_leave_films(headless):
+    _, folder, _ = headless
+    for name in ("single", "batch"):
+        (film,) = (folder / name).glob("*.mp4")
+        assert film.stat().st_size > 1000
+
+
+@pytest.fixture(scope="module")
+def display():
+    """Number of a display, of its own or of a virtual one."""
+    if not shutil.which("Xvfb"):
+        pytest.skip("needs Xvfb")
+    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1280x1024x24"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    yield f":{server.stdout.readline().strip()}"
+    server.terminate()
+    server.wait()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chosen", [{}, {"MUJOCO_GL": "egl"}], ids=["unset", "egl"])
+def test_a_window_and_pictures_share_a_process(display, egl, chosen):
+    done = subprocess.run(
+        [sys.executable, "-c", WINDOW],
+        env=environment(DISPLAY=display, **chosen), capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == str(chosen.get("MUJOCO_GL"))
+
+
+@pytest.fixture
+def no_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+
+
+@pytest.mark.parametrize(
+    ("chosen", "sentence"),
+    [
+        ("off", "MUJOCO_GL is 'off', with which nothing is drawn: unset it"),
+        ("glfw", "MUJOCO_GL is 'glfw', but there is no display .*: unset it, or set it to 'egl'"),
+    ],
+)
+def test_the_users_choice_stands_and_its_failure_is_one_sentence(
+    no_display, monkeypatch, chosen, sentence
+):
+    monkeypatch.setenv("MUJOCO_GL", chosen)
+    physics = musebot.load("arena", "wall_avoidance").physics
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=sentence):
+            physics.render(64, 64)
+    assert os.environ["MUJOCO_GL"] == chosen
+
+
+def test_without_egl_a_picture_is_refused_with_the_remedy_every_time(no_display, monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setitem(sys.modules, "dm_control._render.pyopengl.egl_renderer", None)
+    rendering._egl_context.cache_clear()
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=f"no headless OpenGL.*`{errors.EGL_REMEDY}`"):
+            rendering.choose_backend()
+    assert "MUJOCO_GL" not in os.environ
+
+
+@pytest.mark.parametrize("canvas", [False, True], ids=["environment", "film"])
+def test_triton_is_imported_before_egl(no_display, monkeypatch, tmp_path, canvas):
+    (tmp_path / "triton.py").write_text("raise RuntimeError('broken, and harmless')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delenv("MUJOCO_GL")
+    names = []
+    imported = importlib.import_module
+    monkeypatch.setattr(importlib, "import_module", lambda n: (names.append(n), imported(n)))
+    for module in ("dm_control._render.pyopengl.egl_renderer", "mujoco.egl"):
+        monkeypatch.setitem(sys.modules, module, None)
+    rendering._egl_context.cache_clear()
+    with pytest.raises((RuntimeError, errors.InputError), match="no headless OpenGL"):
+        Canvas(arena_spec().compile(), "overhead", 64, 48) if canvas else rendering.choose_backend()
+    assert names == ["triton"]
+
+
+def test_the_buffer_grows_and_never_shrinks():
+    model = arena_spec().compile()
+    size = model.vis.global_
+    assert not rendering.fit_buffer(model, 64, 64)
+    assert rendering.fit_buffer(model, 1920, 64)
+    assert (size.offwidth, size.offheight) == (1920, 960)
+    assert not rendering.fit_buffer(model, np.int64(1920), 960)

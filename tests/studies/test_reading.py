@@ -1,0 +1,81 @@
+"""The study of readings of the paper."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from musebot.protocols.experiment.experiment import differing
+from musebot.protocols.experiment.overrides import READINGS
+from musebot.protocols.simulation.local import Local
+from musebot.protocols.studies.reading import CHOICES, DESIGN, PLAIN, Reading
+from musebot.protocols.studies.study import conduct
+
+TINY = Reading(robots=6, newborns=4, screened=6, time_scale=0.004)
+
+
+def test_the_design_is_balanced_and_its_columns_are_orthogonal():
+    assert np.array_equal(DESIGN.T @ DESIGN, 12 * np.eye(11))
+    assert (DESIGN.sum(axis=0) == 0).all()
+    assert len(CHOICES) == 8
+
+
+def test_every_choice_has_the_plain_readings_value_first():
+    plain = TINY.plans()[PLAIN].experiment
+    for name, value in (pair for choice in CHOICES for pair in choice.values[0].items()):
+        part, _, inner = name.partition(".")
+        own = getattr(plain, part)
+        own = getattr(own, inner) if inner else own
+        assert own == value or (name == "motor_speed" and own is None)  # the model's is 0.2
+
+
+def test_the_first_stage_is_the_reading_plain():
+    experiment = TINY.plans()[PLAIN].experiment
+    assert {name: getattr(experiment, name) for name in READINGS[PLAIN]} == READINGS[PLAIN]
+    assert set(differing(experiment, TINY.screen()["screen-12"].experiment)) >= {
+        "nose", "nose_place", "turned_start", "kinematics.wall", "brain.bootstrap",
+    }  # fmt: skip
+
+
+def test_newborns_differ_from_the_plain_reading_in_what_their_name_says():
+    cells = TINY.cells()
+    assert len(cells) == 48
+    own, _ = cells["spot-refuses-200mm-centre"]
+    other, task = cells["spot-holds-300mm-front"]
+    assert task == "spot_finding"
+    assert set(differing(own, other)) == {"motor_speed", "nose_place", "kinematics.wall"}
+    assert other.motor_speed == 0.3
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("reading") / "out"
+    first = conduct(dataclasses.replace(TINY, stage=0), out, Local(1))
+    return out, first, conduct(TINY, out, Local(1))
+
+
+def test_a_study_that_was_stopped_after_a_stage_continues(finished):
+    out, first, page = finished
+    assert "Stage 0" in first.markdown
+    assert "Stage 1" not in first.markdown
+    assert first.markdown in page.markdown
+    assert {f"screen-{k:02}" for k in range(1, 13)} < {path.name for path in out.iterdir()}
+
+
+def test_a_finished_study_gives_a_verdict_on_each_choice(finished):
+    *_, page = finished
+    for choice in CHOICES:
+        assert f"| {choice.says} |" in page.markdown
+    for row in ("holds for refuses", "300mm for 200mm", "near for pushed", "front for centre"):
+        assert f"| {row} |" in page.markdown
+
+
+def test_the_page_shows_what_is_finished(finished, tmp_path):
+    out, *_ = finished
+    missing = out / "newborns" / "walls-slides-300mm-near-fixed.safetensors"
+    moved = missing.rename(tmp_path / "moved")
+    text = TINY.page(out).markdown
+    moved.rename(missing)
+    assert "slides-300mm-pushed" in text
+    assert "slides-300mm-near" not in text
+    assert TINY.page(out).markdown == finished[2].markdown

@@ -1,0 +1,98 @@
+"""Tasks of one's own open in every interface."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import musebot
+from musebot.tasks import make_batch, suite
+from musebot.tasks.wall_avoidance import WallAvoidanceRules
+
+PAGE = Path(__file__).parents[2] / "docs" / "own-task.md"
+EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+
+
+class Still(WallAvoidanceRules):
+    """Rewards nothing but standing still."""
+
+
+@pytest.fixture
+def forgotten():
+    """Names of tasks that are forgotten after the test."""
+    names = []
+    yield names
+    for name in names:
+        suite.TASKS.pop(name, None)
+        for tasks in (musebot.SUITE._tasks, *musebot.SUITE._tags.values()):
+            tasks.pop(name, None)
+        for identifier, task in [*musebot.GYMNASIUM_TASKS.items()]:
+            if task == name:
+                del musebot.GYMNASIUM_TASKS[identifier]
+                if gymnasium := sys.modules.get("gymnasium"):
+                    gymnasium.registry.pop(f"musebot/{identifier}", None)
+
+
+def test_a_registered_task_opens_in_every_interface(forgotten):
+    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    forgotten.append("stand_still")
+    listed = musebot.ALL_TASKS
+    assert musebot.register_task("stand_still", Still, time_limit=2.0) == "musebot/StandStill-v0"
+    environment = musebot.load("arena", "stand_still", {"random": 1})
+    steps = 0
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(np.zeros(2))
+        steps += 1
+    assert steps == 20
+    one = gymnasium.make("musebot/StandStill-v0")
+    many = gymnasium.make_vec("musebot/StandStill-v0", num_envs=2)
+    seen, _ = one.reset(seed=3)
+    rows, _ = many.reset(seed=3)
+    np.testing.assert_array_equal(rows[0], seen)
+    assert type(make_batch("stand_still", 2).rules) is Still
+    assert musebot.ALL_TASKS == listed and musebot.SUITE["stand_still"].__doc__ == Still.__doc__
+
+
+@pytest.mark.parametrize(
+    ("name", "rules", "settings", "error", "words"),
+    [
+        ("Mine", Still, {}, ValueError, "lower case with underscores, got 'Mine'"),
+        ("spot_finding", Still, {}, ValueError, "there is a task 'spot_finding' already"),
+        ("mine", Still(None), {}, TypeError, "rules must be a subclass of musebot.tasks.rules"),
+        ("mine", Still, {"colour": 1}, TypeError, "colour"),
+        ("mine", Still, {"limit": 0}, ValueError, "limit must be positive, got 0"),
+        ("mine", Still, {"time_limit": 0}, ValueError, "time_limit must be positive"),
+        ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("touch")),)},
+         KeyError, "touch"),
+    ],
+)  # fmt: skip
+def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings, error, words):
+    before = [*suite.TASKS], [*musebot.SUITE], dict(musebot.GYMNASIUM_TASKS)
+    with pytest.raises(error, match=words):
+        musebot.register_task(name, rules, **settings)
+    assert ([*suite.TASKS], [*musebot.SUITE], dict(musebot.GYMNASIUM_TASKS)) == before
+
+
+@pytest.mark.slow
+def test_the_example_of_the_page_runs(tmp_path):
+    pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    module, use = EXAMPLES
+    # The pillar stops a robot that drives at it, and earns nothing.
+    use += (
+        'env = musebot.load("arena", "racing", {"robot": (-0.3, 0.0, 0.0)})\n'
+        "env.reset()\n"
+        "for _ in range(30): timestep = env.step(np.ones(2))\n"
+        "x, y, _ = env.physics.robot_pose()\n"
+        "assert timestep.reward == 0 and abs(np.hypot(x, y) - 0.1075) < 0.002, (x, y)\n"
+    )
+    (tmp_path / "my_tasks.py").write_text(module)
+    done = subprocess.run(
+        [sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("(")[1:] == ["5,) ", "8, 5) ", "8,) 1000\n"]
+    assert 0 <= float(done.stdout.split()[0]) <= 1
