@@ -132,8 +132,8 @@ class Task(base.Task):
             highlight = np.array([0.95, 0.25, 0.15, 1.0])
             shell = self._shell
             if shell is None:
-                shell = self._shell = physics.named.model.mat_rgba["musebot/shell"].copy()
-            physics.named.model.mat_rgba["musebot/shell"] = (
+                shell = self._shell = physics.named.model.mat_rgba["musebot_shell"].copy()
+            physics.named.model.mat_rgba["musebot_shell"] = (
                 reward * highlight + (1 - reward) * shell
             )
 
