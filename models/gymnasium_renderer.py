@@ -37,11 +37,8 @@ class ArenaRenderer(MujocoRenderer):
             camera_name=camera_id,
             visual_options={int(mujoco.mjtVisFlag.mjVIS_RANGEFINDER): False},
         )
-
-        # Before the display ends, and also for an environment that nobody closes.
         self._free = weakref.finalize(self, _free, self._viewers)
         self._free.atexit = False
-        atexit.register(self._free)
 
     def render(self, render_mode: str | None) -> Any:
         """Draws the window, or returns a picture; see Gymnasium's `MujocoRenderer`."""
@@ -54,7 +51,11 @@ class ArenaRenderer(MujocoRenderer):
         glfw.make_context_current(None)  # type: ignore[arg-type]
 
     def _get_viewer(self, render_mode: str | None) -> Any:
+        opened = render_mode not in self._viewers
         viewer = super()._get_viewer(render_mode)
+        if opened:  # an environment that nobody closes is freed before the display ends
+            atexit.unregister(self._free)
+            atexit.register(self._free)  # the last registered runs first: before mujoco.egl's
         viewer.make_context_current()  # Gymnasium does so only with several viewers of its own
         return viewer
 
