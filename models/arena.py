@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import numbers
 from pathlib import Path
 
 import mujoco
@@ -23,6 +24,7 @@ _MUJOCO = (3, 17)
 # Seven to ten times what robots reach that drive into walls and obstacles: 0.9 mm and 3 degrees.
 _HEIGHT = 0.01  # [m]
 _TILT = math.sin(math.radians(20) / 2)  # of the quaternion's i and j
+FASTEST = 10  # [m/s]; of a wheel
 
 
 def check_versions() -> None:
@@ -44,13 +46,17 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 
     Raises:
       ImportError: This MuJoCo does not work with dm_control.
-      ValueError: The speed is not positive, or the file cannot be read.
+      ValueError: The speed is not a positive number of at most 10, or the file cannot be read.
     """
     check_versions()
     spec = mujoco.MjSpec.from_file(str(path))
     if motor_speed is not None:
-        if not motor_speed > 0:
-            raise ValueError(f"motor_speed must be positive, got {motor_speed}")
+        if isinstance(motor_speed, bool) or not isinstance(motor_speed, numbers.Real):
+            raise ValueError(f"motor_speed must be a number, got {motor_speed!r:.60}")
+        if not 0 < motor_speed <= FASTEST:
+            raise ValueError(
+                f"motor_speed must be positive and at most {FASTEST}, got {motor_speed!r:.60}"
+            )
         # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
         # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.
         for motor in spec.actuators:

@@ -34,6 +34,7 @@ _MODULES = {
     "dm-control": "dm_control.suite.base",
     "dm-tree": "tree",
     "matplotlib": "matplotlib.figure",
+    "pyyaml": "yaml",
     "pillow": "PIL.Image",
     "protobuf": "google.protobuf",
     "pyopengl": "OpenGL",

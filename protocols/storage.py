@@ -162,8 +162,8 @@ def write_atomically(path: Path, content: bytes) -> None:
     try:
         _write(path, content)
     except OSError as error:
-        error.filename, error.filename2 = str(path), None  # calls on descriptors do not name it
-        raise
+        # Calls on descriptors name a path in its folder only.
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -100,6 +100,9 @@ class Robots(abc.ABC):
         Args:
           robots: Indices of the robots, shape (n,).
           poses: x, y in [m] and heading in [rad], shape (n, 3).
+
+        Raises:
+          ValueError: there is no such robot, or the poses have another shape or type.
         """
 
     @abc.abstractmethod
@@ -109,6 +112,9 @@ class Robots(abc.ABC):
         Args:
           robots: Indices of the robots, shape (n,).
           spots: Centres of the spots: x, y in [m], shape (n, 2).
+
+        Raises:
+          ValueError: there is no such robot, or the spots have another shape or type.
         """
 
     @abc.abstractmethod
@@ -118,6 +124,9 @@ class Robots(abc.ABC):
         Args:
           motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
             clipped; a robot whose values are not finite becomes invalid.
+
+        Raises:
+          ValueError: the motors have another shape or type.
         """
 
     @abc.abstractmethod
@@ -156,8 +165,23 @@ class Robots(abc.ABC):
         """Continues from a state of `get_state`, bit-exactly; see `load_arrays`."""
         self.load_arrays(state)
 
+    def _placed(self, robots: Any, places: Any, what: str, width: int) -> np.ndarray:
+        """Returns the places of some robots, shape (n, width).
+
+        Raises:
+          ValueError: there is no such robot, or the places are no real numbers of that shape.
+        """
+        robots = np.asarray(robots)
+        count = len(robots) if robots.shape == (robots.size,) else -1
+        if count < 0 or (count and robots.dtype.kind not in "iu"):
+            raise ValueError(f"robots must be indices of shape (n,), got {robots!r:.200}")
+        if count and not 0 <= robots.min() <= robots.max() < self.robots:
+            raise ValueError(f"robots must lie in [0, {self.robots - 1}], got {robots!r:.200}")
+        return _real_numbers(what, places, (count, width))
+
     def _finite_motors(self, motors: np.ndarray) -> np.ndarray:
         """Invalidates robots whose motors are not finite; returns 0 for all invalid robots."""
+        motors = _real_numbers("motors", motors, (self.robots, 2))
         if not np.isfinite(motors).all():
             self.valid &= np.isfinite(motors).all(axis=1)
         return motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
@@ -176,6 +200,16 @@ class Robots(abc.ABC):
             self.place(broken, np.zeros((len(broken), 3)))
         if not self.valid.all():
             self.sensordata[~self.valid] = 0
+
+
+def _real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        raise ValueError(f"{what} must be real numbers of shape {shape}, got {values!r:.200}")
+    return array
 
 
 class _Call:
@@ -282,6 +316,7 @@ class Batch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
+        poses = self._placed(robots, poses, "poses", 3)
         nq = self.model.nq
         self._state[robots] = 0
         self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
@@ -293,7 +328,7 @@ class Batch(Robots):
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""
         nu = self.model.nu
-        self._control[robots, nu : nu + 2] = spots
+        self._control[robots, nu : nu + 2] = self._placed(robots, spots, "spots", 2)
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""

@@ -58,6 +58,7 @@ class KinematicBatch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
+        poses = self._placed(robots, poses, "poses", 3)
         inside = self.dimensions.sound(poses[:, :2]).all(axis=1)
         sound = inside & np.isfinite(poses[:, 2])
         self.valid[robots[~sound]] = False
@@ -71,7 +72,7 @@ class KinematicBatch(Robots):
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""
-        self._spots[robots] = spots
+        self._spots[robots] = self._placed(robots, spots, "spots", 2)
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""

@@ -62,7 +62,7 @@ class InProcess:
             yield job
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def in_process():
     """The class `InProcess`, for tests that pass an executor."""
     return InProcess

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...controller.parameters import Parameters, shown
 from ...models import Kinematics, centre_nose
+from ...models.arena import FASTEST
 from ...tasks.batch import Robots
 from ...tasks.kinematic import make_kinematic_batch
 from ...tasks.sensors import NoseForm
@@ -24,8 +25,8 @@ Body = Literal["mujoco", "kinematic"]
 NosePlace = Literal["front", "centre"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
-# Motor speed in [m/s], turn in degrees.
-_SEEDS, _FASTEST, _LARGEST_TURN = 2**128, 10, 360
+# Turn in degrees.
+_SEEDS, _LARGEST_TURN = 2**128, 360
 # Number, [s], [m].
 _MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}
 
@@ -112,9 +113,9 @@ class Experiment:
             raise InputError("kinematics are parameters of the body 'kinematic' only")
         if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
             raise InputError(f"the motor speed must be positive, got {shown(self.motor_speed)}")
-        if self.motor_speed is not None and self.motor_speed > _FASTEST:
+        if self.motor_speed is not None and self.motor_speed > FASTEST:
             value = shown(self.motor_speed)
-            raise InputError(f"the motor speed must be at most {_FASTEST} m/s, got {value}")
+            raise InputError(f"the motor speed must be at most {FASTEST} m/s, got {value}")
         if not -_LARGEST_TURN <= self.turned_start <= _LARGEST_TURN:
             allowed, value = f"[-{_LARGEST_TURN}, {_LARGEST_TURN}]", shown(self.turned_start)
             raise InputError(f"the turn at the start must lie in {allowed}, got {value}")

@@ -85,7 +85,10 @@ def test_the_manifest_of_a_run_gives_the_same_run_again(written, tmp_path, comma
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("seed: 1", "a section must be one of experiment, plan, physics, made_with, got 'seed'"),
+        (
+            "seed: 1",
+            "must be one of experiment, plan, physics, made_with, files, digest, got 'seed'",
+        ),
         ("- 1", "must have the sections experiment and plan"),
         ("experiment: [1]", "experiment must be names with values, got [1]"),
         ("experiment: {soul: 1}", "a field of the experiment must be one of seed, cohort_size, "),

@@ -15,7 +15,8 @@ import shutil
 import pytest
 from matplotlib.figure import Figure
 
-from musebot.protocols.cli import RunCommand, TablesCommand
+from musebot.protocols.commands.run import RunCommand
+from musebot.protocols.commands.tables import TablesCommand
 from musebot.protocols.exit_status import exit_status
 from musebot.protocols.playback import measured_behaviour
 from musebot.protocols.reporting import report
@@ -112,6 +113,9 @@ class Disk:
         elif now:
             raise OSError(self._mode, os.strerror(self._mode))
         return None
+
+
+PROGRESS = re.compile(r" robot-hours$| robots done\b")  # lines for a log file
 
 
 def whole_files(folder):
@@ -270,6 +274,7 @@ class Sweep:
         else:
             self.ends[f"status {status}"] += 1
             sentences = re.findall("^musebot: .*", said, re.MULTILINE)
+            sentences = [s for s in sentences if not PROGRESS.search(s)]
             assert len(sentences) == 1 and "Traceback" not in said, f"{where}: {said}"
             self.stays(out, before, disk.left, where)
         if again:

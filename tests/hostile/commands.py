@@ -58,11 +58,12 @@ VERBS = {
             "--robots": NUMBERS, "--cohort-size": NUMBERS, "--seed": NUMBERS, "--task": TEXTS,
             "--proposer": TEXTS, "--agent": TEXTS, "--protocol": TEXTS, "--time-scale": NUMBERS,
             "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
+            "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
             "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
             "--trust-agent": ("", "x"), **_WORKERS,
         },
     ),
-    "tables": (["OUT"], {"--compare": _PLACES, "--json": ("", "x")}),
+    "tables": (["OUT"], {"--compare": _PLACES, "--json": ("", "x"), "--exact-classes": ("", "x")}),
     "film": (
         ["OUT", "--task", "spot_finding", "--output", "FILE"],
         {
@@ -74,10 +75,15 @@ VERBS = {
     "explore": (
         ["wall_avoidance"],
         {
-            "--out": _PLACES, "--policies": _PLACES, "--keys": ("",), "--proposer": TEXTS,
-            "--robot": NUMBERS, "--phase": TEXTS,
+            "--out": _PLACES, "--policies": _PLACES, "--keys": ("",), "--random": ("",),
+            "--proposer": TEXTS, "--robot": NUMBERS, "--phase": TEXTS,
         },
     ),
+    "demo": (
+        ["OUT"],
+        {"--robots": NUMBERS, "--time-scale": NUMBERS, "--seed": NUMBERS, **_WORKERS},
+    ),
+    "list": (["tasks"], {"--x": TEXTS}),
     "bench": (
         ["--quick"],
         {
@@ -88,6 +94,13 @@ VERBS = {
     "doctor": ([], {"--x": TEXTS}),
     "study": ([], {"--x": TEXTS}),
     "study sensitivity": (["OUT"], {"--robots": NUMBERS, "--time-scale": NUMBERS, **_WORKERS}),
+    "study reading": (
+        ["OUT", "--time-scale", "0.002"],
+        {
+            "--robots": NUMBERS, "--newborns": NUMBERS, "--screened": NUMBERS, "--stage": NUMBERS,
+            "--time-scale": NUMBERS, **_WORKERS,
+        },
+    ),
     "study ablation": (
         ["OUT"],
         {
@@ -158,7 +171,7 @@ def places(base, folder):
         "new.gif",
         "new.html", "foreign/new.html", "new.svg", "link/new.mp4", "new.json", "🤖.mp4", "MP4.MP4",
         "-", "\u202e.mp4", "foreign/notes.txt", "foreign/x.mp4", "nowhere/x.mp4", "run/robots.csv",
-        "run/x.mp4", "run/figures", "..", ".", "run/../foreign", "%s", "{}",
+        "run/x.mp4", "run/figures", "run/experiment.json", "..", ".", "run/../foreign", "%s", "{}",
     ]  # fmt: skip
     return [str(folder / name) for name in names] + [
         "", " ", ".", "..", "-", "/", "/dev/null", "/dev/full", "/proc/1/mem", "/proc/self/fd/1",

@@ -1,19 +1,23 @@
 """Hostile calls of the environments, judged by what they promise.
 
 The promise: a call that cannot be carried out raises one error, a ValueError or a TypeError with
-a sentence; every other call returns finite numbers of the spaces that the environment names.
+a sentence, or a RuntimeError for a step before a reset or after `close`; every other call returns
+finite numbers. What Gymnasium refuses before it calls musebot has Gymnasium's own errors.
 """
 
 import contextlib
 import dataclasses
 import io
+import traceback
 import warnings
+from pathlib import Path
 
 import numpy as np
 from hostile import oracle
 
 import musebot
 from musebot.models import Dimensions, Kinematics
+from musebot.tasks.episode import _REFUSALS
 from musebot.tasks.kinematic import make_kinematic_batch
 from musebot.tasks.suite import TASKS, make_batch
 
@@ -244,8 +248,19 @@ def _judged(found, error):
         sound = all(np.isfinite(array).all() for array in _numbers(found))
         return "carried out, finite" if sound else "wrong: numbers that are not finite"
     name = type(error).__name__
-    if isinstance(error, ValueError | TypeError) or name in ("ResetNeeded", "InvalidAction"):
-        return f"refused by {name}" if str(error) else "wrong: an error without a sentence"
-    if type(error).__module__.startswith("gymnasium"):  # of Gymnasium's own wrappers
-        return f"refused by Gymnasium's {name}"
+    if not str(error):
+        return "wrong: an error without a sentence"
+    if type(error) in (ValueError, TypeError) or str(error) in _REFUSALS.values():
+        return f"refused by {name}"
+    if type(error).__module__.startswith("gymnasium") or not _reached(error):
+        return f"refused by Gymnasium's own {name}"
     return f"wrong: {name}"
+
+
+def _reached(error):
+    """Returns whether an error was raised in a call of musebot, not by Gymnasium alone."""
+    package = Path(musebot.__file__).resolve().parent
+    paths = [Path(f.filename).resolve() for f in traceback.extract_tb(error.__traceback__)]
+    ours = [path for path in paths if path.is_relative_to(package)]
+    return any(not path.is_relative_to(package / "tests") and ".venv" not in path.parts
+               for path in ours)  # fmt: skip

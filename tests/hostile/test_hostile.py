@@ -79,11 +79,6 @@ needs_gymnasium = pytest.mark.skipif(
 )
 
 
-# The causes are in `tasks`, whose interfaces are being given one specification of an episode.
-being_cured = pytest.mark.xfail(strict=False, reason="numpy's and Gymnasium's errors pass through")
-
-
-@being_cured
 @needs_gymnasium
 @pytest.mark.parametrize("kind", environments.KINDS)
 def test_a_hostile_call_of_an_environment_is_one_error_or_finite(kind):
@@ -92,7 +87,6 @@ def test_a_hostile_call_of_an_environment_is_one_error_or_finite(kind):
         assert not outcome.startswith("wrong"), f"{outcome}\n{said}"
 
 
-@being_cured
 @pytest.mark.night
 @needs_gymnasium
 @pytest.mark.parametrize("kind", environments.KINDS)

@@ -9,7 +9,7 @@ import pytest
 from hostile import oracle
 
 from musebot.protocols import cli
-from musebot.protocols.playback import film, observation
+from musebot.protocols.playback import film, measured_behaviour
 from musebot.protocols.reporting import report
 from musebot.protocols.storage import MOST_BYTES
 
@@ -137,7 +137,8 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     assert cli.main(["run", str(out), "--robots", "2"]) == 0
     told = capsys.readouterr().err
     assert "\x1b[2J" not in told and "set aside" in told
-    monkeypatch.setattr(observation, "observe", lambda run, tick: observation.Behaviour({}, {}))
+    behaviour = measured_behaviour.Behaviour({}, {})
+    monkeypatch.setattr(measured_behaviour, "observe", lambda run, tick: behaviour)
     monkeypatch.setattr(report, "_figures", lambda *_: iter(()))
     monkeypatch.setattr(report, "_films", lambda *_: ([], "no film"))
     monkeypatch.setattr(report, "judge_all", lambda *_: [])

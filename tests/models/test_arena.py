@@ -225,7 +225,7 @@ def test_half_the_motor_speed_is_half_the_speed_with_the_same_torque():
         return 0.5 * model.actuator_gainprm[0, 0] * model.actuator_gear[0, 0]
 
     assert stall(slow) == pytest.approx(stall(ours))
-    with pytest.raises(ValueError, match="motor_speed must be positive, got 0"):
+    with pytest.raises(ValueError, match="motor_speed must be positive and at most 10, got 0"):
         arena_spec(motor_speed=0)
 
 

@@ -59,9 +59,9 @@ def simulated(folder, experiment=EXPERIMENT):
 
 def kept(folder, run):
     folder.mkdir(parents=True)
-    write_results(folder, run.results)
     size = run.experiment.cohort_size
     write_manifest(folder, Plan.of(run.experiment, run.conditions(), size))
+    write_results(folder, run.results)
     return folder
 
 

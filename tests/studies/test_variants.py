@@ -84,9 +84,10 @@ def test_a_foreign_run_in_the_place_of_one_is_refused(tmp_path, here, listing):
     assert listing(tmp_path) == before
 
 
-def test_a_run_of_another_physics_is_refused(tmp_path, here, listing):
+def test_a_run_of_another_physics_is_refused(tmp_path, here, listing, without_digests):
     conduct(TwoRuns(), tmp_path, here)
     path = tmp_path / "own" / MANIFEST
+    without_digests(path.parent)
     first = path.read_text().split('"physics": [')[1].split(",")[0].strip()
     path.write_text(path.read_text().replace(first, "0.1234"))
     before = listing(tmp_path)

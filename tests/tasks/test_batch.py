@@ -161,6 +161,45 @@ def bodies():
     ]
 
 
+REFUSED = [
+    ("place", (2, [0.1, 0.1, 0.1]), "robots must be indices"),
+    ("place", ([1.0], [[0.1, 0.1, 0.1]]), "robots must be indices"),
+    ("place", ([3], [[0.1, 0.1, 0.1]]), r"robots must lie in \[0, 2\]"),
+    ("place", ([-1], [[0.1, 0.1, 0.1]]), r"robots must lie in \[0, 2\]"),
+    ("place", ([0, 1], [0.1, 0.1, 0.1]), r"poses must be real numbers of shape \(2, 3\)"),
+    ("place", ([0, 1], [[0.1, 0.1, 0.1]]), r"poses must be real numbers of shape \(2, 3\)"),
+    ("place", ([0, 1], 0.5), r"poses must be real numbers of shape \(2, 3\)"),
+    ("place", ([0], [[0.1, 0.1, 1j]]), "poses must be real numbers"),
+    ("place", ([0, 1], [[0.1], [0.1, 0.2]]), "poses must be real numbers"),
+    ("place_spot", ([0], [["a", "b"]]), r"spots must be real numbers of shape \(1, 2\)"),
+    ("place_spot", ([0, 1], (0.1, 0.1)), r"spots must be real numbers of shape \(2, 2\)"),
+    ("place_spot", ([0], 10**400), "spots must be real numbers"),
+    ("step", ([0.1, 0.1],), r"motors must be real numbers of shape \(3, 2\)"),
+    ("step", (np.zeros((1, 2)),), r"motors must be real numbers of shape \(3, 2\)"),
+    ("step", (np.zeros((3, 2), complex),), "motors must be real numbers"),
+    ("step", (np.zeros((3, 2), object),), "motors must be real numbers"),
+]
+
+
+@pytest.mark.parametrize("body", [0, 1], ids=["MuJoCo", "kinematic"])
+@pytest.mark.parametrize(("name", "given", "sentence"), REFUSED)
+def test_places_and_motors_of_a_wrong_shape_or_type_are_refused_and_change_nothing(
+    body, name, given, sentence
+):
+    batch = bodies()[body]
+    before = batch.get_state()
+    with pytest.raises(ValueError, match=sentence):
+        getattr(batch, name)(*given)
+    for key, array in batch.get_state().items():
+        np.testing.assert_array_equal(array, before[key])
+
+
+@pytest.mark.parametrize("speed", [0, -1, float("nan"), float("inf"), 10**400, "fast", True, 1j])
+def test_a_motor_speed_that_no_wheel_has_is_refused(speed):
+    with pytest.raises(ValueError, match="motor_speed must be"):
+        make_batch("wall_avoidance", 1, motor_speed=speed)
+
+
 @pytest.mark.parametrize("body", [0, 1], ids=["MuJoCo", "kinematic"])
 @pytest.mark.parametrize("how", ["stop", "motors", "NaN place", "NaN spot", "beyond the wall"])
 def test_a_stopped_robot_senses_zeros_from_that_step_on(body, how):
