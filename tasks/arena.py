@@ -132,9 +132,10 @@ class Task(base.Task):
             reward = abs(self.get_reward(physics))
             highlight = np.array([0.95, 0.25, 0.15, 1.0])
             colours = physics.named.model.mat_rgba
-            if self._shell is None:
-                self._shell = colours["musebot_shell"].copy()
-            colours["musebot_shell"] = reward * highlight + (1 - reward) * self._shell
+            shell = self._shell
+            if shell is None:
+                shell = self._shell = colours["musebot_shell"].copy()
+            colours["musebot_shell"] = reward * highlight + (1 - reward) * shell
 
 
 class Environment(control.Environment):

@@ -88,7 +88,7 @@ class RunCommand:
     """seconds between two checkpoints of a cohort"""
     config: Annotated[Path | None, option("FILE", "none")] = None
     """YAML file, or experiment.json of a run, with values of the options that are not given"""
-    log: Annotated[Literal["tensorboard"] | None, option("{tensorboard}", "none")] = None
+    log: Literal["none", "tensorboard"] = "none"
     """tensorboard: also write the mean curve of each condition, in OUT/tensorboard"""
 
     def __call__(self) -> None:
@@ -122,9 +122,9 @@ class RunCommand:
         from ..storage import resolved
         from .config import Config, read_config
 
-        if self.log not in (None, "tensorboard"):
-            raise InputError(f"log must be tensorboard, got {self.log!r}")
-        if self.log:
+        if self.log not in (logs := ("none", "tensorboard")):
+            raise InputError(f"log must be one of {', '.join(logs)}, got {self.log!r}")
+        if log := self.log == "tensorboard":
             check_tensorboard()
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
@@ -137,7 +137,6 @@ class RunCommand:
             trust(*(condition.proposer for condition in held.robots) if held else ())
         plan = self._plan(held, config)
         executor = self.workers.executor()
-        log = self.log is not None
         return simulate(out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
 
     def _plan(self, held: Plan | None, config: Config) -> Plan:

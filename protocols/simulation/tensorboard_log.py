@@ -9,7 +9,7 @@ import importlib
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from ..experiment.conditions import Condition
 from ..experiment.schedules import SCHEDULES
 from ..storage import check_own_folder
 from ..terminal import JobProgress, notice
-from .jobs import Executor, Job
+
+if TYPE_CHECKING:
+    from .jobs import Executor, Job
 
 FOLDER = "tensorboard"
 

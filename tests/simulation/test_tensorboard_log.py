@@ -148,6 +148,6 @@ def test_without_the_extra_nothing_is_written(tmp_path, monkeypatch):
         tensorboard_log.check_tensorboard()
     monkeypatch.undo()
     monkeypatch.setattr(tensorboard_log, "_module", lambda name: missing(name))
-    with pytest.raises(InputError, match="^log must be tensorboard, got 'wandb'$"):
+    with pytest.raises(InputError, match="^log must be one of none, tensorboard, got 'wandb'$"):
         musebot.run(out, log="wandb")
     assert not out.exists()
