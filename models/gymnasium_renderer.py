@@ -37,8 +37,9 @@ class ArenaRenderer(MujocoRenderer):
             camera_name=camera_id,
             visual_options={int(mujoco.mjtVisFlag.mjVIS_RANGEFINDER): False},
         )
+
         self._free = weakref.finalize(self, _free, self._viewers)
-        self._free.atexit = False
+        self._free.atexit = False  # that would come after the display's end
 
     def render(self, render_mode: str | None) -> Any:
         """Draws the window, or returns a picture; see Gymnasium's `MujocoRenderer`."""
@@ -51,11 +52,11 @@ class ArenaRenderer(MujocoRenderer):
         glfw.make_context_current(None)  # type: ignore[arg-type]
 
     def _get_viewer(self, render_mode: str | None) -> Any:
-        opened = render_mode not in self._viewers
         viewer = super()._get_viewer(render_mode)
-        if opened:  # an environment that nobody closes is freed before the display ends
-            atexit.unregister(self._free)
-            atexit.register(self._free)  # the last registered runs first: before mujoco.egl's
+        # For an environment that nobody closes. The last one registered is called first: before the
+        # display's end, which the display's first context has just registered.
+        atexit.unregister(self._free)
+        atexit.register(self._free)
         viewer.make_context_current()  # Gymnasium does so only with several viewers of its own
         return viewer
 
