@@ -34,7 +34,7 @@ lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
-gym: $(READY)  ## install Gymnasium and Stable-Baselines3 in .venv
+gym: $(READY)  ## install Gymnasium, Stable-Baselines3 and TensorBoard in .venv
 	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt
 
 cluster: $(READY)  ## install Ray in .venv

@@ -136,7 +136,8 @@ def _refuse_action(action: Any, shape: tuple[int, ...]) -> NoReturn:
 class Lifecycle:
     """The states of an environment: "new", then "running" from each reset on, until it fails.
 
-    A PhysicsError makes it "failed" until the next reset; `close` makes it "closed" for ever.
+    A PhysicsError makes it "failed" until the next reset; `close` makes it "closed" for ever,
+    except in Gymnasium's environment of one robot.
 
     Attributes:
       stage: State of the environment.

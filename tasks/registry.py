@@ -5,10 +5,13 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from pathlib import Path
 from typing import Any, Unpack
 
 from ..gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
+from ..models import check_arena
 from .arena import SUITE, Environment, Settings, TaskDefinition
+from .batch import Batch
 from .rules import Rules
 from .suite import TASKS
 
@@ -26,15 +29,17 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     Args:
       name: Name of the task, in lower case with underscores, such as "two_spots".
       rules: Observations, reward and event of the task.
-      **settings: Further fields of `TaskDefinition`: `edits` of the arena's model, `limit` of the
-        actions, `time_limit` and `spot_seconds` in [s].
+      **settings: Further fields of `TaskDefinition`: `model`, the MJCF file of an arena with its
+        robot; `edits` of the model, `limit` of the actions, `time_limit` and `spot_seconds` in [s].
 
     Returns:
       The task's Gymnasium id, such as "musebot/TwoSpots-v0".
 
     Raises:
+      KeyError: The arena lacks a sensor.
       TypeError: A setting is unknown, or `rules` is not a class of rules.
-      ValueError: The name is taken or has another form, or a setting is out of range.
+      ValueError: The name is taken or has another form, a setting is out of range, or the arena
+        lacks something.
     """
     if not _NAME.fullmatch(name):
         raise ValueError(f"name must be lower case with underscores, got {name!r}")
@@ -42,6 +47,8 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
         raise ValueError(f"there is a task {name!r} already")
     if not (isinstance(rules, type) and issubclass(rules, Rules)):
         raise TypeError(f"rules must be a subclass of musebot.tasks.rules.Rules, got {rules!r}")
+    if "model" in settings:  # the working directory may change
+        settings["model"] = Path(settings["model"]).resolve()
     definition = TaskDefinition(name, rules, **settings)
     if not 0 < definition.limit < math.inf:
         raise ValueError(f"limit must be positive, got {definition.limit}")
@@ -50,7 +57,9 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
             "time_limit must be positive and spot_seconds must not be negative, got "
             f"{definition.time_limit} and {definition.spot_seconds}"
         )
-    rules.of(definition.spec().compile())  # fails here where a sensor is missing
+    model = definition.spec().compile()
+    check_arena(model)
+    Batch(model, rules.of(model), 1)  # fails here where a sensor is missing
 
     def factory(**keywords: Unpack[Settings]) -> Environment:
         return definition.environment(**keywords)

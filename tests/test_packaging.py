@@ -144,7 +144,7 @@ def test_gymnasiums_absence_is_one_sentence(monkeypatch):
 
 def test_every_requirement_of_an_extra_is_named_in_its_sentence():
     modules = {"pillow": "PIL", "imageio-ffmpeg": "imageio_ffmpeg", "pyyaml": "yaml"}
-    for extra in ("brain", "gym", "cluster", "baselines"):
+    for extra in ("brain", "gym", "cluster", "baselines", "tensorboard"):
         for line in PROJECT["optional-dependencies"][extra]:
             name = Requirement(line).name
             if name == "musebot":

@@ -1,5 +1,6 @@
 """Tasks of one's own open in every interface."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -68,6 +69,20 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
         ("mine", Still, {"time_limit": 0}, ValueError, "time_limit must be positive"),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("touch")),)},
          KeyError, "touch"),
+        ("mine", Still, {"edits": (lambda spec: spec.delete(spec.geom("north")),)},
+         ValueError, "the arena must have a geom 'north', got none"),
+        ("mine", Still, {"edits": (lambda spec: spec.body("spot").add_joint(name="slide"),)},
+         ValueError, "mocap body"),
+        ("mine", Still, {"edits": (lambda spec: spec.worldbody.add_body(mass=1, inertia=[1, 1, 1])
+                                   .add_joint(name="ball"),)},
+         ValueError, "free joint and two wheels, got .*'ball'"),
+        ("mine", Still, {"edits": (lambda spec: spec.delete(spec.actuator("left_motor")),)},
+         ValueError, r"left_motor and right_motor, got \['right_motor'\]"),
+        ("mine", Still, {"edits": (lambda spec: setattr(spec.body("spot"), "mocap", False),)},
+         ValueError, "the body 'spot' must be the arena's only mocap body"),
+        ("mine", Still, {"edits": (lambda spec: setattr(spec.option, "timestep", 0.003),)},
+         ValueError, "the timestep must divide 0.1 s, got 0.003"),
+        ("mine", Still, {"model": "none.xml"}, ValueError, "none.xml"),
     ],
 )  # fmt: skip
 def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings, error, words):
@@ -75,6 +90,17 @@ def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings
     with pytest.raises(error, match=words):
         musebot.register_task(name, rules, **settings)
     assert ([*suite.TASKS], [*musebot.SUITE], dict(musebot.GYMNASIUM_TASKS)) == before
+
+
+_BASELINES = """
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecMonitor
+from musebot.tasks.stable_baselines import ArenaVecEnv
+
+assert type(PPO("MlpPolicy", "musebot/Racing-v0", n_steps=8, batch_size=8).learn(8)) is PPO
+robots = VecMonitor(ArenaVecEnv("musebot/Racing-v0", 2, max_episode_steps=4))
+assert len(PPO("MlpPolicy", robots, n_steps=8, batch_size=8).learn(16).ep_info_buffer) == 4
+"""
 
 
 @pytest.mark.slow
@@ -89,6 +115,8 @@ def test_the_example_of_the_page_runs(tmp_path):
         "x, y, _ = env.physics.robot_pose()\n"
         "assert timestep.reward == 0 and abs(np.hypot(x, y) - 0.1075) < 0.002, (x, y)\n"
     )
+    if importlib.util.find_spec("stable_baselines3"):
+        use += _BASELINES
     (tmp_path / "my_tasks.py").write_text(module)
     done = subprocess.run(
         [sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False
