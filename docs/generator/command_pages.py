@@ -9,11 +9,11 @@ import re
 from collections.abc import Iterator
 
 import tyro
+from tables import table
 
 from musebot.protocols.commands import VERBS, study_command, verb_class
 from musebot.protocols.shared_options import cores
 from musebot.protocols.studies import STUDIES
-from tables import table
 
 
 def pages() -> dict[str, str]:
@@ -23,7 +23,8 @@ def pages() -> dict[str, str]:
     return {
         "command.md": f"""# Command reference
 
-All verbs of `musebot`, with what `musebot VERB --help` says. A guide to the command is in [command.md](../command.md).
+All verbs of `musebot`, with what `musebot VERB --help` says. A guide to the
+command is in [command.md](../command.md).
 
 {"".join(verbs)}## The studies
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from musebot.protocols.results.run_files import read_run
 from tables import table
+
+from musebot.protocols.reporting.labels import short_name
+from musebot.protocols.results.run_files import read_run
 
 
 def pages(docs: Path) -> dict[str, str]:
@@ -17,13 +19,16 @@ def pages(docs: Path) -> dict[str, str]:
         for path in results.rglob("*.md")
         if path.stem == path.parent.name and path.name != "tables.md"
     )
-    listed = "".join(f"- [{path.stem}](../results/{path.relative_to(results)})\n" for path in studies)
+    listed = "".join(
+        f"- [{path.stem}](../results/{path.relative_to(results)})\n" for path in studies
+    )
     return {
         "runs.md": f"""# Kept runs
 
-Every run in `docs/results`, from its own files. A link opens its tables; [results.md](../results.md#files-and-commands)
-explains the files. `musebot tables docs/results/NAME` prints the tables again, `musebot film docs/results/NAME --task TASK
---output FILE.mp4` films a robot.
+Every run in `docs/results`, from its own files. A link opens its tables;
+[results.md](../results.md#files-and-commands) explains the files.
+`musebot tables docs/results/NAME` prints the tables again,
+`musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
 
 {table(("run", "brain", "body", "protocol", "seed:", "robots"), runs)}
 ## Pages of studies
@@ -35,15 +40,24 @@ explains the files. `musebot tables docs/results/NAME` prints the tables again, 
 def _run(folder: Path, results: Path) -> tuple[str, ...]:
     run, name = read_run(folder), str(folder.relative_to(results))
     experiment = run.experiment
-    links = [f"[{name}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [name]
+    links = (
+        [f"[{name}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [name]
+    )
     links += [
         f"[{path.stem.replace('compare-', 'compared with ')}](../results/{name}/{path.name})"
         for path in sorted(folder.glob("compare-*.md"))
     ]
     counts: dict[str, list[str]] = {}
     for condition in run.conditions():
-        robots = f"{len(run.robots(condition))} {condition.proposer}"
+        robots = f"{len(run.robots(condition))} {short_name(condition.proposer)}"
         counts.setdefault(condition.task, []).append(robots)
     robots = "; ".join(f"{task}: {', '.join(parts)}" for task, parts in counts.items())
     body = experiment.body
-    return "<br>".join(links), experiment.brain_name, body, experiment.protocol, experiment.seed, robots
+    return (
+        "<br>".join(links),
+        experiment.brain_name,
+        body,
+        experiment.protocol,
+        str(experiment.seed),
+        robots,
+    )

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import Any
+
+from tables import first_line, table
 
 import musebot
 from musebot.tasks.arena import CONTROL_TIMESTEP, SUITE, TaskDefinition
 from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
-from tables import first_line, table
 
 # The values of each signal in order, its unit and its meaning; names and ranges are in the code.
 SIGNALS = {
@@ -73,11 +75,12 @@ def _page(definition: TaskDefinition, written: str, earned: dict[str, tuple[str,
 
 ![The arena of {name}](../../images/{_picture(name, written)})
 
-{table(("", ""), _facts(definition))}
+{table(("property", "value"), _facts(definition))}
 ## Observations
 
 {table(("signal", *columns), signals)}
-Gymnasium concatenates the signals in this order, as 32-bit floats of shape ({start},): {"; ".join(places)}.
+Gymnasium concatenates the signals in this order, as 32-bit floats of shape ({start},):
+{"; ".join(places)}.
 
 ## Actions
 
@@ -86,8 +89,9 @@ Values beyond the limits are clipped.
 
 ## Reward
 
-In [{low:g}, {high:g}]. {first_line(rules.reward)} The measured event, from which the share of the time is computed:
-{_event(first_line(rules.event))}
+In [{low:g}, {high:g}]: {_returned(rules.reward)}
+
+The measured event, whose share of the time is a robot's score: {_returned(rules.event)}
 
 ## Start and end
 
@@ -106,7 +110,8 @@ Reproduce: `musebot film --task {name} --seed 1 --seconds 8 --output {name}.gif`
 Mean reward per step, with its 95 % interval over robots:
 
 {table(("random actions:", "PPO:"), [(random, ppo)])}
-How they were measured, and the code: [what learners earn](../../tasks.md#what-learners-earn). The policy was trained with
+How they were measured, and the code: [what learners earn](../../tasks.md#what-learners-earn). The
+policy was trained with
 
 ```sh
 musebot study ppo runs/{name} --task {name} --policies 1 --steps {POLICY_STEPS}
@@ -153,8 +158,8 @@ def _picture(name: str, written: str) -> str:
     return re.findall(r"\(images/(\w+\.png)\)", section)[0]
 
 
-def _event(says: str) -> str:
-    return says.removeprefix("Returns whether ").strip()
+def _returned(function: Any) -> str:
+    return first_line(function).removeprefix("Returns ").removeprefix("whether ")
 
 
 def _start(definition: TaskDefinition) -> str:
@@ -179,7 +184,8 @@ def _gallery(earned: dict[str, tuple[str, str]]) -> str:
     text = table(("film", "task", "random:", "PPO:"), cells)
     return f"""# Gallery of the tasks
 
-The films show the policies that musebot brings, trained by PPO. The numbers are mean rewards per step; their intervals and
-the code that measured them are in [what learners earn](../tasks.md#what-learners-earn).
+The films show the policies that musebot brings, trained by PPO. The numbers are mean
+rewards per step; their intervals and the code that measured them are in
+[what learners earn](../tasks.md#what-learners-earn).
 
 {text}"""
