@@ -28,7 +28,7 @@ run: $(READY)  ## film a trained robot, let a few learn, film them too; in runs/
 	$(VENV)/bin/musebot demo $(DEMO)
 
 test: $(READY) $(RAY) $(GYM) $(CHROMIUM)  ## run the tests
-	@$(VENV)/bin/pytest -q -n 2 tests
+	@$(VENV)/bin/pytest -q -n 2 --dist worksteal tests
 
 lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff check .
@@ -45,7 +45,7 @@ docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
 	$(VENV)/bin/python docs/generator
 	rm -rf site
 	$(VENV)/bin/zensical build --strict --clean
-	find site -name '*.npz' -delete -o -name '*.safetensors' -delete -o -name '*.py' -delete
+	rm -rf site/generator; find site -name '*.npz' -delete -o -name '*.safetensors' -delete
 	$(VENV)/bin/python docs/generator/check_site.py site
 
 dist: $(READY)  ## build the wheel and the sdist in dist/

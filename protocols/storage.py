@@ -162,7 +162,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     try:
         _write(path, content)
     except OSError as error:
-        # Calls on descriptors name a path in its folder only.
+        # Calls on descriptors do not name the file, and a rename names a temporary one.
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 

@@ -38,6 +38,7 @@ AREAS = {
     "equations": (
         "controller/brains.py controller/creative_memory.py controller/evaluation_network.py "
         "controller/exploration.py controller/networks.py controller/neurocontroller.py "
+        "controller/noise.py "
         "controller/optimizers.py controller/parameters.py controller/proposers.py "
         "controller/senses.py controller/step.py protocols/results/learn_ability.py"
     ),
@@ -46,7 +47,8 @@ AREAS = {
         "protocols/analysis/behaviour.py protocols/analysis/claims.py "
         "protocols/analysis/comparison.py protocols/analysis/hypothesis_tests.py "
         "protocols/analysis/intervals.py protocols/analysis/paper_claims.py "
-        "protocols/analysis/paper_tables.py protocols/analysis/regret.py"
+        "protocols/analysis/paper_tables.py protocols/analysis/regret.py "
+        "protocols/analysis/scores.py"
     ),
     "learning rules": "controller/extensions/*.py",
     "resume": (

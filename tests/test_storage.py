@@ -265,8 +265,9 @@ def test_a_failed_write_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch, 
     for name, content in before.items():
         (tmp_path / name).write_bytes(content)
     monkeypatch.setattr(broken, no_space)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match="No space left") as caught:
         write_atomically(tmp_path / "file", b"new")
+    assert str(caught.value) == f"[Errno 28] No space left on device: {str(tmp_path / 'file')!r}"
     assert files(tmp_path) == before
 
 

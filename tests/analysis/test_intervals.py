@@ -106,13 +106,20 @@ def kept(condition, *names, span=SHARE):
     return found[~np.isnan(found)]
 
 
-def share_of_hits(true, find, draw, samples=100):
+# Samples of a simulation of coverage; its figures in docs/reliability.md are those at night.
+many = pytest.mark.parametrize("samples", [100, pytest.param(1000, marks=pytest.mark.night)])
+
+
+def share_of_hits(true, find, draw, samples):
     """Returns in what share of samples an interval contains the true value, and the mean width."""
     found = np.array([find(*draw()) for _ in range(samples)])
     hits = (found[:, 0] <= true) & (true <= found[:, 1])
-    return hits.mean(), np.diff(found).mean()
+    share, width = hits.mean(), np.diff(found).mean()
+    print(f"{samples} samples: covered {share:.3f}, mean width {width:.4f}")
+    return share, width
 
 
+@many
 @pytest.mark.parametrize(
     "condition, names, span, robots, widest",
     [
@@ -128,21 +135,25 @@ def share_of_hits(true, find, draw, samples=100):
         (WALLS, ("steady", "steady-again"), ABILITY, 60, 0.22),
     ],
 )
-def test_intervals_of_means_near_an_end_cover_the_true_mean(condition, names, span, robots, widest):
+def test_intervals_of_means_near_an_end_cover_the_true_mean(
+    condition, names, span, robots, widest, samples
+):
     population = kept(condition, *names, span=span)
     random = np.random.default_rng(7)
     found, width = share_of_hits(
         population.mean(),
         lambda values: intervals.mean(values, span),
         lambda: (random.choice(population, robots),),
+        samples,
     )
     assert found >= 0.92
     assert width < widest
 
 
+@many
 @pytest.mark.parametrize("paired", [False, True])
 @pytest.mark.parametrize("other", ["steady-persistent_exploration", "steady-advantage"])
-def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(other, paired):
+def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(other, paired, samples):
     populations = [kept(WALLS, f"ablation/{name}") for name in ("steady", other)]
     random = np.random.default_rng(8)
 
@@ -153,7 +164,7 @@ def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(othe
 
     true = populations[0].mean() - populations[1].mean()
     found, width = share_of_hits(
-        true, lambda *pair: intervals.difference_of_means(*pair, paired, SHARE), draw
+        true, lambda *pair: intervals.difference_of_means(*pair, paired, SHARE), draw, samples
     )
     assert found >= 0.92
     assert width < 0.15

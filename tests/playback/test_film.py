@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from musebot.protocols import cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.playback import film
 from musebot.protocols.playback.panel import HEIGHT, WIDTH
+from musebot.protocols.storage import draft_name
 
 
 @pytest.mark.parametrize(
@@ -130,6 +133,37 @@ def test_failed_film_leaves_the_older_one_and_no_draft(tmp_path, suffix):
         film.write(output, failing(), 5)
     assert os.listdir(tmp_path) == [output.name]
     assert output.read_bytes() == b"older"
+
+
+def ended():
+    """Two frames, and then the signal by which a system ends a process."""
+    yield from grey(2)
+    os.kill(os.getpid(), signal.SIGTERM)
+    yield from grey(100)
+
+
+def test_film_ended_by_sigterm_leaves_the_older_one_and_no_draft(tmp_path, monkeypatch):
+    (tmp_path / "drafts").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "drafts"))
+    output = tmp_path / "films" / "film.mp4"
+    output.parent.mkdir()
+    output.write_bytes(b"older")
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        film.write(output, ended(), 102)
+    assert os.listdir(output.parent) == [output.name] and output.read_bytes() == b"older"
+    assert not os.listdir(tmp_path / "drafts")
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_next_film_removes_the_draft_of_one_that_was_killed_and_no_other(tmp_path):
+    output = tmp_path / "film.mp4"
+    (tmp_path / draft_name("film.mp4")).write_bytes(b"half")
+    others = {".film.17.mp4", draft_name("other.mp4")}
+    for name in others:
+        (tmp_path / name).write_bytes(b"mine")
+    film.write(output, grey(5), 5)
+    assert {*os.listdir(tmp_path)} == {*others, output.name}
 
 
 def test_film_with_fewer_frames_than_announced_is_an_error_and_leaves_nothing(tmp_path):
