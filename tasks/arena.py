@@ -223,6 +223,7 @@ class Environment(control.Environment):
 
         Raises:
           ValueError: The state is of another task, or of another kind of random stream.
+          PhysicsError: The state is unstable; then `reset` must be called.
           RuntimeError: The environment is closed.
         """
         self.lifecycle.check_open()
@@ -234,7 +235,11 @@ class Environment(control.Environment):
         self.task.steps = self._step_count = state["steps"]
         self._reset_next_step = state["over"]
         self.lifecycle.become("running")
-        self.task.after_step(self.physics)
+        try:
+            self.task.after_step(self.physics)
+        except control.PhysicsError:
+            self.lifecycle.become("failed")
+            raise
 
     @property
     def physics(self) -> Physics:

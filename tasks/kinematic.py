@@ -58,6 +58,7 @@ class KinematicBatch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
+        robots = np.asarray(robots)
         poses = self._placed(robots, poses, "poses", 3)
         inside = self.dimensions.sound(poses[:, :2]).all(axis=1)
         sound = inside & np.isfinite(poses[:, 2])

@@ -8,9 +8,9 @@ import re
 from pathlib import Path
 from typing import Any, Unpack
 
-from ..gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
+from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, register_gymnasium
 from ..models import check_arena
-from .arena import SUITE, Environment, Settings, TaskDefinition
+from .arena import CONTROL_TIMESTEP, SUITE, Environment, Settings, TaskDefinition
 from .batch import Batch
 from .rules import Rules
 from .suite import TASKS
@@ -52,11 +52,15 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     definition = TaskDefinition(name, rules, **settings)
     if not 0 < definition.limit < math.inf:
         raise ValueError(f"limit must be positive, got {definition.limit}")
-    if not definition.time_limit > 0 or definition.spot_seconds < 0:
+    if not definition.time_limit >= CONTROL_TIMESTEP:
+        raise ValueError(f"time_limit must be at least 0.1 s, got {definition.time_limit}")
+    if definition.spot_seconds and not CONTROL_TIMESTEP <= definition.spot_seconds < math.inf:
         raise ValueError(
-            "time_limit must be positive and spot_seconds must not be negative, got "
-            f"{definition.time_limit} and {definition.spot_seconds}"
+            f"spot_seconds must be 0, or at least 0.1 s, got {definition.spot_seconds}"
         )
+    identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
+    if identifier in GYMNASIUM_TASKS:
+        raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")
     model = definition.spec().compile()
     check_arena(model)
     Batch(model, rules.of(model), 1)  # fails here where a sensor is missing
@@ -67,8 +71,9 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     factory.__name__, factory.__doc__ = name, rules.__doc__
     SUITE.add("own")(factory)
     TASKS[name] = definition
-    identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
     GYMNASIUM_TASKS[identifier] = name
+    limit = definition.time_limit
+    EPISODE_STEPS[name] = round(limit / CONTROL_TIMESTEP) if math.isfinite(limit) else None
     with contextlib.suppress(ImportError):  # Gymnasium is optional
         register_gymnasium()
     return f"musebot/{identifier}"

@@ -154,10 +154,16 @@ class RunCommand:
             raise InputError(f"robots must be at least 1, got {self.robots}")
         chosen = (*self.proposer, *map(recorded_name, self.agent))
         rows: dict[Condition, int] = {}
-        if not self.task and not chosen:
-            for (task, proposer), number in config.robots.items():
-                check_trusted(name := recorded_name(proposer), self.config)
+        for (task, proposer), number in config.robots.items():
+            name = recorded_name(proposer)
+            if task in (self.task or (task,)) and name in (chosen or (name,)):
                 rows[Condition(task, name)] = number if self.robots is None else self.robots
+        if not {c.task for c in rows} >= {*self.task} or not {c.proposer for c in rows} >= {
+            *chosen
+        }:
+            rows = {}  # the options ask for more than the file plans
+        for condition in rows:
+            check_trusted(condition.proposer, self.config)
         known = rows or (held.robots if held else {})
         robots = max(known.values(), default=60) if self.robots is None else self.robots
         if held:

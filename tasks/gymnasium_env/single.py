@@ -161,7 +161,12 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
 
         The count of steps of Gymnasium's wrapper TimeLimit is not in it.
+
+        Raises:
+          RuntimeError: There was no reset, or none after a PhysicsError, or it is closed.
         """
+        if not self._environment.lifecycle.running:
+            self._environment.lifecycle.refuse()
         counts = {"counts": list(self._counts), "seed": self.np_random_seed}
         return self._environment.get_state() | counts
 
