@@ -410,6 +410,12 @@ def _matched(
     return [f"{other} for {own}", *cells, f"{math.sqrt(noise):.1f}", found]
 
 
+def standard_error(effects: Sequence[float]) -> float:
+    """Returns the standard error of stage 2's effects, one of each column of `DESIGN`."""
+    empty = np.array(effects[len(CHOICES) :])
+    return float(np.sqrt(np.mean(empty**2)))  # without noise they are 0: no mean is subtracted
+
+
 def _screening(runs: Mapping[str, Run]) -> list[str]:
     """Returns the tables of stage 2; effects only if all combinations are finished."""
     if not runs:
@@ -425,9 +431,7 @@ def _screening(runs: Mapping[str, Run]) -> list[str]:
         c: [main_effect([own[c] for own in scores.values()], column) for column in DESIGN.T]
         for c in creative
     }
-    # Without noise the empty columns' effects are 0: their mean is not subtracted.
-    empty = {c: np.array(own[len(CHOICES) :]) for c, own in effects.items()}
-    errors = {c: float(np.sqrt(np.mean(own**2))) for c, own in empty.items()}
+    errors = {c: standard_error(own) for c, own in effects.items()}
     rows = [["choice", *(TASK_NAMES[c.task].lower() for c in creative), "verdict"]]
     for number, choice in enumerate(CHOICES):
         own = {c: effects[c][number] for c in creative if c.task in choice.tasks}

@@ -54,6 +54,9 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
     seen, _ = one.reset(seed=3)
     rows, _ = many.reset(seed=3)
     np.testing.assert_array_equal(rows[0], seen)
+    for robots in (one, many):
+        ends = [np.all(robots.step(robots.action_space.sample())[3]) for _ in range(20)]
+        assert ends == [False] * 19 + [True]
     assert type(make_batch("stand_still", 2).rules) is Still
     assert musebot.ALL_TASKS == listed and musebot.SUITE["stand_still"].__doc__ == Still.__doc__
 
@@ -66,7 +69,9 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
         ("mine", Still(None), {}, TypeError, "rules must be a subclass of musebot.tasks.rules"),
         ("mine", Still, {"colour": 1}, TypeError, "colour"),
         ("mine", Still, {"limit": 0}, ValueError, "limit must be positive, got 0"),
-        ("mine", Still, {"time_limit": 0}, ValueError, "time_limit must be positive"),
+        ("mine", Still, {"time_limit": 0}, ValueError, "time_limit must be at least 0.1 s, got 0"),
+        ("mine", Still, {"spot_seconds": 0.04}, ValueError, "spot_seconds must be 0, or at least"),
+        ("mine", Still, {"spot_seconds": np.nan}, ValueError, "spot_seconds must be 0, or at "),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("touch")),)},
          KeyError, "touch"),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.geom("north")),)},
@@ -90,6 +95,14 @@ def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings
     with pytest.raises(error, match=words):
         musebot.register_task(name, rules, **settings)
     assert ([*suite.TASKS], [*musebot.SUITE], dict(musebot.GYMNASIUM_TASKS)) == before
+
+
+def test_a_name_whose_gymnasium_id_is_taken_is_refused(forgotten):
+    forgotten.append("still_1")
+    musebot.register_task("still_1", Still)
+    with pytest.raises(ValueError, match="musebot/Still1-v0 is that of 'still_1'"):
+        musebot.register_task("still1", Still)
+    assert "still1" not in suite.TASKS
 
 
 _BASELINES = """
