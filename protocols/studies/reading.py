@@ -48,7 +48,8 @@ class Choice:
 
     Attributes:
       says: What +1 and -1 mean, in words.
-      values: Fields of the experiment at +1 and at -1; names with a dot are fields of a part.
+      values: Values of the experiment's fields at level +1, and at level -1, by field; "part.field"
+        is a field of a part.
       tasks: Tasks in which the choice can affect the robots.
     """
 

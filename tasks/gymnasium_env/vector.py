@@ -66,8 +66,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           threads: Number of threads that step the physics; 0 for the calling thread. Results do
             not depend on it.
           render_mode: "rgb_array" or None.
-          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`); and those
-            of pictures: `camera`, `width`, `height` (see `ArenaEnv`).
+          **kwargs: Keywords of the task (`robot`, `spot`, `nose`, see `arena.Settings`) and of its
+            pictures (`camera`, `width`, `height`, see `ArenaEnv`).
 
         Raises:
           TypeError: A keyword is unknown.
