@@ -27,7 +27,7 @@ run: $(READY)  ## film a trained robot, let a few learn, film them too; in runs/
 	$(VENV)/bin/musebot demo $(DEMO)
 
 test: $(READY) $(RAY) $(GYM) $(CHROMIUM)  ## run the tests
-	@$(VENV)/bin/pytest -q -n 2 tests
+	@$(VENV)/bin/pytest -q -n 2 --dist worksteal tests
 
 lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff check .

@@ -38,10 +38,8 @@ class ArenaRenderer(MujocoRenderer):
             visual_options={int(mujoco.mjtVisFlag.mjVIS_RANGEFINDER): False},
         )
 
-        # Before the display ends, and also for an environment that nobody closes.
         self._free = weakref.finalize(self, _free, self._viewers)
-        self._free.atexit = False
-        atexit.register(self._free)
+        self._free.atexit = False  # that would come after the display's end
 
     def render(self, render_mode: str | None) -> Any:
         """Draws the window, or returns a picture; see Gymnasium's `MujocoRenderer`."""
@@ -55,6 +53,10 @@ class ArenaRenderer(MujocoRenderer):
 
     def _get_viewer(self, render_mode: str | None) -> Any:
         viewer = super()._get_viewer(render_mode)
+        # For an environment that nobody closes. The last one registered is called first: before the
+        # display's end, which the display's first context has just registered.
+        atexit.unregister(self._free)
+        atexit.register(self._free)
         viewer.make_context_current()  # Gymnasium does so only with several viewers of its own
         return viewer
 

@@ -177,6 +177,17 @@ def test_environments_in_one_process_leave_each_others_pictures_alone(headless):
 
 
 @pytest.mark.slow
+def test_a_first_picture_of_gymnasiums_and_no_close_print_nothing_at_exit(egl):
+    code = (
+        "import gymnasium, musebot; env = gymnasium.make('musebot/SpotFinding-v0', "
+        "render_mode='rgb_array'); env.reset(seed=0); assert env.render().std() > 0"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
 def test_depth_is_rendered_alone_and_with_colours(headless):
     shape, low, high, std = headless[0]["depth"]
     assert shape == [320, 480] and 0 <= low < high <= 1 and std > 0

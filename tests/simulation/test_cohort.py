@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musebot.models import Dimensions
-from musebot.protocols.agents import factory
+from musebot.protocols.agents import trust
 from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
@@ -450,7 +450,7 @@ def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
         "        return np.zeros((1, 2))\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(factory, "_TRUSTED", {"one_for_all:Lazy"})
+    monkeypatch.setattr(trust, "_TRUSTED", {"one_for_all:Lazy"})
     condition = Condition("wall_avoidance", "one_for_all:Lazy")
     plan = Plan.of(Experiment(cohort_size=2), [condition], 2)
     with pytest.raises(InputError) as caught:
