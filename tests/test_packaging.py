@@ -64,10 +64,13 @@ def gym_only(wheel, tmp_path_factory):
         "import os, sys\nsys.modules.update(dict.fromkeys(os.environ['HIDDEN'].split()))\n"
     )
 
+    # README's code renders a picture; the other tests switch OpenGL off.
+    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+
     def run(*arguments, hidden=HIDDEN, **keywords):
         return subprocess.run(
             [folder / "bin" / "python", *arguments],
-            env=os.environ | {"HIDDEN": hidden},
+            env=environment | {"HIDDEN": hidden},
             cwd=folder,
             capture_output=True,
             text=True,
@@ -102,7 +105,7 @@ def test_the_extra_all_holds_what_users_need():
 
 
 @pytest.mark.slow
-def test_readmes_code_runs_from_the_wheel_without_torch(gym_only):
+def test_readmes_code_runs_from_the_wheel_without_torch(gym_only, egl):
     assert README
     done = gym_only("-c", RUN_BLOCKS, input=json.dumps(README))
     assert (done.returncode, done.stderr) == (0, "")
@@ -144,7 +147,7 @@ def test_gymnasiums_absence_is_one_sentence(monkeypatch):
 
 def test_every_requirement_of_an_extra_is_named_in_its_sentence():
     modules = {"pillow": "PIL", "imageio-ffmpeg": "imageio_ffmpeg", "pyyaml": "yaml"}
-    for extra in ("brain", "gym", "cluster", "baselines"):
+    for extra in ("brain", "gym", "cluster", "baselines", "tensorboard"):
         for line in PROJECT["optional-dependencies"][extra]:
             name = Requirement(line).name
             if name == "musebot":

@@ -224,7 +224,11 @@ def difference_of_means(
     enough = min(map(len, measured)) >= FEWEST
     if enough and any(_is_near_an_end(values, span) for values in measured):
         means = float(measured[0].mean()), float(measured[1].mean())
-        return _combined(means, (mean(measured[0], span), mean(measured[1], span)))
+        ends = mean(measured[0], span), mean(measured[1], span)
+        return UNKNOWN if np.isnan(ends).any() else _combined(means, ends)
+    # Resampling equal values shows no spread, which does not mean certainty.
+    if enough and any(np.ptp(values) == 0 for values in measured):
+        return UNKNOWN
     return difference(first, second, np.nanmean, paired)
 
 

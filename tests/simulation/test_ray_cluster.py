@@ -212,6 +212,15 @@ def test_a_users_file_named_stop_stops_no_job_and_stays(tmp_path):
     assert (tmp_path / "stop").read_text() == "mine"
 
 
+def test_auto_without_a_cluster_says_that_there_is_none(monkeypatch):
+    def init(**options):
+        raise ConnectionError("Could not find any running Ray instance. Please specify one.")
+
+    monkeypatch.setattr(ray, "init", init)
+    with pytest.raises(InputError, match="there is no Ray cluster at 'auto'"):
+        RayCluster("auto")
+
+
 def test_an_environment_that_makes_auto_an_open_cluster_is_refused(monkeypatch):
     monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("Ray was started"))
     monkeypatch.setenv("RAY_ADDRESS", "local")
