@@ -21,6 +21,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 FOLDERS = ("models", "tasks", "controller", "protocols")
 README = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
 # What only the extras `brain`, `baselines` and `cluster` install.
+# README's code renders a picture; the other tests switch OpenGL off.
+DRAWING = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
 HIDDEN = "torch safetensors matplotlib jinja2 tyro rich ray stable_baselines3"
 
 # Runs all blocks in one process, each with names of its own.
@@ -64,13 +66,10 @@ def gym_only(wheel, tmp_path_factory):
         "import os, sys\nsys.modules.update(dict.fromkeys(os.environ['HIDDEN'].split()))\n"
     )
 
-    # README's code renders a picture; the other tests switch OpenGL off.
-    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
-
     def run(*arguments, hidden=HIDDEN, **keywords):
         return subprocess.run(
             [folder / "bin" / "python", *arguments],
-            env=environment | {"HIDDEN": hidden},
+            env=DRAWING | {"HIDDEN": hidden},
             cwd=folder,
             capture_output=True,
             text=True,
@@ -185,7 +184,7 @@ def test_type_checkers_resolve_musebot_after_make(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.night
-def test_an_empty_environment_with_gym_is_small_and_runs_readme(wheel, tmp_path):
+def test_an_empty_environment_with_gym_is_small_and_runs_readme(wheel, tmp_path, egl):
     environment = tmp_path / "environment"
     subprocess.run([sys.executable, "-m", "venv", environment], check=True)
     python, began = environment / "bin" / "python", time.monotonic()
@@ -199,7 +198,7 @@ def test_an_empty_environment_with_gym_is_small_and_runs_readme(wheel, tmp_path)
     assert "No module named 'torch'" in torch.stderr
     done = subprocess.run(
         [python, "-c", RUN_BLOCKS],
-        input=json.dumps(README), cwd=tmp_path, capture_output=True, text=True,
+        input=json.dumps(README), cwd=tmp_path, env=DRAWING, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     command = [environment / "bin" / "musebot", "run", "out"]
