@@ -142,7 +142,7 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
     Args:
       directory: Folder of the run.
       held: Experiment that the run's folder stores.
-      wanted: Values that the user asked for, by the name of the experiment's field.
+      wanted: Values that the user asked for; the keys are names of the experiment's fields.
 
     Raises:
       UNREADABLE: the fields are not those of an experiment.
