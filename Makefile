@@ -7,6 +7,7 @@ TYPES  := $(VENV)/.types
 RAY    := $(VENV)/.ray
 GYM    := $(VENV)/.gym
 CHROMIUM := $(VENV)/.chromium
+DOCS   := $(VENV)/.docs
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
@@ -18,7 +19,7 @@ apt_install = { \
 	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test lint gym cluster dist clean
+.PHONY: help run test lint gym cluster docs dist clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -34,11 +35,18 @@ lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
-gym: $(READY)  ## install Gymnasium and Stable-Baselines3 in .venv
+gym: $(READY)  ## install Gymnasium, Stable-Baselines3 and TensorBoard in .venv
 	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt
 
 cluster: $(READY)  ## install Ray in .venv
 	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt
+
+docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
+	$(VENV)/bin/python docs/generator
+	rm -rf site
+	$(VENV)/bin/zensical build --strict --clean
+	rm -rf site/generator; find site -name '*.npz' -delete -o -name '*.safetensors' -delete
+	$(VENV)/bin/python docs/generator/check_site.py site
 
 dist: $(READY)  ## build the wheel and the sdist in dist/
 	rm -rf build dist *.egg-info
@@ -47,7 +55,7 @@ dist: $(READY)  ## build the wheel and the sdist in dist/
 	@rm -rf build *.egg-info; ls -l dist
 
 clean:  ## remove .venv, builds and caches; keep runs/
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site .cache *.egg-info .pytest_cache .ruff_cache .hypothesis
 
 # Only images and films need EGL, so its absence is a warning. Torch is installed first, with the
 # dependencies of its build for this machine. The rest is exactly constraints.txt, which omits labmaze
@@ -97,4 +105,9 @@ $(RAY): $(READY) constraints-cluster.txt
 $(GYM): $(READY) constraints-gym.txt
 	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt || \
 	  echo "Continuing without Gymnasium: the tests of its interfaces will be skipped." >&2
+	@touch $@
+
+# Only the site needs Zensical and mkdocstrings (110 MB).
+$(DOCS): $(READY) constraints-docs.txt
+	$(VENV)/bin/pip install --no-deps -r constraints-docs.txt
 	@touch $@

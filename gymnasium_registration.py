@@ -17,6 +17,9 @@ GYMNASIUM_TASKS = {
 }
 
 
+EPISODE_STEPS: dict[str, int | None] = {}  # of tasks whose episodes are not 1,000 steps long
+
+
 def register_gymnasium() -> None:
     """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
 
@@ -43,5 +46,5 @@ def register_gymnasium() -> None:
             entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
             vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
             kwargs={"task": task},
-            max_episode_steps=1000,
+            max_episode_steps=EPISODE_STEPS.get(task, 1000),
         )

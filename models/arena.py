@@ -37,18 +37,19 @@ def check_versions() -> None:
         )
 
 
-def arena_spec(*, motor_speed: float | None = None) -> mujoco.MjSpec:
+def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None) -> mujoco.MjSpec:
     """Returns the arena with its robot as an editable MjSpec; `.compile()` makes the model.
 
     Args:
-      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of `robot.xml`.
+      path: MJCF file of an arena with its robot; see `check_arena` for what it must hold.
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the file.
 
     Raises:
       ImportError: This MuJoCo does not work with dm_control.
-      ValueError: The speed is not a positive number of at most 10.
+      ValueError: The speed is not a positive number of at most 10, or the file cannot be read.
     """
     check_versions()
-    spec = mujoco.MjSpec.from_file(str(ARENA_XML))
+    spec = mujoco.MjSpec.from_file(str(path))
     if motor_speed is not None:
         if isinstance(motor_speed, bool) or not isinstance(motor_speed, numbers.Real):
             raise ValueError(f"motor_speed must be a number, got {motor_speed!r:.60}")
@@ -66,6 +67,39 @@ def arena_spec(*, motor_speed: float | None = None) -> mujoco.MjSpec:
             motor.gainprm[0] *= scale
             motor.biasprm[2] *= scale
     return spec
+
+
+def check_arena(model: mujoco.MjModel) -> None:
+    """Checks that a compiled arena has everything that the tasks place, drive and measure.
+
+    Sensors are not checked: `Rules.of` finds those that a task reads.
+
+    Raises:
+      ValueError: Something is missing, or the arena has other joints, actuators or mocap bodies.
+    """
+    for kind, names in _NEEDED.items():
+        for name in names:
+            if mujoco.mj_name2id(model, kind, name) < 0:
+                what = kind.name.removeprefix("mjOBJ_").lower()
+                raise ValueError(f"the arena must have a {what} {name!r}, got none")
+    robot = model.body("robot")
+    if model.nq != 9 or robot.jntnum[0] != 1 or model.jnt_type[robot.jntadr[0]] != 0:
+        raise ValueError(
+            "the joints of the arena must be the robot's free joint and two wheels, got "
+            f"{[model.joint(number).name for number in range(model.njnt)]}"
+        )
+    motors = [model.actuator(number).name for number in range(model.nu)]
+    if motors != ["left_motor", "right_motor"]:
+        raise ValueError(f"the actuators must be left_motor and right_motor, got {motors}")
+    if model.nmocap != 1 or model.body("spot").mocapid[0] != 0:
+        raise ValueError("the body 'spot' must be the arena's only mocap body")
+
+
+_NEEDED = {
+    mujoco.mjtObj.mjOBJ_BODY: ("robot", "left_wheel", "right_wheel", "spot"),
+    mujoco.mjtObj.mjOBJ_GEOM: ("bumper", "left_wheel", "east", "north"),
+    mujoco.mjtObj.mjOBJ_SITE: ("nose", "spot"),
+}
 
 
 def robot_qpos(pose: np.ndarray) -> np.ndarray:

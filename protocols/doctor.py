@@ -46,6 +46,7 @@ _OPTIONAL = {  # package: extra of musebot, and what needs it
     "gymnasium": ("gym", "the Gymnasium interfaces"),
     "moviepy": ("gym", "Gymnasium's recorders of films"),
     "stable-baselines3": ("baselines", "training by PPO"),
+    "tensorboard": ("tensorboard", "`musebot run --log tensorboard`"),
 }
 # Seen with CUDA builds of torch and Mesa's EGL (`models.rendering.load_triton`).
 _TORCH_AFTER_EGL = """

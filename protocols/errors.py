@@ -11,6 +11,7 @@ _EXTRAS = {
     "yaml",
     "cluster": "ray",
     "gym": "gymnasium moviepy",
+    "tensorboard": "tensorboard",
 }
 
 

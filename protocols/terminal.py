@@ -8,7 +8,7 @@ import queue
 import re
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TextIO
 
 from rich.console import Console
@@ -134,6 +134,7 @@ class JobProgress:
         self._what = f"{printable(what)}, {total / 3600:,.0f} robot-hours"
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
         self._began = self._said = time.monotonic()
+        self._watcher: Callable[[], None] = lambda: None
 
     def __enter__(self) -> JobProgress:
         self._progress.start()
@@ -145,6 +146,10 @@ class JobProgress:
         self._progress.stop()
         if self._lines:
             notice(self.line())
+
+    def watch(self, watcher: Callable[[], None]) -> None:
+        """Sets a function that is called whenever reports are shown, several times a second."""
+        self._watcher = watcher
 
     def tell(self, sentence: str) -> None:
         """Prints a sentence above the bar."""
@@ -167,6 +172,7 @@ class JobProgress:
         if self._lines and time.monotonic() - self._said >= _MINUTE:
             self._said = time.monotonic()
             notice(self.line())
+        self._watcher()
 
     def line(self) -> str:
         """Returns the progress in words: share and robots done, speed, remaining time."""

@@ -6,6 +6,7 @@ import collections
 import dataclasses
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 import dm_env
@@ -17,7 +18,7 @@ from dm_control.suite import base
 from dm_control.utils import containers
 from dm_env import specs
 
-from ..models.arena import Dimensions, arena_spec
+from ..models.arena import ARENA_XML, Dimensions, arena_spec
 from ..models.physics import INTEGRATION, Physics
 from .episode import (
     Episode,
@@ -130,12 +131,11 @@ class Task(base.Task):
         if self._visualize_reward:
             reward = abs(self.get_reward(physics))
             highlight = np.array([0.95, 0.25, 0.15, 1.0])
+            colours = physics.named.model.mat_rgba
             shell = self._shell
             if shell is None:
-                shell = self._shell = physics.named.model.mat_rgba["musebot/shell"].copy()
-            physics.named.model.mat_rgba["musebot/shell"] = (
-                reward * highlight + (1 - reward) * shell
-            )
+                shell = self._shell = colours["musebot_shell"].copy()
+            colours["musebot_shell"] = reward * highlight + (1 - reward) * shell
 
 
 class Environment(control.Environment):
@@ -223,6 +223,7 @@ class Environment(control.Environment):
 
         Raises:
           ValueError: The state is of another task, or of another kind of random stream.
+          PhysicsError: The state is unstable; then `reset` must be called.
           RuntimeError: The environment is closed.
         """
         self.lifecycle.check_open()
@@ -234,7 +235,11 @@ class Environment(control.Environment):
         self.task.steps = self._step_count = state["steps"]
         self._reset_next_step = state["over"]
         self.lifecycle.become("running")
-        self.task.after_step(self.physics)
+        try:
+            self.task.after_step(self.physics)
+        except control.PhysicsError:
+            self.lifecycle.become("failed")
+            raise
 
     @property
     def physics(self) -> Physics:
@@ -302,6 +307,7 @@ class TaskDefinition:
       limit: Largest action, which corresponds to motor value 0.5.
       time_limit: Length of an episode in [s].
       spot_seconds: Time between two jumps of the spot in [s]; 0 for a spot that stays.
+      model: MJCF file of the arena with its robot, see `models.arena.check_arena`.
     """
 
     name: str
@@ -310,6 +316,7 @@ class TaskDefinition:
     limit: float = 1.0
     time_limit: float = 100.0
     spot_seconds: float = 0.0
+    model: str | Path = ARENA_XML
 
     def spec(self, motor_speed: float | None = None, edits: Sequence[Edit] = ()) -> mj.MjSpec:
         """Returns the task's arena.
@@ -318,7 +325,7 @@ class TaskDefinition:
           motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the model.
           edits: Further edits of the arena's model, after the task's own.
         """
-        spec = arena_spec(motor_speed=motor_speed)
+        spec = arena_spec(self.model, motor_speed=motor_speed)
         for edit in (*self.edits, *edits):
             edit(spec)
         return spec

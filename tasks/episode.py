@@ -100,17 +100,22 @@ class Episode:
         scale = 0.5 / limit
         return min(max(left, -limit), limit) * scale, min(max(right, -limit), limit) * scale
 
-    def batch_motors(self, actions: Any, robots: int) -> np.ndarray:
+    def batch_motors(
+        self, actions: Any, robots: int, ignored: Sequence[int] | np.ndarray = ()
+    ) -> np.ndarray:
         """Returns the motor values of a batch's actions, shape (B, 2); see `motors`.
 
         Args:
           actions: Left and right action of every robot, shape (B, 2).
           robots: Number of robots, B.
+          ignored: Robots whose action is not read; their motor values are 0.
 
         Raises:
           ValueError: The actions have another shape, or are not finite numbers.
         """
         values = _numbers(actions, (robots, 2)).astype(float)
+        if len(ignored):
+            values[ignored] = 0
         if not np.isfinite(values).all():
             _refuse_action(actions, (robots, 2))
         return np.clip(values, -self.limit, self.limit) * (0.5 / self.limit)
@@ -136,7 +141,8 @@ def _refuse_action(action: Any, shape: tuple[int, ...]) -> NoReturn:
 class Lifecycle:
     """The states of an environment: "new", then "running" from each reset on, until it fails.
 
-    A PhysicsError makes it "failed" until the next reset; `close` makes it "closed" for ever.
+    A PhysicsError makes it "failed" until the next reset; `close` makes it "closed" for ever,
+    except in Gymnasium's environment of one robot.
 
     Attributes:
       stage: State of the environment.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..models import Dimensions, Kinematics, hide_spot
+from ..models import ARENA_XML, Dimensions, Kinematics, hide_spot
 from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
 from .arena import CONTROL_TIMESTEP, Edit
 from .batch import Robots
@@ -58,6 +58,7 @@ class KinematicBatch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
+        robots = np.asarray(robots)
         poses = self._placed(robots, poses, "poses", 3)
         inside = self.dimensions.sound(poses[:, :2]).all(axis=1)
         sound = inside & np.isfinite(poses[:, 2])
@@ -136,7 +137,7 @@ def make_kinematic_batch(
       ValueError: There is no such task, its arena is not the paper's, or a value is out of range.
     """
     definition = task_definition(task_name)
-    if not {hide_spot}.issuperset(definition.edits):
+    if definition.model != ARENA_XML or not {hide_spot}.issuperset(definition.edits):
         raise ValueError(
             f"a task of the kinematic simulator must have the paper's arena, got {task_name!r}"
         )

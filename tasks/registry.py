@@ -5,10 +5,13 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from pathlib import Path
 from typing import Any, Unpack
 
-from ..gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
-from .arena import SUITE, Environment, Settings, TaskDefinition
+from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, register_gymnasium
+from ..models import check_arena
+from .arena import CONTROL_TIMESTEP, SUITE, Environment, Settings, TaskDefinition
+from .batch import Batch
 from .rules import Rules
 from .suite import TASKS
 
@@ -26,15 +29,17 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     Args:
       name: Name of the task, in lower case with underscores, such as "two_spots".
       rules: Observations, reward and event of the task.
-      **settings: Further fields of `TaskDefinition`: `edits` of the arena's model, `limit` of the
-        actions, `time_limit` and `spot_seconds` in [s].
+      **settings: Further fields of `TaskDefinition`: `model`, the MJCF file of an arena with its
+        robot; `edits` of the model, `limit` of the actions, `time_limit` and `spot_seconds` in [s].
 
     Returns:
       The task's Gymnasium id, such as "musebot/TwoSpots-v0".
 
     Raises:
+      KeyError: The arena lacks a sensor.
       TypeError: A setting is unknown, or `rules` is not a class of rules.
-      ValueError: The name is taken or has another form, or a setting is out of range.
+      ValueError: The name is taken or has another form, a setting is out of range, or the arena
+        lacks something.
     """
     if not _NAME.fullmatch(name):
         raise ValueError(f"name must be lower case with underscores, got {name!r}")
@@ -42,15 +47,23 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
         raise ValueError(f"there is a task {name!r} already")
     if not (isinstance(rules, type) and issubclass(rules, Rules)):
         raise TypeError(f"rules must be a subclass of musebot.tasks.rules.Rules, got {rules!r}")
+    if "model" in settings:  # the working directory may change
+        settings["model"] = Path(settings["model"]).resolve()
     definition = TaskDefinition(name, rules, **settings)
     if not 0 < definition.limit < math.inf:
         raise ValueError(f"limit must be positive, got {definition.limit}")
-    if not definition.time_limit > 0 or definition.spot_seconds < 0:
+    if not definition.time_limit >= CONTROL_TIMESTEP:
+        raise ValueError(f"time_limit must be at least 0.1 s, got {definition.time_limit}")
+    if definition.spot_seconds and not CONTROL_TIMESTEP <= definition.spot_seconds < math.inf:
         raise ValueError(
-            "time_limit must be positive and spot_seconds must not be negative, got "
-            f"{definition.time_limit} and {definition.spot_seconds}"
+            f"spot_seconds must be 0, or at least 0.1 s, got {definition.spot_seconds}"
         )
-    rules.of(definition.spec().compile())  # fails here where a sensor is missing
+    identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
+    if identifier in GYMNASIUM_TASKS:
+        raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")
+    model = definition.spec().compile()
+    check_arena(model)
+    Batch(model, rules.of(model), 1)  # fails here where a sensor is missing
 
     def factory(**keywords: Unpack[Settings]) -> Environment:
         return definition.environment(**keywords)
@@ -58,8 +71,9 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     factory.__name__, factory.__doc__ = name, rules.__doc__
     SUITE.add("own")(factory)
     TASKS[name] = definition
-    identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
     GYMNASIUM_TASKS[identifier] = name
+    limit = definition.time_limit
+    EPISODE_STEPS[name] = round(limit / CONTROL_TIMESTEP) if math.isfinite(limit) else None
     with contextlib.suppress(ImportError):  # Gymnasium is optional
         register_gymnasium()
     return f"musebot/{identifier}"

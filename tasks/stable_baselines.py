@@ -15,7 +15,7 @@ except ModuleNotFoundError as error:
         f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
     ) from error
 
-from ..gymnasium_registration import GYMNASIUM_TASKS
+from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS
 from .gymnasium_env import ArenaVectorEnv
 
 
@@ -35,10 +35,11 @@ class ArenaVecEnv(VecEnv):
         Args:
           task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id.
           num_envs: Number of robots, B.
-          **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is 1,000 by default.
+          **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
+            task, 1,000 in the suite.
         """
-        kwargs = {"max_episode_steps": 1000, **kwargs}
         task = GYMNASIUM_TASKS.get(task.removeprefix("musebot/"), task)
+        kwargs = {"max_episode_steps": EPISODE_STEPS.get(task, 1000), **kwargs}
         self._robots = ArenaVectorEnv(
             task, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs
         )

@@ -95,8 +95,9 @@ class Start:
         size = dimensions
         for name, clear in (("robot", size.radius), ("spot", 0.0)):
             place = getattr(self, name)
-            if place is None or isinstance(place, str):
+            if place is None:
                 continue
+            place = CORNERS[place] if isinstance(place, str) else place
             x, y = size.half_length - clear, size.half_width - clear
             if abs(place[0]) > x + _TOLERANCE or abs(place[1]) > y + _TOLERANCE:
                 raise ValueError(

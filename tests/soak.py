@@ -15,6 +15,7 @@ import argparse
 import gc
 import json
 import os
+import sys
 import time
 
 import mujoco
@@ -30,9 +31,9 @@ from musebot.tasks import make_batch
 from musebot.tasks.starts import random_poses
 
 ROBOTS = 50
-# Task, brain and factor on the durations of the lives of a round: 16 and 18 simulated minutes.
-LIVES = (("wall_avoidance", "paper", 0.1), ("spot_finding", "steady", 0.05))
-MINUTES, HELD = 10, (1, 20)  # among pillars; control steps for which motor values are held
+# Task, brain and factor on the durations of the lives of a round: 8 and 9 simulated minutes.
+LIVES = (("wall_avoidance", "paper", 0.05), ("spot_finding", "steady", 0.025))
+MINUTES, HELD = 5, (1, 20)  # among pillars; control steps for which motor values are held
 
 
 class Extremes:
@@ -164,6 +165,7 @@ def soak(robot_hours, seed=1):
             found["robot_hours"] += hours
             found["invalid"] += invalid
         found["held"].append(held())
+        print(f"{found['robot_hours']:.1f} robot-hours, {found['held'][-1]}", file=sys.stderr)
     found["seconds"] = round(time.process_time() - began, 1)
     return found
 
@@ -171,7 +173,7 @@ def soak(robot_hours, seed=1):
 def main():
     """Soaks, and prints what was seen."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--robot-hours", type=float, default=200, help="at least so many (200)")
+    parser.add_argument("--robot-hours", type=float, default=150, help="at least so many (150)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the first round (1)")
     options = parser.parse_args()
     prepare_process()

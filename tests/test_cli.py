@@ -525,6 +525,7 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
         "nose-place": get_args(NosePlace),
         "body": BODIES,
         "engine": ("local", "ray"),
+        "log": ("none", "tensorboard"),
     }
 
 

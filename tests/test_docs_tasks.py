@@ -82,8 +82,7 @@ def test_every_variant_has_a_small_film_and_its_command(name):
     assert (PAGE.parent / film).stat().st_size < 300_000
     (words,) = re.findall(r"^Reproduce: `musebot film (.*)`$", SECTIONS[name], re.MULTILINE)
     made = tyro.cli(FilmCommand, args=words.split())
-    assert made.task == made.out.parent.name == made.output.stem == name
-    assert made.out.name == "policies.safetensors"
+    assert made.task == made.output.stem == name and made.out is None
     assert made.output.name == film.name
 
 

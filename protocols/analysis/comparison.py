@@ -241,7 +241,7 @@ def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
     """Compares who performs better: mean L, and the time after training.
 
     Args:
-      matches: All robots to compare; their cells are corrected together.
+      matches: All robots to compare; the p-values of all their cells are corrected together.
 
     Returns:
       For each match, two cells: mean L, and the share of time in contact (or in the spot) in the

@@ -54,7 +54,7 @@ def larger_share(
     and conservative for large ones, because their count scatters less.
 
     Args:
-      first: Two numbers of robots in the first group: those with the property, and all.
+      first: Counts in the first group: robots with the property, and all robots.
       second: Two numbers of robots in the second group: those with the property, and all.
       words: Description of the comparison in words, with its numbers.
       times: Factor by which the second share is multiplied before the comparison.
@@ -98,7 +98,7 @@ def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) 
       first: First group.
       second: Second group.
       words: Description of the comparison in words, with its numbers.
-      margin: Difference that the first mean minus the second must exceed; may be negative.
+      margin: The first mean must exceed the second by more than this; may be negative.
     """
     if (fewest := min(first.size, second.size)) < FEWEST:
         return _untested(f"{words}: {fewest} measured robots are too few", "Welch's t test")

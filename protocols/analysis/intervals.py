@@ -218,14 +218,18 @@ def difference_of_means(
 
     Returns:
       Interval of the first mean minus the second; unknown if a group has fewer than `FEWEST`
-      values. Unknown also if the values of a group are all equal and not near an end of `span`.
+      values, if those of a group are all equal and not near an end of `span` while the other
+      mean is near one, or if no resample differs from another.
     """
     measured = first[~np.isnan(first)], second[~np.isnan(second)]
     enough = min(map(len, measured)) >= FEWEST
     if enough and any(_is_near_an_end(values, span) for values in measured):
         means = float(measured[0].mean()), float(measured[1].mean())
-        return _combined(means, (mean(measured[0], span), mean(measured[1], span)))
-    return difference(first, second, np.nanmean, paired)
+        ends = mean(measured[0], span), mean(measured[1], span)
+        return UNKNOWN if np.isnan(ends).any() else _combined(means, ends)
+    low, high = difference(first, second, np.nanmean, paired)
+    # Resampling equal values shows no spread, which does not mean certainty.
+    return (low, high) if high - low > 1e-12 else UNKNOWN
 
 
 def difference(

@@ -79,7 +79,7 @@ def ranks(condition: Condition, category: str, *, most: bool, times: float = 1) 
     Args:
       condition: The condition.
       category: One of `CATEGORIES`.
-      most: True for the most, False for the fewest.
+      most: True if the condition should have the most robots, False if the fewest.
       times: Factor by which the smaller share is multiplied before the comparison.
     """
 

@@ -51,7 +51,7 @@ class Effort:
     """Numbers of blocks, rounds and steps in all measurements.
 
     Attributes:
-      blocks: Number of blocks for each cohort in wall avoidance, and for each brain.
+      blocks: Number of blocks of each cohort in wall avoidance, which is also that of each brain.
       fewer_blocks: Number of blocks of measurements that need less precision: spot finding, other
         cohort sizes, and the cost of MuJoCo's timers.
       robot_steps: Approximate number of robot-steps in a block.

@@ -213,8 +213,8 @@ class EnvironmentCost:
       name: Name of the environment.
       substeps: Number of physics steps in an `env.step`.
       step: Mean duration of `env.step` in [s]; one value for each round.
-      bare: Mean duration in [s] of the physics steps of one `env.step`, repeated by MuJoCo alone;
-        one value for each round.
+      bare: Time in [s] that MuJoCo alone needs for all physics steps of one `env.step`; mean of
+        each round.
     """
 
     name: str

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import reprlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,11 @@ def _yaml(text: str) -> Any:
 
     class Loader(yaml.SafeLoader):
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+            keys = [
+                self.construct_object(key, deep=True)
+                for key, _ in node.value
+                if key.tag != "tag:yaml.org,2002:merge"
+            ]
             for key in keys:
                 if keys.count(key) > 1:
                     raise ValueError(f"{key} is given twice")
@@ -101,7 +106,9 @@ def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(brain, str):
         brain = {"name": brain}
     brain = dict(_mapping(brain, "brain"))
-    base = named_brain(brain.pop("name", "paper"))
+    if not isinstance(name := brain.pop("name", "paper"), str):
+        raise InputError(f"the brain's name must be a text, got {_short(name)}")
+    base = named_brain(name)
     _check_names("a parameter of the brain", current_names(brain, Parameters), _names(Parameters))
     kinematics = _mapping(given.get("kinematics", {}), "kinematics")
     _check_names("a parameter of kinematics", kinematics, _names(Kinematics))
@@ -121,13 +128,23 @@ def _robots(rows: list[Any]) -> dict[tuple[str, str], int]:
         _check_names("a row of the plan", _mapping(row, "a row of the plan"), _ROW)
         if missing := [name for name in _ROW if name not in row]:
             raise InputError(f"a row of the plan needs {', '.join(_ROW)}, got no {missing[0]}")
-        pair = str(row["task"]), str(row["proposer"])
+        task, proposer = row["task"], row["proposer"]
+        if not (isinstance(task, str) and isinstance(proposer, str)):
+            raise InputError(
+                f"task and proposer must be texts, got {_short(task)} and {_short(proposer)}"
+            )
+        pair = task, proposer
         if pair in robots:
             raise InputError(f"{'/'.join(pair)} is planned twice")
         if type(number := row["robots"]) is not int or number < 1:
-            raise InputError(f"robots must be at least 1, got {number!r:.60}")
+            raise InputError(f"robots must be at least 1, got {_short(number)}")
         robots[pair] = number
     return robots
+
+
+def _short(value: Any) -> str:
+    """Returns a value as text; parts that YAML repeats by reference are not written out."""
+    return reprlib.repr(value)[:60]
 
 
 def _names(cls: Any) -> tuple[str, ...]:
@@ -142,11 +159,11 @@ def _check_names(what: str, given: Any, allowed: tuple[str, ...]) -> None:
 
 def _mapping(value: Any, what: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise InputError(f"{what} must be names with values, got {value!r:.60}")
+        raise InputError(f"{what} must be names with values, got {_short(value)}")
     return value
 
 
 def _list(value: Any, what: str) -> list[Any]:
     if not isinstance(value, list):
-        raise InputError(f"{what} must be a list of rows, got {value!r:.60}")
+        raise InputError(f"{what} must be a list of rows, got {_short(value)}")
     return value

@@ -41,8 +41,8 @@ class Shown:
       brain: Name of the robot's brain and run.
       task: Task of the robot.
       robot: Number of the robot.
-      before: Share of the test before training in contact, or in the spot, in [0, 1].
-      after: Share of the test after training in contact, or in the spot, in [0, 1].
+      before: Share of the time in contact, or in the spot, in the test before training, in [0, 1].
+      after: Share of the time in contact, or in the spot, in the test after training, in [0, 1].
     """
 
     kind: str
@@ -131,7 +131,7 @@ def chosen(runs: Mapping[str, Run]) -> list[Shown]:
     median of the paper's brain, the lower one of two.
 
     Args:
-      runs: Runs by the name of their brain, the paper's first.
+      runs: Runs, keyed by the name of their brain; the paper's brain comes first.
     """
     found = []
     for task in PAPER_TASKS:
@@ -158,7 +158,7 @@ def markdown(runs: Mapping[str, Run]) -> str:
     """Returns the page: the numbers, what they mean, the films, and three sentences.
 
     Args:
-      runs: Runs by the name of their brain, the paper's first.
+      runs: Runs, keyed by the name of their brain; the paper's brain comes first.
     """
     means = {
         (brain, task): tuple(

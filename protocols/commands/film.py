@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class FilmCommand:
-    """Film a robot: its stored brain in a test, or a policy in an episode."""
+    """Film a robot that its stored brain drives in a test, or a policy in an episode."""
 
     task: Annotated[str, tyro.conf.arg(metavar="TASK")]
     """task of the run, wall_avoidance or spot_finding; or that of the policies (docs/tasks.md)"""

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from ..errors import InputError
 from ..shared_options import (
@@ -43,8 +43,8 @@ class RunCommand:
     """Simulate robots' lives: all that OUT does not hold yet. Can be stopped and continued.
 
     Options that are not given keep the values stored in OUT, tasks, proposers and agents included.
-    --save-every and the options of the workers are not stored. Where standard error is a file, a
-    line a minute shows the progress.
+    --save-every, --log and the options of the workers are not stored. Where standard error is a
+    file, a line a minute shows the progress.
     """
 
     out: Out
@@ -88,6 +88,8 @@ class RunCommand:
     """seconds between two checkpoints of a cohort"""
     config: Annotated[Path | None, option("FILE", "none")] = None
     """YAML file, or experiment.json of a run, with values of the options that are not given"""
+    log: Literal["none", "tensorboard"] = "none"
+    """tensorboard: also write the mean curve of each condition, in OUT/tensorboard"""
 
     def __call__(self) -> None:
         """Simulates, and prints the tables."""
@@ -116,9 +118,14 @@ class RunCommand:
         from ..agents.trust import trust
         from ..results.run_files import planned
         from ..simulation.runs import simulate
+        from ..simulation.tensorboard_log import check_tensorboard
         from ..storage import resolved
         from .config import Config, read_config
 
+        if self.log not in (logs := ("none", "tensorboard")):
+            raise InputError(f"log must be one of {', '.join(logs)}, got {self.log!r}")
+        if log := self.log == "tensorboard":
+            check_tensorboard()
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
         out = resolved(self.out)  # an agent may change the working directory
@@ -130,7 +137,7 @@ class RunCommand:
             trust(*(condition.proposer for condition in held.robots) if held else ())
         plan = self._plan(held, config)
         executor = self.workers.executor()
-        return simulate(out, plan, executor, save_every=self.save_every, quiet=quiet)
+        return simulate(out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
 
     def _plan(self, held: Plan | None, config: Config) -> Plan:
         """Returns the plan asked for, completed by the file, by OUT, and by the defaults."""
@@ -147,10 +154,16 @@ class RunCommand:
             raise InputError(f"robots must be at least 1, got {self.robots}")
         chosen = (*self.proposer, *map(recorded_name, self.agent))
         rows: dict[Condition, int] = {}
-        if not self.task and not chosen:
-            for (task, proposer), number in config.robots.items():
-                check_trusted(name := recorded_name(proposer), self.config)
+        for (task, proposer), number in config.robots.items():
+            name = recorded_name(proposer)
+            if task in (self.task or (task,)) and name in (chosen or (name,)):
                 rows[Condition(task, name)] = number if self.robots is None else self.robots
+        if not {c.task for c in rows} >= {*self.task} or not {c.proposer for c in rows} >= {
+            *chosen
+        }:
+            rows = {}  # the options ask for more than the file plans
+        for condition in rows:
+            check_trusted(condition.proposer, self.config)
         known = rows or (held.robots if held else {})
         robots = max(known.values(), default=60) if self.robots is None else self.robots
         if held:

@@ -39,8 +39,8 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     Args:
       directory: Folder of the run.
       plan: Plan with at least the robots in the plan of the existing file (see `Plan.merged_with`).
-      begun: Whether the existing file's list of versions is kept. Pass False if no robot was
-        simulated with them.
+      begun: Whether to keep the list of versions in the existing file; False if no robot was
+        simulated with those versions.
 
     Raises:
       InputError: the existing file records another physics.
@@ -142,7 +142,7 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
     Args:
       directory: Folder of the run.
       held: Experiment that the run's folder stores.
-      wanted: Values that the user asked for, by the name of the experiment's field.
+      wanted: Values that the user asked for; the keys are names of the experiment's fields.
 
     Raises:
       UNREADABLE: the fields are not those of an experiment.

@@ -76,7 +76,7 @@ class Episode:
 
         Args:
           policies: Trained policies, one of which drives the robot.
-          robot: Number of the policy that drives the robot.
+          robot: Index of the policy that drives the robot.
           phase: "pre" for the untrained policy, "post" for the trained policy.
           seed: Seed of the start pose, and of the spot's places.
 

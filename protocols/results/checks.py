@@ -38,7 +38,7 @@ def check_rows(plan: Plan, condition: Condition, rows: Mapping[int, Robot]) -> N
     Args:
       plan: Plan of the run; a run that is being enlarged has fewer robots.
       condition: Condition of the rows.
-      rows: Rows of robots.csv by their number in the file, in its order.
+      rows: Rows of robots.csv by row number, in the order of the file.
 
     Raises:
       ValueError: a value contradicts the plan or another value; the text names row and column.

@@ -96,7 +96,8 @@ def summarise(
       post_times: Time of each robot in contact, or in the spot, in the test after training, in [s].
       test_time: Duration of the test after training, in [s].
       invalid: Number of invalid robots, which the other arguments leave out.
-      exact: Whether exact L are classed, see `classes`; mean and deviation are always exact.
+      exact: Whether L is classed without rounding, see `classes`; mean and deviation are never
+        rounded.
     """
     rows = classes(abilities, exact)
     measured = np.array([ability for ability in abilities if not np.isnan(ability)])

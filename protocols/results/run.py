@@ -26,7 +26,8 @@ class Run:
       name: Name of the run's folder.
       experiment: Experiment that decided the robots' lives.
       results: Results of the robots, by condition.
-      exact_classes: Whether exact L are classed in the tables; otherwise L rounded to two decimals.
+      exact_classes: Whether the tables class robots by their exact L. If False, L is first rounded
+        to two decimals.
     """
 
     name: str

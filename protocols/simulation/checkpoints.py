@@ -8,10 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import DamagedFileError, InputError
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import UNREADABLE, experiment_from
+from ..experiment.schedules import control_steps
 from ..results.checks import check_lives, check_lives_shapes
 from ..results.results import WHEN, Lives
 from ..storage import load_arrays, save_arrays
@@ -57,6 +60,24 @@ def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> 
         damage = DamagedFileError(f"{path} is damaged ({error})")
         return Cohort(experiment, key), set_aside(path, key, damage)
     return cohort, ""
+
+
+def read_minutes(
+    directory: Path, experiment: Experiment, key: CohortKey
+) -> tuple[np.ndarray, np.ndarray]:
+    """Reads from a cohort's checkpoint how often the measured event happened so far.
+
+    Returns:
+      Number of control steps in contact, or in the spot, in each whole simulated minute, shape
+      (B, m), and whether each robot is valid, shape (B,). Without a readable checkpoint m is 0.
+    """
+    try:
+        arrays, notes = load_arrays(path := checkpoint_file(directory, key))
+        _check_identity(path, notes, experiment, key)
+        return arrays["minutes"][:, : notes["step"] // control_steps(1)], arrays["batch.valid"]
+    except (OSError, DamagedFileError, KeyError):  # the job itself says what is wrong with it
+        robots = experiment.cohort_size
+        return np.zeros((robots, 0), np.int16), np.ones(robots, dtype=bool)
 
 
 def save_lives(path: Path, lives: Lives, experiment: Experiment, key: CohortKey) -> None:

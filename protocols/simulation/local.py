@@ -51,8 +51,8 @@ class Local:
         ):
             with children_without_script():
                 waiting = {pool.submit(_run, *each): each[1] for each in enumerate(jobs)}
+                workers = {*multiprocessing.active_children()} - others
             complete = True
-            workers: set[BaseProcess] = set()
             try:
                 while waiting:
                     done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)

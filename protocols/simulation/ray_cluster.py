@@ -61,7 +61,9 @@ class RayCluster:
             )
         except (ConnectionError, RayError) as error:
             cause = " ".join(str(error).split())
-            if isinstance(error, ConnectionRefusedError | ConnectionResetError):
+            if isinstance(error, ConnectionRefusedError | ConnectionResetError) or cause.startswith(
+                "Could not find any running Ray instance"
+            ):
                 raise InputError(f"there is no Ray cluster at {address!r} ({cause})") from error
             raise InputError(
                 f"the Ray cluster at {address!r} does not accept this process ({cause}); a cluster "

@@ -6,19 +6,30 @@ import contextlib
 import dataclasses
 from pathlib import Path
 
+import numpy as np
+
 from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, RunError
 from ..experiment.budget import check_memory
-from ..experiment.conditions import CohortKey
+from ..experiment.conditions import CohortKey, Condition
 from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from ..experiment.plan import Plan
+from ..experiment.schedules import control_steps
 from ..results.results import Lives, Results, collect, merge
 from ..results.run import Run
 from ..results.run_files import adopt_files, read_results, write_results
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
-from .checkpoints import CHECKPOINTS, checkpoint_file, finished_file, read_lives, set_aside
+from .checkpoints import (
+    CHECKPOINTS,
+    checkpoint_file,
+    finished_file,
+    read_lives,
+    read_minutes,
+    set_aside,
+)
 from .cohort import check_agents
 from .jobs import CohortJob, Executor, Job, execute
+from .tensorboard_log import FOLDER, TensorBoardLog
 
 
 def simulate(
@@ -28,6 +39,7 @@ def simulate(
     *,
     save_every: float = 60.0,
     quiet: bool = False,
+    log: bool = False,
 ) -> Run:
     """Simulates all robots of a plan that are not finished yet, and stores them in a folder.
 
@@ -38,6 +50,7 @@ def simulate(
       executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
       save_every: Wall-clock seconds between two checkpoints of a cohort.
       quiet: Whether to show no progress.
+      log: Whether to write the curves for TensorBoard, too, see `tensorboard_log`.
 
     Returns:
       The run with all robots of the folder.
@@ -57,7 +70,12 @@ def simulate(
         messages = run.begin()
         jobs = run.jobs(save_every)
         cost = f"{len(jobs)} cohorts"
-        execute(cost, jobs, executor, run.finished, messages=messages, quiet=quiet)
+        with contextlib.ExitStack() as stack:
+            if log:
+                book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)
+                stack.callback(book.close)
+                executor = book.watching(executor)
+            execute(cost, jobs, executor, run.finished, messages=messages, quiet=quiet)
     if run.left:
         raise RunError(f"{len(run.left)} cohorts are not finished; the same command continues")
     return run.run
@@ -113,6 +131,27 @@ class UnfinishedRun:
         """The plan of the conditions that have robots to simulate; None if there are none."""
         robots = {key.condition: self.plan.robots[key.condition] for key in self.left}
         return dataclasses.replace(self.plan, robots=robots) if robots else None
+
+    def curve(self, condition: Condition) -> np.ndarray:
+        """Returns the mean share of each simulated minute that all robots have reached, shape (M,).
+
+        It is the share in contact, or in the spot, over the robots that are valid so far.
+        """
+        part = self.results.get(condition)
+        collected = {row.cohort for row in part.robots} if part else set()
+        shares = [part.curves[[row.valid for row in part.robots]]] if part else []
+        for key in self.plan.cohorts():
+            if key.condition != condition or key.index in collected:
+                continue
+            if key in self.lives:
+                found = collect(self.plan.experiment, [(key, self.lives[key])])[condition]
+                shares.append(found.curves[self.lives[key].valid])
+            else:
+                minutes, valid = read_minutes(self.directory, self.plan.experiment, key)
+                shares.append(minutes[valid] / np.float32(control_steps(1)))
+        reached = min(share.shape[1] for share in shares)
+        rows = np.concatenate([share[:, :reached] for share in shares])
+        return rows.mean(axis=0, dtype=float) if len(rows) else np.zeros(0)
 
     def begin(self) -> list[str]:
         """Writes the manifest and reads the cohorts that an earlier call finished.

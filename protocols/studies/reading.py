@@ -16,6 +16,7 @@ from ...tasks import CONTROL_TIMESTEP
 from ..analysis import intervals
 from ..analysis.paper_numbers import PAPER
 from ..analysis.scores import log_likelihood, main_effect, newborn_score, unmet_before, verdict
+from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS, CohortKey, Condition
 from ..experiment.experiment import Experiment
 from ..experiment.overrides import READINGS
@@ -28,8 +29,8 @@ from ..results.run import Run
 from ..results.run_files import read_run
 from ..simulation.cohort import Cohort
 from ..simulation.jobs import CohortJob, Job, Report, Stop
-from ..storage import load_arrays, resolved, save_arrays
-from .study import MinuteTick, Page, StoppedError, check_positive
+from ..storage import resolved, save_arrays
+from .study import MinuteTick, Page, StoppedError, check_positive, own_arrays
 from .variants import Variant, VariantStudy
 
 PLAIN, NEWBORNS = "plain", "newborns"
@@ -47,7 +48,8 @@ class Choice:
 
     Attributes:
       says: What +1 and -1 mean, in words.
-      values: Fields of the experiment at +1 and at -1; names with a dot are fields of a part.
+      values: Values of the experiment's fields at level +1, and at level -1, by field; "part.field"
+        is a field of a part.
       tasks: Tasks in which the choice can affect the robots.
     """
 
@@ -150,14 +152,27 @@ class NewbornJob:
         except StoppedError:
             return False
         steps = cohort.lives().events[:, 0]
-        save_arrays(self.path, {"steps": steps}, cell=self.cell, proposer=self.condition.proposer)
+        save_arrays(self.path, {"steps": steps}, **self._identity)
         return True
 
     def unmet(self) -> float:
         """Returns the share of robots without the event; NaN if the job is not done."""
         if not self.done():
             return math.nan
-        return float((load_arrays(self.path)[0]["steps"] == 0).mean())
+        return float((self.steps() == 0).mean())
+
+    def steps(self) -> np.ndarray:
+        """Reads the steps with the event in each robot's test, shape (B,).
+
+        Raises:
+          DamagedFileError: the file is damaged, or another job's.
+        """
+        shapes = {"steps": ("I32", (self.experiment.cohort_size,))}
+        return own_arrays(self.path, shapes, self._identity)["steps"]
+
+    @property
+    def _identity(self) -> dict[str, str]:
+        return {"cell": self.cell, "proposer": self.condition.proposer}
 
 
 @dataclasses.dataclass
@@ -190,6 +205,13 @@ class Reading(VariantStudy):
         """See `VariantStudy.variants`."""
         return [Variant(PLAIN, "the plain reading", {})]
 
+    def check(self, out: Path) -> None:
+        """See `VariantStudy.check`; the newborns' files are read, too."""
+        super().check(out)
+        for job in self.newborn_jobs(out):
+            if job.done():
+                job.steps()
+
     def screen(self) -> Mapping[str, Plan]:
         """Returns the plans of stage 2, by name."""
         start = plain(SEEDS[2], self.screened, self.time_scale)
@@ -202,6 +224,8 @@ class Reading(VariantStudy):
     def plans(self) -> Mapping[str, Plan]:
         """See `VariantStudy.plans`: the runs of stages 0 and 2."""
         check_positive(newborns=self.newborns, screened=self.screened)
+        if self.stage not in (0, 1, 2):
+            raise InputError(f"stage must be 0, 1 or 2, got {self.stage}")
         return {**super().plans(), **self.screen()}
 
     def experiments(self) -> Mapping[str, Experiment]:
@@ -334,9 +358,8 @@ def _newborns(jobs: Sequence[NewbornJob], robots: int) -> list[str]:
                 rows.append([name.removeprefix(f"{short}-"), *cells, f"{total:.1f}"])
         lines += [*table(rows), ""]
     rows = [["instead of the plain reading's", *TASK_NAMES.values(), "error", "verdict"]]
-    for place, (own, others) in enumerate(_LEVELS):
-        for other in others:
-            rows.append(_matched(done, scores, robots, (place, own, other)))
+    for own, others in _LEVELS:
+        rows += [_matched(done, scores, robots, (own, other)) for other in others]
     lines += [
         "Mean difference of the score, other value minus the plain reading's, over cells that "
         "differ in nothing else; its standard error from the robots drawn. Left out: refused moves "
@@ -362,10 +385,10 @@ def _matched(
     shares: Mapping[str, Mapping[Condition, float]],
     scores: Mapping[str, Mapping[Condition, float]],
     robots: int,
-    levels: tuple[int, str, str],
+    levels: tuple[str, str],
 ) -> list[str]:
     """Returns a row: the mean difference of matched cells in each task, and the verdict."""
-    _, own, other = levels
+    own, other = levels
     told = [n for n in shares if not ("refuses" in n and n.endswith("near"))]
     pairs = [(n, m) for n in told if (m := n.replace(other, own)) != n and m in told]
     means: dict[Condition, float] = {}
@@ -388,6 +411,12 @@ def _matched(
     return [f"{other} for {own}", *cells, f"{math.sqrt(noise):.1f}", found]
 
 
+def standard_error(effects: Sequence[float]) -> float:
+    """Returns the standard error of stage 2's effects, one of each column of `DESIGN`."""
+    empty = np.array(effects[len(CHOICES) :])
+    return float(np.sqrt(np.mean(empty**2)))  # without noise they are 0: no mean is subtracted
+
+
 def _screening(runs: Mapping[str, Run]) -> list[str]:
     """Returns the tables of stage 2; effects only if all combinations are finished."""
     if not runs:
@@ -403,7 +432,7 @@ def _screening(runs: Mapping[str, Run]) -> list[str]:
         c: [main_effect([own[c] for own in scores.values()], column) for column in DESIGN.T]
         for c in creative
     }
-    errors = {c: float(np.std(own[len(CHOICES) :], ddof=0)) for c, own in effects.items()}
+    errors = {c: standard_error(own) for c, own in effects.items()}
     rows = [["choice", *(TASK_NAMES[c.task].lower() for c in creative), "verdict"]]
     for number, choice in enumerate(CHOICES):
         own = {c: effects[c][number] for c in creative if c.task in choice.tasks}

@@ -315,7 +315,7 @@ class EvaluationJob:
 
     Attributes:
       path: File to which the results are written.
-      evaluated: Run of the robots; its experiment has the body and the seed of the study.
+      evaluated: Run of the robots, with the study's body and seed.
       condition: Condition of the robots.
       rows: Rows of the robots within the condition.
       perturbation: Difference of robot or arena from training.

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...models.physics import Physics
 from ...models.rendering import no_window
-from ..episode import check_state
+from ..episode import Lifecycle, check_state
 from ..suite import load
 from .common import FPS, check_render_mode, checked_task, picture_of, spaces
 
@@ -85,7 +85,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Starts an episode.
+        """Starts an episode, also after `close`: Stable-Baselines3's checker needs it.
 
         Args:
           seed: Seed of the random stream; None continues it.
@@ -97,10 +97,10 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
           TypeError: An option is unknown.
           ValueError: A place is outside the arena or inside an obstacle.
-          RuntimeError: The environment is closed.
         """
-        self._environment.lifecycle.check_open()
         self._environment.task.episode.start_with(options)  # refuses before anything changes
+        if self._environment.lifecycle.stage == "closed":
+            self._environment.lifecycle = Lifecycle()
         super().reset(seed=seed)
         self._environment.task.reseed(self.np_random)
         timestep = self._environment.reset(options=options)
@@ -150,17 +150,23 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.mujoco_renderer.render(self.render_mode)
 
     def close(self) -> None:
-        """Closes the window, and frees the renderer."""
+        """Closes the window, and frees the renderer; only `reset` opens the environment again."""
         if self.mujoco_renderer is not None:
             self.mujoco_renderer.close()
             self.mujoco_renderer = None
-        self._environment.close()
+        if self._environment.lifecycle.stage != "closed":
+            self._environment.lifecycle.become("closed")
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
 
         The count of steps of Gymnasium's wrapper TimeLimit is not in it.
+
+        Raises:
+          RuntimeError: There was no reset, or none after a PhysicsError, or it is closed.
         """
+        if not self._environment.lifecycle.running:
+            self._environment.lifecycle.refuse()
         counts = {"counts": list(self._counts), "seed": self.np_random_seed}
         return self._environment.get_state() | counts
 

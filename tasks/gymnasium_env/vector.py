@@ -66,8 +66,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           threads: Number of threads that step the physics; 0 for the calling thread. Results do
             not depend on it.
           render_mode: "rgb_array" or None.
-          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`); and those
-            of pictures: `camera`, `width`, `height` (see `ArenaEnv`).
+          **kwargs: Keywords of the task (`robot`, `spot`, `nose`, see `arena.Settings`) and of its
+            pictures (`camera`, `width`, `height`, see `ArenaEnv`).
 
         Raises:
           TypeError: A keyword is unknown.
@@ -131,6 +131,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           TypeError: An option is unknown.
           ValueError: The number of seeds is not the number of robots, a place is outside the arena
             or inside an obstacle, or the mask leaves out a robot that needs a reset.
+          gymnasium.error.Error: A seed is negative.
           RuntimeError: The batch is closed.
         """
         self._lifecycle.check_open()
@@ -170,8 +171,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         batch = self._batch
         if not self._lifecycle.running:
             self._lifecycle.refuse()
-        motors = self._episode.batch_motors(actions, self.num_envs)
         starting = np.flatnonzero(self._over)  # never with SAME_STEP
+        motors = self._episode.batch_motors(actions, self.num_envs, starting)
         if len(starting) and self._mode is AutoresetMode.DISABLED:
             raise RuntimeError(
                 f"reset must be called with a reset_mask of the robots {starting.tolist()}, "
@@ -336,14 +337,17 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
 
     def _streams(self, seeds: Sequence[int | None]) -> list[np.random.Generator]:
         """Returns the random streams, with a new one for every seed given."""
+        none = self._randoms is None
+        made = {  # all of them before the first is kept: a seed may be refused
+            robot: seeding.np_random(seed)
+            for robot, seed in enumerate(seeds)
+            if none or seed is not None
+        }
         if self._randoms is None:
-            pairs = [seeding.np_random(seed) for seed in seeds]
-            self._randoms = [random for random, _ in pairs]
-            self._seeds = [made_from for _, made_from in pairs]
-        else:
-            for robot, seed in enumerate(seeds):
-                if seed is not None:
-                    self._randoms[robot], self._seeds[robot] = seeding.np_random(seed)
+            self._randoms = [random for random, _ in made.values()]
+            self._seeds = [seed for _, seed in made.values()]
+        for robot, pair in made.items():
+            self._randoms[robot], self._seeds[robot] = pair
         return self._randoms
 
     def _begin(self, robots: np.ndarray, start: Start) -> None:

@@ -257,6 +257,21 @@ def test_the_finished_robots_of_an_agent_need_no_trust(held):
     assert held("--proposer", "fixed", "--task", WALLS) == (0, False)
 
 
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        ("tables out", 0),
+        ("tables out --compare out --json", 0),
+        (f"film out --task {WALLS} --proposer spy_agent:make --output film.mp4", 2),
+        (f"explore {WALLS} --out out --proposer spy_agent:make", 2),
+        ("study creativity new --runs out", 2),
+    ],
+)
+def test_a_command_that_reads_a_run_imports_none_of_its_agents(held, words, status, tmp_path):
+    assert cli.main(words.split()) == status
+    assert "spy_agent" not in sys.modules and not (tmp_path / "ran").exists()
+
+
 # The example of docs/agents.md
 
 

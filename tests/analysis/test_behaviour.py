@@ -69,6 +69,11 @@ def test_robot_follows_the_contour_first_and_spins_inside_later():
     np.testing.assert_allclose(stay.minutes, [[0, 1, 0], [1, 0, 1]])
 
 
+def test_a_minute_has_sixty_seconds_and_the_last_one_may_be_short():
+    stay = stay_of(at_the_spot((60, *FOLLOW), (1, *SPIN), (60, *FOLLOW)), R)
+    np.testing.assert_allclose(stay.minutes, [[0, 1, 0], [1, 59 / 60, 1 / 60], [2, 1, 0]])
+
+
 def test_time_away_from_the_spot_does_not_count():
     parts = (30, *AWAY), (30, *SPIN), (60, *AWAY), (30, *FOLLOW), (30, *AWAY)
     stay = stay_of(at_the_spot(*parts), R)

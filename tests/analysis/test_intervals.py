@@ -319,6 +319,21 @@ def test_correlated_pairs_narrow_the_interval_of_a_difference_of_means():
 
 
 @pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (np.zeros(20), np.full(20, 0.5)),
+        (np.array([0.0] * 19 + [0.01]), np.full(20, 0.5)),
+        (np.full(20, 0.3), np.full(20, 0.5)),
+    ],
+    ids=["at an end", "near an end", "in between"],
+)
+def test_equal_values_of_a_group_leave_the_difference_of_means_unknown(first, second):
+    for pair in ((first, second), (second, first)):
+        found = intervals.difference_of_means(*pair, False, intervals.SHARE)
+        assert all(map(math.isnan, found))
+
+
+@pytest.mark.parametrize(
     "values",
     [[], [1.0, NAN, NAN, NAN, NAN, NAN, 0.5], [*[1.0, 0.0, 0.5, 0.2, -1.0], *[NAN] * 200]],
 )

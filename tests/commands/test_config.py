@@ -82,6 +82,12 @@ def test_the_manifest_of_a_run_gives_the_same_run_again(written, tmp_path, comma
         assert (again / name).read_bytes() == (first / name).read_bytes()
 
 
+# Forty lists, each three times the one before: more text than there are atoms.
+ALIASES = "experiment: [&a0 [x, x, x]" + "".join(
+    f", &a{n} [*a{n - 1}, *a{n - 1}, *a{n - 1}]" for n in range(1, 40)
+) + "]"  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -95,6 +101,7 @@ def test_the_manifest_of_a_run_gives_the_same_run_again(written, tmp_path, comma
         ("experiment: {brain: {soul: 1}}", "a parameter of the brain must be one of evaluation_"),
         ("experiment: {brain: divine}", "brain must be one of paper, steady, "),
         ("experiment: {brain: {epsilon: 2}}", "epsilon must lie in [0, 1], got 2"),
+        ("experiment: {brain: {name: [1]}}", "the brain's name must be a text, got [1]"),
         ("experiment: {brain: 3}", "brain must be names with values, got 3"),
         ("experiment: {kinematics: {tyre: flat}}", "a parameter of kinematics must be one of"),
         ("experiment: {seed: one}", "seed must be a whole number, got 'one'"),
@@ -116,6 +123,8 @@ def test_the_manifest_of_a_run_gives_the_same_run_again(written, tmp_path, comma
             "at least 1, got 'two'",
         ),
         ("plan: [{task: spot_finding, proposer: my:agent, robots: 1}]", "--trust-agent"),
+        ("plan: [{task: [1], proposer: fixed, robots: 1}]", "must be texts, got [1] and 'fixed'"),
+        (ALIASES, "experiment must be names with values, got [["),
     ],
 )
 def test_a_wrong_file_is_one_sentence_and_nothing_is_made(text, words, written, tmp_path, capsys):
@@ -124,6 +133,34 @@ def test_a_wrong_file_is_one_sentence_and_nothing_is_made(text, words, written, 
     message = capsys.readouterr().err
     assert words in message and message.count("\n") == 1
     assert [*tmp_path.iterdir()] == [path]
+
+
+def test_a_merge_key_of_yaml_adds_what_it_refers_to(written):
+    config = read_config(written("experiment:\n  brain: {<<: {epsilon: 0.2}, ideas: 3}\n"))
+    assert (config.fields["brain"].epsilon, config.fields["brain"].ideas) == (0.2, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "planned"),
+    [
+        (["--task", "spot_finding"], {Condition("spot_finding", "creative"): 2}),
+        (["--proposer", "creative", "--robots", "4"], {
+            Condition("spot_finding", "creative"): 4, Condition("wall_avoidance", "creative"): 4,
+        }),
+        (["--task", "spot_finding", "--proposer", "fixed", "--robots", "1"], {
+            Condition("spot_finding", "fixed"): 1,
+        }),
+    ],
+)  # fmt: skip
+def test_options_choose_among_the_robots_of_a_file(
+    options, planned, written, tmp_path, commands_in_process
+):
+    rows = "[{task: spot_finding, proposer: creative, robots: 2}, "
+    rows += "{task: wall_avoidance, proposer: creative, robots: 3}]"
+    path = written(f"experiment: {{time_scale: 0.0005, body: kinematic}}\nplan: {rows}\n")
+    command = ["run", str(tmp_path / "run"), "--config", str(path), *options]
+    assert cli.main(command) == 0
+    assert read_manifest(tmp_path / "run").robots == planned
 
 
 def test_a_file_that_is_not_there_is_one_sentence(tmp_path, capsys):

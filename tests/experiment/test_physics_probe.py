@@ -15,8 +15,8 @@ def test_the_probe_moves_with_a_mass_and_not_with_a_colour(monkeypatch):
     assert any(value != 0 for value in ours)
 
     def edit(part, name, **changes):
-        def spec(**kwargs):
-            edited = arena_spec(**kwargs)
+        def spec(*args, **kwargs):
+            edited = arena_spec(*args, **kwargs)
             for attribute, value in changes.items():
                 setattr(getattr(edited, part)(name), attribute, value)
             return edited

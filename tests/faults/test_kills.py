@@ -115,7 +115,8 @@ def commands(tmp_path_factory):
 
 
 RUN = "--robots 4 --cohort-size 2 --time-scale 0.002 --processes 2 --save-every 0.05 --task "
-STUDY = "--robots 2 --time-scale 0.01 --processes 2 --body kinematic --task wall_avoidance"
+STUDY = "--robots 4 --cohort-size 1 --time-scale 0.005 --processes 2 --body kinematic "
+STUDY += "--task wall_avoidance"
 
 
 def words(kind, out):

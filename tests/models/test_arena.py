@@ -6,6 +6,7 @@ import sys
 import mujoco
 import numpy as np
 import pytest
+from dm_control import mjcf
 
 from musebot.models import ARENA_XML, ROBOT_XML, Dimensions, arena_spec, check_versions
 from musebot.protocols.studies.timestep import drive, random_motors
@@ -192,6 +193,21 @@ def test_the_robot_attaches_to_another_arena_and_senses_its_walls():
     mujoco.mj_step(model, data, 300)
     assert data.sensor("a_touch").data[0] > 0
     assert data.qpos[0] == pytest.approx(0.28 - 0.0275, abs=0.001)
+
+
+def test_pymjcf_compiles_the_same_arena(model):
+    ours = mujoco.MjData(model)
+    theirs = mjcf.Physics.from_mjcf_model(mjcf.from_path(str(ARENA_XML)))
+    for data in (ours, theirs.data.ptr):
+        data.qpos[:3] = 0.45, 0.1, 0
+        data.ctrl[:] = 0.5, 0.4
+    mujoco.mj_step(model, ours, 140)
+    mujoco.mj_step(theirs.model.ptr, theirs.data.ptr, 140)
+    np.testing.assert_allclose(theirs.data.qpos, ours.qpos, rtol=0, atol=1e-9)
+    for name in ("front", "touch", "smell"):  # PyMJCF arranges the sensors in another order
+        measured, ours_of_it = theirs.named.data.sensordata[name], ours.sensor(name).data
+        np.testing.assert_allclose(measured, ours_of_it, rtol=1e-6, atol=1e-9)
+    assert ours.sensor("touch").data[0] > 0
 
 
 def test_the_robot_can_be_included_by_an_arena(tmp_path):

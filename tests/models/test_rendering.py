@@ -128,6 +128,38 @@ assert (pictures.render() == first).all()
 print(os.environ.get("MUJOCO_GL"))
 """
 
+CHECKERS = """
+import contextlib, warnings
+import gymnasium
+from gymnasium.utils.env_checker import check_env
+import musebot
+
+checkers = [lambda env: check_env(env.unwrapped, skip_render_check=False)]
+with contextlib.suppress(ImportError):
+    from stable_baselines3.common import env_checker
+    checkers.append(lambda env: env_checker.check_env(env, skip_render_check=False))
+warnings.simplefilter("error")
+# Of the paper's action limits, which the paper prescribes.
+warnings.filterwarnings("ignore", "We recommend you to use a symmetric and normalized Box")
+for name in musebot.GYMNASIUM_TASKS:
+    for check in checkers:
+        check(gymnasium.make(f"musebot/{name}", render_mode="rgb_array"))
+print("checked")
+"""
+
+# As in the first script that many write: nothing is closed.
+OPEN = """
+import gymnasium
+import musebot
+
+env = gymnasium.make("musebot/SpotFinding-v0", render_mode="rgb_array")
+robots = gymnasium.make_vec("musebot/SpotFinding-v0", num_envs=2, render_mode="rgb_array")
+for one in (env, robots):
+    one.reset(seed=1)
+    one.render()
+musebot.load("arena", "spot_finding").physics.render()
+"""
+
 
 def environment(**changes):
     names = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
@@ -234,6 +266,24 @@ def test_a_window_and_pictures_share_a_process(display, egl, chosen):
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == str(chosen.get("MUJOCO_GL"))
+
+
+@pytest.mark.slow
+def test_the_checkers_of_gymnasium_and_stable_baselines_skip_nothing(display, egl):
+    done = subprocess.run(
+        [sys.executable, "-c", CHECKERS],
+        env=environment(DISPLAY=display), capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "checked"
+
+
+@pytest.mark.slow
+def test_environments_that_nobody_closes_end_in_silence(egl):
+    done = subprocess.run(
+        [sys.executable, "-c", OPEN], env=environment(), capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.fixture

@@ -177,6 +177,15 @@ def test_the_death_of_a_process_that_has_just_begun_is_noticed(
     with pytest.raises(RunError, match="a process died, perhaps for want of memory"):
         execute_all(jobs, processes=2)
 
+    def killed(pool):  # before it has imported anything
+        late(pool)
+        if len(pool._processes) == 2:
+            os.kill([*pool._processes][-1], signal.SIGKILL)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", killed)
+    with pytest.raises(RunError, match="a process died, perhaps for want of memory"):
+        execute_all(jobs, processes=2)
+
 
 def test_a_process_killed_with_a_lock_does_not_hold_up_the_others(
     kinds, tmp_path, monkeypatch, rescued

@@ -20,9 +20,11 @@ from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.results.run_files import BRAINS_FILE, CURVES_FILE, ROBOTS_FILE
 from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
+from musebot.protocols.storage import draft_name
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
-RayCluster = importlib.import_module("musebot.protocols.simulation.ray_cluster").RayCluster
+ray_cluster = importlib.import_module("musebot.protocols.simulation.ray_cluster")
+RayCluster = ray_cluster.RayCluster
 RAY = shutil.which("ray", path=os.path.dirname(sys.executable))
 
 PLAN = Plan.of(
@@ -187,6 +189,36 @@ def test_an_address_at_which_ray_would_start_an_open_cluster_is_refused(address,
     with pytest.raises(InputError) as caught:
         RayCluster(address)
     assert str(caught.value) == f"the address must be auto or host:port, got {address!r}"
+
+
+class Asked:
+    """A job that asks once whether it shall stop."""
+
+    def __init__(self, path):
+        self.path, self.told = path, None
+
+    def run(self, stop, report):
+        self.told = stop()
+        return not self.told
+
+
+def test_a_users_file_named_stop_stops_no_job_and_stays(tmp_path):
+    (tmp_path / "stop").write_text("mine")
+    job, name = Asked(tmp_path / "job"), draft_name("stop")
+    assert ray_cluster._run(0, job, None, name) and job.told is False
+    ray_cluster._stop([job], name)
+    assert not ray_cluster._run(0, job, None, name) and job.told is True
+    assert {path.name for path in tmp_path.iterdir()} == {"stop", name}
+    assert (tmp_path / "stop").read_text() == "mine"
+
+
+def test_auto_without_a_cluster_says_that_there_is_none(monkeypatch):
+    def init(**options):
+        raise ConnectionError("Could not find any running Ray instance. Please specify one.")
+
+    monkeypatch.setattr(ray, "init", init)
+    with pytest.raises(InputError, match="there is no Ray cluster at 'auto'"):
+        RayCluster("auto")
 
 
 def test_an_environment_that_makes_auto_an_open_cluster_is_refused(monkeypatch):

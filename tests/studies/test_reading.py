@@ -5,10 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from musebot.protocols.analysis.scores import main_effect
+from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.experiment.experiment import differing
 from musebot.protocols.experiment.overrides import READINGS
 from musebot.protocols.simulation.local import Local
-from musebot.protocols.studies.reading import CHOICES, DESIGN, PLAIN, Reading
+from musebot.protocols.storage import save_arrays
+from musebot.protocols.studies.reading import CHOICES, DESIGN, PLAIN, Reading, standard_error
 from musebot.protocols.studies.study import conduct
 
 TINY = Reading(robots=6, newborns=4, screened=6, time_scale=0.004)
@@ -68,6 +71,28 @@ def test_a_finished_study_gives_a_verdict_on_each_choice(finished):
         assert f"| {choice.says} |" in page.markdown
     for row in ("holds for refuses", "300mm for 200mm", "near for pushed", "front for centre"):
         assert f"| {row} |" in page.markdown
+
+
+@pytest.mark.parametrize("content", ["other", "short"])
+def test_a_newborns_file_of_another_cell_is_named_and_refused(content, finished):
+    out, *_ = finished
+    job = next(job for job in TINY.newborn_jobs(out) if job.done())
+    kept = job.path.read_bytes()
+    steps = np.zeros(TINY.newborns if content == "other" else 3, dtype=np.int32)
+    save_arrays(job.path, {"steps": steps}, cell="another", proposer=job.condition.proposer)
+    with pytest.raises(DamagedFileError, match=job.path.name):
+        TINY.check(out)
+    job.path.write_bytes(kept)
+    TINY.check(out)
+
+
+def test_the_error_of_an_effect_is_that_of_columns_whose_effect_is_known_to_be_zero():
+    random = np.random.default_rng(0)
+    scores = random.normal(size=(2000, len(DESIGN)))
+    own = [[main_effect(list(row), column) for column in DESIGN.T] for row in scores]
+    errors = [standard_error(row) for row in own]
+    found = np.sqrt(np.mean(np.square(errors)))
+    assert found == pytest.approx(np.std(np.array(own)[:, 0]), rel=0.05)
 
 
 def test_the_page_shows_what_is_finished(finished, tmp_path):

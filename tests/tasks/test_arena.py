@@ -129,12 +129,12 @@ def test_visualize_reward_changes_colours_only(task):
     for _ in range(60):
         first, second = (e.step(e.action_spec().maximum) for e in (plain, shown))
         np.testing.assert_array_equal(flat([first]), flat([second]))
-        colours.add(tuple(shown.physics.named.model.mat_rgba["musebot/shell"]))
+        colours.add(tuple(shown.physics.named.model.mat_rgba["musebot_shell"]))
     assert len(colours) > 1
     untouched = musebot.load(*task)
     np.testing.assert_array_equal(
-        plain.physics.named.model.mat_rgba["musebot/shell"],
-        untouched.physics.named.model.mat_rgba["musebot/shell"],
+        plain.physics.named.model.mat_rgba["musebot_shell"],
+        untouched.physics.named.model.mat_rgba["musebot_shell"],
     )
 
 

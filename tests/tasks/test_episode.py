@@ -240,8 +240,20 @@ def test_nothing_works_after_close(make):
     env.close()
     state = make("spot_finding")
     state.reset()
-    calls = [lambda: stepping(env), env.reset, env.get_state,
-             lambda: env.set_state(state.get_state())]  # fmt: skip
+    calls = [lambda: stepping(env), env.get_state, lambda: env.set_state(state.get_state())]
     if hasattr(env, "render"):
         calls.append(env.render)
+    if not isinstance(env, ArenaEnv):
+        calls.append(env.reset)
     assert {refusal(call) for call in calls} == {(RuntimeError, "the environment is closed")}
+
+
+def test_gymnasiums_environment_of_one_robot_can_be_reset_after_close():
+    env, other = (ArenaEnv("spot_finding", render_mode="rgb_array") for _ in range(2))
+    env.reset(seed=1)
+    env.close()
+    for seen, wanted in zip(env.reset(seed=2), other.reset(seed=2), strict=True):
+        np.testing.assert_equal(seen, wanted)
+    np.testing.assert_equal(env.step(np.ones(2)), other.step(np.ones(2)))
+    env.close()
+    assert refusal(env.step, np.zeros(2)) == (RuntimeError, "the environment is closed")

@@ -1,5 +1,6 @@
 """Tasks of one's own open in every interface."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -53,6 +54,9 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
     seen, _ = one.reset(seed=3)
     rows, _ = many.reset(seed=3)
     np.testing.assert_array_equal(rows[0], seen)
+    for robots in (one, many):
+        ends = [np.all(robots.step(robots.action_space.sample())[3]) for _ in range(20)]
+        assert ends == [False] * 19 + [True]
     assert type(make_batch("stand_still", 2).rules) is Still
     assert musebot.ALL_TASKS == listed and musebot.SUITE["stand_still"].__doc__ == Still.__doc__
 
@@ -65,9 +69,25 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
         ("mine", Still(None), {}, TypeError, "rules must be a subclass of musebot.tasks.rules"),
         ("mine", Still, {"colour": 1}, TypeError, "colour"),
         ("mine", Still, {"limit": 0}, ValueError, "limit must be positive, got 0"),
-        ("mine", Still, {"time_limit": 0}, ValueError, "time_limit must be positive"),
+        ("mine", Still, {"time_limit": 0}, ValueError, "time_limit must be at least 0.1 s, got 0"),
+        ("mine", Still, {"spot_seconds": 0.04}, ValueError, "spot_seconds must be 0, or at least"),
+        ("mine", Still, {"spot_seconds": np.nan}, ValueError, "spot_seconds must be 0, or at "),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("touch")),)},
          KeyError, "touch"),
+        ("mine", Still, {"edits": (lambda spec: spec.delete(spec.geom("north")),)},
+         ValueError, "the arena must have a geom 'north', got none"),
+        ("mine", Still, {"edits": (lambda spec: spec.body("spot").add_joint(name="slide"),)},
+         ValueError, "mocap body"),
+        ("mine", Still, {"edits": (lambda spec: spec.worldbody.add_body(mass=1, inertia=[1, 1, 1])
+                                   .add_joint(name="ball"),)},
+         ValueError, "free joint and two wheels, got .*'ball'"),
+        ("mine", Still, {"edits": (lambda spec: spec.delete(spec.actuator("left_motor")),)},
+         ValueError, r"left_motor and right_motor, got \['right_motor'\]"),
+        ("mine", Still, {"edits": (lambda spec: setattr(spec.body("spot"), "mocap", False),)},
+         ValueError, "the body 'spot' must be the arena's only mocap body"),
+        ("mine", Still, {"edits": (lambda spec: setattr(spec.option, "timestep", 0.003),)},
+         ValueError, "the timestep must divide 0.1 s, got 0.003"),
+        ("mine", Still, {"model": "none.xml"}, ValueError, "none.xml"),
     ],
 )  # fmt: skip
 def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings, error, words):
@@ -75,6 +95,25 @@ def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings
     with pytest.raises(error, match=words):
         musebot.register_task(name, rules, **settings)
     assert ([*suite.TASKS], [*musebot.SUITE], dict(musebot.GYMNASIUM_TASKS)) == before
+
+
+def test_a_name_whose_gymnasium_id_is_taken_is_refused(forgotten):
+    forgotten.append("still_1")
+    musebot.register_task("still_1", Still)
+    with pytest.raises(ValueError, match="musebot/Still1-v0 is that of 'still_1'"):
+        musebot.register_task("still1", Still)
+    assert "still1" not in suite.TASKS
+
+
+_BASELINES = """
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecMonitor
+from musebot.tasks.stable_baselines import ArenaVecEnv
+
+assert type(PPO("MlpPolicy", "musebot/Racing-v0", n_steps=8, batch_size=8).learn(8)) is PPO
+robots = VecMonitor(ArenaVecEnv("musebot/Racing-v0", 2, max_episode_steps=4))
+assert len(PPO("MlpPolicy", robots, n_steps=8, batch_size=8).learn(16).ep_info_buffer) == 4
+"""
 
 
 @pytest.mark.slow
@@ -89,6 +128,8 @@ def test_the_example_of_the_page_runs(tmp_path):
         "x, y, _ = env.physics.robot_pose()\n"
         "assert timestep.reward == 0 and abs(np.hypot(x, y) - 0.1075) < 0.002, (x, y)\n"
     )
+    if importlib.util.find_spec("stable_baselines3"):
+        use += _BASELINES
     (tmp_path / "my_tasks.py").write_text(module)
     done = subprocess.run(
         [sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False

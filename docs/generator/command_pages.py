@@ -1,0 +1,78 @@
+"""The command reference: every option of every verb and study, from their help."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+from collections.abc import Iterator
+
+import tyro
+from tables import table
+
+from musebot.protocols.commands import VERBS, study_command, verb_class
+from musebot.protocols.shared_options import cores
+from musebot.protocols.studies import STUDIES
+
+
+def pages() -> dict[str, str]:
+    """Returns the page of the command."""
+    verbs = [_section(f"musebot {verb}", verb_class(verb)) for verb in VERBS]
+    studies = [_section(f"musebot study {study}", study_command(study)) for study in STUDIES]
+    return {
+        "command.md": f"""# Command reference
+
+All verbs of `musebot`, with what `musebot VERB --help` says. A guide to the
+command is in [command.md](../command.md).
+
+{"".join(verbs)}## The studies
+
+{"".join(f"#{section}" for section in studies)}"""
+    }
+
+
+def _section(prog: str, command: type) -> str:
+    usage, _, rest = _help(prog, command).partition("\n\n")
+    says, _, options = rest.partition("\n\n ")
+    says = " ".join(line.strip() for line in says.splitlines())
+    rows = [
+        (f"`{name}`", f"`{values}`" if values else "", text)
+        for name, values, text in _options(f" {options}")
+        if name != "-h,"
+    ]
+    listed = f"\n{table(('option', 'value', 'meaning'), rows)}" if rows else ""
+    return f"## {prog}\n\n{says}\n\n```text\n{usage}\n```\n{listed}\n"
+
+
+def _help(prog: str, command: type) -> str:
+    """Returns what a command prints for `--help`, on a terminal on which no line is broken."""
+    printed, columns = io.StringIO(), os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "2000"
+    try:
+        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+            tyro.cli(command, args=["--help"], prog=prog, config=(tyro.conf.FlagCreatePairsOff,))
+    finally:
+        del os.environ["COLUMNS"]
+        if columns is not None:
+            os.environ["COLUMNS"] = columns
+    # The default that differs from machine to machine.
+    own = f"one core each (default: {cores()})"
+    return printed.getvalue().replace(own, "one core each (default: the number of cores)")
+
+
+def _options(text: str) -> Iterator[tuple[str, str, str]]:
+    """Yields the name, the values and the meaning of each option."""
+    name = ""
+    for line in text.splitlines():
+        line = re.sub(r"^[│ ]+|[│ ]+$", "", line)
+        if line in ("", "options", "positional arguments") or re.match("[╭╰]|[-─]{3}", line):
+            continue
+        first, _, meaning = re.sub(" {2,}", "\n", line, count=1).partition("\n")
+        if not name and not meaning:  # the meaning is in the next line
+            name = line
+            continue
+        option, _, values = (name or first).partition(" ")
+        yield option, values, line if name else meaning
+        name = ""
+    assert not name, f"{name} has no meaning"

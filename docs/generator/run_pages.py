@@ -1,0 +1,63 @@
+"""The list of the runs and pages that are kept in docs/results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tables import table
+
+from musebot.protocols.reporting.labels import short_name
+from musebot.protocols.results.run_files import read_run
+
+
+def pages(docs: Path) -> dict[str, str]:
+    """Returns the list's page."""
+    results = docs / "results"
+    runs = [_run(path.parent, results) for path in sorted(results.rglob("experiment.json"))]
+    studies = sorted(
+        path
+        for path in results.rglob("*.md")
+        if path.stem == path.parent.name and path.name != "tables.md"
+    )
+    listed = "".join(
+        f"- [{path.stem}](../results/{path.relative_to(results)})\n" for path in studies
+    )
+    return {
+        "runs.md": f"""# Kept runs
+
+Every run in `docs/results`, from its own files. A link opens its tables;
+[results.md](../results.md#files-and-commands) explains the files.
+`musebot tables docs/results/NAME` prints the tables again,
+`musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
+
+{table(("run", "brain", "body", "protocol", "seed:", "robots"), runs)}
+## Pages of studies
+
+{listed}"""
+    }
+
+
+def _run(folder: Path, results: Path) -> tuple[str, ...]:
+    run, name = read_run(folder), str(folder.relative_to(results))
+    experiment = run.experiment
+    links = (
+        [f"[{name}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [name]
+    )
+    links += [
+        f"[{path.stem.replace('compare-', 'compared with ')}](../results/{name}/{path.name})"
+        for path in sorted(folder.glob("compare-*.md"))
+    ]
+    counts: dict[str, list[str]] = {}
+    for condition in run.conditions():
+        robots = f"{len(run.robots(condition))} {short_name(condition.proposer)}"
+        counts.setdefault(condition.task, []).append(robots)
+    robots = "; ".join(f"{task}: {', '.join(parts)}" for task, parts in counts.items())
+    body = experiment.body
+    return (
+        "<br>".join(links),
+        experiment.brain_name,
+        body,
+        experiment.protocol,
+        str(experiment.seed),
+        robots,
+    )
