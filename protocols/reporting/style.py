@@ -97,4 +97,4 @@ def check_output(path: Path) -> None:
 
 def in_per_cent(axis: Axis) -> None:
     """Labels an axis of shares with per cent."""
-    axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1, decimals=0))  # type: ignore[attr-defined]
+    axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1))  # type: ignore[attr-defined]
