@@ -130,12 +130,16 @@ def _egl_context() -> type:
         # that all contexts share, which must come after the end of each of them.
         GLContext(1, 1).free()
     except Exception as error:  # drivers and PyOpenGL each raise their own
-        reason = " ".join(str(error).split())
-        raise RuntimeError(
-            f"there is no headless OpenGL (EGL) on this machine; get it with `{EGL_REMEDY}` "
-            f"({reason})"
-        ) from error
+        raise RuntimeError(no_egl(error)) from error
     return EGLContext
+
+
+def no_egl(error: Exception) -> str:
+    """Returns a sentence about a failure to open EGL, with the command that installs it."""
+    reason = " ".join(str(error).split())
+    return (
+        f"there is no headless OpenGL (EGL) on this machine; get it with `{EGL_REMEDY}` ({reason})"
+    )
 
 
 def leave_egl() -> None:

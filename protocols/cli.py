@@ -22,7 +22,7 @@ from .terminal import safe_streams, say
 _DESCRIPTION = (
     "Creative robots that learn during their lives, in MuJoCo. `musebot VERB --help` explains a "
     "verb, `musebot --version` prints the version. Completion of words in bash: "
-    'eval "$(musebot --tyro-print-completion bash)"; zsh and tcsh likewise.'
+    'eval "$(musebot --tyro-print-completion bash)"; the same for zsh and tcsh.'
 )
 _UNCHECKED = ("doctor", "list")  # one checks the versions itself, the other simulates nothing
 _CONFIG = (tyro.conf.FlagCreatePairsOff,)

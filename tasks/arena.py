@@ -234,12 +234,9 @@ class Environment(control.Environment):
         self.physics.restore(state["physics"], state["sensordata"])
         self.task.steps = self._step_count = state["steps"]
         self._reset_next_step = state["over"]
+        self.lifecycle.become("failed")  # until the state has been found stable
+        self.task.after_step(self.physics)
         self.lifecycle.become("running")
-        try:
-            self.task.after_step(self.physics)
-        except control.PhysicsError:
-            self.lifecycle.become("failed")
-            raise
 
     @property
     def physics(self) -> Physics:

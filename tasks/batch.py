@@ -165,8 +165,10 @@ class Robots(abc.ABC):
         """Continues from a state of `get_state`, bit-exactly; see `load_arrays`."""
         self.load_arrays(state)
 
-    def _placed(self, robots: Any, places: Any, what: str, width: int) -> np.ndarray:
-        """Returns the places of some robots, shape (n, width).
+    def _placed(
+        self, robots: Any, places: Any, what: str, width: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the indices of some robots, shape (n,), and their places, shape (n, width).
 
         Raises:
           ValueError: there is no such robot, or the places are no real numbers of that shape.
@@ -177,7 +179,7 @@ class Robots(abc.ABC):
             raise ValueError(f"robots must be indices of shape (n,), got {robots!r:.200}")
         if count and not 0 <= robots.min() <= robots.max() < self.robots:
             raise ValueError(f"robots must lie in [0, {self.robots - 1}], got {robots!r:.200}")
-        return _real_numbers(what, places, (count, width))
+        return robots.astype(int), _real_numbers(what, places, (count, width))
 
     def _finite_motors(self, motors: np.ndarray) -> np.ndarray:
         """Invalidates robots whose motors are not finite; returns 0 for all invalid robots."""
@@ -316,7 +318,7 @@ class Batch(Robots):
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """See `Robots.place`."""
-        poses = self._placed(robots, poses, "poses", 3)
+        robots, poses = self._placed(robots, poses, "poses", 3)
         nq = self.model.nq
         self._state[robots] = 0
         self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
@@ -328,7 +330,8 @@ class Batch(Robots):
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""
         nu = self.model.nu
-        self._control[robots, nu : nu + 2] = self._placed(robots, spots, "spots", 2)
+        robots, spots = self._placed(robots, spots, "spots", 2)
+        self._control[robots, nu : nu + 2] = spots
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""

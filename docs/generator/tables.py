@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from musebot.protocols.reporting import markdown
+
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Returns a table in Markdown.
@@ -15,10 +17,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
       head: Title of each column; a title that ends with ":" aligns its column to the right.
       rows: Cells of each row.
     """
-    ruler = ["---:" if title.endswith(":") else "---" for title in head]
-    lines = [[title.rstrip(":") for title in head], ruler, *rows]
+    align = "".join("r" if title.endswith(":") else "l" for title in head)
+    lines = [[title.rstrip(":") for title in head], *rows]
     cells = [[str(cell).replace("|", "\\|").replace("\n", " ") for cell in line] for line in lines]
-    return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+    return "\n".join([*markdown.table(cells, align), ""])
 
 
 def attributes(cls: type) -> dict[str, str]:

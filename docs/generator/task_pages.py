@@ -10,7 +10,8 @@ from typing import Any
 from tables import first_line, table
 
 import musebot
-from musebot.tasks.arena import CONTROL_TIMESTEP, SUITE, TaskDefinition
+from musebot.protocols.commands import listing
+from musebot.tasks.arena import CONTROL_TIMESTEP, TaskDefinition
 from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
 
 # The values of each signal in order, its unit and its meaning; names and ranges are in the code.
@@ -48,11 +49,6 @@ def _gymnasium_id(name: str) -> str:
     return ids[name]
 
 
-def _says(name: str) -> str:
-    line = first_line(SUITE[name]).removeprefix("Returns ")
-    return line[:1].upper() + line[1:]
-
-
 def _page(definition: TaskDefinition, written: str, earned: dict[str, tuple[str, str]]) -> str:
     name, rules = definition.name, definition.rules
     signals, places, start = [], [], 0
@@ -71,7 +67,7 @@ def _page(definition: TaskDefinition, written: str, earned: dict[str, tuple[str,
     random, ppo = (value or "not measured" for value in earned[name])
     return f"""# {name}
 
-{_says(name)}
+{listing.tasks()[name]}
 
 ![The arena of {name}](../../images/{_picture(name, written)})
 
@@ -175,12 +171,12 @@ def _start(definition: TaskDefinition) -> str:
 
 
 def _gallery(earned: dict[str, tuple[str, str]]) -> str:
-    cells = []
+    cells, says = [], listing.tasks()
     for name in TASKS:
         random, ppo = (value.partition(" ")[0] or "-" for value in earned[name])
         film = f"[![A trained policy in {name}](../images/{name}.gif)](tasks/{name}.md)"
-        says = f"[{name}](tasks/{name}.md)<br>{_says(name)}"
-        cells.append((film, says, random, ppo))
+        described = f"[{name}](tasks/{name}.md)<br>{says[name]}"
+        cells.append((film, described, random, ppo))
     text = table(("film", "task", "random:", "PPO:"), cells)
     return f"""# Gallery of the tasks
 

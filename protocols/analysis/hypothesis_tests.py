@@ -55,7 +55,7 @@ def larger_share(
 
     Args:
       first: Counts in the first group: robots with the property, and all robots.
-      second: Two numbers of robots in the second group: those with the property, and all.
+      second: Counts in the second group: robots with the property, and all robots.
       words: Description of the comparison in words, with its numbers.
       times: Factor by which the second share is multiplied before the comparison.
     """

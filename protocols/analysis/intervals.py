@@ -187,7 +187,8 @@ def _combined(
     (p, q), ((p_low, p_high), (q_low, q_high)) = values, ends
 
     def reach(a: float, b: float) -> float:
-        return max(0.0, a * a - 2 * correlation * a * b + b * b) ** 0.5
+        square = a * a - 2 * correlation * a * b + b * b
+        return 0.0 if square < 0 else square**0.5  # NaN of an unknown end stays NaN
 
     return p - q - reach(p - p_low, q_high - q), p - q + reach(p_high - p, q - q_low)
 
@@ -225,8 +226,7 @@ def difference_of_means(
     enough = min(map(len, measured)) >= FEWEST
     if enough and any(_is_near_an_end(values, span) for values in measured):
         means = float(measured[0].mean()), float(measured[1].mean())
-        ends = mean(measured[0], span), mean(measured[1], span)
-        return UNKNOWN if np.isnan(ends).any() else _combined(means, ends)
+        return _combined(means, (mean(measured[0], span), mean(measured[1], span)))
     low, high = difference(first, second, np.nanmean, paired)
     # Resampling equal values shows no spread, which does not mean certainty.
     return (low, high) if high - low > 1e-12 else UNKNOWN

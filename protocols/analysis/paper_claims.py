@@ -278,12 +278,12 @@ def later(condition: Condition) -> Compare:
     def compare(evidence: Evidence) -> list[TestedInequality]:
         worse = np.array(evidence.single_robots().classes(condition)) == _NEGATIVE
         before, after = (arrival_minutes(evidence, condition, part) for part in ("pre", "post"))
-        both = worse & ~np.isnan(before) & ~np.isnan(after)
-        if not both.any():
+        arrived = worse & ~np.isnan(before) & ~np.isnan(after)
+        if not arrived.any():
             raise Undecidable(f"no {condition.proposer} robot with L < 0 arrives in both tests")
-        medians = [np.median(minutes[both]) for minutes in (before, after)]
-        words = f"{both.sum()} robots: median minute {medians[0]:g} before, {medians[1]:g} after"
-        return [larger_in_pairs(after[both], before[both], words)]
+        medians = [np.median(minutes[arrived]) for minutes in (before, after)]
+        words = f"{arrived.sum()} robots: median minute {medians[0]:g} before, {medians[1]:g} after"
+        return [larger_in_pairs(after[arrived], before[arrived], words)]
 
     return compare
 

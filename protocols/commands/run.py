@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Mapping
@@ -119,7 +120,6 @@ class RunCommand:
         from ..results.run_files import planned
         from ..simulation.runs import simulate
         from ..simulation.tensorboard_log import check_tensorboard
-        from ..storage import resolved
         from .config import Config, read_config
 
         if self.log not in (logs := ("none", "tensorboard")):
@@ -128,7 +128,6 @@ class RunCommand:
             check_tensorboard()
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
-        out = resolved(self.out)  # an agent may change the working directory
         config = read_config(self.config) if self.config else Config()
         held = planned(self.out)
         trust(*map(recorded_name, (*self.proposer, *self.agent)))
@@ -137,7 +136,7 @@ class RunCommand:
             trust(*(condition.proposer for condition in held.robots) if held else ())
         plan = self._plan(held, config)
         executor = self.workers.executor()
-        return simulate(out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
+        return simulate(self.out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
 
     def _plan(self, held: Plan | None, config: Config) -> Plan:
         """Returns the plan asked for, completed by the file, by OUT, and by the defaults."""
@@ -158,9 +157,8 @@ class RunCommand:
             name = recorded_name(proposer)
             if task in (self.task or (task,)) and name in (chosen or (name,)):
                 rows[Condition(task, name)] = number if self.robots is None else self.robots
-        if not {c.task for c in rows} >= {*self.task} or not {c.proposer for c in rows} >= {
-            *chosen
-        }:
+        tasks, proposers = {c.task for c in rows}, {c.proposer for c in rows}
+        if not ({*self.task} <= tasks and {*chosen} <= proposers):
             rows = {}  # the options ask for more than the file plans
         for condition in rows:
             check_trusted(condition.proposer, self.config)
@@ -178,8 +176,8 @@ class RunCommand:
             return Plan(experiment, rows)
         if held and not self.task and not chosen:
             return Plan.of(experiment, held.robots, robots) if self.robots else held
-        tasks = self.task or experiment.tasks
-        conditions = [Condition(t, p) for t in tasks for p in chosen or PROPOSERS]
+        pairs = itertools.product(self.task or experiment.tasks, chosen or PROPOSERS)
+        conditions = [Condition(*pair) for pair in pairs]
         return Plan.of(experiment, conditions, robots)
 
     def _wanted(self, held: Plan | None, config: Config) -> dict[str, Any]:

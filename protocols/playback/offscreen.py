@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from ...models import arena_spec
-from ...models.rendering import fit_buffer, load_triton
-from ..errors import EGL_REMEDY, InputError
+from ...models.rendering import fit_buffer, load_triton, no_egl
+from ..errors import InputError
 
 
 class Canvas:
@@ -64,11 +64,7 @@ class Canvas:
             self.scene = mujoco.MjvScene(model, max_geoms)
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         except Exception as error:  # drivers, PyOpenGL and MuJoCo each raise their own
-            reason = " ".join(str(error).split())
-            raise InputError(
-                f"there is no headless OpenGL (EGL) on this machine; get it with `{EGL_REMEDY}` "
-                f"({reason})"
-            ) from error
+            raise InputError(no_egl(error)) from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
 
     def look(self, data: mujoco.MjData) -> None:

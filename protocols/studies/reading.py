@@ -389,8 +389,8 @@ def _matched(
 ) -> list[str]:
     """Returns a row: the mean difference of matched cells in each task, and the verdict."""
     own, other = levels
-    told = [n for n in shares if not ("refuses" in n and n.endswith("near"))]
-    pairs = [(n, m) for n in told if (m := n.replace(other, own)) != n and m in told]
+    kept = [n for n in shares if not ("refuses" in n and n.endswith("near"))]
+    pairs = [(n, m) for n in kept if (m := n.replace(other, own)) != n and m in kept]
     means: dict[Condition, float] = {}
     noise = 0.0
     random = np.random.default_rng(1)

@@ -93,7 +93,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._painter: Physics | None = None
         self._lifecycle = Lifecycle()
         self._nose = Nose(spot_radius=self._batch.dimensions.spot_radius)
-        self._randoms: list[np.random.Generator] | None = None
+        self._randoms: dict[int, np.random.Generator] = {}
         self._seeds: list[int] = [0] * num_envs
         self._steps = np.zeros(num_envs, dtype=np.int64)  # so far in each robot's episode
         self._counts = np.zeros((2, num_envs), dtype=np.int64)  # of them in contact, in the spot
@@ -102,12 +102,12 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Random stream of every robot."""
-        return tuple(self._streams([None] * self.num_envs))
+        return tuple(self._streams().values())
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Seed of every robot's random stream."""
-        self._streams([None] * self.num_envs)
+        self._streams()
         return tuple(self._seeds)
 
     def reset(
@@ -143,7 +143,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         seeds = [None] * self.num_envs if seed is None else list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
-        self._streams([one if own else None for one, own in zip(seeds, mask, strict=True)])
+        self._seed([one if own else None for one, own in zip(seeds, mask, strict=True)])
         self._begin(np.flatnonzero(mask), start)
         self._over[mask] = False
         self._lifecycle.become("running")
@@ -335,24 +335,25 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             )
         return mask.copy()
 
-    def _streams(self, seeds: Sequence[int | None]) -> list[np.random.Generator]:
-        """Returns the random streams, with a new one for every seed given."""
-        none = self._randoms is None
+    def _streams(self) -> dict[int, np.random.Generator]:
+        """Returns the random stream of every robot, by its number."""
+        if not self._randoms:
+            self._seed([None] * self.num_envs)
+        return self._randoms
+
+    def _seed(self, seeds: Sequence[int | None]) -> None:
+        """Makes a new random stream for every seed given, and for robots that have none yet."""
         made = {  # all of them before the first is kept: a seed may be refused
             robot: seeding.np_random(seed)
             for robot, seed in enumerate(seeds)
-            if none or seed is not None
+            if seed is not None or robot not in self._randoms
         }
-        if self._randoms is None:
-            self._randoms = [random for random, _ in made.values()]
-            self._seeds = [seed for _, seed in made.values()]
         for robot, pair in made.items():
             self._randoms[robot], self._seeds[robot] = pair
-        return self._randoms
 
     def _begin(self, robots: np.ndarray, start: Start) -> None:
         """Starts an episode of some robots, with starts drawn from their own streams."""
-        randoms = self._streams([None] * self.num_envs)
+        randoms = self._streams()
         starts = [start.draw(randoms[robot], self._batch.dimensions) for robot in robots]
         poses, spots = map(np.stack, zip(*starts, strict=True))
         self._batch.valid[robots] = True  # a robot that was stopped starts again
@@ -363,7 +364,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
 
     def _jump(self, robots: np.ndarray) -> None:
         """Moves the spots of some robots to places drawn from their own streams."""
-        randoms = self._streams([None] * self.num_envs)
+        randoms = self._streams()
         for robot in robots:
             spot = random_spots(randoms[robot], self._batch.dimensions, 1)
             self._batch.place_spot(robot[None], spot)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from hostile import files, oracle
+from hostile.mutations import one
 
 from musebot.protocols import cli, doctor
 from musebot.protocols.bench import bench
@@ -270,12 +271,12 @@ def words_of(draw, where):
 
 def _change(draw, words, options, where):
     names = [*options]
-    name = names[draw.integers(len(names))]
+    name = one(draw, names)
     what = draw.integers(16)
     if what == 0 and words:
         words.pop(draw.integers(len(words)))
     elif what == 1:
-        words.insert(int(draw.integers(len(words) + 1)), TEXTS[draw.integers(len(TEXTS))])
+        words.insert(int(draw.integers(len(words) + 1)), one(draw, TEXTS))
     elif name in words and words.index(name) + 1 < len(words):
         words[words.index(name) + 1] = _value(draw, options[name], where)
     else:
@@ -286,19 +287,19 @@ def _change(draw, words, options, where):
 
 def _value(draw, kind, where):
     if kind == _PLACES:
-        return where[draw.integers(len(where))]
+        return one(draw, where)
     if kind in ("set", "kinematics"):
         names = PARAMETERS if kind == "set" else KINEMATICS
         values = (*NUMBERS, *NESTED, *TEXTS) if draw.random() < 0.5 else NUMBERS
-        return f"{names[draw.integers(len(names))]}={values[draw.integers(len(values))]}"
-    return kind[draw.integers(len(kind))]
+        return f"{one(draw, names)}={one(draw, values)}"
+    return one(draw, kind)
 
 
 def _placed(draw, word, where):
     if word == "OUT" and draw.random() < 0.35:
-        return where[draw.integers(len(where))]
+        return one(draw, where)
     if word == "FILE" and draw.random() < 0.35:
-        return where[draw.integers(len(where))]
+        return one(draw, where)
     own = str(Path(where[0]).parent)
     return {"OUT": f"{own}/new", "FILE": f"{own}/new.mp4", "RUN": f"{own}/run"}.get(word, word)
 

@@ -1,4 +1,4 @@
-"""Hostile calls of the environments, judged by what they promise.
+"""Hostile calls of the environments, compared with what they promise.
 
 The promise: a call that cannot be carried out raises one error, a ValueError or a TypeError with
 a sentence, or a RuntimeError for a step before a reset or after `close`; every other call returns
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from hostile import oracle
+from hostile.mutations import one
 
 import musebot
 from musebot.models import Dimensions, Kinematics
@@ -93,28 +94,24 @@ def _numbers(value):
         yield np.asarray(value)
 
 
-def _one(draw, values):
-    return values[draw.integers(len(values))]
-
-
 def _kwargs(draw, names, most=2):
     count = 0 if draw.random() < 0.5 else draw.integers(1, most + 1)
-    return {_one(draw, names): _one(draw, VALUES) for _ in range(count)}
+    return {one(draw, names): one(draw, VALUES) for _ in range(count)}
 
 
 def _actions(draw, sound):
     """Returns three actions, one of them hostile in half of the cases."""
     actions = [sound] * 3
     if draw.random() < 0.5:
-        actions[draw.integers(3)] = _one(draw, ACTIONS)
+        actions[draw.integers(3)] = one(draw, ACTIONS)
     return actions
 
 
 def _dm(draw):
-    task, kwargs = _one(draw, [*TASKS]), _kwargs(draw, KEYWORDS)
+    task, kwargs = one(draw, [*TASKS]), _kwargs(draw, KEYWORDS)
     environment = _kwargs(draw, OF_ENVIRONMENT) if draw.random() < 0.3 else None
-    domain = "arena" if draw.random() < 0.95 else _one(draw, VALUES)
-    task = task if draw.random() < 0.95 else _one(draw, VALUES)
+    domain = "arena" if draw.random() < 0.95 else one(draw, VALUES)
+    task = task if draw.random() < 0.95 else one(draw, VALUES)
     actions = _actions(draw, np.full(2, 0.3))
     first = draw.random() < 0.1
 
@@ -131,25 +128,27 @@ def _dm(draw):
     return Case(f"{shown}, actions {actions!r:.300}, step first: {first}", call)
 
 
+def _called(env, actions, order, kept, **start):
+    """Returns what `reset` and `step` give; order 0 leaves the reset out, order 1 closes early."""
+    given = [] if order == 0 else [env.reset(**start)[0]]
+    if order == 1:
+        env.close()
+    given += [env.step(action)[:kept] for action in actions]
+    env.close()
+    return given
+
+
 def _gym(draw):
     import gymnasium
 
-    name, kwargs = _one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_GYMNASIUM)
+    name, kwargs = one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_GYMNASIUM)
     actions = _actions(draw, np.full(2, 0.3))
-    seed, options = (_one(draw, VALUES) if draw.random() < 0.15 else None for _ in range(2))
+    seed, options = (one(draw, VALUES) if draw.random() < 0.15 else None for _ in range(2))
     order = int(draw.integers(12))
 
     def call():
         env = gymnasium.make(f"musebot/{name}", **kwargs)
-        given = []
-        if order != 0:
-            given.append(env.reset(seed=seed, options=options)[0])
-        if order == 1:
-            env.close()
-        for action in actions:
-            given.append(env.step(action)[:2])
-        env.close()
-        return given
+        return _called(env, actions, order, 2, seed=seed, options=options)
 
     shown = f"make({name}, {kwargs!r:.200}), reset({seed!r:.60}, {options!r:.60})"
     return Case(f"{shown}, actions {actions!r:.300}, order {order}", call)
@@ -158,10 +157,10 @@ def _gym(draw):
 def _vector(draw):
     import gymnasium
 
-    name, kwargs = _one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_VECTOR)
-    count = 2 if draw.random() < 0.8 else _one(draw, [v for v in VALUES if v is not None])
+    name, kwargs = one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_VECTOR)
+    count = 2 if draw.random() < 0.8 else one(draw, [v for v in VALUES if v is not None])
     actions = _actions(draw, np.full((2, 2), 0.3))
-    seed = _one(draw, VALUES) if draw.random() < 0.2 else None
+    seed = one(draw, VALUES) if draw.random() < 0.2 else None
     order = int(draw.integers(12))
     if isinstance(count, int) and count > 10**6:
         count = 2  # rightly out of memory
@@ -170,29 +169,19 @@ def _vector(draw):
         env = gymnasium.make_vec(
             f"musebot/{name}", num_envs=count, vectorization_mode="vector_entry_point", **kwargs
         )
-        given = []
-        if order != 0:
-            given.append(env.reset(seed=seed)[0])
-        if order == 1:
-            env.close()
-        for action in actions:
-            given.append(env.step(action)[:3])
-        env.close()
-        return given
+        return _called(env, actions, order, 3, seed=seed)
 
     shown = f"make_vec({name}, {count!r:.60}, {kwargs!r:.200}), reset({seed!r:.60})"
     return Case(f"{shown}, actions {actions!r:.300}, order {order}", call)
 
 
 def _batch(draw):
-    task, robots = _one(draw, [*TASKS]), 2
-    kwargs = (
-        {_one(draw, ("nose", "motor_speed")): _one(draw, VALUES)} if draw.random() < 0.4 else {}
-    )
+    task, robots = one(draw, [*TASKS]), 2
+    kwargs = {one(draw, ("nose", "motor_speed")): one(draw, VALUES)} if draw.random() < 0.4 else {}
     if draw.random() < 0.15:
-        robots = _one(draw, [v for v in VALUES if not (isinstance(v, int) and v > 10**6)])
+        robots = one(draw, [v for v in VALUES if not (isinstance(v, int) and v > 10**6)])
     kinematic = draw.random() < 0.4
-    place, spot = (_one(draw, VALUES) if draw.random() < 0.3 else None for _ in range(2))
+    place, spot = (one(draw, VALUES) if draw.random() < 0.3 else None for _ in range(2))
     motors = _actions(draw, np.full((2, 2), 0.3))
 
     def call():

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import safetensors
 from hostile import mutations as change
+from hostile.mutations import one
 
 from musebot.protocols import exit_status
 from musebot.protocols.agents.ppo import Policies, policy_arrays
@@ -234,7 +235,7 @@ def _in_place(mutators):
 
     def changed(draw, path, other):
         del other
-        mutator = mutators[draw.integers(len(mutators))]
+        mutator = one(draw, mutators)
         path.write_bytes(mutator(draw, path.read_bytes()))
         return mutator.__name__
 
@@ -242,7 +243,7 @@ def _in_place(mutators):
 
 
 def _placed(draw, path, other):
-    place = change.PLACES[draw.integers(len(change.PLACES))]
+    place = one(draw, change.PLACES)
     place(draw, path, other)
     return place.__name__
 
@@ -256,7 +257,7 @@ def _mixed_up(draw, path, other):
     """Puts another file of the same run there."""
     others = [p for p in sorted(path.parent.iterdir()) if p != path and p.is_file()]
     others += [p for p in sorted(other.parent.parent.rglob("*")) if p.is_file()]
-    path.write_bytes(others[draw.integers(len(others))].read_bytes())
+    path.write_bytes(one(draw, others).read_bytes())
     return "mixed_up"
 
 
@@ -265,10 +266,10 @@ def _forged(draw, path, other):
     arrays, notes = load_arrays(path)
     foreign, foreign_notes = load_arrays(other)
     names = sorted(arrays)
-    name = names[draw.integers(len(names))]
+    name = one(draw, names)
     what = draw.integers(10)
     if what == 0:
-        own = names[draw.integers(len(names))]
+        own = one(draw, names)
         arrays[name], arrays[own] = arrays[own], arrays[name]
     elif what == 1:
         del arrays[name]

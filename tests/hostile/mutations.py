@@ -12,6 +12,11 @@ import numpy as np
 HUGE = 2**35
 
 
+def one(draw, values):
+    """Draws one of several values."""
+    return values[draw.integers(len(values))]
+
+
 # ---- Bytes ----
 
 
@@ -66,7 +71,7 @@ def bytes_of_text(draw, data):
     """Puts in what text must not contain, or what changes its meaning."""
     pieces = (b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", "\u202e".encode(), b"\r", b"\x1b[2J", b"\xc3")
     at = draw.integers(len(data) + 1)
-    return data[:at] + pieces[draw.integers(len(pieces))] + data[at:]
+    return data[:at] + one(draw, pieces) + data[at:]
 
 
 BYTES = (flip, flip, flip, truncate, extend, insert, cut, repeat, blank, noise, bytes_of_text)
@@ -145,7 +150,7 @@ def hostile_value(draw):
         '{"a":' * n + "1" + "}" * n, "[" + "0," * n + "0]", '"os:system"', '"../../x"', "1e3",
         '"fixed"', '"spot_finding"', '"kinematic"', '"walls"', "3", "4", "-0.0", "1e308",
     )  # fmt: skip
-    return values[draw.integers(len(values))]
+    return one(draw, values)
 
 
 class Raw(str):
@@ -189,10 +194,10 @@ def json_mutated(draw, data):
     if draw.random() < 0.03:
         return hostile_value(draw).encode()
     places = _containers(content)
-    place = places[draw.integers(len(places))]
+    place = one(draw, places)
     if isinstance(place, dict):
         keys = [*place]
-        key = keys[draw.integers(len(keys))]
+        key = one(draw, keys)
         what = draw.integers(6)
         if what == 0:
             del place[key]
@@ -219,7 +224,7 @@ def json_mutated(draw, data):
 def hostile_key(draw):
     """Returns a name of a field that is none."""
     names = ("", "a", "seed ", "\x00", "__class__", "x" * 5000, "course", "young_epsilon", "🤖")
-    return names[draw.integers(len(names))]
+    return one(draw, names)
 
 
 # ---- Rows ----
@@ -245,11 +250,11 @@ def rows_mutated(draw, data):
         other = draw.integers(1, len(lines))
         lines[at], lines[other] = lines[other], lines[at]
     elif what == 3:
-        lines[at].append(_CELLS[draw.integers(len(_CELLS))])
+        lines[at].append(one(draw, _CELLS))
     elif what == 4:
         lines[at].pop(draw.integers(len(lines[at])))
     elif what == 5:
-        lines[0][draw.integers(len(lines[0]))] = _CELLS[draw.integers(len(_CELLS))]
+        lines[0][draw.integers(len(lines[0]))] = one(draw, _CELLS)
     elif what == 6:
         del lines[at:]
     elif what == 7:
@@ -257,7 +262,7 @@ def rows_mutated(draw, data):
         column = draw.integers(len(lines[0]))
         lines[at][column], lines[other][column] = lines[other][column], lines[at][column]
     else:
-        lines[at][draw.integers(len(lines[at]))] = _CELLS[draw.integers(len(_CELLS))]
+        lines[at][draw.integers(len(lines[at]))] = one(draw, _CELLS)
     return "".join(",".join(line) + "\n" for line in lines).encode()
 
 
@@ -274,13 +279,13 @@ def array_mutated(draw, array):
     if what < 5 and array.size:
         values = (np.nan, np.inf, -np.inf, -1, 2, 1.0001, 1e30, 30000, 0.5, 1e-40, -0.0)
         with np.errstate(all="ignore"):
-            value = values[draw.integers(len(values))]
+            value = one(draw, values)
             if array.dtype.kind == "f" or np.isfinite(value):
                 array[at] = np.array(value).astype(array.dtype)
     elif what < 10:
         kinds = (complex, float, np.float16, np.int64, np.uint8, bool, "U8", "S8", ">f4", "M8[s]")
         with np.errstate(all="ignore"):
-            array = np.nan_to_num(array).astype(kinds[draw.integers(len(kinds))])
+            array = np.nan_to_num(array).astype(one(draw, kinds))
     elif what == 10:
         array = np.array(array.ravel()[:1].sum())
     elif what == 11:
@@ -333,18 +338,18 @@ def npz_mutated(draw, data):
         arrays = dict(archive)
     members = {f"{name}.npy": npy(array) for name, array in arrays.items()}
     names = [*members]
-    name = names[draw.integers(len(names))]
+    name = one(draw, names)
     what = draw.integers(13)
     if what == 0:
         del members[name]
     elif what == 1:
-        other = names[draw.integers(len(names))]
+        other = one(draw, names)
         members[name], members[other] = members[other], members[name]
     elif what == 2:
         shapes = ((10**12,), (2**62, 2**62), (-1, 4), (10**6, 10**6), (0, 0), ("a",), (1.5, 2))
         kinds = ("<f4", "|O", "<c16", "V8", "<f8", "|u1")
-        descr = kinds[draw.integers(len(kinds))]
-        members[name] = npy_promise(shapes[draw.integers(len(shapes))], descr, b"\0" * 64)
+        descr = one(draw, kinds)
+        members[name] = npy_promise(one(draw, shapes), descr, b"\0" * 64)
     elif what == 3:
         members[name] = npy_promise((2**26,), "<f4") + bytes(2**26)
     elif what == 4:
@@ -359,7 +364,7 @@ def npz_mutated(draw, data):
             name.upper(),
             f"{name}\x00.npy",
         )
-        members[strange[draw.integers(len(strange))]] = members[name]
+        members[one(draw, strange)] = members[name]
     elif what == 6:
         return zip_of([*members.items(), (name, members[name])])
     elif what == 7:
@@ -386,23 +391,23 @@ def tensors_mutated(draw, data):
     """Changes the header of a safetensors file; its digest stays."""
     header, rest = tensors_header(data)
     names = [name for name in header if name != "__metadata__"]
-    entry = header[names[draw.integers(len(names))]]
+    entry = header[one(draw, names)]
     what = draw.integers(9)
     if what == 0:
         shapes = ([10**12], [2**63, 2], [-1], [], [0], "x", [1.5])
-        entry["shape"] = shapes[draw.integers(len(shapes))]
+        entry["shape"] = one(draw, shapes)
     elif what == 1:
         offsets = ([0, 2**40], [2**62, 2**63], [-4, 0], [0, 0], [8, 4], [])
-        entry["data_offsets"] = offsets[draw.integers(len(offsets))]
+        entry["data_offsets"] = one(draw, offsets)
     elif what == 2:
         kinds = ("F64", "F16", "I32", "BOOL", "F8_E4M3", "X", "", "BF16")
-        entry["dtype"] = kinds[draw.integers(len(kinds))]
+        entry["dtype"] = one(draw, kinds)
     elif what == 3:
-        other = header[names[draw.integers(len(names))]]
+        other = header[one(draw, names)]
         entry["data_offsets"], other["data_offsets"] = other["data_offsets"], entry["data_offsets"]
     elif what == 4:
         sizes = (2**63 - 1, 2**64 - 1, 2**40, 0, 7, 10**8)
-        return struct.pack("<Q", sizes[draw.integers(len(sizes))]) + data[8:]
+        return struct.pack("<Q", one(draw, sizes)) + data[8:]
     elif what == 5:
         return with_header(json_mutated(draw, json.dumps(header).encode()), rest)
     elif what == 6:

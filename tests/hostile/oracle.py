@@ -1,4 +1,4 @@
-"""Runs a hostile case within limits, and judges what it did."""
+"""Runs a hostile case within limits, and checks what it did."""
 
 import contextlib
 import dataclasses
