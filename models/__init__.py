@@ -11,7 +11,7 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .edits import add_noses, add_velocity, centre_nose, enlarge, hide_spot
+from .edits import add_noses, add_velocity, centre_nose, enlarge, hide_spot, scale_torque
 from .kinematic import Kinematics
 from .obstacles import add_obstacles
 
@@ -32,4 +32,5 @@ __all__ = [
     "hide_spot",
     "robot_pose",
     "robot_qpos",
+    "scale_torque",
 ]
