@@ -403,6 +403,17 @@ def test_p_is_two_sided_and_corrected_for_the_number_of_inequalities_if_against_
     assert f"fixed 60 of 100 (p = {2 * 2 * against:.2g} against it)" in result.why
 
 
+def test_no_p_exceeds_one_and_a_number_without_a_test_is_shown_without_p():
+    tested = hypothesis_tests.TestedInequality("60 of 100 and 40 of 100", "Fisher", 0.2, 0.9)
+    shown = hypothesis_tests.TestedInequality("0 of 0", "Fisher", math.nan, math.nan)
+    given = three(WA, "one", 60, 40, 40)
+    result = judge(Claim(WA, "", lambda _: [tested, shown]), given)
+    assert result.why == "60 of 100 and 40 of 100 (p = 0.4); 0 of 0. Fisher."
+    unlikely = dataclasses.replace(tested, p_for=0.9, p_against=0.7)
+    result = judge(Claim(WA, "", lambda _: [unlikely]), given)
+    assert result.why == "60 of 100 and 40 of 100 (p = 1 against it). Fisher."
+
+
 def test_a_true_claim_rarely_fails_and_a_false_one_rarely_holds():
     # If all three kinds are equal, "has the most" is false: it holds in at most one of forty.
     random = np.random.default_rng(1)
