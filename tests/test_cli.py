@@ -520,6 +520,7 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
         "task": PAPER_TASKS,
         "proposer": tuple(PROPOSERS),
         "protocol": tuple(PROTOCOLS),
+        "motor-torque": ("constant", "scaled"),
         "reading": tuple(READINGS),
         "nose": get_args(NoseForm),
         "nose-place": get_args(NosePlace),

@@ -20,7 +20,7 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Vary what the paper leaves open, one choice at a time, in the kinematic simulator.",
         ),
         "reading": (
-            "reading",
+            "reading.study",
             "Reading",
             "Compare readings of the paper by what they make of its tables.",
         ),

@@ -411,7 +411,7 @@ def test_another_study_of_these_runs_is_refused(runs, tmp_path, here, listing):
     before = listing(out)
     other = simulated(tmp_path / "other" / "first", dataclasses.replace(EXPERIMENT, seed=3))
     for wanted, options, words in (
-        (runs, {"robots": 2}, "holds a study of first, not of first, second"),
+        (runs, {"robots": 2}, "holds a study with robots .*first.*, not .*second"),
         (runs[:1], {"robots": 3}, "holds a study with robots .*2.*, not .*3"),
         (runs[:1], {"robots": 2, "seed": 1}, "holds a study of first with seed 0, not 1"),
         (runs[:1], {"robots": 2, "body": "mujoco"}, "with body kinematic, not mujoco"),
