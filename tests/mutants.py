@@ -64,7 +64,10 @@ MORE_TESTS = {
     "controller/extensions/*": "controller/extensions controller/test_brains.py",
     "controller/*": "controller/test_neurocontroller.py controller/test_brains.py",
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
-    "protocols/simulation/checkpoints.py": "simulation/test_cohort.py",
+    "protocols/simulation/checkpoints.py": (
+        "simulation/test_cohort.py simulation/test_tensorboard_log.py"
+    ),
+    "protocols/simulation/cohort.py": "simulation/test_checkpoints.py",
     "protocols/simulation/placement.py": "simulation/test_cohort.py",
     "protocols/experiment/schedules.py": "simulation/test_placement.py simulation/test_cohort.py",
     "protocols/results/results.py": "results/test_run_files.py",
