@@ -34,6 +34,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Creativity",
             "Compare creative with random robots in runs that have both.",
         ),
+        "evolve": (
+            "evolve.study",
+            "Evolve",
+            "Evolve parameters of a brain in the kinematic simulator.",
+        ),
         "robustness": (
             "robustness",
             "Robustness",
