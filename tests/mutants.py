@@ -61,6 +61,9 @@ AREAS = {
     ),
 }
 MORE_TESTS = {
+    "controller/brains.py": (
+        "controller/test_brains.py controller/test_neurocontroller.py experiment/test_overrides.py"
+    ),
     "controller/extensions/*": "controller/extensions controller/test_brains.py",
     "controller/*": "controller/test_neurocontroller.py controller/test_brains.py",
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
