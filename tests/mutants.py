@@ -44,7 +44,8 @@ AREAS = {
     ),
     "schedules": "protocols/experiment/schedules.py protocols/simulation/placement.py",
     "statistics": (
-        "protocols/analysis/behaviour.py protocols/analysis/claims.py "
+        "protocols/analysis/behaviour.py protocols/analysis/claim_tests.py "
+        "protocols/analysis/claims.py "
         "protocols/analysis/comparison.py protocols/analysis/hypothesis_tests.py "
         "protocols/analysis/intervals.py protocols/analysis/paper_claims.py "
         "protocols/analysis/paper_tables.py protocols/analysis/regret.py "
@@ -67,6 +68,7 @@ MORE_TESTS = {
     "controller/extensions/*": "controller/extensions controller/test_brains.py",
     "controller/*": "controller/test_neurocontroller.py controller/test_brains.py",
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
+    "protocols/analysis/claim_tests.py": "analysis/test_claims.py",
     "protocols/simulation/checkpoints.py": (
         "simulation/test_cohort.py simulation/test_tensorboard_log.py"
     ),

@@ -28,7 +28,7 @@ def observe(run: Run, tick: Tick = lambda: None) -> Behaviour:
       run: Run of the robots; its time scale also scales the duration of the observation.
       tick: Function called after every simulated minute of a batch, `ticks(run)` times in all.
     """
-    spinning = {}
+    spinning, nearer = {}, {}
     for condition in with_brains(run):
         if rows := sample(run, condition, SAMPLE):
             which: list[tuple[int, When]] = [(row, when) for when in WHEN for row in rows]
@@ -36,12 +36,14 @@ def observe(run: Run, tick: Tick = lambda: None) -> Behaviour:
             track = evaluate(run, condition, which, minutes, tick)
             shares = spins(track.poses).mean(axis=0)
             spinning[condition] = shares.reshape(2, -1).T
+            away = np.linalg.norm(track.poses[[0, -1], :, :2], axis=-1)  # the centre is the origin
+            nearer[condition] = (away[0] - away[1]).reshape(2, -1).T
     stays = {}
     for condition in _searching(run):
         if rows := finders(run, condition):
             track, radius = from_the_rim(run, condition, rows, tick)
             stays[condition.proposer] = stay_of(track, radius)
-    return Behaviour(spinning, stays)
+    return Behaviour(spinning, stays, nearer)
 
 
 def ticks(run: Run) -> int:
