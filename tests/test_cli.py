@@ -121,7 +121,7 @@ def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
     folders = [path.parent for path in RESULTS.rglob("robots.csv")]
     assert folders
     for folder in folders:
-        pages = [folder.parent / f"{study}.md" for study in ("sensitivity", "ablation")]
+        pages = [folder.parent / f"{study}.md" for study in ("sensitivity", "ablation", "reading")]
         assert (folder / "tables.md").exists() or any(page.exists() for page in pages)
 
 
