@@ -253,13 +253,13 @@ def _area(area: str, copied: Path, options: argparse.Namespace) -> tuple[int, in
     paths = sorted(path for pattern in AREAS[area].split() for path in ROOT.glob(pattern))
     modules = [str(path.relative_to(ROOT)) for path in paths if options.only in str(path)]
     planted = [(m, *site) for m in modules for site in sites((ROOT / m).read_text())]
-    chosen = random.Random(f"{options.seed} {area}").sample(
-        planted, min(options.share, len(planted))
-    )
-    if options.again:
+    if not options.again:
+        count = min(options.share, len(planted))
+        chosen = random.Random(f"{options.seed} {area}").sample(planted, count)
+    else:
         lines = options.again.read_text().splitlines(keepends=True)
         survivors = "".join(line for line in lines if line.startswith("SURVIVED"))
-        chosen = [one for one in chosen if f" s  {one[0]}:{one[1]}\n" in survivors]
+        chosen = [one for one in planted if f" s  {one[0]}:{one[1]}\n" in survivors]
     print(f"{area}: {len(chosen)} of {len(planted)} mutants of {len(modules)} modules", flush=True)
     log, limits, killed = copied.parent / "log", {}, 0
     for module, what, text in sorted(chosen):
