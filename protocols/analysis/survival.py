@@ -1,4 +1,4 @@
-"""Times to an event that some robots never reach: Kaplan-Meier curves and log-rank tests (SciPy)."""
+"""Times to an event that some robots never reach: Kaplan-Meier curves, log-rank tests (SciPy)."""
 
 from __future__ import annotations
 
