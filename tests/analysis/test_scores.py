@@ -80,6 +80,7 @@ def test_a_verdict_needs_both_tasks_and_no_single_column(differences, error, exp
 def test_a_verdict_needs_more_than_twice_the_error():
     assert verdict({WALLS: 2.0}, 1) == "cannot be told"
     assert verdict({WALLS: 2.001}, 1) == "supported"
+    assert verdict({WALLS: -0.5}, 0.1) == "opposed"
 
 
 def test_the_scale_of_a_newborn_score_is_that_of_a_normal_log_density():
