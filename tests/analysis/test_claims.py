@@ -445,6 +445,9 @@ def test_no_p_exceeds_one_and_a_number_without_a_test_is_shown_without_p():
     unlikely = dataclasses.replace(tested, p_for=0.9, p_against=0.7)
     result = judge(Claim(WA, "", lambda _: [unlikely]), given)
     assert result.why == "60 of 100 and 40 of 100 (p = 1 against it). Fisher."
+    unlikely = dataclasses.replace(tested, p_for=0.6, p_against=0.7)
+    result = judge(Claim(WA, "", lambda _: [unlikely]), given)
+    assert result.why == "60 of 100 and 40 of 100 (p = 1). Fisher."
 
 
 def test_a_true_claim_rarely_fails_and_a_false_one_rarely_holds():

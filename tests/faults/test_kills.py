@@ -117,7 +117,7 @@ def commands(tmp_path_factory):
 RUN = "--robots 4 --cohort-size 2 --time-scale 0.002 --processes 2 --save-every 0.05 --task "
 STUDY = "--robots 4 --cohort-size 1 --time-scale 0.005 --processes 2 --body kinematic "
 STUDY += "--task wall_avoidance"
-EVOLVE = "--over noise epsilon --budget 6 --generation 3 --robots 3 --time-scale 0.02 --processes 2"
+EVOLVE = "--over noise epsilon --budget 8 --generation 4 --robots 3 --time-scale 0.02 --processes 2"
 
 
 def words(kind, out):

@@ -106,7 +106,7 @@ VERBS = {
         },
     ),
     "study evolve": (
-        ["OUT", "--budget", "4", "--generation", "2", "--robots", "2", "--time-scale", "0.002"],
+        ["OUT", "--budget", "4", "--generation", "4", "--robots", "2", "--time-scale", "0.002"],
         {
             "--brain": TEXTS, "--set": "set", "--over": PARAMETERS, "--budget": NUMBERS,
             "--generation": NUMBERS, "--robots": NUMBERS, "--task": TEXTS, "--protocol": TEXTS,

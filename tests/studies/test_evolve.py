@@ -170,7 +170,7 @@ def test_the_weight_of_a_parameter_is_its_correlation_within_generations():
     [
         (["--budget", "0"], "budget must be at least 1"),
         (["--budget", "5"], "the budget must be at least one generation of 10 brains, got 5"),
-        (["--generation", "1"], "a generation needs at least 2 brains"),
+        (["--generation", "1"], "a generation needs at least 4 brains, got 1"),
         (["--over", "nois"], "did you mean noise"),
         (["--set", "noise=-1"], "noise must lie in"),
         (["--brain", "divine"], "the brain must be one of"),

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 FOLDER = "evaluations"
 _SIGMA = 0.2  # initial standard deviation of every coordinate
+_FEWEST = 4  # brains in a generation, as CMA-ES needs
 _FINALS = 4  # cohorts of the start and of the winner, on seeds that no generation had
 
 
@@ -94,8 +95,8 @@ class Evolve(Study):
           InputError: an option is invalid.
         """
         check_positive(budget=self.budget, generation=self.generation, robots=self.robots)
-        if self.generation < 2:
-            raise InputError(f"a generation needs at least 2 brains, got {self.generation}")
+        if self.generation < _FEWEST:
+            raise InputError(f"a generation needs at least {_FEWEST} brains, got {self.generation}")
         if self.budget < self.generation:
             raise InputError(
                 f"the budget must be at least one generation of {self.generation} brains, "
