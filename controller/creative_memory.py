@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from .networks import ACTIVATIONS, Networks
-from .noise import NoisePatterns
+from .noise import HeldNoisePatterns, NoisePatterns
 from .optimizers import SGD, Optimizer
 from .parameters import Parameters
 from .step import Step
@@ -72,6 +72,9 @@ class CreativeMemory:
         self.patterns = NoisePatterns(
             sum(self._sizes), parameters.noisy_share, parameters.noise, generator
         )
+        if parameters.noise_steps != 1:
+            count = robots * (parameters.ideas - parameters.random_ideas)
+            self.patterns = HeldNoisePatterns(self.patterns, count, parameters.noise_steps)
 
     def ideas(self, state: Tensor, count: int) -> Tensor:
         """Returns ideas: actions of the memory, each with its own noise in the connections.

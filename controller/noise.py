@@ -30,6 +30,7 @@ class NoisePatterns:
           noise: Magnitude of the noise, which is added to or subtracted from a noisy connection.
           generator: Random stream from which patterns are drawn.
         """
+        self.connections = connections
         self.noisy = round(share * connections)
         self.noise = noise
         self._generator = generator
@@ -54,3 +55,43 @@ class NoisePatterns:
     def tensors(self) -> dict[str, Tensor]:
         """Returns the pool and its age in steps, for a checkpoint."""
         return {"pool": self._pool, "age": self._age}
+
+
+class HeldNoisePatterns(NoisePatterns):
+    """Noise patterns that ideas keep for several steps, or for life.
+
+    The paper says how much noise an idea has, not when it is drawn anew.
+    """
+
+    def __init__(self, patterns: NoisePatterns, count: int, steps: int) -> None:
+        """Prepares patterns to hold; the first `draw` draws them.
+
+        Args:
+          patterns: Patterns that are drawn, each of them to be held.
+          count: Number of patterns in a step.
+          steps: Number of steps for which they are held; 0 for life.
+        """
+        self.noisy, self.noise = patterns.noisy, patterns.noise
+        self._patterns = patterns
+        self._steps = steps
+        self._held = torch.zeros(count, patterns.connections)
+        self._left = torch.tensor([0])  # steps before the next draw; -1 for life
+
+    def draw(self, count: int) -> Tensor:
+        """Returns the held patterns, shape (count, N).
+
+        Raises:
+          ValueError: Another number of patterns is held.
+        """
+        if count != len(self._held):
+            raise ValueError(f"{len(self._held)} patterns are held, not {count}")
+        if self._left == 0:
+            self._held.copy_(self._patterns.draw(count))
+            self._left.fill_(self._steps or -1)
+        if self._steps:
+            self._left -= 1
+        return self._held.clone()
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Returns the held patterns and those from which they are drawn, for a checkpoint."""
+        return self._patterns.tensors() | {"held": self._held, "left": self._left}

@@ -108,6 +108,8 @@ class Parameters:
       noise: Constant sigma that is added to or subtracted from a noisy connection (section 3).
       noisy_share: Share of the connections that are noisy in an idea, "a quarter" (section 3); the
         number of noisy connections is rounded to the nearest whole number.
+      noise_steps: Number of steps for which the ideas keep their noise: 1 for new noise in every
+        step, 0 for the same noise for life (not stated in the paper). A stored brain draws it anew.
       noise_on_biases: Whether biases count as connections (not stated in the paper).
       keep_main_idea: Whether the first idea is the memory's output without noise (not stated in
         the paper).
@@ -157,6 +159,7 @@ class Parameters:
     memory_hidden: int = whole(5, 1, _MOST_NEURONS)
     noise: float = number(0.76, 0, _LARGEST)
     noisy_share: float = number(0.25, 0, 1)
+    noise_steps: int = whole(1, 0, _MOST_STEPS)
     noise_on_biases: bool = flag(False)
     keep_main_idea: bool = flag(False)
     initial_range: float = number(1.0, 0, _LARGEST)

@@ -153,11 +153,14 @@ class Dimensions:
       half_width: Half of the arena's width, along y, in [m].
       radius: Radius of the robot in [m].
       wheel_base: Distance between the wheels in [m].
-      motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
+      motor_speed: Speed of a wheel at motor value 0.5 and gain 1 in [m/s].
       contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
       spot_radius: Radius of the odorous spot in [m].
       nose: Distance of the nose ahead of the robot's centre in [m].
       obstacles: Position x, y and radius of each obstacle in [m].
+      gains: Gain of the left and of the right motor: the speed at which a wheel settles, as a
+        factor of that in `motor_speed`.
+      nose_turn: Direction of the nose, counterclockwise from the front, in [rad].
     """
 
     half_length: float
@@ -169,6 +172,8 @@ class Dimensions:
     spot_radius: float
     nose: float
     obstacles: tuple[tuple[float, float, float], ...] = ()
+    gains: tuple[float, float] = (1.0, 1.0)
+    nose_turn: float = 0.0
 
     @functools.cached_property
     def bounds(self) -> np.ndarray:
@@ -213,4 +218,19 @@ class Dimensions:
                 for body in map(model.body, range(model.nbody))
                 if body.name.startswith("obstacle")
             ),
+            gains=(_gain(model, "left_motor"), _gain(model, "right_motor")),
+            nose_turn=_turn(model.site("nose").quat),
         )
+
+
+def _gain(model: mujoco.MjModel, name: str) -> float:
+    """Returns the gain of a motor that is a velocity servo; 1 for any other actuator."""
+    motor = model.actuator(name)
+    damping = float(-motor.biasprm[2])
+    return float(motor.gainprm[0]) / damping if damping else 1.0
+
+
+def _turn(quat: np.ndarray) -> float:
+    """Returns the angle in [rad] about the vertical of a quaternion's first axis."""
+    w, i, j, k = map(float, quat)
+    return math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from .arena import half_size
+from .arena import arena_spec, half_size
 
 NOSE_ANGLE = np.pi / 6  # [rad] off the front: position and direction of each of two noses
 
@@ -45,6 +45,18 @@ def enlarge(spec: mujoco.MjSpec, factor: float) -> None:
 def centre_nose(spec: mujoco.MjSpec) -> None:
     """Moves the nose from the front of the rim to the robot's centre."""
     spec.site("nose").pos[0] = 0
+
+
+def scale_torque(spec: mujoco.MjSpec) -> None:
+    """Scales the motors' torque with their speed, so that the wheels' lag is that of `arena.xml`.
+
+    Without this edit `arena_spec` leaves the torque of a stalled wheel unchanged: a motor of twice
+    the speed then brakes half as much, and the wheels take twice as long to follow it.
+    """
+    for motor, own in zip(spec.actuators, arena_spec().actuators, strict=True):
+        faster = own.gear[0] / motor.gear[0]
+        motor.gainprm[0] *= faster
+        motor.biasprm[2] *= faster
 
 
 def add_velocity(spec: mujoco.MjSpec) -> None:

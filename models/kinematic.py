@@ -237,4 +237,8 @@ def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np
     offset = spots - poses[:, :2]
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     ahead = cosine * offset[:, 0] + sine * offset[:, 1] - size.nose
-    return np.stack([ahead, cosine * offset[:, 1] - sine * offset[:, 0]], axis=1)
+    left = cosine * offset[:, 1] - sine * offset[:, 0]
+    if size.nose_turn:
+        cosine, sine = np.cos(size.nose_turn), np.sin(size.nose_turn)
+        ahead, left = cosine * ahead + sine * left, cosine * left - sine * ahead
+    return np.stack([ahead, left], axis=1)

@@ -42,6 +42,7 @@ _MODULES = {
     "scipy": "scipy.stats",
 }
 _OPTIONAL = {  # package: extra of musebot, and what needs it
+    "cmaes": ("evolve", "`musebot study evolve`"),
     "ray": ("cluster", "`musebot run --engine ray`"),
     "gymnasium": ("gym", "the Gymnasium interfaces"),
     "moviepy": ("gym", "Gymnasium's recorders of films"),

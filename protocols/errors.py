@@ -10,6 +10,7 @@ _EXTRAS = {
     "brain": "PIL imageio_ffmpeg jinja2 matplotlib packaging rich safetensors scipy torch tyro "
     "yaml",
     "cluster": "ray",
+    "evolve": "cmaes",
     "gym": "gymnasium moviepy",
     "tensorboard": "tensorboard",
 }

@@ -40,6 +40,7 @@ class KinematicBatch(Robots):
         """
         super().__init__(robots, rules, kinematics.applied_to(dimensions), nsensordata)
         self._kinematics = kinematics
+        self._gains = np.array(self.dimensions.gains)
         self._poses = np.zeros((robots, 3))
         self._spots = np.zeros((robots, 2))
         self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values
@@ -77,7 +78,7 @@ class KinematicBatch(Robots):
 
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""
-        motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
+        motors = np.clip(self._finite_motors(motors), -0.5, 0.5) * self._gains
         how, contact = self._kinematics, np.zeros(self.robots, dtype=bool)
         piece = CONTROL_TIMESTEP / how.pieces
         for _ in range(how.pieces):

@@ -44,7 +44,8 @@ AREAS = {
     ),
     "schedules": "protocols/experiment/schedules.py protocols/simulation/placement.py",
     "statistics": (
-        "protocols/analysis/behaviour.py protocols/analysis/claims.py "
+        "protocols/analysis/behaviour.py protocols/analysis/claim_tests.py "
+        "protocols/analysis/claims.py "
         "protocols/analysis/comparison.py protocols/analysis/hypothesis_tests.py "
         "protocols/analysis/intervals.py protocols/analysis/paper_claims.py "
         "protocols/analysis/paper_tables.py protocols/analysis/regret.py "
@@ -61,10 +62,17 @@ AREAS = {
     ),
 }
 MORE_TESTS = {
+    "controller/brains.py": (
+        "controller/test_brains.py controller/test_neurocontroller.py experiment/test_overrides.py"
+    ),
     "controller/extensions/*": "controller/extensions controller/test_brains.py",
     "controller/*": "controller/test_neurocontroller.py controller/test_brains.py",
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
-    "protocols/simulation/checkpoints.py": "simulation/test_cohort.py",
+    "protocols/analysis/claim_tests.py": "analysis/test_claims.py",
+    "protocols/simulation/checkpoints.py": (
+        "simulation/test_cohort.py simulation/test_tensorboard_log.py"
+    ),
+    "protocols/simulation/cohort.py": "simulation/test_checkpoints.py",
     "protocols/simulation/placement.py": "simulation/test_cohort.py",
     "protocols/experiment/schedules.py": "simulation/test_placement.py simulation/test_cohort.py",
     "protocols/results/results.py": "results/test_run_files.py",
@@ -245,13 +253,13 @@ def _area(area: str, copied: Path, options: argparse.Namespace) -> tuple[int, in
     paths = sorted(path for pattern in AREAS[area].split() for path in ROOT.glob(pattern))
     modules = [str(path.relative_to(ROOT)) for path in paths if options.only in str(path)]
     planted = [(m, *site) for m in modules for site in sites((ROOT / m).read_text())]
-    chosen = random.Random(f"{options.seed} {area}").sample(
-        planted, min(options.share, len(planted))
-    )
-    if options.again:
+    if not options.again:
+        count = min(options.share, len(planted))
+        chosen = random.Random(f"{options.seed} {area}").sample(planted, count)
+    else:
         lines = options.again.read_text().splitlines(keepends=True)
         survivors = "".join(line for line in lines if line.startswith("SURVIVED"))
-        chosen = [one for one in chosen if f" s  {one[0]}:{one[1]}\n" in survivors]
+        chosen = [one for one in planted if f" s  {one[0]}:{one[1]}\n" in survivors]
     print(f"{area}: {len(chosen)} of {len(planted)} mutants of {len(modules)} modules", flush=True)
     log, limits, killed = copied.parent / "log", {}, 0
     for module, what, text in sorted(chosen):

@@ -121,7 +121,7 @@ def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
     folders = [path.parent for path in RESULTS.rglob("robots.csv")]
     assert folders
     for folder in folders:
-        pages = [folder.parent / f"{study}.md" for study in ("sensitivity", "ablation")]
+        pages = [folder.parent / f"{study}.md" for study in ("sensitivity", "ablation", "reading")]
         assert (folder / "tables.md").exists() or any(page.exists() for page in pages)
 
 
@@ -396,7 +396,7 @@ def test_every_verb_has_a_help_text(verb, capsys):
 
 
 def test_the_verbs_are_these():
-    verbs = "demo run tables film report study explore list bench doctor"
+    verbs = "demo run tables film report figure study explore list bench doctor"
     assert " ".join(cli.VERBS) == verbs
 
 
@@ -520,6 +520,7 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
         "task": PAPER_TASKS,
         "proposer": tuple(PROPOSERS),
         "protocol": tuple(PROTOCOLS),
+        "motor-torque": ("constant", "scaled"),
         "reading": tuple(READINGS),
         "nose": get_args(NoseForm),
         "nose-place": get_args(NosePlace),

@@ -66,10 +66,13 @@ class Behaviour:
       spinning: By condition: share of time in which each robot spins, in the tests before (first
         column) and after training (second column), shape (n, 2).
       stays: Behaviour of untrained robots that start at the rim of the spot and learn, by proposer.
+      nearer: By condition: by how many metres each robot came nearer to the arena's centre, in the
+        same tests as `spinning`, shape (n, 2).
     """
 
     spinning: dict[Condition, np.ndarray]
     stays: dict[str, Stay]
+    nearer: dict[Condition, np.ndarray] = dataclasses.field(default_factory=dict)
 
 
 def spins(poses: np.ndarray) -> np.ndarray:

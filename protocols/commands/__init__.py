@@ -15,6 +15,7 @@ VERBS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "tables": ("tables", "TablesCommand"),
         "film": ("film", "FilmCommand"),
         "report": ("report", "ReportCommand"),
+        "figure": ("figure", "FigureCommand"),
         "study": ("study", "ListStudies"),
         "explore": ("explore", "ExploreCommand"),
         "list": ("listing", "ListCommand"),

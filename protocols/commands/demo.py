@@ -29,8 +29,8 @@ class DemoCommand:
 
     def __call__(self) -> None:
         """Films, simulates, films again, and prints what was seen."""
+        from ..studies.demonstration import Demo
         from ..studies.study import conduct
-        from .demonstration import Demo
 
         demo = Demo(self.robots, self.time_scale, self.seed)
         text = conduct(demo, self.out, self.workers.executor()).markdown

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _FIELDS = (
     "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "motor_speed",
-    "brain",
+    "motor_torque", "brain",
 )  # fmt: skip
 
 
@@ -84,6 +84,8 @@ class RunCommand:
     """parameters of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
     motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None
     """speed of a wheel at motor value 0.5, in metres per second"""
+    motor_torque: Annotated[str | None, _kept("{constant,scaled}", "constant")] = None
+    """torque at another motor speed; scaled with the speed, the lag of the wheels stays equal"""
     workers: WorkersOption = HERE
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...controller.parameters import Parameters, shown
-from ...models import Kinematics, centre_nose
+from ...models import Kinematics, centre_nose, scale_torque
 from ...models.arena import FASTEST
 from ...tasks.batch import Robots
 from ...tasks.kinematic import make_kinematic_batch
@@ -23,6 +23,7 @@ from .schedules import PROTOCOLS, ProtocolName, Schedule
 
 Body = Literal["mujoco", "kinematic"]
 NosePlace = Literal["front", "centre"]
+MotorTorque = Literal["constant", "scaled"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
 # Turn in degrees.
@@ -49,6 +50,8 @@ class Experiment:
       turned_start: Angle in degrees by which a robot that starts in a corner is turned away from
         the corner.
       motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
+      motor_torque: Torque of a stalled wheel at another motor speed: "constant", so that the lag of
+        the wheels grows with the speed, or "scaled" with the speed, so that the lag stays equal.
       body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
       kinematics: Parameters of the kinematic simulator.
       brain: Parameters of the neurocontroller.
@@ -64,6 +67,7 @@ class Experiment:
     learn_across_placement: bool = False
     turned_start: float = 0.0
     motor_speed: float | None = None
+    motor_torque: MotorTorque = "constant"
     body: Body = "mujoco"
     kinematics: Kinematics = Kinematics()
     brain: Parameters = Parameters()
@@ -95,6 +99,7 @@ class Experiment:
             ("protocol", tuple(PROTOCOLS)),
             ("nose", ("inverse", "printed")),
             ("nose_place", ("front", "centre")),
+            ("motor_torque", ("constant", "scaled")),
             ("body", BODIES),
         ):
             if (value := getattr(self, name)) not in allowed:
@@ -111,6 +116,8 @@ class Experiment:
                 raise InputError(f"{name} must be at most {most}, got {shown(value)}")
         if self.body == "mujoco" and self.kinematics != Kinematics():
             raise InputError("kinematics are parameters of the body 'kinematic' only")
+        if self.body == "kinematic" and self.motor_torque != "constant":
+            raise InputError("the motor torque is a parameter of the body 'mujoco' only")
         if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
             raise InputError(f"the motor speed must be positive, got {shown(self.motor_speed)}")
         if self.motor_speed is not None and self.motor_speed > FASTEST:
@@ -151,6 +158,8 @@ class Experiment:
         task = self.arena_task(task)
         if self.nose_place == "centre":
             edits = (*edits, centre_nose)
+        if self.motor_torque == "scaled":
+            edits = (*edits, scale_torque)
         shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
         if self.body == "kinematic":
             return make_kinematic_batch(task, robots, self.kinematics, **shared)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.behaviour import Behaviour, Stay, spins, stay_of
+from ..analysis.behaviour import Behaviour, Track, spins, stay_of
 from ..experiment.conditions import Condition
 from ..experiment.schedules import control_steps
 from ..results.results import WHEN, When
@@ -28,7 +28,7 @@ def observe(run: Run, tick: Tick = lambda: None) -> Behaviour:
       run: Run of the robots; its time scale also scales the duration of the observation.
       tick: Function called after every simulated minute of a batch, `ticks(run)` times in all.
     """
-    spinning = {}
+    spinning, nearer = {}, {}
     for condition in with_brains(run):
         if rows := sample(run, condition, SAMPLE):
             which: list[tuple[int, When]] = [(row, when) for when in WHEN for row in rows]
@@ -36,17 +36,20 @@ def observe(run: Run, tick: Tick = lambda: None) -> Behaviour:
             track = evaluate(run, condition, which, minutes, tick)
             shares = spins(track.poses).mean(axis=0)
             spinning[condition] = shares.reshape(2, -1).T
+            away = np.linalg.norm(track.poses[[0, -1], :, :2], axis=-1)  # the centre is the origin
+            nearer[condition] = (away[0] - away[1]).reshape(2, -1).T
     stays = {}
     for condition in _searching(run):
-        if rows := _finders(run, condition):
-            stays[condition.proposer] = _stay(run, condition, rows, tick)
-    return Behaviour(spinning, stays)
+        if rows := finders(run, condition):
+            track, radius = from_the_rim(run, condition, rows, tick)
+            stays[condition.proposer] = stay_of(track, radius)
+    return Behaviour(spinning, stays, nearer)
 
 
 def ticks(run: Run) -> int:
     """Returns the number of times that `observe` calls `tick`."""
     batches = [(SPIN_MINUTES, sample(run, condition, SAMPLE)) for condition in with_brains(run)]
-    batches += [(STAY_MINUTES, _finders(run, condition)) for condition in _searching(run)]
+    batches += [(STAY_MINUTES, finders(run, condition)) for condition in _searching(run)]
     scale = run.experiment.time_scale
     return sum(minutes_of(minutes * scale) for minutes, rows in batches if rows)
 
@@ -71,15 +74,27 @@ def _searching(run: Run) -> list[Condition]:
     return [condition for condition in with_brains(run) if condition.task == "spot_finding"]
 
 
-def _finders(run: Run, condition: Condition) -> list[int]:
-    """Returns the rows of robots that spent at least a tenth of training in the spot."""
+def finders(run: Run, condition: Condition) -> list[int]:
+    """Returns the first rows of robots that spent at least a tenth of training in the spot."""
     minutes = run.experiment.schedule(condition.task).minutes_of("training")
     training = run.results[condition].curves[:, minutes].mean(axis=1)
     return [row for row in run.valid_rows(condition) if training[row] >= 0.1][:SAMPLE]
 
 
-def _stay(run: Run, condition: Condition, rows: list[int], tick: Tick) -> Stay:
-    """Places untrained robots with their nose at the rim of the spot and lets them learn."""
+def from_the_rim(
+    run: Run, condition: Condition, rows: list[int], tick: Tick
+) -> tuple[Track, float]:
+    """Places untrained robots with their nose at the rim of the spot and lets them learn.
+
+    Args:
+      run: Run of the robots.
+      condition: Condition of the robots, in spot finding.
+      rows: Rows of the robots within the condition.
+      tick: Function called after every simulated minute.
+
+    Returns:
+      The robots' track over `STAY_MINUTES`, and the radius of the spot in [m].
+    """
     agent = stored_brains(run, condition, [(row, "before") for row in rows], SEED)
     batch = run.experiment.batch(condition.task, len(rows))
     size = batch.dimensions
@@ -92,4 +107,4 @@ def _stay(run: Run, condition: Condition, rows: list[int], tick: Tick) -> Stay:
     batch.place(everyone, poses)
     steps = control_steps(STAY_MINUTES * run.experiment.time_scale)
     track = watch(batch, agent, steps, learning=True, tick=tick)
-    return stay_of(track, size.spot_radius)
+    return track, size.spot_radius

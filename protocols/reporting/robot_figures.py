@@ -58,8 +58,8 @@ def trajectories(run: Run, task: str, tick: Tick = lambda: None) -> Figure | Non
     for column, example in enumerate(found):
         for row, when in enumerate(WHEN):
             axis, index = axes[row, column], 2 * column + row
-            _arena(axis, track, task, size)
-            _path(axis, track, index, colour(condition.proposer))
+            draw_arena(axis, track, task, size)
+            draw_path(axis, track, index, colour(condition.proposer))
             if row == 0:
                 axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
             share = track.events[:, index].mean()
@@ -67,7 +67,8 @@ def trajectories(run: Run, task: str, tick: Tick = lambda: None) -> Figure | Non
     return figure
 
 
-def _arena(axis: Axes, track: Track, task: str, size: Dimensions) -> None:
+def draw_arena(axis: Axes, track: Track, task: str, size: Dimensions) -> None:
+    """Draws the walls from above, and the spot in a task with a spot."""
     length, width = size.half_length, size.half_width
     axis.add_patch(Rectangle((-length, -width), 2 * length, 2 * width, fill=False, ec=INK, lw=1.0))
     if SCHEDULES[task].wanted:
@@ -77,7 +78,8 @@ def _arena(axis: Axes, track: Track, task: str, size: Dimensions) -> None:
     axis.spines[:].set_visible(False)
 
 
-def _path(axis: Axes, track: Track, index: int, shade: str) -> None:
+def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
+    """Draws a robot's path from a ring to a dot; red where the event happens."""
     points, events = track.poses[:, index, :2], track.events[:, index]
     for drawn, paint, thick in ((~events, shade, 0.9), (events, _EVENT, 1.6)):
         # A step is drawn if either of its ends is; NaN interrupts the line.

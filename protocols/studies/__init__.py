@@ -20,7 +20,7 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Vary what the paper leaves open, one choice at a time, in the kinematic simulator.",
         ),
         "reading": (
-            "reading",
+            "reading.study",
             "Reading",
             "Compare readings of the paper by what they make of its tables.",
         ),
@@ -33,6 +33,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "creativity",
             "Creativity",
             "Compare creative with random robots in runs that have both.",
+        ),
+        "evolve": (
+            "evolve.study",
+            "Evolve",
+            "Evolve parameters of a brain in the kinematic simulator.",
         ),
         "robustness": (
             "robustness",

@@ -18,7 +18,7 @@ from ..agents.perturbed import PerturbedBrain
 from ..analysis import intervals
 from ..errors import DamagedFileError, InputError
 from ..experiment.conditions import PAPER_TASKS, CohortKey, Condition
-from ..experiment.experiment import Body, Experiment
+from ..experiment.experiment import Body, Experiment, MotorTorque
 from ..experiment.random_streams import random_streams
 from ..experiment.schedules import (
     SCHEDULES,
@@ -56,6 +56,7 @@ class Perturbation:
       says: Description in words.
       tasks: Tasks whose robots are evaluated with the perturbation.
       speed: Factor by which the robot's speed is multiplied.
+      torque: Torque of the motors at another speed (see `Experiment.motor_torque`).
       arena: Factor by which both side lengths of the arena are multiplied; the start places of
         robot and spot keep their distances from the corners.
       spot: Centre of the spot in the test, x, y in [m]; None for the place in the schedule.
@@ -69,6 +70,7 @@ class Perturbation:
     says: str
     tasks: tuple[str, ...] = PAPER_TASKS
     speed: float = 1.0
+    torque: MotorTorque = "constant"
     arena: float = 1.0
     spot: tuple[float, float] | None = None
     noise: float = 0.0
@@ -78,7 +80,11 @@ class Perturbation:
         """Returns robots in lockstep, with the perturbed body and arena."""
         if self.speed != 1:
             own = experiment.batch(task, 1).dimensions.motor_speed
-            experiment = dataclasses.replace(experiment, motor_speed=self.speed * own)
+            # The kinematic simulator has one lag for all speeds.
+            torque: Any = self.torque if experiment.body == "mujoco" else "constant"
+            experiment = dataclasses.replace(
+                experiment, motor_speed=self.speed * own, motor_torque=torque
+            )
         edits = [functools.partial(enlarge, factor=self.arena)] if self.arena != 1 else []
         return experiment.batch(task, robots, edits)
 
@@ -106,6 +112,8 @@ PERTURBATIONS = (
     REFERENCE,
     Perturbation("half-speed", "robot at half speed", speed=0.5),
     Perturbation("double-speed", "robot at double speed", speed=2.0),
+    Perturbation("half-speed-lag", "half speed, equal lag", speed=0.5, torque="scaled"),
+    Perturbation("double-speed-lag", "double speed, equal lag", speed=2.0, torque="scaled"),
     Perturbation(
         "spot-lower-left",
         "spot in the lower left corner's place, 0.50 m from the robot's start instead of 0.85 m",
@@ -352,8 +360,11 @@ class EvaluationJob:
     def identity(self) -> dict[str, Any]:
         """What says that a file is this job's."""
         weights = self.evaluated.results[self.condition].networks["after"]
+        change = dataclasses.asdict(self.perturbation)
+        if self.perturbation.torque == "constant":  # files made before there was a choice
+            del change["torque"]
         return {
-            "change": dataclasses.asdict(self.perturbation),
+            "change": change,
             "condition": str(self.condition),
             "seed": self.evaluated.experiment.seed,
             "brains": digest({name: array[[*self.rows]] for name, array in weights.items()}),

@@ -234,18 +234,18 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
         raise DamagedFileError(f"{path} is no study of musebot's ({error!r:.200})") from error
     if name != study.name:
         raise InputError(f"{out} holds the study {name}, not {study.name}")
-    if known.keys() != experiments.keys():
+    if known.keys() - experiments.keys():  # more are added, as by a later version's stages
         names = [", ".join(one) for one in (known, experiments)]
         raise InputError(f"{out} holds a study of {names[0]}, not of {names[1]}")
-    for one, experiment in experiments.items():
-        check_same(f"{out} holds a study of {one}", known[one], experiment)
+    for one, stored in known.items():
+        check_same(f"{out} holds a study of {one}", stored, experiments[one])
     for detail, wanted in _plain(study.details()).items():
         if details.get(detail) != wanted:
             raise InputError(
                 f"{out} holds a study with {detail} {details.get(detail)}, not {wanted}"
             )
-    for one, experiment in (experiments or _DEFAULT).items():
-        if not is_physics_of(probes[one], experiment):
+    for one, probe in probes.items():
+        if not is_physics_of(probe, (experiments or _DEFAULT)[one]):
             raise InputError(f"{out} was simulated in another physics than this version's")
     return made_with
 

@@ -90,6 +90,12 @@ def test_robot_that_leaves_at_once_does_not_stay():
     assert np.isnan(never.following).all()
 
 
+def test_one_second_at_the_spot_is_measured():
+    stay = stay_of(at_the_spot((1, *SPIN)), R)
+    assert stay.staying.tolist() == [True]
+    np.testing.assert_allclose(stay.minutes, [[0, 0, 1]])
+
+
 def test_minutes_are_those_of_staying_robots():
     stayer, leaver = at_the_spot((100, *FOLLOW)), at_the_spot((5, *SPIN), (95, *AWAY))
     both = [

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musebot.controller import BRAINS, PROPOSERS
-from musebot.protocols.analysis import claims, hypothesis_tests, paper_claims
+from musebot.protocols.analysis import claim_tests, claims, hypothesis_tests, paper_claims
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.analysis.claims import Claim, PaperEvidence, RunEvidence, judge
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
@@ -317,10 +317,43 @@ def test_trained_robots_spin(after, expected):
     )
 
 
+@pytest.mark.parametrize(("way", "expected"), [(0.05, "holds"), (-0.05, "does not hold")])
+def test_spinners_that_come_nearer_to_the_centre_are_counted(way, expected):
+    """Twelve robots of each kind spin and move; twelve others do the opposite."""
+    shares = np.repeat([[0.2, 0.9], [0.9, 0.1]], 12, axis=0)
+    ways = np.repeat([[0.0, way], [0.0, -way]], 12, axis=0)
+    conditions = [Condition(WA, proposer) for proposer in PROPOSERS]
+    behaviour = Behaviour(
+        dict.fromkeys(conditions, shares), {}, nearer=dict.fromkeys(conditions, ways)
+    )
+    given = evidence(robots(WA, "fixed", one=24), behaviour=behaviour)
+    assert verdict("most trained spinners come nearer", given) == expected
+
+
+@pytest.mark.parametrize(("pre", "expected"), [(0.0, "holds"), (1.0, "does not hold")])
+def test_newborn_spinners_without_contact_are_counted(pre, expected):
+    """The first robots spin from birth; the others are not asked for."""
+    shares = np.repeat([[0.9, 0.0], [0.1, 0.9]], 10, axis=0)
+    rows = [*robots(WA, "fixed", pre=pre, one=10), *robots(WA, "fixed", pre=1 - pre, one=10)]
+    behaviour = Behaviour({Condition(WA, "fixed"): shares}, {})
+    assert verdict("spins from birth", evidence(rows, behaviour=behaviour)) == expected
+    behaviour = Behaviour({Condition(WA, "fixed"): shares * 0}, {})
+    assert verdict("spins from birth", evidence(rows, behaviour=behaviour)) == "not judged"
+
+
+@pytest.mark.parametrize(("after", "expected"), [(0.6, "holds"), (0.1, "does not hold")])
+def test_more_spinning_after_training_is_tested_robot_by_robot(after, expected):
+    before = np.linspace(0.2, 0.4, 20)
+    shares = np.stack([before, before + after - 0.3], axis=1)
+    behaviour = Behaviour({Condition(SF, "fixed"): shares}, {})
+    given = evidence(robots(SF, "fixed", one=20), behaviour=behaviour)
+    assert verdict("Spinning is reinforced", given) == expected
+
+
 def test_claims_about_behaviour_are_not_judged_without_observation():
     given = run_of(robots(SF, "creative", one=9))
     left = [f for f in judge_all(given) if "musebot report" in f.why]
-    assert len(left) == 3
+    assert len(left) == 6
     assert {f.verdict for f in left} == {"not judged"}
 
 
@@ -403,10 +436,24 @@ def test_p_is_two_sided_and_corrected_for_the_number_of_inequalities_if_against_
     assert f"fixed 60 of 100 (p = {2 * 2 * against:.2g} against it)" in result.why
 
 
+def test_no_p_exceeds_one_and_a_number_without_a_test_is_shown_without_p():
+    tested = hypothesis_tests.TestedInequality("60 of 100 and 40 of 100", "Fisher", 0.2, 0.9)
+    shown = hypothesis_tests.TestedInequality("0 of 0", "Fisher", math.nan, math.nan)
+    given = three(WA, "one", 60, 40, 40)
+    result = judge(Claim(WA, "", lambda _: [tested, shown]), given)
+    assert result.why == "60 of 100 and 40 of 100 (p = 0.4); 0 of 0. Fisher."
+    unlikely = dataclasses.replace(tested, p_for=0.9, p_against=0.7)
+    result = judge(Claim(WA, "", lambda _: [unlikely]), given)
+    assert result.why == "60 of 100 and 40 of 100 (p = 1 against it). Fisher."
+    unlikely = dataclasses.replace(tested, p_for=0.6, p_against=0.7)
+    result = judge(Claim(WA, "", lambda _: [unlikely]), given)
+    assert result.why == "60 of 100 and 40 of 100 (p = 1). Fisher."
+
+
 def test_a_true_claim_rarely_fails_and_a_false_one_rarely_holds():
     # If all three kinds are equal, "has the most" is false: it holds in at most one of forty.
     random = np.random.default_rng(1)
-    claim = Claim(WA, "", paper_claims.ranks(Condition(WA, "fixed"), "L = 1", most=True))
+    claim = Claim(WA, "", claim_tests.ranks(Condition(WA, "fixed"), "L = 1", most=True))
     found = [
         judge(claim, three(WA, "one", *random.binomial(60, 0.3, 3), of=60)).verdict
         for _ in range(200)

@@ -77,6 +77,18 @@ def test_a_verdict_needs_both_tasks_and_no_single_column(differences, error, exp
     assert verdict(dict(zip(COLUMNS, differences, strict=True)), error) == expected
 
 
+def test_a_verdict_needs_more_than_twice_the_error():
+    assert verdict({WALLS: 2.0}, 1) == "cannot be told"
+    assert verdict({WALLS: 2.001}, 1) == "supported"
+    assert verdict({WALLS: -0.5}, 0.1) == "opposed"
+
+
+def test_the_scale_of_a_newborn_score_is_that_of_a_normal_log_density():
+    share, sampling = 0.6, 0.532 * 0.468 * (1 / 250 + 1 / 500)
+    z = (share - 0.532) / math.sqrt(sampling + 0.03**2)
+    assert newborn_score(share, 250, SPOT) == pytest.approx(-(z**2) / 2)
+
+
 def test_one_column_in_each_task_is_enough_for_a_verdict():
     assert verdict({WALLS: 3.0, SPOT: 3.0}, 1) == "supported"
     assert verdict({SPOT: 3.0}, 1) == "supported"

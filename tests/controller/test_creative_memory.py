@@ -63,6 +63,38 @@ def fresh_pool(connections, seed, share=0.25, noise=0.76):
     return patterns.tensors()["pool"], patterns.noisy
 
 
+def changes(steps, draws, robots=2):
+    """Returns in which of several draws after the first the patterns of a memory are new."""
+    parameters = Parameters(noise_steps=steps, ideas=3)
+    memory = CreativeMemory(parameters, robots, 1, torch.Generator().manual_seed(5))
+    patterns = [memory.patterns.draw(3 * robots) for _ in range(draws)]
+    return [not torch.equal(*pair) for pair in zip(patterns, patterns[1:], strict=False)]
+
+
+def test_ideas_keep_their_noise_for_the_given_steps_for_one_or_for_life():
+    assert changes(1, 6) == [True] * 5
+    assert changes(2, 7) == [False, True, False, True, False, True]
+    assert changes(0, 1200) == [False] * 1199  # longer than the pool of patterns lives
+
+
+@pytest.mark.parametrize("steps", [0, 4])
+def test_held_noise_differs_between_ideas_and_robots_and_is_that_of_the_pool(steps):
+    parameters = Parameters(noise_steps=steps, ideas=1000)
+    memory = CreativeMemory(parameters, 2, 1, torch.Generator().manual_seed(5))
+    held = memory.patterns.draw(2000)
+    assert ((held != 0).sum(1) == memory.patterns.noisy).all()
+    assert len(held.unique(dim=0)) > 900
+    held[:] = 9  # the ideas may change what they are given
+    if steps == 0:
+        assert not (memory.patterns.draw(2000) == 9).any()
+
+
+def test_another_number_of_held_patterns_is_refused():
+    memory = CreativeMemory(Parameters(noise_steps=0), 2, 1, torch.Generator().manual_seed(5))
+    with pytest.raises(ValueError, match="50 patterns are held, not 10"):
+        memory.patterns.draw(10)
+
+
 @pytest.mark.parametrize("connections", [15, 35])
 def test_patterns_have_the_right_number_of_noisy_connections_at_uniform_places_with_fair_signs(
     connections,

@@ -19,6 +19,7 @@ def test_the_defaults_are_the_papers_parameters():
         "memory_hidden": 5,  # "five in the memory net"
         "noise": 0.76,  # sigma
         "noisy_share": 0.25,  # "noise in a quarter of all connections"
+        "noise_steps": 1,
         "noise_on_biases": False,
         "keep_main_idea": False,
         "initial_range": 1.0,  # "from the interval [-1.0, 1.0]"
@@ -47,6 +48,7 @@ def test_the_defaults_are_the_papers_parameters():
 NAN, INFINITY = float("nan"), float("inf")
 BAD = {
     "evaluation_hidden": (0, -1, 1001, 10**9, True),
+    "noise_steps": (-1, 1.5, True, 10**7),
     "ideas": (0, -25, 2.5, "many", 10_001, 10**9),
     "centred_inputs": (1, "yes"),
     "memory_hidden": (0, -5, 1001),

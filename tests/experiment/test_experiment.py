@@ -70,6 +70,14 @@ experiments = st.builds(
         ),
         ({"nose": "big"}, "the nose must be one of inverse, printed, got 'big'"),
         ({"body": "ghost"}, "the body must be one of mujoco, kinematic, got 'ghost'"),
+        (
+            {"motor_torque": "great"},
+            "the motor torque must be one of constant, scaled, got 'great'",
+        ),
+        (
+            {"motor_torque": "scaled", "body": "kinematic"},
+            "the motor torque is a parameter of the body 'mujoco' only",
+        ),
         ({"motor_speed": 0}, "the motor speed must be positive, got 0"),
         ({"motor_speed": float("inf")}, "the motor speed must be positive, got inf"),
         (

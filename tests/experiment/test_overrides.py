@@ -1,6 +1,7 @@
 """Named brains, and words such as "epsilon=0.1" that override single parameters."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,9 @@ from musebot.protocols.experiment.overrides import (
     overrides_of,
     with_overrides,
 )
+from musebot.protocols.results.run_files import read_run
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
 
 
 @pytest.mark.parametrize("name", BRAINS)
@@ -25,6 +29,12 @@ def test_an_unknown_brain_is_refused_with_all_names():
     with pytest.raises(InputError) as caught:
         named_brain("divine")
     assert str(caught.value) == f"the brain must be one of {', '.join(BRAINS)}, got 'divine'"
+
+
+def test_the_brains_named_today_are_those_of_the_kept_runs():
+    """Otherwise the pages would describe brains that no longer exist."""
+    for name, folder in (("paper", "mujoco"), ("steady", "steady"), ("steady", "steady-again")):
+        assert read_run(RESULTS / folder).experiment.brain == BRAINS[name]
 
 
 @pytest.mark.parametrize("name", ["paper", "steady"])

@@ -117,9 +117,12 @@ def commands(tmp_path_factory):
 RUN = "--robots 4 --cohort-size 2 --time-scale 0.002 --processes 2 --save-every 0.05 --task "
 STUDY = "--robots 4 --cohort-size 1 --time-scale 0.005 --processes 2 --body kinematic "
 STUDY += "--task wall_avoidance"
+EVOLVE = "--over noise epsilon --budget 8 --generation 4 --robots 3 --time-scale 0.02 --processes 2"
 
 
 def words(kind, out):
+    if kind == "evolve":
+        return ["study", "evolve", str(out), *EVOLVE.split()]
     if kind == "study":
         return ["study", "ablation", str(out), *STUDY.split()]
     return ["run", str(out), *RUN.split(), "wall_avoidance", "--proposer", "creative", "fixed"]
@@ -138,8 +141,12 @@ def files(folder):
 
 
 def held(out):
-    """Returns what a kill left: nothing, checkpoints, finished cohorts or results too."""
+    """Returns what a kill left: nothing, checkpoints, finished cohorts or more."""
     kept = {path.name for path in out.rglob("[!.]*")}
+    if "evolve.md" in kept:
+        return "the page"
+    if any(path.parent.name == "evaluations" for path in out.rglob("*.safetensors")):
+        return "evaluations"
     if any(name.endswith(".finished.safetensors") for name in kept):
         return "finished cohorts"
     if any(path.parent.name == "checkpoints" for path in out.rglob("*.safetensors")):
@@ -182,11 +189,20 @@ def test_a_run_killed_at_ten_random_moments_leaves_the_undisturbed_runs_bytes(co
 
 @pytest.mark.slow
 @pytest.mark.night
-@pytest.mark.parametrize("kind", ["run", "study"])
-def test_a_hundred_kills_at_random_moments_leave_the_undisturbed_bytes(kind, commands, tmp_path):
-    left = survived(commands, kind, tmp_path, 100)
+@pytest.mark.parametrize(
+    ("kind", "kills", "wanted"),
+    [
+        ("run", 100, {"checkpoints", "finished cohorts"}),
+        ("study", 100, {"checkpoints", "finished cohorts"}),
+        ("evolve", 50, {"evaluations"}),
+    ],
+)
+def test_many_kills_at_random_moments_leave_the_undisturbed_bytes(
+    kind, kills, wanted, commands, tmp_path
+):
+    left = survived(commands, kind, tmp_path, kills)
     print(f"\n{kind}: {left.total()} kills, which left {dict(left)}")
-    assert {"checkpoints", "finished cohorts"} <= {*left}, left
+    assert wanted <= {*left}, left
 
 
 # Workers

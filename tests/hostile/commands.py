@@ -14,7 +14,7 @@ from musebot.protocols.bench import bench
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment.budget import cohort_bytes
 from musebot.protocols.playback import film
-from musebot.protocols.reporting import report
+from musebot.protocols.reporting import paper_figures, report, typical_robots
 from musebot.protocols.simulation import local
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.jobs import CohortJob
@@ -59,6 +59,7 @@ VERBS = {
             "--robots": NUMBERS, "--cohort-size": NUMBERS, "--seed": NUMBERS, "--task": TEXTS,
             "--proposer": TEXTS, "--agent": TEXTS, "--protocol": TEXTS, "--time-scale": NUMBERS,
             "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
+            "--motor-torque": TEXTS,
             "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
             "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
             "--trust-agent": ("", "x"), **_WORKERS,
@@ -73,6 +74,8 @@ VERBS = {
         },
     ),
     "report": (["OUT"], {"--output": _PLACES}),
+    "figure": (["architecture", "new.svg"], {"--task": TEXTS, "--x": TEXTS}),
+    "figure typical": (["new.png", "RUN"], {"--task": TEXTS}),
     "explore": (
         ["wall_avoidance"],
         {
@@ -99,7 +102,15 @@ VERBS = {
         ["OUT", "--time-scale", "0.002"],
         {
             "--robots": NUMBERS, "--newborns": NUMBERS, "--screened": NUMBERS, "--stage": NUMBERS,
-            "--time-scale": NUMBERS, **_WORKERS,
+            "--finalists": NUMBERS, "--time-scale": NUMBERS, **_WORKERS,
+        },
+    ),
+    "study evolve": (
+        ["OUT", "--budget", "4", "--generation", "4", "--robots", "2", "--time-scale", "0.002"],
+        {
+            "--brain": TEXTS, "--set": "set", "--over": PARAMETERS, "--budget": NUMBERS,
+            "--generation": NUMBERS, "--robots": NUMBERS, "--task": TEXTS, "--protocol": TEXTS,
+            "--time-scale": NUMBERS, "--kinematics": "kinematics", "--seed": NUMBERS, **_WORKERS,
         },
     ),
     "study ablation": (
@@ -236,6 +247,9 @@ def begun_only(patch):
     patch.setattr(film, "Scene", _Stage)
     patch.setattr(film, "write", _two_frames)
     patch.setattr(report, "_progress", _begin)
+    patch.setattr(typical_robots, "draw", _begin)
+    for name in ("architecture", "robot"):
+        patch.setattr(paper_figures, name, _begin)
     patch.setattr(bench, "_measure", _begin)
     patch.setattr(bench, "_measure_interfaces", _begin)
     patch.setattr(doctor, "report", lambda: 0)

@@ -35,7 +35,18 @@ SHORT = Experiment(cohort_size=2, time_scale=0.004, body="kinematic")
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
 def test_a_restored_cohort_continues_bit_exactly(task, proposer, brain):
     experiment = Experiment(cohort_size=3, time_scale=0.01, brain=named_brain(brain))
-    key = CohortKey(Condition(task, proposer), 0)
+    check_restored(experiment, CohortKey(Condition(task, proposer), 0))
+
+
+@pytest.mark.parametrize("steps", [0, 7])
+def test_held_noise_continues_bit_exactly(steps):
+    brain = dataclasses.replace(named_brain("paper"), noise_steps=steps)
+    experiment = Experiment(cohort_size=3, time_scale=0.01, brain=brain, body="kinematic")
+    check_restored(experiment, KEY)
+
+
+def check_restored(experiment, key):
+    """Checks that a life of many cohorts, each restored from the one before, is the whole life."""
     straight, cut = Cohort(experiment, key), Cohort(experiment, key)
     straight.advance(10**9)
     steps = random.Random(0)

@@ -409,6 +409,20 @@ def test_a_robot_with_a_weight_that_is_not_finite_is_invalid_and_the_others_are_
     assert cohort.lives().valid.tolist() == [True, False, True]
 
 
+def test_weights_are_looked_at_when_a_minute_ends_and_not_before():
+    cohort = Cohort(
+        Experiment(cohort_size=ROBOTS, time_scale=0.01, body="kinematic"),
+        CohortKey(Condition("wall_avoidance", "fixed"), 0),
+    )
+    cohort.advance(100)
+    cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
+    cohort.advance(MINUTE - 101)
+    assert cohort.batch.valid.tolist() == [True, True, True]
+    cohort.advance(1)
+    assert cohort.step == MINUTE
+    assert cohort.batch.valid.tolist() == [True, False, True]
+
+
 def test_a_weight_that_is_not_finite_at_the_end_of_a_short_life_is_noticed():
     cohort = Cohort(
         Experiment(cohort_size=ROBOTS, time_scale=0.004),
@@ -483,3 +497,5 @@ def test_a_checkpoint_of_a_step_outside_the_life_is_refused(step):
         cohort.restore(arrays, {**notes, "step": step})
     cohort.restore(arrays, {**notes, "step": 960})
     assert cohort.finished
+    cohort.restore(arrays, notes)
+    assert cohort.step == notes["step"] == 0

@@ -1,5 +1,7 @@
 """Jobs: a cohort as a piece of work that stops and continues, and jobs with progress."""
 
+import queue
+
 import pytest
 
 from musebot.protocols.errors import Interrupted
@@ -168,3 +170,23 @@ def test_the_executor_is_closed_where_a_job_cannot_be_handed_on(error):
     with pytest.raises(error):
         execute("numbers", [Number(n) for n in range(3)], executor, refuse, quiet=True)
     assert events == ["ran 0", "closed"]
+
+
+def test_progress_counts_robots_where_every_job_is_a_cohort_and_jobs_otherwise(tmp_path, capfd):
+    def executor(jobs, progress):
+        progress.show(iter_reports(jobs))
+        yield from jobs
+
+    for own, words in (
+        ([job_in(tmp_path)], "2 of 2 robots done"),
+        ([job_in(tmp_path), Number(3)], "2 of 2 jobs done"),
+    ):
+        execute("work", own, executor)
+        assert words in capfd.readouterr().err
+
+
+def iter_reports(jobs):
+    reports = queue.Queue()
+    for number, job in enumerate(jobs):
+        reports.put((number, job.cost, ""))
+    return reports

@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from musebot.protocols.analysis.scores import main_effect
-from musebot.protocols.errors import DamagedFileError
+from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment.experiment import differing
 from musebot.protocols.experiment.overrides import READINGS
 from musebot.protocols.simulation.local import Local
 from musebot.protocols.storage import save_arrays
-from musebot.protocols.studies.reading import CHOICES, DESIGN, PLAIN, Reading, standard_error
+from musebot.protocols.studies.reading import study
+from musebot.protocols.studies.reading.choices import CHOICES, DESIGN, FINALISTS, PLAIN
+from musebot.protocols.studies.reading.page import standard_error
+from musebot.protocols.studies.reading.study import Reading
 from musebot.protocols.studies.study import conduct
 
-TINY = Reading(robots=6, newborns=4, screened=6, time_scale=0.004)
+TINY = Reading(robots=6, newborns=4, screened=6, finalists=6, time_scale=0.004)
 
 
 def test_the_design_is_balanced_and_its_columns_are_orthogonal():
@@ -63,6 +66,37 @@ def test_a_study_that_was_stopped_after_a_stage_continues(finished):
     assert "Stage 1" not in first.markdown
     assert first.markdown in page.markdown
     assert {f"screen-{k:02}" for k in range(1, 13)} < {path.name for path in out.iterdir()}
+
+
+def test_a_finalist_differs_from_the_plain_reading_in_what_it_says():
+    plans = TINY.finals()
+    plain = plans["final-plain"].experiment
+    assert plain.seed not in {one.experiment.seed for one in TINY.screen().values()}
+    for name, finalist in FINALISTS.items():
+        assert set(differing(plain, plans[name].experiment)) == set(finalist.values)
+        assert {c.task for c in plans[name].robots} == set(finalist.tasks)
+
+
+def test_the_page_has_a_row_of_each_finalist(finished):
+    *_, page = finished
+    table = page.markdown.partition("### Stage 3")[2]
+    for finalist in FINALISTS.values():
+        (row,) = (line for line in table.splitlines() if line.startswith(f"| {finalist.says} |"))
+        cells = [cell.strip() for cell in row.strip("|").split("|")][1:]
+        assert [bool(cell) for cell in cells[:6]] == [
+            task in finalist.tasks for task in ("wall_avoidance", "spot_finding") for _ in range(3)
+        ]
+
+
+def test_a_study_made_before_the_last_stage_was_known_is_continued(finished, tmp_path, monkeypatch):
+    """As docs/results/reading: its study.json names no finalist."""
+    monkeypatch.setattr(study, "FINALISTS", {})
+    conduct(dataclasses.replace(TINY, stage=0), tmp_path, Local(1))
+    monkeypatch.undo()
+    conduct(dataclasses.replace(TINY, stage=0), tmp_path, Local(1))
+    monkeypatch.setattr(study, "FINALISTS", {})
+    with pytest.raises(InputError, match="holds a study of .*final-plain.*, not of "):
+        conduct(dataclasses.replace(TINY, stage=0), tmp_path, Local(1))
 
 
 def test_a_finished_study_gives_a_verdict_on_each_choice(finished):

@@ -92,7 +92,32 @@ def test_every_perturbation_differs_from_the_reference_in_one_thing():
             for field in dataclasses.fields(perturbation)
             if getattr(perturbation, field.name) != getattr(REFERENCE, field.name)
         }
-        assert len(fields - labels) == 1 and {"name", "says"} <= fields
+        assert len(fields - labels - {"torque"}) == 1 and {"name", "says"} <= fields
+        assert "torque" not in fields or "speed" in fields
+
+
+def test_only_a_scaled_torque_is_named_in_a_file(runs):
+    """Files made before there was a choice name none."""
+    for name, named in (("half-speed", False), ("half-speed-lag", True)):
+        own = job(runs[0], "spot_finding", BY_NAME[name])
+        assert ("torque" in own.identity["change"]) is named
+
+
+@pytest.mark.parametrize("name", ["half-speed", "double-speed"])
+def test_with_scaled_torque_the_wheels_follow_as_fast_at_every_speed(name):
+    """What is missing of the full way, in seconds at full speed, is the lag."""
+    experiment, missing = dataclasses.replace(EXPERIMENT, body="mujoco"), {}
+    for perturbation in (REFERENCE, BY_NAME[name], BY_NAME[f"{name}-lag"]):
+        batch = perturbation.batch(experiment, "wall_avoidance", 1)
+        batch.place(np.array([0]), np.array([[-0.45, 0.0, 0.0]]))
+        for _ in range(10):
+            batch.step(np.full((1, 2), 0.5))
+        speed = batch.dimensions.motor_speed
+        missing[perturbation.name] = 1 - (batch.pose[0, 0] + 0.45) / speed
+    assert missing[f"{name}-lag"] == pytest.approx(missing["unchanged"], abs=0.002)
+    assert missing[name] / missing["unchanged"] == pytest.approx(
+        BY_NAME[name].speed, rel=0.2
+    )  # the lag that grows with the speed
 
 
 @pytest.mark.parametrize("body", ["kinematic", "mujoco"])
@@ -386,7 +411,7 @@ def test_another_study_of_these_runs_is_refused(runs, tmp_path, here, listing):
     before = listing(out)
     other = simulated(tmp_path / "other" / "first", dataclasses.replace(EXPERIMENT, seed=3))
     for wanted, options, words in (
-        (runs, {"robots": 2}, "holds a study of first, not of first, second"),
+        (runs, {"robots": 2}, "holds a study with robots .*first.*, not .*second"),
         (runs[:1], {"robots": 3}, "holds a study with robots .*2.*, not .*3"),
         (runs[:1], {"robots": 2, "seed": 1}, "holds a study of first with seed 0, not 1"),
         (runs[:1], {"robots": 2, "body": "mujoco"}, "with body kinematic, not mujoco"),

@@ -21,9 +21,9 @@ from ..reporting.markdown import table
 from ..results.run import Run
 from ..results.run_files import read_run
 from ..simulation.jobs import Job
-from ..studies.study import Page
-from ..studies.variants import Variant, VariantStudy
 from ..terminal import notice
+from .study import Page
+from .variants import Variant, VariantStudy
 
 FILMS, TRAINED = "films", "trained_robot"
 _PROPOSER = "creative"

@@ -10,8 +10,6 @@ import pytest
 
 from musebot.controller import BRAINS
 from musebot.protocols import cli
-from musebot.protocols.commands import demonstration
-from musebot.protocols.commands.demonstration import Demo, chosen, markdown
 from musebot.protocols.errors import InputError
 from musebot.protocols.examples import ROBOT
 from musebot.protocols.experiment.conditions import Condition
@@ -19,6 +17,8 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.results.results import ConditionResults, Robot
 from musebot.protocols.results.run import Run
 from musebot.protocols.results.run_files import read_run
+from musebot.protocols.studies import demonstration
+from musebot.protocols.studies.demonstration import Demo, chosen, markdown
 
 TEST = {"wall_avoidance": 1200, "spot_finding": 3600}  # [s]
 

@@ -1,0 +1,74 @@
+"""`musebot figure`: draws the paper's two figures, and typical robots of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ..errors import InputError
+from ..shared_options import TASK_CHOICES, option
+from ..terminal import bar, say
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclasses.dataclass
+class FigureCommand:
+    """Draw the paper's figures, the architecture or the robot, or typical robots of a run."""
+
+    name: Annotated[
+        Literal["architecture", "robot", "typical"],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="NAME"),
+    ]
+    """architecture: the two networks; robot: the body and its sensors; typical: paths of a spinner,
+    of a robot that follows the spot's contour, and of a slow approacher, from the brains of OUT"""
+    output: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    """figure to write, an .svg or .png"""
+    out: Annotated[Path | None, tyro.conf.Positional, option("[OUT]", "none")] = None
+    """folder of a run; only for typical"""
+    task: Annotated[str | None, option(TASK_CHOICES, "wall_avoidance")] = None
+    """task of the brain that is drawn; only for architecture"""
+
+    def __call__(self) -> None:
+        """Draws without a display.
+
+        Raises:
+          InputError: an option is invalid, or the run has no such robots; nothing was written.
+        """
+        from ..experiment.conditions import PAPER_TASKS
+        from ..reporting import style
+
+        style.check_output(self.output)
+        if (self.name == "typical") != (self.out is not None):
+            raise InputError("typical needs the folder of a run, and only typical takes one")
+        if self.task is not None and self.name != "architecture":
+            raise InputError(f"--task chooses the architecture, not {self.name}")
+        if self.task not in (None, *PAPER_TASKS):
+            raise InputError(f"the task must be one of {', '.join(PAPER_TASKS)}, got {self.task!r}")
+        with style.styled():
+            style.write(self._figure(), self.output)
+        say(str(self.output))
+
+    def _figure(self) -> Figure:
+        from ..reporting import paper_figures, typical_robots
+        from ..results.run_files import read_run
+        from ..simulation.worker import prepare_process
+
+        if self.name == "architecture":
+            return paper_figures.architecture(self.task or "wall_avoidance")
+        if self.name == "robot":
+            return paper_figures.robot()
+        assert self.out is not None
+        run = read_run(self.out, replay=True)
+        prepare_process()
+        with bar() as progress:
+            task = progress.add_task("observing robots", total=typical_robots.ticks(run))
+            figure = typical_robots.draw(run, lambda: progress.advance(task))
+        if figure is None:
+            raise InputError(f"{self.out} has no typical robots: no stored brain spins or arrives")
+        return figure

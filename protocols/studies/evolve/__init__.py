@@ -1,0 +1,1 @@
+"""The study that evolves parameters of a brain (`musebot study evolve`)."""

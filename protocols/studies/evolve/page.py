@@ -1,0 +1,193 @@
+"""The page of an evolution: its course, what each parameter weighs, and the winner's new lives."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy import stats
+
+from ...analysis import intervals
+from ...analysis.hypothesis_tests import holm
+from ...experiment.conditions import Condition
+from ...experiment.experiment import Experiment
+from ...experiment.schedules import TASK_NAMES, Schedule
+from ...reporting import style
+from ...reporting.markdown import MEANS, bracket, table
+from ..study import Page
+from .space import RANGES
+
+_LEAST = 12  # evaluations from which the weight of a parameter is shown
+
+
+@dataclasses.dataclass(frozen=True)
+class Generation:
+    """A finished generation of P brains with n parameters.
+
+    Attributes:
+      points: Coordinates of the brains, shape (P, n).
+      fitness: Mean share of the test after training with the event, its negative where the event
+        is unwanted, shape (P,).
+      mean: Coordinates of the search's mean after the generation, shape (n,).
+    """
+
+    points: np.ndarray
+    fitness: np.ndarray
+    mean: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Evolution:
+    """What is finished of a search.
+
+    Attributes:
+      over: Names of the n parameters.
+      generations: Finished generations.
+      start: Shares of the robots with the first brain on fresh seeds, shape (B,); None if missing.
+      winner: Those of the robots with the winner.
+      words: Overrides that make the winner from the first brain.
+    """
+
+    over: Sequence[str]
+    generations: list[Generation] = dataclasses.field(default_factory=list)
+    start: np.ndarray | None = None
+    winner: np.ndarray | None = None
+    words: tuple[str, ...] = ()
+
+    @property
+    def best(self) -> tuple[str, float] | None:
+        """The parameters of the best brain so far, in words, and its fitness; None without one."""
+        if not self.generations:
+            return None
+        one = max(self.generations, key=lambda generation: generation.fitness.max())
+        point = one.points[one.fitness.argmax()]
+        return self.described(point), float(one.fitness.max())
+
+    def described(self, point: np.ndarray) -> str:
+        """Returns the values at a point in words."""
+        values = (RANGES[name].value(float(x)) for name, x in zip(self.over, point, strict=True))
+        return ", ".join(f"{n}={value:.3g}" for n, value in zip(self.over, values, strict=True))
+
+    def weights(self) -> list[tuple[str, float, float]]:
+        """Returns of each parameter its correlation with the fitness, and p, Holm-corrected.
+
+        The correlation (Spearman) is of coordinates and fitness within generations, since seeds and
+        mean differ between generations. Empty with fewer than 12 evaluations.
+        """
+        if sum(len(one.fitness) for one in self.generations) < _LEAST:
+            return []
+        points = np.concatenate([one.points - one.points.mean(axis=0) for one in self.generations])
+        fitness = np.concatenate([one.fitness - one.fitness.mean() for one in self.generations])
+        if np.ptp(fitness) == 0:
+            return []
+        found: list[Any] = [stats.spearmanr(column, fitness) for column in points.T]
+        corrected = holm(np.array([float(one.pvalue) for one in found]))
+        return [
+            (name, float(one.statistic), float(p))
+            for name, one, p in zip(self.over, found, corrected, strict=True)
+        ]
+
+
+def page(
+    evolution: Evolution, experiment: Experiment, condition: Condition, schedule: Schedule
+) -> Page:
+    """Returns the page of what is finished.
+
+    Args:
+      evolution: The search.
+      experiment: Experiment of the first brain.
+      condition: Condition of the robots.
+      schedule: Schedule of their lives.
+    """
+    if not evolution.generations:
+        return Page("No generation is finished yet.\n")
+    size = len(evolution.generations[0].fitness)
+    sign = 1 if schedule.wanted else -1
+    lines = [
+        f"### {TASK_NAMES[condition.task]}: {schedule.event} after training",
+        "",
+        f"{len(evolution.generations)} generations of {size} brains, each with "
+        f"{experiment.cohort_size} creative robots, started from `{experiment.brain_name}`; all "
+        f"durations times {experiment.time_scale:g}. A generation's brains share their seed; each "
+        "generation has a new one.",
+        "",
+    ]
+    rows = [["generation", "best", "mean", "worst", "mean of the search after it"]]
+    for number, one in enumerate(evolution.generations, start=1):
+        shares = np.sort(sign * one.fitness)[::-sign]
+        cells = [f"{x:.3f}" for x in (shares[0], shares.mean(), shares[-1])]
+        rows.append([str(number), *cells, evolution.described(one.mean)])
+    lines += [*table(rows, "rrrrl"), ""]
+    if weights := evolution.weights():
+        rows = [["parameter", "correlation with the fitness", "p, Holm", "spread at last"]]
+        spread = evolution.generations[-1].points.std(axis=0)
+        for (name, correlation, p), width in zip(weights, spread, strict=True):
+            rows.append([f"`{name}`", f"{correlation:+.2f}", f"{p:.2g}", f"{width:.2f}"])
+        lines += [
+            "Spearman's correlation within generations. A search that has settled varies a "
+            "parameter little, so a small correlation does not say that it has no effect. "
+            "*Spread*: standard deviation in the last generation, as a share of the range.",
+            "",
+            *table(rows),
+            "",
+        ]
+    if evolution.start is not None and evolution.winner is not None:
+        gain = intervals.difference_of_means(
+            evolution.winner, evolution.start, paired=False, span=intervals.SHARE
+        )
+        pairs = (("first brain", evolution.start), ("winner", evolution.winner))
+        rows = [["on fresh seeds", "robots", schedule.event]]
+        for name, shares in pairs:
+            cell = f"{shares.mean():.3f} {bracket(intervals.mean(shares, intervals.SHARE))}"
+            rows.append([name, str(len(shares)), cell])
+        change = evolution.winner.mean() - evolution.start.mean()
+        seen = sign * max(float(one.fitness.max()) for one in evolution.generations)
+        lines += [
+            *table(rows),
+            "",
+            f"Difference {change:+.3f} {bracket(gain)}. The best brain seen had {seen:.3f} on its "
+            "own seed. The winner is the mean of the search: "
+            f"`{' '.join(evolution.words) or 'no change'}`. In brackets 95 % intervals ({MEANS}).",
+            "",
+        ]
+    return Page("\n".join(lines), {"evolve": draw(evolution, sign, schedule.event)})
+
+
+def draw(evolution: Evolution, sign: int, event: str) -> Figure:
+    """Draws the fitness of every brain, and the mean of the search in each coordinate."""
+    figure, axes = style.canvas(4.6, 2, 1, sharex=True)
+    above, below = axes[:, 0]
+    for number, one in enumerate(evolution.generations, start=1):
+        numbers = np.full(len(one.fitness), number)
+        above.plot(numbers, sign * one.fitness, "o", ms=2.8, color=style.INK, alpha=0.6)
+    count = np.arange(1, len(evolution.generations) + 1)
+    means = [sign * one.fitness.mean() for one in evolution.generations]
+    above.plot(count, means, color=style.PALETTE[2])
+    for shares, words, shade in (
+        (evolution.start, "first brain,\nfresh seeds", style.INK),
+        (evolution.winner, "winner,\nfresh seeds", style.PALETTE[1]),
+    ):
+        if shares is not None:
+            above.axhline(shares.mean(), color=shade, lw=1, ls="--")
+            above.annotate(
+                words, (1, shares.mean()), xycoords=("axes fraction", "data"), xytext=(4, 0),
+                textcoords="offset points", va="center", fontsize=7.5, color=shade,
+                annotation_clip=False,
+            )  # fmt: skip
+    above.set_title(f"{event} after training: each brain, and the mean")
+    style.in_per_cent(above.yaxis)
+    path = np.array([one.mean for one in evolution.generations])
+    for index, name in enumerate(evolution.over):
+        shade = style.PALETTE[index % len(style.PALETTE)]
+        below.plot(count, path[:, index], color=shade)
+        below.annotate(
+            name, (count[-1], path[-1, index]), xytext=(4, 0), textcoords="offset points",
+            va="center", fontsize=7.5, color=shade, annotation_clip=False,
+        )  # fmt: skip
+    below.set(ylim=(-0.03, 1.03), xlabel="generation")
+    below.xaxis.get_major_locator().set_params(integer=True)
+    below.set_title("mean of the search, from 0 to 1 of each range")
+    return figure

@@ -1,0 +1,314 @@
+"""The study that evolves parameters: CMA-ES over generations of brains, whole lives as fitness.
+
+N. Hansen and A. Ostermeier, "Completely Derandomized Self-Adaptation in Evolution Strategies",
+Evolutionary Computation 9(2), 2001. The search is that of the package `cmaes`, because it is small,
+needs NumPy only, and proposes the same brains again when its generations are told again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import importlib.util
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+
+from ....controller import Parameters
+from ....models import Kinematics
+from ....tasks import CONTROL_TIMESTEP
+from ...errors import InputError
+from ...experiment.budget import check_memory
+from ...experiment.conditions import CohortKey, Condition
+from ...experiment.experiment import Experiment
+from ...experiment.overrides import named_brain, overrides_of, with_overrides
+from ...experiment.plan import Plan
+from ...experiment.schedules import Schedule
+from ...shared_options import KinematicsOption, option
+from ...simulation.cohort import Cohort
+from ...simulation.jobs import Job, Report, Stop
+from ...storage import resolved, save_arrays
+from ...terminal import notice
+from ..study import MinuteTick, Page, StoppedError, Study, check_positive, own_arrays
+from . import page as pages
+from .page import Evolution, Generation
+from .space import RANGES, brain_at, check_names, point_of
+
+if TYPE_CHECKING:
+    from cmaes import CMA
+
+FOLDER = "evaluations"
+_SIGMA = 0.2  # initial standard deviation of every coordinate
+_FEWEST = 4  # brains in a generation, as CMA-ES needs
+_FINALS = 4  # cohorts of the start and of the winner, on seeds that no generation had
+
+
+@dataclasses.dataclass
+class Evolve(Study):
+    """Evolve parameters of a brain in the kinematic simulator.
+
+    A generation's brains live on the same seeds, each generation on new ones. In the end the mean
+    of the search, the winner, and the brain from which it started live on fresh seeds.
+    """
+
+    name: ClassVar[str] = "evolve"
+
+    brain: str = "steady"
+    """brain from which the search starts"""
+    set: Annotated[tuple[str, ...], option("NAME=VALUE ..", "none")] = ()
+    """parameters of that brain to change first, such as td_error_limit=0.03"""
+    over: Annotated[
+        tuple[str, ...], option(f"{{{','.join(RANGES)}}} ..", "six of `steady`'s")
+    ] = (
+        "learn_rate",
+        "initial_learn_rate",
+        "noise",
+        "random_share",
+        "epsilon",
+        "advantage_scale",
+    )  # fmt: skip
+    """parameters to evolve"""
+    budget: int = 200
+    """number of brains to evaluate, rounded down to whole generations; may be increased later"""
+    generation: int = 10
+    """number of brains in a generation"""
+    robots: int = 50
+    """number of robots with each brain"""
+    task: str = "spot_finding"
+    """task of the robots; more time in the spot, or less in contact, is better"""
+    protocol: str = "paper"
+    """protocol of the lives, as in `musebot run`"""
+    time_scale: float = 0.25
+    """factor on every duration, in (0, 1]"""
+    kinematics: KinematicsOption = ("felt=pushed", "wall=turns", "lag=0.08")
+    """parameters of the kinematic simulator; by default the MuJoCo body's effects"""
+    seed: int = 1
+    """seed of the search and of the first generation's robots; each generation has the next one"""
+
+    @functools.cached_property
+    def start(self) -> Experiment:
+        """The experiment of the brain from which the search starts.
+
+        Raises:
+          InputError: an option is invalid.
+        """
+        check_positive(budget=self.budget, generation=self.generation, robots=self.robots)
+        if self.generation < _FEWEST:
+            raise InputError(f"a generation needs at least {_FEWEST} brains, got {self.generation}")
+        if self.budget < self.generation:
+            raise InputError(
+                f"the budget must be at least one generation of {self.generation} brains, "
+                f"got {self.budget}"
+            )
+        brain = with_overrides(named_brain(self.brain), self.set)
+        check_names(self.over, brain)
+        protocol: Any = self.protocol
+        experiment = Experiment(
+            seed=self.seed,
+            cohort_size=self.robots,
+            time_scale=self.time_scale,
+            body="kinematic",
+            kinematics=with_overrides(Kinematics(), self.kinematics),
+            brain=brain,
+            protocol=protocol,
+        )
+        if self.task not in experiment.tasks:
+            names = ", ".join(experiment.tasks)
+            raise InputError(f"the task must be one of {names}, got {self.task!r}")
+        if self.seed + self.generations + _FINALS >= 2**32:
+            raise InputError(f"the seed must be below 2^32 minus the generations, got {self.seed}")
+        return experiment
+
+    @property
+    def generations(self) -> int:
+        """Number of generations."""
+        return self.budget // self.generation
+
+    def experiments(self) -> Mapping[str, Experiment]:
+        """See `Study.experiments`."""
+        if importlib.util.find_spec("cmaes") is None:
+            raise InputError("the search needs cmaes: pip install 'musebot[evolve]'")
+        return {"start": self.start}
+
+    def details(self) -> Mapping[str, Any]:
+        """See `Study.details`; the budget may be increased later."""
+        return {"over": list(self.over), "generation": self.generation, "task": self.task}
+
+    def folders(self, out: Path) -> Sequence[Path]:
+        """See `Study.folders`."""
+        return [out / FOLDER]
+
+    def check(self, out: Path) -> None:
+        """See `Study.check`: reads all evaluations."""
+        check_memory(Plan.of(self.start, [self._condition], self.robots))
+        self.evolution(out)
+
+    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
+        """See `Study.stages`: a group for each generation, then the start and the winner."""
+        evolution = Evolution(self.over)
+        search = self._search()
+        for number in range(self.generations):
+            points, jobs = self._generation(search, number, out)
+            if not all(job.done() for job in jobs):
+                best = evolution.best
+                so_far = "" if best is None else f", best so far {best[1]:.3f} ({best[0]})"
+                notice(f"evolve: generation {number + 1} of {self.generations}{so_far}")
+            yield jobs
+            self._tell(evolution, search, points, jobs)
+        yield [*self._finals(out, self.start.brain), *self._finals(out, self._winner(search))]
+
+    def evolution(self, out: Path) -> Evolution:
+        """Reads the finished generations, and the final tests if they are finished."""
+        evolution, search = Evolution(self.over), self._search()
+        for number in range(self.generations):
+            points, jobs = self._generation(search, number, out)
+            if not all(job.done() for job in jobs):
+                return evolution
+            self._tell(evolution, search, points, jobs)
+        winner = self._winner(search)
+        tests = [self._finals(out, brain) for brain in (self.start.brain, winner)]
+        if all(job.done() for jobs in tests for job in jobs):
+            before, after = (np.concatenate([job.shares() for job in jobs]) for jobs in tests)
+            words = tuple(overrides_of(winner, self.start.brain))
+            return dataclasses.replace(evolution, start=before, winner=after, words=words)
+        return evolution
+
+    def page(self, out: Path) -> Page:
+        """See `Study.page`."""
+        return pages.page(self.evolution(out), self.start, self._condition, self._schedule)
+
+    @property
+    def _schedule(self) -> Schedule:
+        return self.start.schedule(self.task)
+
+    @property
+    def _condition(self) -> Condition:
+        return Condition(self.task, "creative")
+
+    def _search(self) -> CMA:
+        from cmaes import CMA
+
+        return CMA(
+            mean=point_of(self.start.brain, self.over),
+            sigma=_SIGMA,
+            bounds=np.tile([0.0, 1.0], (len(self.over), 1)),
+            seed=self.seed,
+            population_size=self.generation,
+        )
+
+    def _generation(
+        self, search: CMA, number: int, out: Path
+    ) -> tuple[list[np.ndarray], list[EvaluationJob]]:
+        points = [search.ask() for _ in range(self.generation)]
+        jobs = [
+            self._job(
+                out,
+                f"{number:03}-{index:02}",
+                brain_at(point, self.over, self.start.brain),
+                self.seed + number,
+            )
+            for index, point in enumerate(points)
+        ]
+        return points, jobs
+
+    def _finals(self, out: Path, brain: Parameters) -> list[EvaluationJob]:
+        name = "start" if brain == self.start.brain else "winner"
+        first = self.seed + self.generations
+        return [
+            self._job(out, f"final-{self.generations:03}-{name}-{k}", brain, first + k)
+            for k in range(_FINALS)
+        ]
+
+    def _job(self, out: Path, name: str, brain: Parameters, seed: int) -> EvaluationJob:
+        experiment = dataclasses.replace(self.start, brain=brain, seed=seed)
+        path = resolved(out) / FOLDER / f"{name}.safetensors"
+        return EvaluationJob(path, experiment, self._condition)
+
+    def _tell(
+        self,
+        evolution: Evolution,
+        search: CMA,
+        points: Sequence[np.ndarray],
+        jobs: Sequence[EvaluationJob],
+    ) -> None:
+        """Adds a generation to the evolution and lets the search move."""
+        shares = np.array([job.shares().mean() for job in jobs])
+        sign = 1 if self._schedule.wanted else -1
+        search.tell([(x, -sign * float(y)) for x, y in zip(points, shares, strict=True)])
+        evolution.generations.append(
+            Generation(np.array(points), sign * shares, search.mean.copy())
+        )
+
+    def _winner(self, search: CMA) -> Parameters:
+        """Returns the brain at the search's mean; the best brain seen was also the luckiest."""
+        return brain_at(search.mean, self.over, self.start.brain)
+
+
+@dataclasses.dataclass(frozen=True)
+class EvaluationJob:
+    """Simulates the lives of a cohort, and stores the time with the event after training.
+
+    Attributes:
+      path: File to which the result is written.
+      experiment: Experiment of the robots.
+      condition: Condition of the robots.
+    """
+
+    path: Path
+    experiment: Experiment
+    condition: Condition
+
+    def __str__(self) -> str:
+        return f"evaluation {self.path.stem}"
+
+    @property
+    def cost(self) -> float:
+        """See `Job.cost`."""
+        schedule = self.experiment.schedule(self.condition.task)
+        return sum(schedule.steps()) * CONTROL_TIMESTEP * self.experiment.cohort_size
+
+    def done(self) -> bool:
+        """See `Job.done`."""
+        return self.path.exists()
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """See `Job.run`; lives that were stopped start from the beginning."""
+        cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
+        tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
+        try:
+            while not cohort.finished:
+                cohort.advance(min(600, cohort.steps - cohort.step))
+                tick()
+        except StoppedError:
+            return False
+        lives = cohort.lives()
+        arrays = {"events": lives.events[:, 2].astype(np.int32), "valid": lives.valid}
+        save_arrays(self.path, arrays, **self._identity)
+        return True
+
+    def shares(self) -> np.ndarray:
+        """Reads each robot's share of the test after training with the event, shape (B,).
+
+        A robot whose simulation became unstable counts as the worst.
+
+        Raises:
+          DamagedFileError: the file is damaged, or another job's.
+        """
+        robots = (self.experiment.cohort_size,)
+        arrays = own_arrays(
+            self.path, {"events": ("I32", robots), "valid": ("BOOL", robots)}, self._identity
+        )
+        schedule = self.experiment.schedule(self.condition.task)
+        worst = 0.0 if schedule.wanted else 1.0
+        shares = np.clip(arrays["events"] / schedule.steps_of("post"), 0, 1)
+        return np.where(arrays["valid"], shares, worst)
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        return {
+            "brain": dataclasses.asdict(self.experiment.brain),
+            "seed": self.experiment.seed,
+            "condition": str(self.condition),
+        }

@@ -1,0 +1,1 @@
+"""The study of readings of the paper (`musebot study reading`)."""

@@ -1,0 +1,88 @@
+"""Stage 1 of the study: the tests before training of newborns, a job for each cohort."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ....tasks import CONTROL_TIMESTEP
+from ...experiment.conditions import CohortKey, Condition
+from ...experiment.experiment import Experiment
+from ...simulation.cohort import Cohort
+from ...simulation.jobs import Report, Stop
+from ...storage import save_arrays
+from ..study import MinuteTick, StoppedError, own_arrays
+
+
+@dataclasses.dataclass(frozen=True)
+class NewbornJob:
+    """Simulates the tests before training of a cohort, and stores the time of the event.
+
+    Attributes:
+      folder: Folder of the file, an absolute path.
+      cell: Name of the experiment.
+      experiment: Experiment of the robots.
+      condition: Condition of the robots.
+    """
+
+    folder: Path
+    cell: str
+    experiment: Experiment
+    condition: Condition
+
+    def __str__(self) -> str:
+        return f"{self.cell}, {self.condition}"
+
+    @property
+    def path(self) -> Path:
+        """See `Job.path`."""
+        return self.folder / f"{self.cell}-{self.condition.proposer}.safetensors"
+
+    @property
+    def cost(self) -> float:
+        """See `Job.cost`."""
+        return self._steps * CONTROL_TIMESTEP * self.experiment.cohort_size
+
+    @property
+    def _steps(self) -> int:
+        return self.experiment.schedule(self.condition.task).steps_of("pre")
+
+    def done(self) -> bool:
+        """See `Job.done`."""
+        return self.path.exists()
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """See `Job.run`; tests that were stopped start from the beginning."""
+        cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
+        tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
+        try:
+            while cohort.step < self._steps:
+                cohort.advance(min(600, self._steps - cohort.step))
+                tick()
+        except StoppedError:
+            return False
+        steps = cohort.lives().events[:, 0]
+        save_arrays(self.path, {"steps": steps}, **self._identity)
+        return True
+
+    def unmet(self) -> float:
+        """Returns the share of robots without the event; NaN if the job is not done."""
+        if not self.done():
+            return math.nan
+        return float((self.steps() == 0).mean())
+
+    def steps(self) -> np.ndarray:
+        """Reads the steps with the event in each robot's test, shape (B,).
+
+        Raises:
+          DamagedFileError: the file is damaged, or another job's.
+        """
+        shapes = {"steps": ("I32", (self.experiment.cohort_size,))}
+        return own_arrays(self.path, shapes, self._identity)["steps"]
+
+    @property
+    def _identity(self) -> dict[str, str]:
+        return {"cell": self.cell, "proposer": self.condition.proposer}

@@ -1,0 +1,192 @@
+"""The study that evolves parameters: its space, its course, resuming, and its page."""
+
+import dataclasses
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from musebot.controller import BRAINS
+from musebot.protocols import cli
+from musebot.protocols.errors import DamagedFileError, InputError
+from musebot.protocols.simulation.local import Local
+from musebot.protocols.storage import load_arrays, save_arrays
+from musebot.protocols.studies.evolve.page import Evolution, Generation
+from musebot.protocols.studies.evolve.space import RANGES, brain_at, check_names, point_of
+from musebot.protocols.studies.evolve.study import FOLDER, Evolve
+from musebot.protocols.studies.study import conduct
+
+STEADY = BRAINS["steady"]
+TINY = Evolve(over=("learn_rate", "noise"), budget=9, generation=4, robots=3, time_scale=0.004)
+
+
+# ---- The space ----
+
+
+@given(st.sampled_from(sorted(RANGES)), st.floats(-1, 2))
+def test_every_coordinate_gives_a_value_in_the_range_that_parameters_allow(name, coordinate):
+    own = RANGES[name]
+    value = own.value(coordinate)
+    assert own.low <= value <= own.high * (1 + 1e-5)
+    brain = brain_at(np.array([coordinate]), [name], STEADY)  # raises ValueError where not allowed
+    assert getattr(brain, name) == value
+    assert isinstance(value, int) is own.whole
+
+
+@given(st.sampled_from(sorted(RANGES)), st.floats(0, 1))
+def test_a_coordinate_is_found_again_from_its_value(name, coordinate):
+    own = RANGES[name]
+    value = own.value(coordinate)
+    # Values are rounded as written; whole numbers to the next one.
+    again = own.value(own.coordinate(value))
+    assert again == pytest.approx(value, rel=1e-5, abs=1e-6)
+
+
+def test_a_log_range_is_cut_into_equal_factors():
+    assert RANGES["learn_rate"].value(0.5) == pytest.approx(1e-3)
+    assert RANGES["noise"].value(0.5) == pytest.approx(1.0)
+
+
+def test_only_the_searched_parameters_of_a_brain_change():
+    names = ("noise", "epsilon")
+    brain = brain_at(np.array([0.25, 0.5]), names, STEADY)
+    changed = {
+        field.name
+        for field in dataclasses.fields(brain)
+        if getattr(brain, field.name) != getattr(STEADY, field.name)
+    }
+    assert changed == {*names}
+    np.testing.assert_allclose(point_of(brain, names), [0.25, 0.5], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        ((), "over needs at least one of"),
+        (("lern_rate",), "there is no parameter 'lern_rate' to search; did you mean learn_rate"),
+        (("noise", "noise"), "the parameters must differ"),
+        (("td_error_limit",), "the brain has no td_error_limit: give it a value first"),
+    ],
+)
+def test_a_parameter_that_cannot_be_searched_is_refused(names, sentence):
+    with pytest.raises(InputError, match=sentence):
+        check_names(names, STEADY)
+
+
+# ---- The course ----
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("evolve") / "out"
+    return out, conduct(TINY, out, Local(1))
+
+
+def test_each_generation_has_new_seeds_and_its_brains_share_them(finished):
+    out, _ = finished
+    notes = [load_arrays(path)[1] for path in sorted((out / FOLDER).glob("0*.safetensors"))]
+    assert [note["seed"] for note in notes] == [1] * 4 + [2] * 4
+    finals = [load_arrays(path)[1] for path in sorted((out / FOLDER).glob("final*"))]
+    assert sorted({note["seed"] for note in finals}) == [3, 4, 5, 6]
+    brains = {str(note["brain"]) for note in notes}
+    assert len(brains) == 8  # all differ
+
+
+def test_the_winner_is_the_mean_of_the_search_and_lives_on_fresh_seeds(finished):
+    out, page = finished
+    evolution = TINY.evolution(out)
+    assert len(evolution.generations) == 2
+    assert evolution.start is not None and len(evolution.start) == 4 * TINY.robots
+    brain = brain_at(evolution.generations[-1].mean, TINY.over, STEADY)
+    (note,) = {str(load_arrays(p)[1]["brain"]) for p in (out / FOLDER).glob("final*winner*")}
+    assert f"'noise': {brain.noise}" in note
+    assert "| winner | 12 |" in page.markdown
+    assert "Difference " in page.markdown
+
+
+def test_a_search_that_was_stopped_makes_the_same_brains(finished, tmp_path):
+    out, page = finished
+    kept = {path.name: path.read_bytes() for path in (out / FOLDER).iterdir()}
+    conduct(dataclasses.replace(TINY, budget=4), tmp_path / "two", Local(1))
+    again = conduct(TINY, tmp_path / "two", Local(1))
+    two = {path.name: path.read_bytes() for path in (tmp_path / "two" / FOLDER).iterdir()}
+    assert kept.items() <= two.items()  # also the finals of the smaller budget
+    assert again.markdown == page.markdown
+
+
+def test_a_file_of_another_brain_is_named_and_refused(finished, tmp_path):
+    out, _ = finished
+    path = out / FOLDER / "000-01.safetensors"
+    content = path.read_bytes()
+    arrays, notes = load_arrays(path)
+    save_arrays(path, arrays, **notes | {"seed": 99})
+    with pytest.raises(DamagedFileError, match="000-01.safetensors is another's: its seed is 99"):
+        TINY.check(out)
+    path.write_bytes(content)
+    TINY.check(out)
+
+
+def test_an_unstable_robot_counts_as_the_worst(finished):
+    out, _ = finished
+    for task, worst in (("spot_finding", 0.0), ("wall_avoidance", 1.0)):
+        study = dataclasses.replace(TINY, task=task)
+        _, (job, *_) = study._generation(study._search(), 0, out / task)
+        job.path.parent.mkdir(parents=True)
+        arrays = {"events": np.full(3, 1, np.int32), "valid": np.array([True, False, True])}
+        save_arrays(job.path, arrays, **job._identity)
+        assert job.shares()[1] == worst
+        assert 0 < job.shares()[0] < 1
+
+
+def test_the_search_finds_the_top_of_a_hill():
+    """The study's search with a fitness that is known: highest at (0.8, 0.3)."""
+    study = dataclasses.replace(TINY, generation=8)
+    search = study._search()
+    for _ in range(30):
+        points = [search.ask() for _ in range(8)]
+        search.tell([(x, float(((x - [0.8, 0.3]) ** 2).sum())) for x in points])
+    np.testing.assert_allclose(search.mean, [0.8, 0.3], atol=0.02)
+
+
+def test_the_weight_of_a_parameter_is_its_correlation_within_generations():
+    random = np.random.default_rng(1)
+    generations = []
+    for number in range(6):
+        points = random.uniform(size=(10, 2))
+        generations.append(Generation(points, points[:, 0] + 5 * number, points.mean(axis=0)))
+    weights = Evolution(("noise", "epsilon"), generations).weights()
+    assert weights[0][1] > 0.9 and weights[0][2] < 1e-6
+    assert abs(weights[1][1]) < 0.4
+    assert Evolution(("noise", "epsilon"), generations[:1]).weights() == []
+
+
+# ---- Options ----
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--budget", "0"], "budget must be at least 1"),
+        (["--budget", "5"], "the budget must be at least one generation of 10 brains, got 5"),
+        (["--generation", "1"], "a generation needs at least 4 brains, got 1"),
+        (["--over", "nois"], "did you mean noise"),
+        (["--set", "noise=-1"], "noise must lie in"),
+        (["--brain", "divine"], "the brain must be one of"),
+        (["--task", "wall_avoidance", "--protocol", "walls"], "the task must be one of"),
+        (["--protocol", "night"], "the protocol must be one of"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(words, sentence, tmp_path, capsys):
+    assert cli.main(["study", "evolve", str(tmp_path / "out"), *words]) == 2
+    complaint = capsys.readouterr().err
+    assert sentence in complaint and complaint.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_cmaes_the_sentence_says_how_to_get_it(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "cmaes", None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'musebot\[evolve\]'"):
+        TINY.experiments()
