@@ -40,7 +40,7 @@ class KinematicBatch(Robots):
         """
         super().__init__(robots, rules, kinematics.applied_to(dimensions), nsensordata)
         self._kinematics = kinematics
-        self._gains = np.array(self.dimensions.gains)
+        self._gains = np.array(self.dimensions.gains, dtype=np.float32)
         self._poses = np.zeros((robots, 3))
         self._spots = np.zeros((robots, 2))
         self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, Kinematics, arena_spec
+from musebot.models.kinematic import follow_motors
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.simulation.cohort import Cohort
@@ -166,6 +167,19 @@ def test_a_lag_costs_its_time_constant_times_the_speed(lag, motor, pieces):
     speed = 2 * SIZE.motor_speed * motor
     assert batch.pose[0, 0] == pytest.approx(speed * (0.1 - lag * (1 - rest)), abs=1e-9)
     np.testing.assert_allclose(batch.arrays()["wheels"], motor * (1 - rest), atol=1e-12)
+
+
+def test_the_gains_do_not_change_the_precision_of_the_motors(monkeypatch):
+    # Results depend on it to the byte: the wheels' lag is computed in the commands' precision.
+    commands = []
+
+    def spy(wheels, motors, seconds, lag):
+        commands.append(motors)
+        return follow_motors(wheels, motors, seconds, lag)
+
+    monkeypatch.setattr("musebot.tasks.kinematic.follow_motors", spy)
+    make_kinematic_batch("wall_avoidance", 2, Kinematics()).step(np.full((2, 2), 0.1, np.float32))
+    assert {motors.dtype for motors in commands} == {np.dtype(np.float32)}
 
 
 def test_a_lag_of_0_08_s_is_that_of_the_mujoco_body():
