@@ -9,7 +9,7 @@ from types import MappingProxyType
 import torch
 from torch import Tensor
 
-from .creative_memory import CreativeMemory, Lesson, selected_action
+from .creative_memory import Lesson, Memory, selected_action
 from .evaluation_network import EvaluationNetwork, Target, TDTarget, on_policy, td_error
 from .exploration import EpsilonGreedy, Exploration
 from .extensions.adam import Adam
@@ -18,14 +18,14 @@ from .extensions.decay import Decay
 from .extensions.encoding import InputEncoding, RawReward
 from .extensions.exploration import PersistentExploration
 from .extensions.memory_targets import best_action
-from .extensions.random_ideas import WithRandomIdeas
 from .extensions.rewards import AdvantageLearning, RememberedReward, RewardDifference
 from .extensions.step import DetailedStep
 from .extensions.stopping import StoppingExploration, StoppingRule, StoppingTarget
 from .extensions.td_error import LimitedTDError
+from .novelty.assembly import make_creative, make_memory
 from .optimizers import SGD
 from .parameters import Parameters
-from .proposers import PROPOSERS, ActionProposer, CreativeActions, FixedActions, RandomActions
+from .proposers import PROPOSERS, ActionProposer, FixedActions, RandomActions
 from .senses import DirectEncoding, Encoding, Senses
 from .step import Step
 
@@ -114,8 +114,9 @@ class Parts:
       evaluation: Evaluation network.
       step: Class of the steps that a brain remembers until it has learned from them.
       target: Function that computes the target of the value in Eq. 1.
-      memory: Creative memory; None for the fixed and random proposers.
-      lesson: Function that returns the memory's target action and learn rates.
+      memory: Creative memory; None if no proposed action comes from one.
+      lesson: Function that returns the memory's target action and learn rates; None for a memory
+        that does not learn.
       proposer: Action proposer.
       exploration: Source of the exploratory actions during training.
       epsilon: Probability of an exploratory action, as a function of the number of training steps.
@@ -127,8 +128,8 @@ class Parts:
     evaluation: EvaluationNetwork
     step: type[Step]
     target: Target
-    memory: CreativeMemory | None
-    lesson: Lesson
+    memory: Memory | None
+    lesson: Lesson | None
     proposer: ActionProposer
     exploration: Exploration
     epsilon: Decaying
@@ -183,15 +184,19 @@ def assemble(
     if proposer == "creative":
         # Adam normalises the step size and would discard the magnitude of the TD error.
         follower = optimizer if p.memory_target == "best" else SGD
-        memory = CreativeMemory(p, robots, inputs, generator, follower)
+        memory = make_memory(p, robots, inputs, generator, follower)
+
+    def values(state: Tensor, actions: Tensor) -> Tensor:
+        return evaluation.values(state, encoding.motors(actions))
+
     return Parts(
         encoding=encoding,
         evaluation=evaluation,
         step=DetailedStep if _learns_from_details(p) else Step,
         target=target,
         memory=memory,
-        lesson=best_action if p.memory_target == "best" else selected_action,
-        proposer=_proposer(p, proposer, memory, generator),
+        lesson=_lesson(p),
+        proposer=_proposer(p, proposer, memory, values, generator),
         exploration=exploration,
         epsilon=_schedule(p.initial_epsilon, p.epsilon, p.epsilon_decay_steps),
         learn_rate=_schedule(p.initial_learn_rate, p.learn_rate, p.learn_rate_decay_steps),
@@ -221,15 +226,28 @@ def _target(p: Parameters) -> Target:
     return target
 
 
+def _lesson(p: Parameters) -> Lesson | None:
+    best = p.memory_target == "best"
+    # A memory whose own copies are the only candidates would learn from rounding errors, which Adam
+    # turns into steps of full size.
+    repeats_itself = best and p.novelty == "none" and not p.random_ideas
+    if repeats_itself or not p.memory_learns:
+        return None
+    return best_action if best else selected_action
+
+
 def _proposer(
-    p: Parameters, name: str, memory: CreativeMemory | None, generator: torch.Generator
+    p: Parameters,
+    name: str,
+    memory: Memory | None,
+    values: Callable[[Tensor, Tensor], Tensor],
+    generator: torch.Generator,
 ) -> ActionProposer:
-    if memory is not None:
-        ideas = CreativeActions(memory, p.ideas - p.random_ideas)
-        if p.random_ideas:
-            return WithRandomIdeas(ideas, RandomActions(p.random_ideas, generator))
-        return ideas
-    return FixedActions(p.fixed_motors) if name == "fixed" else RandomActions(p.ideas, generator)
+    if name == "fixed":
+        return FixedActions(p.fixed_motors)
+    if name == "random":
+        return RandomActions(p.ideas, generator)
+    return make_creative(p, memory, values, generator)
 
 
 def _schedule(initial: float | None, final: float, steps: float) -> Decaying:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from .networks import ACTIVATIONS, Networks
 from .noise import HeldNoisePatterns, NoisePatterns
+from .novelty.success_rule import SuccessRule
 from .optimizers import SGD, Optimizer
 from .parameters import Parameters
 from .step import Step
@@ -34,6 +36,38 @@ def selected_action(
     return before.action, error, 1.0
 
 
+class Memory(Protocol):
+    """Networks that propose actions, and learn which actions to propose.
+
+    Attributes:
+      networks: The networks, one for each of B robots.
+      optimizer: Optimizer of the networks.
+    """
+
+    networks: Networks
+    optimizer: Optimizer
+
+    def ideas(self, state: Tensor, count: int) -> Tensor:
+        """Returns A ideas, motor values of shape (B, A, 2), for network inputs, shape (B, I)."""
+        ...
+
+    def recall(self, state: Tensor) -> Tensor:
+        """Returns the main idea, motor values of shape (B, 2), for network inputs, shape (B, I)."""
+        ...
+
+    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: float = 1.0) -> None:
+        """Learns an action, shape (B, 2), with each robot's learn rate, shape (B,)."""
+        ...
+
+    def weights(self) -> Mapping[str, Tensor]:
+        """Returns the tensors that decide what is proposed, by name; not copies."""
+        ...
+
+    def tensors(self) -> Mapping[str, Tensor]:
+        """Returns further tensors kept from step to step, for a checkpoint."""
+        ...
+
+
 class CreativeMemory:
     """Networks that map a state to two logistic outputs, the motor values (section 3).
 
@@ -41,6 +75,7 @@ class CreativeMemory:
       networks: The networks, one for each of B robots.
       optimizer: Optimizer of the networks.
       patterns: Draws the noise patterns; each idea gets one pattern.
+      rule: Rule that adapts the noise; None if it is constant.
     """
 
     def __init__(
@@ -75,6 +110,8 @@ class CreativeMemory:
         if parameters.noise_steps != 1:
             count = robots * (parameters.ideas - parameters.random_ideas)
             self.patterns = HeldNoisePatterns(self.patterns, count, parameters.noise_steps)
+        rate = parameters.noise_adaptation
+        self.rule = SuccessRule(robots, rate) if rate else None
 
     def ideas(self, state: Tensor, count: int) -> Tensor:
         """Returns ideas: actions of the memory, each with its own noise in the connections.
@@ -91,6 +128,8 @@ class CreativeMemory:
         patterns = self.patterns.draw(robots * count).view(robots, count, -1)
         if self._parameters.keep_main_idea:
             patterns[:, 0] = 0
+        if self.rule is not None:
+            patterns *= self.rule.scale[..., None]
         noise = patterns.split(self._sizes, dim=-1)
         net = self.networks
 
@@ -135,3 +174,12 @@ class CreativeMemory:
         outputs = sums.sigmoid()
         steps = rates[:, None] * (action + 0.5 - outputs) * outputs * (1 - outputs)
         self.optimizer.ascend(state, hidden, steps, rate, rates)
+
+    def weights(self) -> Mapping[str, Tensor]:
+        """Returns weights, biases and the adapted noise, not copies, by name."""
+        adapted = {} if self.rule is None else {"noise_scale": self.rule.scale}
+        return self.networks.tensors() | adapted
+
+    def tensors(self) -> Mapping[str, Tensor]:
+        """Returns the noise patterns that are kept, for a checkpoint."""
+        return self.patterns.tensors()

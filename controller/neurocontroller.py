@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
 from .brains import assemble
+from .creative_memory import CreativeMemory
 from .networks import load_into
 from .parameters import Parameters
 from .senses import Senses
@@ -23,7 +26,7 @@ class Neurocontroller:
 
     Attributes:
       evaluation: Evaluation network, which computes the values of actions.
-      memory: Creative memory, which proposes actions; None for the fixed and random proposers.
+      memory: Creative memory, which proposes actions; None if no proposed action comes from one.
     """
 
     def __init__(
@@ -61,6 +64,8 @@ class Neurocontroller:
         self._epsilon = parts.epsilon
         self._test_epsilon = parameters.test_epsilon
         self._learn_rate = parts.learn_rate
+        self._rule = parts.memory.rule if isinstance(parts.memory, CreativeMemory) else None
+        self._own_ideas = parameters.ideas - parameters.random_ideas
         self._age = torch.tensor(0)  # steps of training
         self._before, self._now = (parts.step(robots, self._encoding.inputs) for _ in range(2))
 
@@ -81,6 +86,8 @@ class Neurocontroller:
             epsilon = self._epsilon(self._age) if explore else self._test_epsilon
             actions, exploratory = self._exploration.draw(ideas, epsilon)
         values = self._values(inputs, actions)
+        if explore and self._rule is not None:
+            self._rule.update(values[:, : self._own_ideas])
         best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
         if exploratory is not None:
             selected = torch.where(exploratory < 0, best, exploratory)
@@ -101,7 +108,7 @@ class Neurocontroller:
         target, learning = self._target(reward, before, self._now)
         action = self._encoding.motors(before.action)
         error = self.evaluation.learn(before.state, action, target, learning, rate)
-        if self.memory is not None:
+        if self.memory is not None and self._lesson is not None:
             self.memory.learn(before.state, *self._lesson(before, error, learning, rate))
         self._age += 1
         return error
@@ -135,10 +142,13 @@ class Neurocontroller:
         return self.evaluation.values(inputs, self._encoding.motors(actions))
 
     def networks(self) -> dict[str, Tensor]:
-        """Returns all weights and biases, "evaluation.hidden_weights" etc., shapes (B, ...)."""
+        """Returns all weights and biases, "evaluation.hidden_weights" etc., shapes (B, ...).
+
+        A noise that is adapted is among them, as "memory.noise_scale".
+        """
         tensors = _prefixed("evaluation", self.evaluation.networks.tensors())
         if self.memory is not None:
-            tensors |= _prefixed("memory", self.memory.networks.tensors())
+            tensors |= _prefixed("memory", self.memory.weights())
         return tensors
 
     def load_networks(self, tensors: dict[str, Tensor]) -> None:
@@ -180,7 +190,7 @@ class Neurocontroller:
         state |= _prefixed("exploration", self._exploration.tensors())
         if self.memory is not None:
             state |= _prefixed("memory.optimizer", self.memory.optimizer.tensors())
-            state |= _prefixed("noise", self.memory.patterns.tensors())
+            state |= _prefixed("noise", self.memory.tensors())
         return state
 
     def _state_by_value(self) -> dict[str, Tensor]:
@@ -188,5 +198,5 @@ class Neurocontroller:
         return {"generator": self._generator.get_state()} | _prefixed("now", self._now.tensors())
 
 
-def _prefixed(owner: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+def _prefixed(owner: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     return {f"{owner}.{name}": tensor for name, tensor in tensors.items()}

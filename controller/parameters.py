@@ -11,6 +11,7 @@ RewardForm = Literal["signal", "difference"]
 Bootstrap = Literal["on_policy", "max"]
 OptimizerName = Literal["sgd", "adam"]
 MemoryTarget = Literal["selected", "best"]
+Novelty = Literal["connections", "none", "action", "uniform", "sobol", "cross_entropy", "learned"]
 
 # Far beyond what can be of use: a number above it is a slip, and would hang or overflow.
 _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
@@ -147,6 +148,15 @@ class Parameters:
       learn_rate_decay_steps: Time constant of the decay of the learn rate, in steps of training.
       stopping_steps: Number of training steps in a row at maximal smell after which a robot's
         training stops, "if training would be abandoned" (section 4); 0 for never.
+      novelty: How the creative proposer's ideas differ from the memory's main idea: by noise in its
+        "connections" (section 3); by "none", as copies of it; by Gaussian noise on the "action", of
+        the covariance that noise in the connections would give; or ideas that do not come from it:
+        "uniform" draws, points of a "sobol" sequence, two rounds of the "cross_entropy" method, or
+        draws from a "learned" distribution in place of the memory. `keep_main_idea` puts the main
+        idea before them; `random_share` replaces a share of them.
+      memory_learns: Whether the memory learns; if not, it stays as it was drawn.
+      noise_adaptation: Rate per step at which the one-fifth success rule adapts the noise during
+        training, from `noise`; 0 for constant noise.
     """
 
     evaluation_hidden: int = whole(7, 1, _MOST_NEURONS)
@@ -183,24 +193,62 @@ class Parameters:
     initial_learn_rate: float | None = number(None, 0, _LARGEST)
     learn_rate_decay_steps: float = number(62400.0, 0, _LONGEST, "(]")
     stopping_steps: int = whole(0, 0, _MOST_STEPS)
+    novelty: Novelty = choice("connections", Novelty)
+    memory_learns: bool = flag(True)
+    noise_adaptation: float = number(0.0, 0, 1)
 
     def __post_init__(self) -> None:
         """Checks every field.
 
         Raises:
           ValueError: A field is out of its range, for example
-            "epsilon must lie in [0, 1], got 2".
+            "epsilon must lie in [0, 1], got 2", or fields exclude each other.
         """
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not field.metadata["allows"](value):
                 must = field.metadata["must"]
                 raise ValueError(f"{field.name} must {must}, got {shown(value)}")
+        self._check_proposals()
+        if self.noise_adaptation:
+            self._check_adaptation()
+
+    def _check_proposals(self) -> None:
+        """Raises ValueError where fields that decide the proposed actions exclude each other."""
+        if not self.memory_learns and not self.needs_memory:
+            raise ValueError(
+                f"memory_learns false needs a memory, which novelty {self.novelty!r} has only with "
+                "keep_main_idea"
+            )
+        if self.novelty == "learned" and self.memory_target != "best":
+            raise ValueError(
+                f"novelty 'learned' needs memory_target 'best', got {self.memory_target!r}"
+            )
+        if self.novelty == "action" and self.noise_steps != 1:
+            raise ValueError(f"novelty 'action' needs noise_steps 1, got {self.noise_steps}")
+
+    def _check_adaptation(self) -> None:
+        """Raises ValueError where the noise cannot be adapted."""
+        if self.novelty != "connections":
+            raise ValueError(f"noise_adaptation needs novelty 'connections', got {self.novelty!r}")
+        if not self.keep_main_idea:
+            raise ValueError("noise_adaptation needs keep_main_idea, to compare the ideas with it")
+        if not self.noise:
+            raise ValueError("noise_adaptation needs a noise above 0, got 0")
+        if self.ideas - self.random_ideas < 2:
+            raise ValueError("noise_adaptation needs at least 2 ideas of the memory, got 1")
+        if self.stopping_steps:
+            raise ValueError("noise_adaptation and stopping_steps exclude each other")
 
     @property
     def random_ideas(self) -> int:
         """Number of the creative proposer's ideas that are uniformly random."""
         return min(round(self.random_share * self.ideas), self.ideas - 1)
+
+    @property
+    def needs_memory(self) -> bool:
+        """Whether the creative proposer needs a memory."""
+        return self.keep_main_idea or self.novelty not in ("uniform", "sobol", "cross_entropy")
 
     @property
     def needs_senses(self) -> bool:

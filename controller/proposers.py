@@ -8,7 +8,7 @@ from typing import Literal, Protocol, get_args
 import torch
 from torch import Tensor
 
-from .creative_memory import CreativeMemory
+from .creative_memory import Memory
 
 Proposer = Literal["fixed", "random", "creative"]
 PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
@@ -54,7 +54,7 @@ class RandomActions:
 class CreativeActions:
     """Proposes the ideas of a creative memory."""
 
-    def __init__(self, memory: CreativeMemory, count: int) -> None:
+    def __init__(self, memory: Memory, count: int) -> None:
         """Takes the memory, and the number of ideas per robot."""
         self._memory = memory
         self._count = count

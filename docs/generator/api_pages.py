@@ -17,6 +17,7 @@ GROUPS = (
     ("models", "Models", "musebot.models"),
     ("controller", "The paper's brain", "musebot.controller"),
     ("extensions", "Beyond the paper's brain", "musebot.controller.extensions"),
+    ("novelty", "Other ways to propose actions", "musebot.controller.novelty"),
     ("experiment", "Experiments", "musebot.protocols.experiment"),
     ("agents", "Agents", "musebot.protocols.agents"),
     ("results", "Results of a run", "musebot.protocols.results"),

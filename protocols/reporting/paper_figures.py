@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from matplotlib.patheffects import withStroke
 
-from ...controller import Neurocontroller, Parameters
+from ...controller import CreativeMemory, Neurocontroller, Parameters
 from ...controller.networks import Networks
 from ...models import robot_qpos
 from ...tasks.rules import RANGEFINDERS
@@ -42,7 +42,7 @@ def architecture(task: str) -> Figure:
     parameters = Parameters()
     controller = Neurocontroller(parameters, "creative", 1, len(sensors), _SEED, senses)
     memory, evaluation = controller.memory, controller.evaluation.networks
-    assert memory is not None
+    assert isinstance(memory, CreativeMemory)
     pattern = memory.patterns.draw(1)[0].numpy()
     state = torch.tensor([[signal.low / 2 + signal.high / 2 for signal in senses.state]])
     ideas = controller.propose(state)[0].numpy()

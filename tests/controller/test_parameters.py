@@ -20,6 +20,9 @@ def test_the_defaults_are_the_papers_parameters():
         "noise": 0.76,  # sigma
         "noisy_share": 0.25,  # "noise in a quarter of all connections"
         "noise_steps": 1,
+        "novelty": "connections",
+        "memory_learns": True,
+        "noise_adaptation": 0.0,
         "noise_on_biases": False,
         "keep_main_idea": False,
         "initial_range": 1.0,  # "from the interval [-1.0, 1.0]"

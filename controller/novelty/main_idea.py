@@ -1,0 +1,44 @@
+"""The memory's main idea among the proposed actions: once before others, or in every place."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..creative_memory import Memory
+from ..proposers import ActionProposer
+
+
+class MainIdeaCopies:
+    """Proposes the memory's main idea, the action without noise, in every place.
+
+    The copies are evaluated as other ideas are, so the cost is equal. They are one candidate for
+    the maximum: the max target bootstraps from the value of the main idea, as in an actor-critic
+    method, unless random actions follow.
+    """
+
+    def __init__(self, memory: Memory, count: int) -> None:
+        """Takes the memory, and the number of copies per robot."""
+        self._memory = memory
+        self._count = count
+
+    def propose(self, state: Tensor) -> Tensor:
+        """See `ActionProposer.propose`."""
+        return self._memory.recall(state)[:, None].repeat(1, self._count, 1)
+
+
+class WithMainIdea:
+    """Proposes the memory's main idea, followed by the actions of another proposer.
+
+    The maximum is over as many distinct actions as there are places.
+    """
+
+    def __init__(self, memory: Memory, others: ActionProposer) -> None:
+        """Takes the memory, and the proposer of the other actions."""
+        self._memory = memory
+        self._others = others
+
+    def propose(self, state: Tensor) -> Tensor:
+        """See `ActionProposer.propose`."""
+        main = self._memory.recall(state)[:, None]
+        return torch.cat([main, self._others.propose(state)], dim=1)
