@@ -1,9 +1,11 @@
 """The study of ways to propose actions: cells, runs, seats, contrasts and decisions."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.text import Annotation
 from scipy import stats
 
 from musebot.protocols import cli
@@ -193,7 +195,7 @@ def test_a_linear_contrast_of_two_groups_is_welchs_test():
     random = np.random.default_rng(3)
     first, second = random.normal(0.1, 1, 30), random.normal(0, 2, 50)
     value, interval, p = linear_contrast([first, second], [1, -1])
-    oracle = stats.ttest_ind(first, second, equal_var=False)
+    oracle: Any = stats.ttest_ind(first, second, equal_var=False)
     assert value == pytest.approx(first.mean() - second.mean())
     assert p == pytest.approx(oracle.pvalue)
     assert interval == pytest.approx(tuple(oracle.confidence_interval(0.95)))
@@ -260,5 +262,5 @@ def test_the_figure_names_every_way_once_in_each_panel():
     words = [[text.get_text() for text in axis.texts] for axis in axes]
     assert sorted(words[0]) == sorted(set(WAYS) - {"success-rule", "untrained-copies"})
     assert len(words[1]) == len({*words[1]}) == 6
-    heights = sorted(text.get_position()[1] for text in axes[0].texts)
+    heights = sorted(t.xy[1] for t in axes[0].texts if isinstance(t, Annotation))
     assert np.diff(heights).min() > 0.04
