@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from .intervals import FEWEST
+from .intervals import FEWEST, LEVEL, UNKNOWN, Interval
 
 _NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values may not be 0
 _SEED = 1  # equal data give bit-exact equal p-values
@@ -229,6 +230,37 @@ def same_statistic(
             rng=np.random.default_rng(_SEED),
         )
     return float(found.pvalue)
+
+
+def linear_contrast(
+    groups: Sequence[np.ndarray], weights: Sequence[float]
+) -> tuple[float, Interval, float]:
+    """Returns a weighted sum of the groups' means, its 95 % interval, and its p-value.
+
+    Standard error and degrees of freedom are Welch's and Satterthwaite's (Biometrics Bulletin 2,
+    1946): the groups are independent and may have different variances.
+
+    Args:
+      groups: Values of each group, none of them NaN.
+      weights: Weight of each group's mean.
+
+    Returns:
+      The sum, its interval, and the two-sided p-value under the null hypothesis that the sum of the
+      true means is 0. Interval and p-value are unknown where a group has fewer than `FEWEST` values
+      or no group scatters.
+    """
+    if any(len(group) < 1 for group in groups):
+        return float("nan"), UNKNOWN, float("nan")
+    value = sum(w * float(group.mean()) for w, group in zip(weights, groups, strict=True))
+    if any(len(group) < FEWEST for group in groups):
+        return value, UNKNOWN, float("nan")
+    sizes = np.array([len(group) for group in groups])
+    parts = np.array(weights) ** 2 * [group.var(ddof=1) for group in groups] / sizes
+    if not (error := math.sqrt(parts.sum())) > _NO_SCATTER:
+        return value, UNKNOWN, float("nan")
+    freedom = parts.sum() ** 2 / (parts**2 / (sizes - 1)).sum()
+    low, high = stats.t.interval(LEVEL, freedom, loc=value, scale=error)
+    return value, (float(low), float(high)), float(2 * stats.t.sf(abs(value) / error, freedom))
 
 
 def holm(p_values: np.ndarray) -> np.ndarray:

@@ -203,6 +203,36 @@ def read_results(directory: Path) -> Results:
     }
 
 
+def read_rows(directory: Path) -> Run:
+    """Reads a run's robots.csv alone, for runs that are kept without curves and brains.
+
+    The curves of the run have no minutes, and there are no networks.
+
+    Raises:
+      InputError: the folder holds no such run, or what it holds is damaged.
+    """
+    if not (directory / MANIFEST).is_file():
+        raise InputError(f"{directory} holds no experiment of musebot's")
+    plan, path = read_manifest(directory), directory / ROBOTS_FILE
+    rows = read_robots(path, plan) if os.path.lexists(path) else {}
+    states = recorded_files(directory)
+    if rows and states and digest_of_file(path) not in {own.get(ROBOTS_FILE) for own in states}:
+        raise DamagedFileError(_changed(path))
+    none: Mapping[When, NetworkArrays] = {when: {} for when in WHEN}
+    results = {
+        condition: ConditionResults(rows[condition], np.empty((len(rows[condition]), 0)), none)
+        for condition in sorted(rows)
+    }
+    return Run(resolved(directory).name, plan.experiment, results)
+
+
+def _changed(path: Path) -> str:
+    return (
+        f"{path} is not the file that musebot wrote for this run (its digest is not the one in "
+        f"{MANIFEST})"
+    )
+
+
 def _check_digests(directory: Path) -> None:
     """Raises DamagedFileError where a file is not one that was written for this run."""
     found = {name: digest_of_file(directory / name) for name in _IN_ORDER}
@@ -212,10 +242,7 @@ def _check_digests(directory: Path) -> None:
     for name in reversed(_IN_ORDER):  # a file is of the same state as robots.csv, or a later one
         known = [n for n, state in enumerate(states) if state.get(name) == found[name]]
         if not known:
-            raise DamagedFileError(
-                f"{directory / name} is not the file that musebot wrote for this run (its digest "
-                f"is not the one in {MANIFEST})"
-            )
+            raise DamagedFileError(_changed(directory / name))
         states = states[known[0] :]
 
 

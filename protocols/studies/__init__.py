@@ -34,6 +34,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Creativity",
             "Compare creative with random robots in runs that have both.",
         ),
+        "proposers": (
+            "proposers.study",
+            "Proposers",
+            "Compare ways to propose equally many actions to the same evaluation network.",
+        ),
         "evolve": (
             "evolve.study",
             "Evolve",

@@ -105,6 +105,10 @@ VERBS = {
             "--finalists": NUMBERS, "--time-scale": NUMBERS, **_WORKERS,
         },
     ),
+    "study proposers": (
+        ["OUT", "--part", "rule", "--robots", "2", "--time-scale", "0.002"],
+        {"--part": TEXTS, "--robots": NUMBERS, "--time-scale": NUMBERS, **_WORKERS},
+    ),
     "study evolve": (
         ["OUT", "--budget", "4", "--generation", "4", "--robots", "2", "--time-scale", "0.002"],
         {

@@ -1,0 +1,1 @@
+"""The study of ways to propose actions (docs/plans/proposers.md)."""

@@ -1,0 +1,204 @@
+"""What the study simulates: ways to propose actions, and the cells of its four parts."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Literal
+
+from ....models import Kinematics
+from ...experiment.conditions import PAPER_TASKS, Condition
+from ...experiment.experiment import Experiment
+from ...experiment.overrides import named_brain
+
+IDEAS = (3, 9, 25)
+OUTSIDE = 0.32  # share of random ideas, where there are any
+SPOT = ("spot_finding",)
+
+
+@dataclasses.dataclass(frozen=True)
+class Way:
+    """A way to propose actions.
+
+    Attributes:
+      says: Description in words.
+      values: Parameters of the brain that it sets.
+      proposer: Proposer of the condition.
+      counts: Whether the number of ideas matters where there are no outside ideas.
+      mixes: Whether outside ideas change anything.
+    """
+
+    says: str
+    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    proposer: Literal["creative", "random"] = "creative"
+    counts: bool = True
+    mixes: bool = True
+
+
+WAYS: Mapping[str, Way] = MappingProxyType(
+    {
+        "connections": Way("memory with noise in its connections"),
+        "with-main-idea": Way("the same, the first idea without noise", {"keep_main_idea": True}),
+        "main-idea-uniform": Way(
+            "the main idea, all others uniform",
+            {"keep_main_idea": True, "novelty": "uniform"},
+            mixes=False,
+        ),
+        "copies": Way("copies of the main idea", {"novelty": "none"}, counts=False),
+        "untrained": Way("memory as born, with noise", {"memory_learns": False}),
+        "action": Way("main idea with noise on the action", {"novelty": "action"}),
+        "uniform": Way("uniform random", {}, "random", mixes=False),
+        "sobol": Way("Sobol sequence", {"novelty": "sobol"}),
+        "cross-entropy": Way("cross-entropy method in two rounds", {"novelty": "cross_entropy"}),
+        "learned": Way("draws from a learned distribution", {"novelty": "learned"}),
+        "success-rule": Way(
+            "with-main-idea, noise adapted by the one-fifth rule",
+            {"keep_main_idea": True, "noise_adaptation": 0.01},
+        ),
+        "untrained-copies": Way(
+            "copies of the main idea of a memory as born",
+            {"novelty": "none", "memory_learns": False},
+        ),
+    }
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """A way with a number of ideas, without or with outside ideas.
+
+    Attributes:
+      way: Name of the way.
+      ideas: Number of proposed actions.
+      outside: Whether a share `OUTSIDE` of the ideas is random.
+    """
+
+    way: str
+    ideas: int
+    outside: bool = False
+
+    @property
+    def simulated(self) -> Cell:
+        """The cell whose robots stand for this one, where number or outside ideas do not matter."""
+        way = WAYS[self.way]
+        outside = self.outside and way.mixes
+        return Cell(self.way, self.ideas if way.counts or outside else max(IDEAS), outside)
+
+    @property
+    def name(self) -> str:
+        """Name of the cell and of its folder."""
+        return f"{self.way}-{self.ideas}-{'outside' if self.outside else 'own'}"
+
+    def experiment(self, start: Experiment) -> Experiment:
+        """Returns an experiment in which robots propose actions in this way."""
+        share = OUTSIDE if self.outside else 0.0
+        values = {"ideas": self.ideas, "random_share": share, **WAYS[self.way].values}
+        return dataclasses.replace(start, brain=dataclasses.replace(start.brain, **values))
+
+
+_ALL = tuple(name for name in WAYS if name not in ("success-rule", "untrained-copies"))
+_MIXED = (
+    "connections",
+    "with-main-idea",
+    "copies",
+    "untrained",
+    "success-rule",
+    "untrained-copies",
+)
+_BODY = MappingProxyType(
+    {"body": "kinematic", "kinematics": Kinematics(felt="pushed", wall="turns", lag=0.08)}
+)
+
+
+def _cells(ways: Iterable[str], ideas: Iterable[int], outside: bool) -> list[Cell]:
+    return _distinct(Cell(way, count, outside).simulated for count in ideas for way in ways)
+
+
+def _distinct(cells: Iterable[Cell]) -> list[Cell]:
+    return list(dict.fromkeys(cells))
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A part of the study, which has a folder of its own.
+
+    Attributes:
+      says: What it answers, in words.
+      robots: Number of robots in each cell, by the plan.
+      cohort: Largest number of robots simulated in lockstep.
+      seed: Seed of all cells.
+      cells: Simulated cells.
+      tasks: Tasks of the robots.
+      brain: Name of the brain.
+      fields: Further fields of the experiment.
+    """
+
+    says: str
+    robots: int
+    cohort: int
+    seed: int
+    cells: Sequence[Cell]
+    tasks: Sequence[str] = SPOT
+    brain: str = "steady"
+    fields: Mapping[str, Any] = dataclasses.field(default_factory=lambda: _BODY)
+
+    def start(self, cohort_size: int, time_scale: float) -> Experiment:
+        """Returns the experiment that the cells change."""
+        return Experiment(
+            seed=self.seed,
+            cohort_size=cohort_size,
+            time_scale=time_scale,
+            brain=named_brain(self.brain),
+            **self.fields,
+        )
+
+    def conditions(self, cell: Cell) -> list[Condition]:
+        """Returns the conditions of a cell's robots."""
+        return [Condition(task, WAYS[cell.way].proposer) for task in self.tasks]
+
+
+PartName = Literal["first", "rule", "mujoco", "paper"]
+PARTS: Mapping[PartName, Part] = MappingProxyType(
+    {
+        "first": Part(
+            "all ways",
+            125,
+            125,
+            31010,
+            _distinct(
+                cell
+                for count in (25, 3, 9)  # the most telling first
+                for cells in (_cells(_ALL, [count], False), _cells(_MIXED, [count], True))
+                for cell in cells
+            ),
+        ),
+        "rule": Part(
+            "the one-fifth rule against constant noise and no noise",
+            1000,
+            125,
+            31030,
+            _cells(("connections", "copies", "success-rule"), IDEAS, True),
+        ),
+        "mujoco": Part(
+            "six cells in MuJoCo",
+            200,
+            50,
+            31020,
+            [
+                *_cells(("connections", "copies", "untrained", "uniform"), [25], True),
+                *_cells(("connections", "uniform"), [3], True),
+            ],
+            fields={},
+        ),
+        "paper": Part(
+            "the paper's brain",
+            250,
+            250,
+            31040,
+            _cells(("connections", "copies", "untrained", "uniform"), [25], False),
+            PAPER_TASKS,
+            "paper",
+        ),
+    }
+)

@@ -1,0 +1,135 @@
+"""The study of ways to propose actions: its runs, and the seats of their brains."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from ...experiment.experiment import Experiment
+from ...experiment.manifest import MANIFEST
+from ...experiment.plan import Plan, default_cohort_size
+from ...results.run import Run
+from ...results.run_files import read_rows
+from ...simulation.jobs import CohortJob, Job
+from ...storage import resolved
+from ..study import Page, check_positive
+from ..variants import Variant, VariantStudy
+from . import page
+from .cells import PARTS, Part, PartName
+from .page import Outcome
+from .seats import FOLDER, SeatJob, seats
+
+
+@dataclasses.dataclass
+class Proposers(VariantStudy):
+    """Compare ways to propose equally many actions to the same evaluation network.
+
+    Each part has a folder of its own (docs/plans/proposers.md): `first` has all ways, `rule` the
+    one-fifth rule, `mujoco` six cells in MuJoCo, `paper` the paper's brain. The page shows the
+    cells that are finished, and needs only their robots.csv.
+    """
+
+    name: ClassVar[str] = "proposers"
+
+    part: PartName = "first"
+    """part of the study"""
+    robots: int = 0
+    """number of robots in each cell; 0 for the plan's number"""
+    time_scale: float = 1.0
+    """factor on every duration, in (0, 1]; below 1 for rehearsals"""
+
+    @property
+    def chosen(self) -> Part:
+        """The part of the study."""
+        return PARTS[self.part]
+
+    def baseline(self) -> Experiment:
+        """See `VariantStudy.baseline`."""
+        size = default_cohort_size(self._count, self.chosen.cohort)
+        return self.chosen.start(size, self.time_scale)
+
+    def variants(self) -> Sequence[Variant]:
+        """See `VariantStudy.variants`: a run for each cell."""
+        start = self.baseline()
+        return [
+            Variant(
+                cell.name,
+                cell.name,
+                {"brain": cell.experiment(start).brain},
+                tuple(self.chosen.tasks),
+                tuple({condition.proposer for condition in self.chosen.conditions(cell)}),
+            )
+            for cell in self.chosen.cells
+        ]
+
+    def plans(self) -> Mapping[str, Plan]:
+        """See `VariantStudy.plans`."""
+        check_positive(robots=self._count)
+        start = self.baseline()
+        return {
+            cell.name: Plan.of(cell.experiment(start), self.chosen.conditions(cell), self._count)
+            for cell in self.chosen.cells
+        }
+
+    def folders(self, out: Path) -> Sequence[Path]:
+        """See `Study.folders`."""
+        return [*super().folders(out), *([out / FOLDER] if self._seats(out) else [])]
+
+    def check(self, out: Path) -> None:
+        """See `VariantStudy.check`; the files of the seats are read, too."""
+        super().check(out)
+        for job in self._seats(out):
+            if job.done():
+                job.shares()
+
+    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
+        """See `Study.stages`: the cohorts of all runs, then the seats."""
+        plans = self.plans().items()
+        left = {name: plan for name, plan in plans if not _is_finished(out / name, plan)}
+        if left:
+            yield from self.runs(out, left)
+        yield self._seats(out)
+
+    def finished(self, job: Job) -> None:
+        """See `Study.finished`."""
+        if isinstance(job, CohortJob):
+            super().finished(job)
+
+    def page(self, out: Path) -> Page:
+        """See `Study.page`: what is finished."""
+        done = {n: out / n for n, plan in self.plans().items() if _is_finished(out / n, plan)}
+        return self.report({n: read_rows(folder) for n, folder in done.items()}, self._seats(out))
+
+    def report(self, runs: Mapping[str, Run], seats: Sequence[SeatJob] = ()) -> Page:
+        """Returns the page made from the finished runs and seats."""
+        found = [
+            Outcome.of(cell, runs[cell.name], condition)
+            for cell in self.chosen.cells
+            if cell.name in runs
+            for condition in self.chosen.conditions(cell)
+        ]
+        tested = {(job.trained, job.test): job.shares() for job in seats if job.done()}
+        return page.page(self.part, self.chosen, found, tested)
+
+    @property
+    def _count(self) -> int:
+        return self.robots or self.chosen.robots
+
+    def _seats(self, out: Path) -> list[SeatJob]:
+        if self.part != "first":
+            return []
+        start = self.baseline()
+        return [
+            SeatJob(resolved(out), start, trained, test)
+            for trained, test in seats(self.chosen.cells)
+        ]
+
+
+def _is_finished(folder: Path, plan: Plan) -> bool:
+    """Returns whether a folder's robots.csv has all robots of a plan."""
+    if not (folder / MANIFEST).is_file():
+        return False
+    run = read_rows(folder)
+    return all(len(run.robots(c)) >= count for c, count in plan.robots.items())
