@@ -14,6 +14,7 @@ from .evaluation_network import EvaluationNetwork, Target, TDTarget, on_policy, 
 from .exploration import EpsilonGreedy, Exploration
 from .extensions.adam import Adam
 from .extensions.bootstraps import ClippedBootstrap, max_value
+from .extensions.context import EchoContext
 from .extensions.decay import Decay
 from .extensions.encoding import InputEncoding, RawReward
 from .extensions.exploration import PersistentExploration
@@ -96,6 +97,7 @@ BRAINS: Mapping[str, Parameters] = MappingProxyType(
         "paper": Parameters(),
         "steady": STEADY,
         **{f"steady-{ingredient}": _without(ingredient) for ingredient in INGREDIENTS},
+        "recurrent": dataclasses.replace(STEADY, context_neurons=10),
         # Section 4: robots would do better if training ended in time, here after a minute.
         "paper-stopping": Parameters(stopping_steps=600),
     }
@@ -111,6 +113,7 @@ class Parts:
 
     Attributes:
       encoding: Encoding of signals and motor values as network inputs.
+      context: Recurrent context that is appended to the network inputs; None if there is none.
       evaluation: Evaluation network.
       step: Class of the steps that a brain remembers until it has learned from them.
       target: Function that computes the target of the value in Eq. 1.
@@ -125,6 +128,7 @@ class Parts:
     """
 
     encoding: Encoding
+    context: EchoContext | None
     evaluation: EvaluationNetwork
     step: type[Step]
     target: Target
@@ -178,7 +182,10 @@ def assemble(
             exploration = StoppingExploration(exploration, rule)
     optimizer = {"sgd": SGD, "adam": Adam}[p.optimizer]
     limited = td_error if p.td_error_limit is None else LimitedTDError(p.td_error_limit)
-    inputs = encoding.inputs
+    context = None
+    if p.context_neurons:
+        context = EchoContext(robots, encoding.inputs, p.context_neurons, generator)
+    inputs = encoding.inputs + p.context_neurons
     evaluation = EvaluationNetwork(p, robots, inputs, generator, optimizer, limited)
     memory = None
     if proposer == "creative":
@@ -191,6 +198,7 @@ def assemble(
 
     return Parts(
         encoding=encoding,
+        context=context,
         evaluation=evaluation,
         step=DetailedStep if _learns_from_details(p) else Step,
         target=target,

@@ -57,6 +57,7 @@ class Neurocontroller:
         self.evaluation = parts.evaluation
         self.memory = parts.memory
         self._encoding = parts.encoding
+        self._context = parts.context
         self._proposer = parts.proposer
         self._exploration = parts.exploration
         self._target = parts.target
@@ -67,7 +68,8 @@ class Neurocontroller:
         self._rule = parts.memory.rule if isinstance(parts.memory, CreativeMemory) else None
         self._own_ideas = parameters.ideas - parameters.random_ideas
         self._age = torch.tensor(0)  # steps of training
-        self._before, self._now = (parts.step(robots, self._encoding.inputs) for _ in range(2))
+        inputs = self._encoding.inputs + parameters.context_neurons
+        self._before, self._now = (parts.step(robots, inputs) for _ in range(2))
 
     def act(self, state: Tensor, explore: bool) -> Tensor:
         """Selects each robot's action, epsilon-greedily (section 2).
@@ -79,7 +81,7 @@ class Neurocontroller:
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
         """
-        inputs = self._encoding.state(state)
+        inputs = self._inputs(state)
         ideas = actions = self._proposer.propose(inputs)
         exploratory = None
         if explore or self._test_epsilon:
@@ -93,6 +95,8 @@ class Neurocontroller:
             selected = torch.where(exploratory < 0, best, exploratory)
         self._before, self._now = self._now, self._before
         self._now.record(inputs, actions, values, selected, best)
+        if self._context is not None:
+            self._context.advance(inputs[:, : self._encoding.inputs])
         return self._now.action.clone()
 
     def learn(self, reward: Tensor) -> Tensor:
@@ -127,7 +131,7 @@ class Neurocontroller:
         Args:
           state: Sensor signals, shape (B, S).
         """
-        return self._proposer.propose(self._encoding.state(state))
+        return self._proposer.propose(self._inputs(state))
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
         """Returns the values of actions, shape (B, A).
@@ -136,7 +140,11 @@ class Neurocontroller:
           state: Sensor signals, shape (B, S).
           actions: Motor values, shape (B, A, 2).
         """
-        return self._values(self._encoding.state(state), actions)
+        return self._values(self._inputs(state), actions)
+
+    def _inputs(self, state: Tensor) -> Tensor:
+        inputs = self._encoding.state(state)
+        return inputs if self._context is None else self._context.joined(inputs)
 
     def _values(self, inputs: Tensor, actions: Tensor) -> Tensor:
         return self.evaluation.values(inputs, self._encoding.motors(actions))
@@ -144,11 +152,14 @@ class Neurocontroller:
     def networks(self) -> dict[str, Tensor]:
         """Returns all weights and biases, "evaluation.hidden_weights" etc., shapes (B, ...).
 
-        A noise that is adapted is among them, as "memory.noise_scale".
+        A noise that is adapted is among them, as "memory.noise_scale", and so are the connections
+        of a recurrent context, as "context.recurrent_weights" and "context.input_weights".
         """
         tensors = _prefixed("evaluation", self.evaluation.networks.tensors())
         if self.memory is not None:
             tensors |= _prefixed("memory", self.memory.weights())
+        if self._context is not None:
+            tensors |= _prefixed("context", self._context.weights())
         return tensors
 
     def load_networks(self, tensors: dict[str, Tensor]) -> None:
@@ -191,6 +202,8 @@ class Neurocontroller:
         if self.memory is not None:
             state |= _prefixed("memory.optimizer", self.memory.optimizer.tensors())
             state |= _prefixed("noise", self.memory.tensors())
+        if self._context is not None:
+            state |= _prefixed("context", self._context.tensors())
         return state
 
     def _state_by_value(self) -> dict[str, Tensor]:

@@ -157,6 +157,8 @@ class Parameters:
       memory_learns: Whether the memory learns; if not, it stays as it was drawn.
       noise_adaptation: Rate per step at which the one-fifth success rule adapts the noise during
         training, from `noise`; 0 for constant noise.
+      context_neurons: Number of units of a recurrent context, an echo state network, that are
+        further inputs of both networks; 0 for none.
     """
 
     evaluation_hidden: int = whole(7, 1, _MOST_NEURONS)
@@ -196,6 +198,7 @@ class Parameters:
     novelty: Novelty = choice("connections", Novelty)
     memory_learns: bool = flag(True)
     noise_adaptation: float = number(0.0, 0, 1)
+    context_neurons: int = whole(0, 0, 100)
 
     def __post_init__(self) -> None:
         """Checks every field.

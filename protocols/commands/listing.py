@@ -22,6 +22,7 @@ _BRAINS = {
     "paper": "The paper's brain.",
     "paper-stopping": "The paper's brain; training ends after a minute in the spot.",
     "steady": "Two larger networks with other inputs and another learning rule.",
+    "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
 }
 _PROPOSERS = {
     "fixed": "Proposer of a brain: always the same actions.",

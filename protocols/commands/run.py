@@ -78,8 +78,11 @@ class RunCommand:
     """mujoco, or kinematic for an ideal differential drive without physics"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
     """parameters of the kinematic simulator, such as wall=slides felt=pushed lag=0.08"""
-    brain: Annotated[str | None, _kept("{paper,paper-stopping,steady,steady-X}", "paper")] = None
-    """paper-stopping: training ends after a minute in the spot; steady-X: steady without X"""
+    brain: Annotated[
+        str | None, _kept("{paper,paper-stopping,recurrent,steady,steady-X}", "paper")
+    ] = None
+    """paper-stopping: training ends after a minute in the spot; recurrent: steady with a recurrent
+    context; steady-X: steady without X"""
     set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
     """parameters of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
     motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None

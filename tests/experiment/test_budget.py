@@ -34,7 +34,7 @@ def test_the_estimate_is_right_within_a_factor_of_two(size, changes, measured):
 
 
 def test_what_is_usual_fits_a_small_machine(monkeypatch):
-    monkeypatch.setattr(budget, "machine_bytes", lambda: 1024 * MEGABYTE)
+    monkeypatch.setattr(budget, "machine_bytes", lambda: 1280 * MEGABYTE)
     for brain in BRAINS.values():
         budget.check_memory(Plan.of(Experiment(cohort_size=250, brain=brain), ALL, 10_000))
 

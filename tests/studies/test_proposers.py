@@ -22,7 +22,7 @@ from musebot.protocols.studies.proposers.answers import (
     rule,
 )
 from musebot.protocols.studies.proposers.cells import IDEAS, PARTS, WAYS, Cell
-from musebot.protocols.studies.proposers.page import draw
+from musebot.protocols.studies.proposers.page import Outcome, draw, page
 from musebot.protocols.studies.proposers.seats import FOLDER, seats
 from musebot.protocols.studies.proposers.study import Proposers
 from musebot.protocols.studies.study import conduct
@@ -257,10 +257,23 @@ def test_the_rule_must_not_be_worse_by_the_margin(loss, holds):
     assert rule({}) == []
 
 
+def test_a_context_that_finds_what_is_not_smelt_is_noticed():
+    random = np.random.default_rng(4)
+    cells = PARTS["context"].cells
+    assert [cell.way for cell in cells] == ["connections", "recurrent"]
+    shares = [random.uniform(0.5, 0.9, 100) for _ in cells]
+    shares[0][:20] = 0
+    found = [Outcome(cell, "spot_finding", own, 0) for cell, own in zip(cells, shares, strict=True)]
+    text = page("context", PARTS["context"], found, {}).markdown
+    row = next(line for line in text.splitlines() if line.startswith("| never in the spot"))
+    assert "20 of 100 | 0 of 100" in row and float(row.split("|")[-2]) < 0.001
+    assert "### Recurrent context" not in page("context", PARTS["context"], found[:1], {}).markdown
+
+
 def test_the_figure_names_every_way_once_in_each_panel():
     axes = draw(shares(lambda cell: 0.5)).axes
     words = [[text.get_text() for text in axis.texts] for axis in axes]
-    assert sorted(words[0]) == sorted(set(WAYS) - {"success-rule", "untrained-copies"})
+    assert sorted(words[0]) == sorted(set(WAYS) - {"success-rule", "untrained-copies", "recurrent"})
     assert len(words[1]) == len({*words[1]}) == 6
     heights = sorted(t.xy[1] for t in axes[0].texts if isinstance(t, Annotation))
     assert np.diff(heights).min() > 0.04

@@ -60,6 +60,10 @@ WAYS: Mapping[str, Way] = MappingProxyType(
             "copies of the main idea of a memory as born",
             {"novelty": "none", "memory_learns": False},
         ),
+        "recurrent": Way(
+            "connections, and a recurrent context as input of both networks",
+            {"context_neurons": 10},
+        ),
     }
 )
 
@@ -97,7 +101,7 @@ class Cell:
         return dataclasses.replace(start, brain=dataclasses.replace(start.brain, **values))
 
 
-_ALL = tuple(name for name in WAYS if name not in ("success-rule", "untrained-copies"))
+_ALL = tuple(name for name in WAYS if name not in ("success-rule", "untrained-copies", "recurrent"))
 _MIXED = (
     "connections",
     "with-main-idea",
@@ -158,7 +162,7 @@ class Part:
         return [Condition(task, WAYS[cell.way].proposer) for task in self.tasks]
 
 
-PartName = Literal["first", "rule", "mujoco", "paper"]
+PartName = Literal["first", "rule", "mujoco", "paper", "context"]
 PARTS: Mapping[PartName, Part] = MappingProxyType(
     {
         "first": Part(
@@ -199,6 +203,13 @@ PARTS: Mapping[PartName, Part] = MappingProxyType(
             _cells(("connections", "copies", "untrained", "uniform"), [25], False),
             PAPER_TASKS,
             "paper",
+        ),
+        "context": Part(
+            "a recurrent context",
+            250,
+            250,
+            31060,
+            _cells(("connections", "recurrent"), [25], True),
         ),
     }
 )

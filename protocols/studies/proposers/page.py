@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...analysis import intervals
+from ...analysis.hypothesis_tests import holm, same_share
 from ...experiment.conditions import Condition
 from ...experiment.schedules import SCHEDULES, TASK_NAMES
 from ...reporting import style
@@ -74,6 +75,8 @@ def page(name: PartName, part: Part, outcomes: Sequence[Outcome], seats: Seats) 
             figures = {"proposers": draw(spot)}
     if name == "rule":
         lines += _rule(spot)
+    if name == "context" and len(spot) == len(part.cells):
+        lines += _never(spot)
     return Page("\n".join(lines), figures)
 
 
@@ -173,6 +176,28 @@ def _rule(groups: Mapping[Cell, np.ndarray]) -> list[str]:
         "",
         f"One-sided Welch tests that the rule is not worse by more than {MARGIN}. The rule {said} "
         "at all numbers of ideas.",
+        "",
+    ]
+
+
+def _never(groups: Mapping[Cell, np.ndarray]) -> list[str]:
+    """Returns the table of both tests of the context, corrected together."""
+    (today, before), (recurrent, after) = groups.items()
+    never = [shares == 0 for shares in (before, after)]
+    time = compared(groups)[recurrent].p  # of one comparison, so not corrected
+    p_values = holm(np.array([time, same_share(never[0], never[1], paired=False)]))
+    counts = [f"{own.sum()} of {len(own)}" for own in never]
+    rows = [
+        ["", f"`{today.way}`", f"`{recurrent.way}`", "p (Holm)"],
+        ["time in the spot", f"{before.mean():.3f}", f"{after.mean():.3f}", f"{p_values[0]:.4f}"],
+        ["never in the spot after training", *counts, f"{p_values[1]:.4f}"],
+    ]
+    return [
+        "### Recurrent context",
+        "",
+        *table(rows),
+        "",
+        "Permutation test and Fisher's exact test, corrected over both.",
         "",
     ]
 

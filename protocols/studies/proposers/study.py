@@ -27,8 +27,8 @@ class Proposers(VariantStudy):
     """Compare ways to propose equally many actions to the same evaluation network.
 
     Each part has a folder of its own (docs/plans/proposers.md): `first` has all ways, `rule` the
-    one-fifth rule, `mujoco` six cells in MuJoCo, `paper` the paper's brain. The page shows the
-    cells that are finished, and needs only their robots.csv.
+    one-fifth rule, `mujoco` six cells in MuJoCo, `paper` the paper's brain, `context` a
+    recurrent context. The page shows the cells that are finished, and needs only robots.csv.
     """
 
     name: ClassVar[str] = "proposers"
