@@ -156,7 +156,7 @@ def drive(
     elif how.wall != "slides":
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             shares = (xp.copysign(room, step) - start) / step
-        shares[step == 0] = 1
+        shares = xp.where(step == 0, 1.0, shares)
         share = xp.minimum(xp.maximum(xp.min(shares, axis=0), 0.0), 1.0)
         held = start + share * step
         if how.wall == "turns":

@@ -28,6 +28,7 @@ from .checkpoints import (
     set_aside,
 )
 from .cohort import check_agents
+from .device import check_device
 from .jobs import CohortJob, Executor, Job, execute
 from .tensorboard_log import FOLDER, TensorBoardLog
 
@@ -62,6 +63,7 @@ def simulate(
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
+    check_device(plan)
     directory = resolved(directory)  # an agent may change the working directory
     if (missing := UnfinishedRun.read(directory, plan).missing) is not None:
         check_agents(missing)  # before anything is written
