@@ -14,7 +14,7 @@ from ...controller.parameters import Parameters, shown
 from ...models import Kinematics, centre_nose, scale_torque
 from ...models.arena import FASTEST
 from ...tasks.batch import Robots
-from ...tasks.kinematic import make_kinematic_batch
+from ...tasks.kinematic.robots import make_kinematic_batch
 from ...tasks.sensors import NoseForm
 from ...tasks.starts import FROM_WALLS
 from ...tasks.suite import Edit, make_batch

@@ -12,9 +12,9 @@ from musebot.protocols.experiment.overrides import named_brain
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.simulation import cohort as module
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.device import check_device
 from musebot.protocols.simulation.jobs import CohortJob
-from musebot.tasks.kinematic_tensors import TensorBatch
+from musebot.protocols.simulation.runs import check_device
+from musebot.tasks.kinematic.tensors import TensorBatch
 
 SPOT, WALLS = (Condition(task, "creative") for task in ("spot_finding", "wall_avoidance"))
 SHORT = Experiment(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from musebot.models import Kinematics
 from musebot.models.kinematic import interpolated
 from musebot.tasks import make_kinematic_batch
-from musebot.tasks.kinematic_tensors import TensorBatch
+from musebot.tasks.kinematic.tensors import TensorBatch
 
 BODIES = {
     "holds": Kinematics(),

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .batch import Robots
-from .kinematic import KinematicBatch, after_control_step, measure
+from ..batch import Robots
+from .robots import KinematicBatch, after_control_step, measure
 
 
 class TensorBatch(Robots):

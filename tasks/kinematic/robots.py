@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..models import ARENA_XML, Dimensions, Kinematics, hide_spot
-from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
-from .arena import CONTROL_TIMESTEP, Edit
-from .batch import Robots
-from .rules import Rules, SensorLayout
-from .sensors import NoseForm
-from .suite import task_definition
+from ...models import ARENA_XML, Dimensions, Kinematics, hide_spot
+from ...models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
+from ..arena import CONTROL_TIMESTEP, Edit
+from ..batch import Robots
+from ..rules import Rules, SensorLayout
+from ..sensors import NoseForm
+from ..suite import task_definition
 
 
 class KinematicBatch(Robots):
