@@ -39,8 +39,9 @@ class EpsilonGreedy:
     def draw(self, ideas: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """See `Exploration.draw`."""
         size = ideas.shape[:1]
-        drawn = torch.randint(ideas.shape[1], size, generator=self._generator)
-        explores = torch.rand(size, generator=self._generator) < epsilon
+        device, generator = ideas.device, self._generator
+        drawn = torch.randint(ideas.shape[1], size, generator=generator, device=device)
+        explores = torch.rand(size, generator=generator, device=device) < epsilon
         return ideas, torch.where(explores, drawn, -1)
 
     def tensors(self) -> dict[str, Tensor]:

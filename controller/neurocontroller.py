@@ -17,6 +17,10 @@ from .senses import Senses
 class Neurocontroller:
     """The brains of B robots; a single robot is a batch of one.
 
+    The tensors of the brains, given and returned ones included, are on the default device at the
+    time of construction, such as within `with torch.device("cuda:0")`. A step then copies nothing
+    between that device and the host.
+
     In every control step, call `act` with the sensed state and then, during training, `learn`
     with the reward sensed in the same step:
 
@@ -52,7 +56,7 @@ class Neurocontroller:
         Raises:
           ValueError: The proposer is unknown, or the parameters need senses that are not given.
         """
-        self._generator = torch.Generator().manual_seed(seed)
+        self._generator = torch.Generator(torch.get_default_device()).manual_seed(seed)
         parts = assemble(parameters, proposer, robots, sensors, self._generator, senses)
         self.evaluation = parts.evaluation
         self.memory = parts.memory
@@ -67,7 +71,7 @@ class Neurocontroller:
         self._learn_rate = parts.learn_rate
         self._rule = parts.memory.rule if isinstance(parts.memory, CreativeMemory) else None
         self._own_ideas = parameters.ideas - parameters.random_ideas
-        self._age = torch.tensor(0)  # steps of training
+        self._age = torch.tensor(0, device="cpu")  # steps of training, read in every step
         inputs = self._encoding.inputs + parameters.context_neurons
         self._before, self._now = (parts.step(robots, inputs) for _ in range(2))
 

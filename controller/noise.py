@@ -35,20 +35,22 @@ class NoisePatterns:
         self.noise = noise
         self._generator = generator
         self._pool = torch.zeros(self.POOL, connections)
-        self._age = torch.tensor([self.LIFETIME])
+        self._age = torch.tensor([self.LIFETIME], device="cpu")  # read in every step
 
     def draw(self, count: int) -> Tensor:
         """Draws patterns, shape (count, N)."""
         if self._age >= self.LIFETIME:
             self._refill()
         self._age += 1
-        rows = torch.randint(self.POOL, (count,), generator=self._generator)
+        generator, device = self._generator, self._pool.device
+        rows = torch.randint(self.POOL, (count,), generator=generator, device=device)
         return self._pool.index_select(0, rows)
 
     def _refill(self) -> None:
-        keys = torch.rand(self._pool.shape, generator=self._generator)
+        generator, device = self._generator, self._pool.device
+        keys = torch.rand(self._pool.shape, generator=generator, device=device)
         chosen = keys.argsort(dim=1)[:, : self.noisy]
-        signs = torch.randint(2, chosen.shape, generator=self._generator) * 2.0 - 1.0
+        signs = torch.randint(2, chosen.shape, generator=generator, device=device) * 2.0 - 1.0
         self._pool.zero_().scatter_(1, chosen, self.noise * signs)
         self._age.zero_()
 
@@ -75,7 +77,8 @@ class HeldNoisePatterns(NoisePatterns):
         self._patterns = patterns
         self._steps = steps
         self._held = torch.zeros(count, patterns.connections)
-        self._left = torch.tensor([0])  # steps before the next draw; -1 for life
+        # Steps before the next draw, -1 for life; read in every step.
+        self._left = torch.tensor([0], device="cpu")
 
     def draw(self, count: int) -> Tensor:
         """Returns the held patterns, shape (count, N).

@@ -48,7 +48,8 @@ class RandomActions:
 
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""
-        return torch.rand(len(state), self._count, 2, generator=self._generator) - 0.5
+        size = len(state), self._count, 2
+        return torch.rand(size, generator=self._generator, device=state.device) - 0.5
 
 
 class CreativeActions:

@@ -72,6 +72,6 @@ class Step:
     def load(self, tensors: dict[str, Tensor]) -> None:
         """Restores a step from the tensors that `tensors` returned."""
         self.state.copy_(tensors["state"])
-        self.action = tensors["action"].clone()
-        self.value = tensors["value"].clone()
+        self.action = tensors["action"].to(self.state.device, copy=True)
+        self.value = tensors["value"].to(self.state.device, copy=True)
         self.chained.copy_(tensors["chained"])

@@ -2,7 +2,8 @@
 
 It has the floor, the walls and the sensors of the MuJoCo body, so that a comparison of both
 separates the effects of physics from those of the brain. `Kinematics` sets the contact rule and
-the motion at a wall. The paper's own simulator was of this kind.
+the motion at a wall. The paper's own simulator was of this kind. The functions take arrays of
+NumPy, or tensors of PyTorch on any device, and return the same kind.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import dataclasses
 from typing import Literal, get_args
 
 import numpy as np
+from array_api_compat import array_namespace, is_numpy_namespace
 
 from .arena import Dimensions
 
@@ -114,7 +116,7 @@ def follow_motors(
     """
     if not lag:
         return motors, motors
-    left = np.exp(-seconds / lag)
+    left = float(np.exp(-seconds / lag))
     missing = wheels - motors
     return motors + missing * ((1 - left) * lag / seconds), motors + missing * left
 
@@ -134,34 +136,36 @@ def drive(
     Returns:
       Poses at the end, shape (B, 3); and whether the wheels push a robot into a wall, shape (B,).
     """
+    xp = array_namespace(poses)
     left, right = (motors * (2 * size.motor_speed)).T
     turn = (right - left) / size.wheel_base * seconds
     length, along = (left + right) / 2 * seconds, poses[:, 2]
     if how.path == "arc":
         # The chord of the arc points along half the turn; it is shorter than the arc by sin(x) / x.
-        length, along = length * np.sinc(turn / (2 * np.pi)), along + turn / 2
-    start, step = poses[:, :2].T, length * np.array([np.cos(along), np.sin(along)])
-    room = np.array([[size.half_length], [size.half_width]]) - size.radius
+        length, along = length * xp.sinc(turn / (2 * np.pi)), along + turn / 2
+    start, step = poses[:, :2].T, length * xp.stack([xp.cos(along), xp.sin(along)])
     target = start + step
-    reached = np.minimum(np.maximum(target, -room), room)
-    pushing = (reached != target).any(axis=0)
+    sides = size.half_length - size.radius, size.half_width - size.radius
+    room = xp.stack([xp.full_like(own, side) for own, side in zip(target, sides, strict=True)])
+    reached = xp.minimum(xp.maximum(target, -room), room)
+    pushing = xp.any(reached != target, axis=0)
     if how.wall == "sticks":
-        turn = np.where(pushing, 0.0, turn)
+        turn = xp.where(pushing, 0.0, turn)
     if how.wall == "refuses":
-        reached = np.where(pushing, start, target)
+        reached = xp.where(pushing, start, target)
     elif how.wall != "slides":
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            shares = (np.copysign(room, step) - start) / step
-        shares[step == 0] = 1
-        share = np.minimum(np.maximum(shares.min(axis=0), 0), 1)
+            shares = (xp.copysign(room, step) - start) / step
+        shares = xp.where(step == 0, 1.0, shares)
+        share = xp.minimum(xp.maximum(xp.min(shares, axis=0), 0.0), 1.0)
         held = start + share * step
         if how.wall == "turns":
-            left_over, speed = 1 - share, np.abs(left + right) / 2
+            left_over, speed = 1 - share, xp.abs(left + right) / 2
             met = (shares <= share) & (share < 1)
             slip, turned = graze(left_over * step, met, speed, left_over * seconds)
             held, turn = held + slip, turn + turned
-        reached = np.minimum(np.maximum(held, -room), room)
-    return np.array([*reached, poses[:, 2] + turn]).T, pushing
+        reached = xp.minimum(xp.maximum(held, -room), room)
+    return xp.stack([*reached, poses[:, 2] + turn]).T, pushing
 
 
 def graze(
@@ -181,14 +185,38 @@ def graze(
       Slip along the wall: x, y in [m], shape (2, B); and turn in [rad], counterclockwise,
       shape (B,).
     """
-    ahead, along = np.where(into, lost, 0), np.where(into, 0, lost)
-    angle = np.degrees(np.arctan2(np.abs(along).sum(axis=0), np.abs(ahead).sum(axis=0)))
-    slow, fast = (np.interp(angle, _ANGLES, kept) for kept in (_SLOW_SLIPS, _SLIPS))
-    kept = slow + (fast - slow) * np.interp(speed, _SLIPPING_SPEEDS, (0, 1))
-    slip = np.sign(along) * np.hypot(*lost) * kept
-    rate = np.interp(angle, _ANGLES, _TURNS) * np.interp(speed, _TURNING_SPEEDS, (0, 1))
-    towards = np.sign(along[0] * ahead[1] - along[1] * ahead[0])
+    xp = array_namespace(lost)
+    ahead, along = xp.where(into, lost, 0.0), xp.where(into, 0.0, lost)
+    sideways, straight = (xp.sum(xp.abs(part), axis=0) for part in (along, ahead))
+    angle = xp.atan2(sideways, straight) * (180 / np.pi)
+    slow, fast = (interpolated(angle, _ANGLES, kept) for kept in (_SLOW_SLIPS, _SLIPS))
+    kept = slow + (fast - slow) * interpolated(speed, _SLIPPING_SPEEDS, (0, 1))
+    slip = xp.sign(along) * xp.hypot(lost[0], lost[1]) * kept
+    rate = interpolated(angle, _ANGLES, _TURNS) * interpolated(speed, _TURNING_SPEEDS, (0, 1))
+    towards = xp.sign(along[0] * ahead[1] - along[1] * ahead[0])
     return slip, towards * rate * seconds
+
+
+def interpolated(
+    values: np.ndarray, known: tuple[float, ...], results: tuple[float, ...]
+) -> np.ndarray:
+    """Returns what `numpy.interp` returns, also for tensors of PyTorch.
+
+    Args:
+      values: Where to interpolate, any shape.
+      known: Increasing points.
+      results: Results at these points.
+    """
+    xp = array_namespace(values)
+    if is_numpy_namespace(xp):
+        return np.interp(values, known, results)
+    # A sum of ramps, one for each piece: no table has to be copied to the tensor's device.
+    total = xp.full_like(values, results[0])
+    for k in range(len(known) - 1):
+        width = known[k + 1] - known[k]
+        part = xp.minimum(xp.maximum(values - known[k], 0.0), float(width))
+        total = total + part * ((results[k + 1] - results[k]) / width)
+    return total
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
@@ -201,8 +229,9 @@ def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     Returns:
       Distances in [m], shape (B,).
     """
-    room = np.array([size.half_length, size.half_width]) - np.abs(poses[:, :2])
-    return room.min(axis=1) - size.radius
+    xp = array_namespace(poses)
+    lengthwise = size.half_length - xp.abs(poses[:, 0])
+    return xp.minimum(lengthwise, size.half_width - xp.abs(poses[:, 1])) - size.radius
 
 
 def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
@@ -215,12 +244,17 @@ def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     Returns:
       Distances to the walls in [m]: front, back, left, right, shape (B, 4).
     """
-    angles = poses[:, 2, None] + np.array([0, np.pi, np.pi / 2, -np.pi / 2])
-    heading = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    walls = np.copysign([size.half_length, size.half_width], heading)
-    with np.errstate(divide="ignore"):
-        rays = (walls - poses[:, None, :2]) / heading
-    return np.maximum(rays.min(axis=-1) - size.radius, 0)
+    xp, heading = array_namespace(poses), poses[:, 2]
+    turns = (0.0, np.pi, np.pi / 2, -np.pi / 2)
+    angles = xp.stack([heading + turn for turn in turns], axis=-1)
+    rays = []
+    for part, half, own in (
+        (xp.cos(angles), size.half_length, poses[:, 0, None]),
+        (xp.sin(angles), size.half_width, poses[:, 1, None]),
+    ):
+        with np.errstate(divide="ignore", over="ignore"):
+            rays.append((xp.copysign(xp.full_like(part, half), part) - own) / part)
+    return xp.maximum(xp.minimum(*rays) - size.radius, 0.0)
 
 
 def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:
@@ -235,10 +269,11 @@ def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np
       Distances of the spots' centres ahead and to the left in [m], shape (B, 2).
     """
     offset = spots - poses[:, :2]
-    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    xp = array_namespace(poses)
+    cosine, sine = xp.cos(poses[:, 2]), xp.sin(poses[:, 2])
     ahead = cosine * offset[:, 0] + sine * offset[:, 1] - size.nose
     left = cosine * offset[:, 1] - sine * offset[:, 0]
     if size.nose_turn:
-        cosine, sine = np.cos(size.nose_turn), np.sin(size.nose_turn)
+        cosine, sine = float(np.cos(size.nose_turn)), float(np.sin(size.nose_turn))
         ahead, left = cosine * ahead + sine * left, cosine * left - sine * ahead
-    return np.stack([ahead, left], axis=1)
+    return xp.stack([ahead, left], axis=1)

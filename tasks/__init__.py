@@ -3,7 +3,7 @@
 from ..models.physics import Physics
 from .arena import CONTROL_TIMESTEP, Task
 from .batch import Batch, Robots, silence_warnings, stop_timers
-from .kinematic import KinematicBatch, make_kinematic_batch
+from .kinematic.robots import KinematicBatch, make_kinematic_batch
 from .suite import (
     ALL_TASKS,
     BENCHMARKING,

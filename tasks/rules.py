@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
+from array_api_compat import array_namespace
 
 from .sensors import NoseForm
 
@@ -60,7 +61,7 @@ class Rules(abc.ABC):
     """Observations, reward and measured event of a task, as functions of MuJoCo's sensors.
 
     Every method takes `sensordata` of shape (..., nsensordata), for one robot or a batch, and
-    works on the last axis.
+    works on the last axis. The paper's tasks also take tensors of PyTorch, and return tensors.
 
     Attributes:
       layout: Indices of each sensor's numbers.
@@ -106,4 +107,5 @@ class Rules(abc.ABC):
 
     def state(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the paper's state: all observations concatenated, shape (..., S)."""
-        return np.concatenate(list(self.observations(sensordata).values()), axis=-1)
+        signals = list(self.observations(sensordata).values())
+        return array_namespace(sensordata).concat(signals, axis=-1)

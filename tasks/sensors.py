@@ -1,6 +1,7 @@
 """Sensor signals of the paper: pure, vectorised functions of what MuJoCo measures.
 
-The dm_control tasks and the batch of robots both call them; there is no other definition.
+The dm_control tasks and the batches of robots all call them; there is no other definition. They
+take arrays of NumPy, or tensors of PyTorch on any device, and return the same kind.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import dataclasses
 from typing import Literal
 
 import numpy as np
+from array_api_compat import array_namespace
 
 NoseForm = Literal["inverse", "printed"]
 
@@ -24,10 +26,11 @@ def distance_signal(distance: np.ndarray) -> np.ndarray:
       Signal in [0, 1], of the same shape; 0 for a ray that hits nothing.
     """
     # (1 + d)^10 by four products: ten times faster than a power, and identical on every machine.
-    base = 1.0 + np.maximum(distance, 0.0)
+    xp = array_namespace(distance)
+    base = 1.0 + xp.maximum(distance, 0.0)
     square = base * base
     fourth = square * square
-    return np.where(distance < 0, 0.0, 1.0 / (fourth * fourth * square))
+    return xp.where(distance < 0, 0.0, 1.0 / (fourth * fourth * square))
 
 
 def contact_signal(force: np.ndarray) -> np.ndarray:
@@ -39,7 +42,8 @@ def contact_signal(force: np.ndarray) -> np.ndarray:
     Returns:
       Signal, -1.0 or 0.0, of the same shape.
     """
-    return np.where(force > 0, -1.0, 0.0)
+    xp = array_namespace(force)
+    return 0.0 - xp.astype(force > 0, force.dtype)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,15 +96,17 @@ class Nose:
           the spot, 0 if it is more than alpha / 2 off the front.
         """
         distance = _distance(spot)
-        beta = np.abs(np.arctan2(spot[..., 1], spot[..., 0]))
+        xp = array_namespace(spot)
+        beta = xp.abs(xp.atan2(spot[..., 1], spot[..., 0]))
         # Inside the spot the distance is not used: the maximum only avoids a division by 0.
-        ratio = self.spot_radius / np.maximum(distance, self.spot_radius)
+        ratio = self.spot_radius / xp.maximum(distance, self.spot_radius)
         if self.form == "printed":
             ratio = 1.0 / ratio
-        raw = self.odour * ratio * np.maximum(1.0 - 2.0 * beta / self.frustum, 0.0)
-        raw = np.where(distance < self.spot_radius, self.odour, raw)
+        raw = self.odour * ratio * xp.maximum(1.0 - 2.0 * beta / self.frustum, 0.0)
+        raw = xp.where(distance < self.spot_radius, self.odour, raw)
         return raw / (1.0 + raw)
 
 
 def _distance(spot: np.ndarray) -> np.ndarray:
-    return np.sqrt(spot[..., 0] * spot[..., 0] + spot[..., 1] * spot[..., 1])
+    xp = array_namespace(spot)
+    return xp.sqrt(spot[..., 0] * spot[..., 0] + spot[..., 1] * spot[..., 1])

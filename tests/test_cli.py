@@ -517,6 +517,7 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
     ours = {f"steady-{ingredient}" for ingredient in INGREDIENTS}
     assert {*whole} == BRAINS.keys() - ours and less == "steady-X"
     assert {name: tuple(values.split(",")) for name, values in named.items()} == {
+        "device": ("cpu", "cuda", "cuda:N"),
         "task": PAPER_TASKS,
         "proposer": tuple(PROPOSERS),
         "protocol": tuple(PROTOCOLS),

@@ -28,7 +28,7 @@ class Adam:
     ) -> None:
         """See `Optimizer.ascend`."""
         gradient = self._networks.gradient(inputs, hidden, steps)
-        on = torch.as_tensor(learning).expand(len(gradient))[:, None]
+        on = torch.as_tensor(learning, device=gradient.device).expand(len(gradient))[:, None]
         self._steps += on
         self._mean += (1 - self.MEAN_DECAY) * on * (gradient - self._mean)
         self._square += (1 - self.SQUARE_DECAY) * on * (gradient.square_() - self._square)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -46,8 +48,8 @@ class EchoContext:
         self._recurrent = recurrent * (self.RADIUS / radius)[:, None, None]
         self._forward = torch.rand(robots, units, inputs, generator=generator) * 2 - 1
         self._forward /= inputs**0.5
-        ends = torch.tensor([self.FASTEST, self.SLOWEST]).log10()
-        self._rates = torch.logspace(*ends.tolist(), units)
+        first, last = math.log10(self.FASTEST), math.log10(self.SLOWEST)
+        self._rates = torch.logspace(first, last, units)
 
     def joined(self, inputs: Tensor) -> Tensor:
         """Returns the network inputs, shape (B, I), followed by the context, shape (B, I + C)."""

@@ -39,7 +39,8 @@ class InputEncoding:
           raw_signals: Whether the raw value of each saturating signal is a further input.
         """
         self._centred = centred
-        self._columns = torch.tensor([bool(s.maximal) for s in senses.state]).nonzero()[:, 0]
+        columns = [number for number, signal in enumerate(senses.state) if signal.maximal]
+        self._columns = torch.tensor(columns, dtype=torch.int64)
         self._maximal = torch.tensor([s.maximal for s in senses.state if s.maximal])
         self._raw = raw_signals and len(self._maximal) > 0
         further = len(self._maximal) * self._raw

@@ -25,9 +25,11 @@ class PersistentExploration:
     def draw(self, ideas: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
         """See `Exploration.draw`; a robot that explores continues until its steps are over."""
         robots, count = ideas.shape[:2]
-        pairs = torch.rand(robots, 2, generator=self._generator) - 0.5
-        lengths = torch.randint(1, self._longest + 1, (robots,), generator=self._generator)
-        starts = torch.rand(robots, generator=self._generator) < epsilon
+        generator, device = self._generator, ideas.device
+        pairs = torch.rand(robots, 2, generator=generator, device=device) - 0.5
+        longest = self._longest + 1
+        lengths = torch.randint(1, longest, (robots,), generator=generator, device=device)
+        starts = torch.rand(robots, generator=generator, device=device) < epsilon
         starts &= self._left == 0
         self._pair.copy_(torch.where(starts[:, None], pairs, self._pair))
         self._left.copy_(torch.where(starts, lengths, self._left))

@@ -41,7 +41,6 @@ class DetailedStep(Step):
     def load(self, tensors: dict[str, Tensor]) -> None:
         """See `Step.load`."""
         super().load(tensors)
-        self.best_action = tensors["best_action"].clone()
-        self.best_value = tensors["best_value"].clone()
-        self.reward = tensors["reward"].clone()
+        for name in ("best_action", "best_value", "reward"):
+            setattr(self, name, tensors[name].to(self.state.device, copy=True))
         self.rewarded = bool(tensors["rewarded"])

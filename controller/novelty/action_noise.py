@@ -33,7 +33,8 @@ class ActionNoise:
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""
         samples = self._memory.ideas(state, self.SAMPLES)
-        normals = torch.randn(len(state), self._count, 2, generator=self._generator)
+        size = len(state), self._count, 2
+        normals = torch.randn(size, generator=self._generator, device=state.device)
         main = self._memory.recall(state)[:, None]
         return (main + normals @ cholesky_factor(samples).mT).clamp(-0.5, 0.5)
 

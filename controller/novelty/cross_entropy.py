@@ -52,8 +52,9 @@ class CrossEntropy:
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""
         robots = len(state)
-        first = torch.rand(robots, self._first, 2, generator=self._generator) - 0.5
-        normals = torch.randn(robots, self._second, 2, generator=self._generator)
+        generator, device = self._generator, state.device
+        first = torch.rand(robots, self._first, 2, generator=generator, device=device) - 0.5
+        normals = torch.randn(robots, self._second, 2, generator=generator, device=device)
         return torch.cat([first, self.around(first, self._values(state, first), normals)], dim=1)
 
     def around(self, actions: Tensor, values: Tensor, normals: Tensor) -> Tensor:

@@ -78,7 +78,8 @@ class ProposalDistribution:
           count: Number A of actions per robot.
         """
         mean, spread = self.distribution(state)
-        normals = torch.randn(len(state), count, 2, generator=self._generator)
+        size = len(state), count, 2
+        normals = torch.randn(size, generator=self._generator, device=state.device)
         return (mean[:, None] + spread[:, None] * normals).clamp(-0.5, 0.5)
 
     def recall(self, state: Tensor) -> Tensor:

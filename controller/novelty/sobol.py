@@ -23,10 +23,11 @@ class SobolActions:
 
     def __init__(self, count: int, generator: torch.Generator) -> None:
         """Takes the number of actions per robot, and the random stream of the shifts."""
-        self._points = SobolEngine(2).draw(count)
+        self._points = SobolEngine(2).draw(count).to(torch.get_default_device())
         self._generator = generator
 
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""
-        shift = torch.rand(len(state), 1, 2, generator=self._generator)
+        size = len(state), 1, 2
+        shift = torch.rand(size, generator=self._generator, device=state.device)
         return (self._points + shift) % 1 - 0.5

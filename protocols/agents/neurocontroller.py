@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,6 +14,8 @@ from .base import Agent
 
 class NeurocontrollerAgent(Agent):
     """Robots driven by the neurocontroller.
+
+    States, checkpoints and weights are arrays of NumPy, wherever the brains are.
 
     Attributes:
       controller: Brains of the B robots.
@@ -34,18 +37,21 @@ class NeurocontrollerAgent(Agent):
             self.controller.forget_step()
 
     @torch.inference_mode()
-    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`."""
+    def act(self, state: Any, learning: bool) -> Any:
+        """See `Agent.act`; returns a tensor for a tensor."""
+        if isinstance(state, torch.Tensor):
+            return self.controller.act(state, explore=learning)
         return self.controller.act(torch.from_numpy(state), explore=learning).numpy()
 
     @torch.inference_mode()
-    def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`."""
-        self.controller.learn(torch.from_numpy(reward))
+    def learn(self, reward: Any) -> None:
+        """See `Agent.learn`; takes tensors, too."""
+        given = isinstance(reward, torch.Tensor)
+        self.controller.learn(reward if given else torch.from_numpy(reward))
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Agent.state`."""
-        return {name: tensor.numpy() for name, tensor in self.controller.state().items()}
+        return {name: tensor.cpu().numpy() for name, tensor in self.controller.state().items()}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_state`."""
@@ -53,4 +59,4 @@ class NeurocontrollerAgent(Agent):
 
     def weights(self) -> dict[str, np.ndarray]:
         """See `Agent.weights`."""
-        return {name: tensor.numpy() for name, tensor in self.controller.networks().items()}
+        return {name: tensor.cpu().numpy() for name, tensor in self.controller.networks().items()}

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from .config import Config
 
 _FIELDS = (
-    "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "motor_speed",
-    "motor_torque", "brain",
+    "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "device",
+    "motor_speed", "motor_torque", "brain",
 )  # fmt: skip
 
 
@@ -76,6 +76,8 @@ class RunCommand:
     """place of the nose: front of the rim, or centre of the robot"""
     body: Annotated[str | None, _kept(BODY_CHOICES, "mujoco")] = None
     """mujoco, or kinematic for an ideal differential drive without physics"""
+    device: Annotated[str | None, _kept("{cpu,cuda,cuda:N}", "cpu")] = None
+    """device of the body kinematic and of the brains; on a GPU, take large cohorts"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
     """parameters of the kinematic simulator, such as wall=slides felt=pushed lag=0.08"""
     brain: Annotated[

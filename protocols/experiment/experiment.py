@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -13,7 +14,7 @@ from ...controller.parameters import Parameters, shown
 from ...models import Kinematics, centre_nose, scale_torque
 from ...models.arena import FASTEST
 from ...tasks.batch import Robots
-from ...tasks.kinematic import make_kinematic_batch
+from ...tasks.kinematic.robots import make_kinematic_batch
 from ...tasks.sensors import NoseForm
 from ...tasks.starts import FROM_WALLS
 from ...tasks.suite import Edit, make_batch
@@ -29,6 +30,7 @@ MOST_IN_COHORT = 100_000
 # Turn in degrees.
 _SEEDS, _LARGEST_TURN = 2**128, 360
 # Number, [s], [m].
+_DEVICE = re.compile(r"cpu|cuda(:[0-9]{1,2})?")
 _MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}
 
 
@@ -57,6 +59,8 @@ class Experiment:
       brain: Parameters of the neurocontroller.
       protocol: Name of the protocol (see `schedules.PROTOCOLS`): "paper", "continual" (24 hours of
         spot finding) or "walls" (spot finding with wall sensing).
+      device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator and the
+        brains compute. Random numbers and rounding differ between devices, and so do lives.
     """
 
     seed: int = 1
@@ -72,6 +76,7 @@ class Experiment:
     kinematics: Kinematics = Kinematics()
     brain: Parameters = Parameters()
     protocol: ProtocolName = "paper"
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         """Raises InputError where a value is invalid."""
@@ -114,6 +119,10 @@ class Experiment:
         for name, most in _MOST_OF_KINEMATICS.items():
             if (value := getattr(self.kinematics, name)) is not None and value > most:
                 raise InputError(f"{name} must be at most {most}, got {shown(value)}")
+        if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
+            raise InputError(f"the device must be cpu, cuda or cuda:N, got {self.device!r:.60}")
+        if self.device != "cpu" and self.body != "kinematic":
+            raise InputError("only the body 'kinematic' can be simulated on a GPU")
         if self.body == "mujoco" and self.kinematics != Kinematics():
             raise InputError("kinematics are parameters of the body 'kinematic' only")
         if self.body == "kinematic" and self.motor_torque != "constant":

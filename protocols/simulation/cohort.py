@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from ..agents.factory import make_agent
 from ..experiment.budget import check_memory
@@ -17,6 +18,7 @@ from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.checks import check_events, check_networks, check_same_shapes
 from ..results.results import Lives
 from ..storage import Shapes
+from .device import on_host, robots_on
 from .placement import legs, place
 
 _MINUTE = control_steps(1)
@@ -50,9 +52,12 @@ class Cohort:
         robots, task = experiment.cohort_size, key.condition.task
         self.experiment, self.key = experiment, key
         seed, self._random = random_streams(experiment.seed, key)
-        self.batch = experiment.batch(task, robots)
+        self.batch, self.agent = robots_on(
+            experiment.device,
+            experiment.batch(task, robots),
+            lambda: make_agent(experiment, key.condition, robots, seed),
+        )
         self.rules = self.batch.rules
-        self.agent = make_agent(experiment, key.condition, robots, seed)
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = legs(experiment.schedule(task))
         self.step = 0
@@ -65,6 +70,11 @@ class Cohort:
     def finished(self) -> bool:
         """Whether the last test is over."""
         return self.step == self.steps
+
+    @property
+    def valid(self) -> np.ndarray:
+        """Whether each robot's simulation is stable so far, shape (B,)."""
+        return on_host(self.batch.valid)
 
     def advance(self, steps: int) -> None:
         """Simulates the given number of control steps, or fewer if the life ends before."""
@@ -85,17 +95,21 @@ class Cohort:
 
     def _simulate(self, phase: Phase, until: int) -> None:
         batch, rules, agent = self.batch, self.rules, self.agent
-        events = self._events[:, PARTS.index(phase.part)]
+        part, tally = PARTS.index(phase.part), 0
         while self.step < until:
-            motors = agent.act(rules.state(batch.sensordata).astype(np.float32), phase.learning)
+            motors = agent.act(_single(rules.state(batch.sensordata)), phase.learning)
             if phase.learning:
-                agent.learn(rules.reward(batch.sensordata).astype(np.float32))
+                agent.learn(_single(rules.reward(batch.sensordata)))
             batch.step(motors)
-            event = rules.event(batch.sensordata)
-            events += event
-            self._minutes[:, self.step // _MINUTE] += event
+            tally = tally + rules.event(batch.sensordata)
             self.step += 1
-            if self.step % _MINUTE == 0 or self.finished:
+            over = self.step % _MINUTE == 0 or self.finished
+            if over or self.step == until:
+                counted = on_host(tally)
+                self._events[:, part] += counted
+                self._minutes[:, (self.step - 1) // _MINUTE] += counted
+                tally = 0
+            if over:
                 self._stop_unsound()
 
     def _stop_unsound(self) -> None:
@@ -109,7 +123,7 @@ class Cohort:
         return Lives(
             self._events,
             self._minutes,
-            self.batch.valid,
+            self.valid,
             self._before,
             {k: v.copy() for k, v in self.agent.weights().items()},
         )
@@ -194,6 +208,12 @@ class Cohort:
             raise ValueError(f"its random stream is damaged ({error!r:.100})") from error
         if generator.state != state:
             raise ValueError("its random stream is damaged")
+
+
+def _single(values: Any) -> Any:
+    """Returns values in single precision, in which brains compute."""
+    xp = array_namespace(values)
+    return xp.astype(values, xp.float32)
 
 
 def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:

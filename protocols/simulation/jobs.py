@@ -13,6 +13,7 @@ from ..agents.trust import trust
 from ..errors import InputError, RunError
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
+from ..experiment.schedules import control_steps
 from ..storage import remove_files
 from ..terminal import JobProgress
 from .checkpoints import (
@@ -22,6 +23,7 @@ from .checkpoints import (
     save_checkpoint,
     save_lives,
 )
+from .device import HOST
 
 Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
@@ -120,18 +122,20 @@ class CohortJob:
         cohort, message = restored_cohort(self.directory, self.experiment, self.key)
         report(self._seconds(cohort.step), message)
         saved = reported = time.monotonic()
-        broken = int((~cohort.batch.valid).sum())
+        broken = int((~cohort.valid).sum())
+        # On another device, robots are looked at once a simulated minute.
+        chunk = _CHUNK if self.experiment.device == HOST else control_steps(1)
         while not cohort.finished:
             if stop():
                 save_checkpoint(self.directory, self.key, cohort)
                 return False
             try:
-                cohort.advance(_CHUNK)
+                cohort.advance(chunk)
             except (InputError, RunError) as error:  # of an agent
                 raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
             message = ""
-            if (count := int((~cohort.batch.valid).sum())) > broken:
-                robots = (~cohort.batch.valid).nonzero()[0].tolist()
+            if (count := int((~cohort.valid).sum())) > broken:
+                robots = (~cohort.valid).nonzero()[0].tolist()
                 message = (
                     f"unstable simulation in {self}: robots {robots} stopped by step {cohort.step}"
                 )

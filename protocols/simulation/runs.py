@@ -7,10 +7,11 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from ..agents.trust import check_trusted
-from ..errors import DamagedFileError, RunError
-from ..experiment.budget import check_memory
+from ..errors import DamagedFileError, InputError, RunError
+from ..experiment.budget import check_memory, cohort_bytes
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from ..experiment.plan import Plan
@@ -28,6 +29,7 @@ from .checkpoints import (
     set_aside,
 )
 from .cohort import check_agents
+from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
 from .tensorboard_log import FOLDER, TensorBoardLog
 
@@ -62,6 +64,7 @@ def simulate(
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
+    check_device(plan)
     directory = resolved(directory)  # an agent may change the working directory
     if (missing := UnfinishedRun.read(directory, plan).missing) is not None:
         check_agents(missing)  # before anything is written
@@ -79,6 +82,30 @@ def simulate(
     if run.left:
         raise RunError(f"{len(run.left)} cohorts are not finished; the same command continues")
     return run.run
+
+
+def check_device(plan: Plan) -> None:
+    """Raises InputError if a plan's device is missing, too small, or not for its robots."""
+    device = plan.experiment.device
+    if device == HOST:
+        return
+    for condition in plan.conditions:
+        if not condition.has_brain:
+            raise InputError(
+                f"only robots with a brain are simulated on {device}, not {condition.proposer}"
+            )
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    number = int(device.partition(":")[2] or 0)
+    if number >= count:
+        found = f"there are {count}" if count else "there is no GPU that PyTorch can use"
+        raise InputError(f"there is no device {device}: {found}")
+    free, _ = torch.cuda.mem_get_info(number)
+    needed = max(cohort_bytes(plan.experiment, condition) for condition in plan.conditions)
+    if needed > free:
+        raise InputError(
+            f"a cohort of {plan.experiment.cohort_size} robots would need about "
+            f"{needed / 2**30:.1f} GiB of memory on {device}, which has {free / 2**30:.1f} GiB free"
+        )
 
 
 @dataclasses.dataclass

@@ -59,7 +59,7 @@ VERBS = {
             "--robots": NUMBERS, "--cohort-size": NUMBERS, "--seed": NUMBERS, "--task": TEXTS,
             "--proposer": TEXTS, "--agent": TEXTS, "--protocol": TEXTS, "--time-scale": NUMBERS,
             "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
-            "--motor-torque": TEXTS,
+            "--motor-torque": TEXTS, "--device": TEXTS,
             "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
             "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
             "--trust-agent": ("", "x"), **_WORKERS,

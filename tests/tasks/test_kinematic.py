@@ -177,7 +177,7 @@ def test_the_gains_do_not_change_the_precision_of_the_motors(monkeypatch):
         commands.append(motors)
         return follow_motors(wheels, motors, seconds, lag)
 
-    monkeypatch.setattr("musebot.tasks.kinematic.follow_motors", spy)
+    monkeypatch.setattr("musebot.tasks.kinematic.robots.follow_motors", spy)
     make_kinematic_batch("wall_avoidance", 2, Kinematics()).step(np.full((2, 2), 0.1, np.float32))
     assert {motors.dtype for motors in commands} == {np.dtype(np.float32)}
 

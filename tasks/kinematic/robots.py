@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..models import ARENA_XML, Dimensions, Kinematics, hide_spot
-from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
-from .arena import CONTROL_TIMESTEP, Edit
-from .batch import Robots
-from .rules import Rules
-from .sensors import NoseForm
-from .suite import task_definition
+from ...models import ARENA_XML, Dimensions, Kinematics, hide_spot
+from ...models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
+from ..arena import CONTROL_TIMESTEP, Edit
+from ..batch import Robots
+from ..rules import Rules, SensorLayout
+from ..sensors import NoseForm
+from ..suite import task_definition
 
 
 class KinematicBatch(Robots):
@@ -53,6 +53,11 @@ class KinematicBatch(Robots):
         return self._poses.copy()
 
     @property
+    def kinematics(self) -> Kinematics:
+        """Settings of the kinematic simulator."""
+        return self._kinematics
+
+    @property
     def spot(self) -> np.ndarray:
         """See `Robots.spot`."""
         return self._spots.copy()
@@ -65,7 +70,8 @@ class KinematicBatch(Robots):
         self.valid[robots[~sound]] = False
         self._poses[robots] = np.where(sound[:, None], poses, 0.0)
         self._wheels[robots] = 0
-        self._touch[robots] = self._near()[robots] if self._kinematics.felt == "near" else 0
+        near = self._kinematics.felt == "near"
+        self._touch[robots] = touches(self._poses[robots], self.dimensions) if near else 0
         others = np.delete(np.arange(self.robots), robots)
         before = self.sensordata[others].copy()
         self._sense()
@@ -79,14 +85,9 @@ class KinematicBatch(Robots):
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""
         motors = np.clip(self._finite_motors(motors), -0.5, 0.5) * self._gains
-        how, contact = self._kinematics, np.zeros(self.robots, dtype=bool)
-        piece = CONTROL_TIMESTEP / how.pieces
-        for _ in range(how.pieces):
-            speeds, self._wheels[:] = follow_motors(self._wheels, motors, piece, how.lag)
-            self._poses, pushing = drive(self._poses, speeds, piece, how, self.dimensions)
-            felt = pushing if how.felt == "pushed" else self._near()
-            contact = (contact | felt) if how.any_contact else felt
-        self._touch[:] = contact
+        self._poses, self._wheels[:], self._touch[:] = after_control_step(
+            self._poses, self._wheels, motors, self._kinematics, self.dimensions
+        )
         self._sense()
         self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
@@ -101,17 +102,62 @@ class KinematicBatch(Robots):
             "valid": self.valid,
         }
 
-    def _near(self) -> np.ndarray:
-        return gaps(self._poses, self.dimensions) <= self.dimensions.contact_margin
-
     def _sense(self) -> None:
-        layout = self.rules.layout
-        spot = spot_from_nose(self._poses, self._spots, self.dimensions)
-        self.sensordata[:, layout.distances] = distances(self._poses, self.dimensions)
-        self.sensordata[:, layout.touch] = self._touch[:, None]
-        self.sensordata[:, layout.smell.start : layout.smell.start + 2] = spot
+        world = self._poses, self._spots, self._touch
+        measure(self.sensordata, self.rules.layout, world, self.dimensions)
         if not self.valid.all():
             self.sensordata[~self.valid] = 0
+
+
+def after_control_step(
+    poses: np.ndarray, wheels: np.ndarray, motors: np.ndarray, how: Kinematics, size: Dimensions
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Moves robots for a control step of 0.1 s.
+
+    Args:
+      poses: x, y in [m] and heading in [rad], shape (B, 3).
+      wheels: Speeds of the left and right wheel, in motor values, shape (B, 2).
+      motors: Commanded motor values in [-0.5, 0.5], shape (B, 2).
+      how: Settings of the kinematic simulator.
+      size: Dimensions of robot and arena.
+
+    Returns:
+      Poses and speeds of the wheels at the end; and whether the robots are in contact, shape (B,).
+    """
+    contact, piece = None, CONTROL_TIMESTEP / how.pieces
+    for _ in range(how.pieces):
+        speeds, wheels = follow_motors(wheels, motors, piece, how.lag)
+        poses, pushing = drive(poses, speeds, piece, how, size)
+        felt = pushing if how.felt == "pushed" else touches(poses, size)
+        contact = felt if contact is None or not how.any_contact else contact | felt
+    assert contact is not None  # there is at least one piece
+    return poses, wheels, contact
+
+
+def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:
+    """Returns whether the gap between rim and wall is within the contact margin, shape (B,)."""
+    return gaps(poses, size) <= size.contact_margin
+
+
+def measure(
+    sensordata: np.ndarray,
+    layout: SensorLayout,
+    world: tuple[np.ndarray, np.ndarray, np.ndarray],
+    size: Dimensions,
+) -> None:
+    """Writes what robots measure, where MuJoCo's sensors would.
+
+    Args:
+      sensordata: Measurements to overwrite, shape (B, nsensordata).
+      layout: Indices of each sensor's numbers.
+      world: Poses, shape (B, 3), centres of the spots, shape (B, 2), and contacts, shape (B,).
+      size: Dimensions of robot and arena.
+    """
+    poses, spots, touch = world
+    sensordata[:, layout.distances] = distances(poses, size)
+    sensordata[:, layout.touch] = touch[:, None]
+    first = layout.smell.start
+    sensordata[:, first : first + 2] = spot_from_nose(poses, spots, size)
 
 
 def make_kinematic_batch(

@@ -1,0 +1,1 @@
+"""The kinematic simulator: robots in lockstep, as arrays of NumPy or as tensors of PyTorch."""

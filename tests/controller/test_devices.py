@@ -1,0 +1,94 @@
+"""A brain on another device: a step copies nothing to or from the host, and mixes no devices.
+
+The device "meta" has shapes but no numbers: reading a number on the host fails there, and so does
+an operation on tensors of two devices. So these tests need no GPU.
+"""
+
+import dataclasses
+
+import pytest
+import torch
+
+from musebot.controller import BRAINS, Neurocontroller, Parameters
+from musebot.controller.senses import Senses, Signal
+
+SENSES = Senses((Signal(0.0, 1.0, 10.0), Signal(-1.0, 1.0)), Signal(0.0, 1.0, 10.0))
+ROBOTS = 3
+
+
+def ways():
+    steady = BRAINS["steady"]
+    for name, brain in BRAINS.items():
+        for proposer in ("fixed", "random", "creative"):
+            yield pytest.param(brain, proposer, id=f"{name}-{proposer}")
+    for novelty in ("none", "action", "uniform", "sobol", "cross_entropy", "learned"):
+        yield pytest.param(
+            dataclasses.replace(steady, novelty=novelty), "creative", id=f"novelty-{novelty}"
+        )
+    adapted = dataclasses.replace(steady, keep_main_idea=True, noise_adaptation=0.01)
+    yield pytest.param(adapted, "creative", id="noise-adaptation")
+    yield pytest.param(Parameters(noise_steps=10), "creative", id="held-noise")
+    yield pytest.param(Parameters(noise_steps=0, test_epsilon=0.1), "creative", id="noise-for-life")
+
+
+class HostGenerator(torch.Generator):
+    """There is no generator of random numbers on "meta"; one of the host serves."""
+
+    def __new__(cls, device):
+        del device
+        return super().__new__(cls)
+
+
+@pytest.fixture
+def on_meta(monkeypatch):
+    monkeypatch.setattr(torch, "Generator", HostGenerator)
+
+
+@pytest.mark.parametrize(("parameters", "proposer"), [*ways()])
+@torch.inference_mode()
+def test_a_step_reads_no_number_on_the_host(parameters, proposer, on_meta):
+    with torch.device("meta"):
+        brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, SENSES)
+    signals = torch.zeros(ROBOTS, 2, device="meta")
+    for explore in (True, True, False, True):
+        motors = brain.act(signals, explore)
+        assert motors.device.type == "meta" and motors.shape == (ROBOTS, 2)
+        if explore:
+            brain.learn(signals[:, 0])
+    brain.forget_step()
+    brain.act(signals, True)
+    brain.learn(signals[:, 0])
+
+
+def test_reading_a_number_or_mixing_devices_fails_on_meta():
+    number, other = torch.zeros(3, device="meta"), torch.zeros(3)
+    with pytest.raises(RuntimeError):
+        int(number[0])
+    with pytest.raises(RuntimeError):
+        bool((number > 0).any())
+    with pytest.raises(RuntimeError):
+        torch.add(number, other)
+
+
+@pytest.mark.parametrize("name", ["paper", "steady", "recurrent"])
+def test_all_state_but_the_counters_is_on_the_device(name, on_meta):
+    with torch.device("meta"):
+        brain = Neurocontroller(BRAINS[name], "creative", ROBOTS, 2, 1, SENSES)
+    here = {n for n, tensor in brain.state().items() if tensor.device.type == "cpu"}
+    assert here == {"age", "noise.age", "generator"} | (
+        {"now.rewarded"} if name != "paper" else set()
+    )
+
+
+def test_a_state_of_the_host_is_loaded_onto_the_device(on_meta):
+    parameters = BRAINS["steady"]
+    host = Neurocontroller(parameters, "creative", ROBOTS, 2, 1, SENSES)
+    for _ in range(3):
+        host.act(torch.zeros(ROBOTS, 2), True)
+        host.learn(torch.zeros(ROBOTS))
+    with torch.device("meta"):
+        brain = Neurocontroller(parameters, "creative", ROBOTS, 2, 1, SENSES)
+    brain.load_state(host.state())
+    brain.act(torch.zeros(ROBOTS, 2, device="meta"), True)
+    brain.learn(torch.zeros(ROBOTS, device="meta"))
+    assert int(brain.state()["age"]) == 4
