@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
@@ -93,6 +95,36 @@ def check_output(path: Path) -> None:
     if path.suffix[1:].lower() not in FORMATS:
         raise InputError(f"the figure must be an .{' or .'.join(FORMATS)}, got {path}")
     check_place(path)
+
+
+def label_ends(axis: Axes, x: float, ends: Mapping[str, tuple[float, str]]) -> None:
+    """Writes the name of each line beside its end, in its colour, without overlaps.
+
+    Args:
+      axis: Axes of the lines, whose range on y is 0 to 1.
+      x: Where the lines end.
+      ends: Height of the end and colour of the line, by name.
+    """
+    heights = _apart([height for height, _ in ends.values()])
+    for (name, (_, shade)), height in zip(ends.items(), heights, strict=True):
+        axis.annotate(
+            name, (x, height), (5, 0), textcoords="offset points", color=shade, fontsize=7,
+            va="center", annotation_clip=False,
+        )  # fmt: skip
+
+
+def _apart(heights: Sequence[float], least: float = 0.045) -> np.ndarray:
+    """Returns heights of labels that are at least a distance apart, close to those wanted."""
+    order = np.argsort(heights)
+    placed = np.array(heights, dtype=float)
+    for _ in range(200):
+        gaps = np.diff(placed[order])
+        short = np.maximum(least - gaps, 0) / 2
+        if not short.any():
+            break
+        placed[order[:-1]] -= short
+        placed[order[1:]] += short
+    return placed
 
 
 def in_per_cent(axis: Axis) -> None:

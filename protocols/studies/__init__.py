@@ -39,6 +39,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Proposers",
             "Compare ways to propose equally many actions to the same evaluation network.",
         ),
+        "wear": (
+            "wear.study",
+            "Wear",
+            "Change the body of robots that have learned, and watch how they recover.",
+        ),
         "evolve": (
             "evolve.study",
             "Evolve",

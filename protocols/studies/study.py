@@ -179,18 +179,21 @@ class StoppedError(Exception):
 class MinuteTick:
     """Reports a job's progress every simulated minute, and stops it when asked."""
 
-    def __init__(self, job: Job, robots: int, stop: Stop, report: Report) -> None:
-        """Starts the count at zero.
+    def __init__(
+        self, job: Job, robots: int, stop: Stop, report: Report, done: float = 0.0
+    ) -> None:
+        """Starts the count.
 
         Args:
           job: Job whose progress is reported.
           robots: Number of robots in lockstep.
           stop: Function that returns whether to stop.
           report: Function called with the simulated robot-seconds so far and a message.
+          done: Robot-seconds simulated before, by a job that continues.
         """
         self._cost, self._each = job.cost, 60.0 * robots
         self._stop, self._report = stop, report
-        self._done = 0.0
+        self._done = done
 
     def __call__(self) -> None:
         """Counts a simulated minute.

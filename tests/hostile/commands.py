@@ -109,6 +109,13 @@ VERBS = {
         ["OUT", "--part", "rule", "--robots", "2", "--time-scale", "0.002"],
         {"--part": TEXTS, "--robots": NUMBERS, "--time-scale": NUMBERS, **_WORKERS},
     ),
+    "study wear": (
+        ["OUT", "--robots", "2", "--time-scale", "0.002", "--arm", "frozen"],
+        {
+            "--change": TEXTS, "--arm": TEXTS, "--robots": NUMBERS, "--seed": NUMBERS,
+            "--body": TEXTS, "--kinematics": "kinematics", "--time-scale": NUMBERS, **_WORKERS,
+        },
+    ),
     "study evolve": (
         ["OUT", "--budget", "4", "--generation", "4", "--robots", "2", "--time-scale", "0.002"],
         {

@@ -219,13 +219,7 @@ def draw(groups: Mapping[Cell, np.ndarray]) -> Figure:
             for ideas, own in zip(known, values, strict=True):
                 axis.plot([ideas] * 2, intervals.mean(own, intervals.SHARE), color=colour, lw=0.7)
             ends[way] = means[-1], colour
-        for (way, (_, colour)), height in zip(
-            ends.items(), _apart([value for value, _ in ends.values()]), strict=True
-        ):
-            axis.annotate(
-                way, (max(IDEAS), height), (5, 0), textcoords="offset points", color=colour,
-                fontsize=7, va="center", annotation_clip=False,
-            )  # fmt: skip
+        style.label_ends(axis, max(IDEAS), ends)
         axis.set_xscale("log")
         axis.set_xticks(IDEAS, [str(ideas) for ideas in IDEAS])
         axis.minorticks_off()
@@ -236,17 +230,3 @@ def draw(groups: Mapping[Cell, np.ndarray]) -> Figure:
     axes[0, 0].set_ylim(-0.02, 1.02)
     style.in_per_cent(axes[0, 0].yaxis)
     return figure
-
-
-def _apart(heights: Sequence[float], least: float = 0.045) -> np.ndarray:
-    """Returns heights of labels that are at least a distance apart, close to those wanted."""
-    order = np.argsort(heights)
-    placed = np.array(heights, dtype=float)
-    for _ in range(200):
-        gaps = np.diff(placed[order])
-        short = np.maximum(least - gaps, 0) / 2
-        if not short.any():
-            break
-        placed[order[:-1]] -= short
-        placed[order[1:]] += short
-    return placed

@@ -1,0 +1,203 @@
+"""The page of the study: tables of each change, the verdict, and the curves of recovery."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ....models import CHANGES
+from ...analysis import intervals
+from ...analysis.survival import kaplan_meier
+from ...reporting import style
+from ...reporting.markdown import MEANS, bracket, table
+from ..study import Page
+from .arms import ARMS, FROZEN, NEWBORN
+from .recovery import (
+    END,
+    Arms,
+    Pair,
+    Recovery,
+    against_newborns,
+    effects,
+    mean_minutes,
+    noise_pairs,
+    verdict,
+)
+
+_SHOWN = ("trained-noise", "trained-quiet")  # arms in the figure, besides the controls
+
+
+def page(changes: Mapping[str, Arms], seed: int) -> Page:
+    """Returns the page made from the finished arms.
+
+    Args:
+      changes: Recovery by change and arm.
+      seed: Seed of the lives.
+    """
+    lines = [f"Old brains in a changed body (docs/plans/wear.md). Seed {seed}.", ""]
+    figures = {}
+    for change, found in changes.items():
+        arms = {name: found[name] for name in ARMS if name in found}
+        lines += [f"### {change}: {CHANGES[change].says}", ""]
+        if not arms:
+            lines += ["No arm is finished yet.", ""]
+            continue
+        lines += [*_arms(arms), *_pairs(arms), *_effects(arms), *_goal(arms)]
+        with style.styled():
+            figures[f"wear-{change}"] = draw(arms)
+    return Page("\n".join(lines), figures)
+
+
+def _arms(arms: Arms) -> list[str]:
+    tested = against_newborns(arms)
+    rows = [
+        ["arm", "robots", "in the spot at once", "at the end", "recovered", "median, minutes"]
+        + ["mean, minutes", "p against newborns (Holm)"]
+    ]
+    for name, arm in arms.items():
+        times, kept = arm.durations, arm.shares[:, arm.learned]
+        count = int(times.happened.sum())
+        curve = kaplan_meier(times) if len(times) else None
+        rows.append(
+            [
+                f"`{name}`",
+                str(len(times)),
+                *(f"{np.nanmean(kept[k]):.3f}" if len(times) else "-" for k in (0, -1)),
+                f"{count} {bracket(intervals.share(count, len(times)), percent=True)}".strip(),
+                "-" if curve is None else _minutes(curve.median, curve.median_interval),
+                _plain(mean_minutes(arm)),
+                _p(tested[name]) if name in tested else "",
+            ]
+        )
+    one = next(iter(arms.values()))
+    stopped = max(int(np.isnan(arm.shares[-1]).sum()) for arm in arms.values())
+    left_out = int((~one.learned).sum())
+    return [
+        *table(rows),
+        "",
+        "Recovered: a probe of ten minutes with frozen weights has at least 90 % of the robot's "
+        "share of time in the spot before the change. Share with Wilson's interval; median of the "
+        "Kaplan-Meier curve with its log-log interval; mean restricted to "
+        f"{END:.0f} minutes; log-rank test. Left out: {left_out} robots that had not learned "
+        f"(below 0.5 before the change); at most {stopped} in an arm were stopped.",
+        "",
+    ]
+
+
+def _pairs(arms: Arms) -> list[str]:
+    tested = noise_pairs(arms)
+    if not tested:
+        return []
+    rows = [["with noise", "minutes", "without", "minutes", "difference", "p (Holm)", "noise is"]]
+    for pair in tested:
+        rows.append(
+            [
+                f"`{pair.first}`",
+                _plain(mean_minutes(arms[pair.first])),
+                f"`{pair.second}`",
+                _plain(mean_minutes(arms[pair.second])),
+                _signed(pair.difference),
+                _p(pair),
+                ("faster", "-", "slower")[pair.sign + 1],
+            ]
+        )
+    return [
+        *table(rows, "lrlrrrl"),
+        "",
+        f"Restricted mean times; log-rank test. **{verdict(arms, tested)}**",
+        "",
+    ]
+
+
+def _effects(arms: Arms) -> list[str]:
+    found = effects(arms)
+    if not found:
+        return []
+    rows = [["effect", "minutes"]]
+    rows += [
+        [name, f"{_signed(value)} {bracket(interval)}".strip()]
+        for name, (value, interval) in found.items()
+    ]
+    return [
+        *table(rows),
+        "",
+        "Difference of the restricted time for each robot, mean over pairs of arms that differ in "
+        f"the factor alone; 95 % interval over robots ({MEANS}). Not tested.",
+        "",
+    ]
+
+
+def _goal(arms: Arms) -> list[str]:
+    medians = {
+        name: kaplan_meier(arm.durations).median
+        for name, arm in arms.items()
+        if len(arm.durations) and (name.startswith("trained-") or name == NEWBORN)
+    }
+    newborns = medians.pop(NEWBORN, math.nan)
+    if math.isnan(newborns) or not medians:
+        return []
+    best = min(medians, key=medians.__getitem__)
+    met = medians[best] <= newborns / 4
+    return [
+        f"Goal, a quarter of the newborns' median: {'met' if met else 'not met'}; the best arm, "
+        f"`{best}`, has {_plain(medians[best])} minutes, newborns have {_plain(newborns)}.",
+        "",
+    ]
+
+
+def _minutes(value: float, interval: tuple[float, float]) -> str:
+    low, high = map(_plain, interval)
+    return f"{_plain(value)} [{low}, {high}]"
+
+
+def _plain(minutes: float) -> str:
+    if math.isnan(minutes):
+        return "-"
+    return f"over {END:.0f}" if math.isinf(minutes) else f"{minutes:.1f}".removesuffix(".0")
+
+
+def _signed(minutes: float) -> str:
+    return "-" if math.isnan(minutes) else f"{minutes:+.1f}"
+
+
+def _p(pair: Pair) -> str:
+    return "-" if math.isnan(pair.p) else f"{pair.p:.4f}"
+
+
+def draw(arms: Arms) -> Figure:
+    """Draws the share of recovered robots against time: own ideas, and a share of random ones."""
+    figure, axes = style.canvas(3.4, 1, 2, sharey=True)
+    for axis, ideas in zip(axes[0], ("own", "random"), strict=True):
+        shown = [n for n in arms if n.startswith(_SHOWN) and ideas in n.split("-")]
+        shown += [n for n in (NEWBORN, FROZEN) if n in arms]
+        ends = {}
+        for number, name in enumerate(shown):
+            control = name in (NEWBORN, FROZEN)
+            shade = style.INK if control else style.PALETTE[number % len(style.PALETTE)]
+            times, share = _recovered(arms[name])
+            axis.step(times, share, "--" if control else "-", where="post", color=shade)
+            ends[name.removeprefix("trained-").replace(f"-{ideas}", "")] = share[-1], shade
+        style.label_ends(axis, END, ends)
+        axis.set(
+            title="All ideas its own" if ideas == "own" else "A third random",
+            xlabel="minutes after the change",
+            xlim=(0, 1.45 * END),
+            ylim=(-0.02, 1.02),
+        )
+        axis.set_xticks(np.arange(0, END + 1, 60))
+    axes[0, 0].set_ylabel("recovered")
+    style.in_per_cent(axes[0, 0].yaxis)
+    return figure
+
+
+def _recovered(arm: Recovery) -> tuple[np.ndarray, Sequence[float]]:
+    """Returns times, and the share of recovered robots from each of them on."""
+    if not len(arm.durations):
+        return np.array([0.0, END]), [0.0, 0.0]
+    curve = kaplan_meier(arm.durations)
+    times = np.concatenate([[0.0], curve.times, [END]])
+    at_once = float(1 - curve.share[0]) if curve.times[0] == 0 else 0.0
+    return times, [at_once, *(1 - curve.share), float(1 - curve.share[-1])]

@@ -1,0 +1,74 @@
+"""Probes: what frozen copies of brains do in ten minutes with a spot at a random place."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+
+from ....tasks.arena import Edit
+from ...agents.factory import make_agent
+from ...agents.neurocontroller import NeurocontrollerAgent
+from ...experiment.conditions import Condition
+from ...experiment.experiment import Experiment
+from ...experiment.schedules import SPOT_FINDING, Phase, control_steps
+from ...playback.rollout import Tick, watch
+from ...simulation.placement import place
+
+CONDITION = Condition("spot_finding", "creative")
+PROBE = Phase("post", 10, False, robot="random", spot="random")
+TRAINING = SPOT_FINDING.phases[1]  # once more, after the change
+PERIODS = round(TRAINING.minutes / PROBE.minutes)  # of training, with a probe after each
+PERIODS_PER_SPOT = round((TRAINING.every_minutes or TRAINING.minutes) / PROBE.minutes)
+REFERENCES = 6  # probes before the change
+
+
+def period(experiment: Experiment) -> int:
+    """Returns the control steps of a probe, and of the training between two probes."""
+    return control_steps(PROBE.minutes * experiment.time_scale)
+
+
+def probe(
+    experiment: Experiment,
+    networks: Mapping[str, np.ndarray],
+    stream: tuple[str, int, int],
+    edits: Sequence[Edit] = (),
+    tick: Tick = lambda: None,
+) -> np.ndarray:
+    """Evaluates frozen copies of brains in one probe.
+
+    The copies have a random stream of their own, which depends on the seed and on `stream` alone:
+    equal streams have equal places of robot and spot, whatever the brains and the body.
+
+    Args:
+      experiment: Experiment that decides the brains and the body.
+      networks: Networks of B brains, see `Agent.weights`.
+      stream: Kind of probe, number of the cohort, and number of the probe.
+      edits: Edits of the arena's model.
+      tick: Function called after every simulated minute.
+
+    Returns:
+      Share of time in the spot, shape (B,); NaN where the simulation became unstable or a weight
+      is not finite.
+    """
+    kind, *numbers = stream
+    key = (zlib.crc32(f"wear/{kind}".encode()), *numbers)
+    brains, world = np.random.SeedSequence(experiment.seed, spawn_key=key).spawn(2)
+    robots = len(next(iter(networks.values())))
+    agent = make_agent(
+        experiment, CONDITION, robots, int(brains.generate_state(1, np.uint64)[0] >> 1)
+    )
+    assert isinstance(agent, NeurocontrollerAgent)
+    agent.controller.load_networks({k: torch.from_numpy(v) for k, v in networks.items()})
+    batch = experiment.batch(CONDITION.task, robots, edits)
+    place(batch, PROBE, np.random.default_rng(world))
+    track = watch(batch, agent, period(experiment), learning=False, tick=tick)
+    return np.where(batch.valid & finite(networks), track.events.mean(axis=0), np.nan)
+
+
+def finite(networks: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Returns which of B brains have finite weights only, shape (B,)."""
+    each = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in networks.values()]
+    return np.all(each, axis=0)

@@ -1,0 +1,190 @@
+"""What the probes say: times to recovery, tests of arms, effects of factors, and the verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...analysis import intervals
+from ...analysis.hypothesis_tests import holm
+from ...analysis.intervals import Interval
+from ...analysis.survival import Durations, log_rank, restricted
+from .arms import FACTORS, NEWBORN, pairs
+from .probes import PERIODS, PROBE
+
+ALPHA = 0.05
+END = PERIODS * PROBE.minutes  # [min]
+_SHARE = 0.9  # of the reference, which is recovery
+_LEARNED = 0.5  # least reference of a robot that had learned
+
+
+@dataclasses.dataclass(frozen=True)
+class Recovery:
+    """Recovery of the robots of an arm.
+
+    Attributes:
+      shares: Share of time in the spot in the probes after the change, shape (P, N), of all robots.
+      reference: Mean share in the probes before the change, shape (N,).
+    """
+
+    shares: np.ndarray
+    reference: np.ndarray
+
+    @classmethod
+    def of(cls, cohorts: Sequence[tuple[np.ndarray, np.ndarray]]) -> Recovery:
+        """Joins the shares of several cohorts, before and after the change."""
+        before, after = zip(*cohorts, strict=True)
+        return cls(np.concatenate(after, axis=1), np.concatenate(before, axis=1).mean(axis=0))
+
+    @property
+    def learned(self) -> np.ndarray:
+        """Whether each robot was valid and had learned what could be lost, shape (N,)."""
+        return ~np.isnan(self.shares[0]) & (self.reference >= _LEARNED)
+
+    @property
+    def durations(self) -> Durations:
+        """Minutes to the recovery of the robots that had learned."""
+        shares, bound = self.shares[:, self.learned], _SHARE * self.reference[self.learned]
+        reached = shares >= bound
+        happened = np.asarray(reached.any(axis=0))
+        observed = (~np.isnan(shares)).sum(axis=0) - 1  # probes before the robot was stopped
+        probes = np.where(happened, reached.argmax(axis=0), observed)
+        return Durations(probes * float(PROBE.minutes), happened)
+
+    @property
+    def minutes(self) -> np.ndarray:
+        """Minutes to recovery, at most those observed; NaN where nothing was learned, (N,)."""
+        found = np.full(len(self.reference), np.nan)
+        found[self.learned] = restricted(self.durations, END)
+        return found
+
+
+Arms = Mapping[str, Recovery]
+"""Recovery by the name of the arm."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    """Two arms, compared.
+
+    Attributes:
+      first: Name of the first arm.
+      second: Name of the second.
+      p: p of the log-rank test, Holm-corrected over the family; NaN if not tested.
+      difference: Restricted mean time of the first minus that of the second, in minutes.
+    """
+
+    first: str
+    second: str
+    p: float
+    difference: float
+
+    @property
+    def sign(self) -> int:
+        """-1 if the first is faster, 1 if it is slower, 0 if that cannot be told."""
+        told = not math.isnan(self.p) and self.p < ALPHA
+        return int(np.sign(self.difference)) if told else 0
+
+
+def compared(arms: Arms, wanted: Sequence[tuple[str, str]]) -> list[Pair]:
+    """Tests pairs of arms by the log-rank test, corrected over all of them by Holm's method."""
+    times = {name: arms[name].durations for pair in wanted for name in pair}
+    p_values = holm(np.array([log_rank(times[a], times[b]) for a, b in wanted]))
+    return [
+        Pair(a, b, float(p), mean_minutes(arms[a]) - mean_minutes(arms[b]))
+        for (a, b), p in zip(wanted, p_values, strict=True)
+    ]
+
+
+def mean_minutes(arm: Recovery) -> float:
+    """Returns the restricted mean time to recovery, in minutes; NaN without robots."""
+    times = arm.minutes[arm.learned]
+    return float(times.mean()) if len(times) else math.nan
+
+
+def against_newborns(arms: Arms) -> dict[str, Pair]:
+    """Returns each other arm compared with the newborns; empty without newborns."""
+    others = [(name, NEWBORN) for name in arms if name != NEWBORN] if NEWBORN in arms else []
+    return {pair.first: pair for pair in compared(arms, others)}
+
+
+def noise_pairs(arms: Arms) -> list[Pair]:
+    """Returns the arms with noise compared with those that differ in noise alone."""
+    return compared(arms, pairs("noise", arms))
+
+
+def effects(arms: Arms) -> dict[str, tuple[float, Interval]]:
+    """Returns the main effect of each factor, and that of noise times ideas.
+
+    An effect is the second level's restricted time minus the first's, in minutes, for each robot a
+    mean over all pairs of arms that differ in the factor alone; its 95 % interval is over robots.
+    """
+    found = {}
+    for factor, levels in FACTORS.items():
+        if own := pairs(factor, arms):
+            name = f"{factor}: {levels[1]} instead of {levels[0]}"
+            found[name] = _mean([arms[b].minutes - arms[a].minutes for a, b in own])
+    by_ideas = {
+        level: [
+            arms[b].minutes - arms[a].minutes
+            for a, b in pairs("noise", arms)
+            if level in a.split("-")
+        ]
+        for level in FACTORS["ideas"]
+    }
+    if all(by_ideas.values()):
+        random, own = (np.asarray(np.mean(by_ideas[k], axis=0)) for k in FACTORS["ideas"])
+        found["noise x ideas: effect of quiet with own ideas, minus with random"] = _mean(
+            [own - random]
+        )
+    return found
+
+
+def _mean(differences: Sequence[np.ndarray]) -> tuple[float, Interval]:
+    each = np.mean(differences, axis=0)
+    each = each[~np.isnan(each)]
+    return (
+        (float(each.mean()), intervals.mean(each)) if len(each) else (math.nan, intervals.UNKNOWN)
+    )
+
+
+def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
+    """Returns the sentence on the paper's claim that the plan's rule gives.
+
+    Args:
+      arms: Recovery by arm.
+      tested: Noise pairs; those with a trained memory decide.
+    """
+    own = [pair for pair in tested if pair.first.startswith("trained-")]
+    if not own:
+        return "No noise pair with a trained memory is finished."
+    if not all(len(arms[name].durations) for pair in own for name in (pair.first, pair.second)):
+        return "Nothing can be told: no robot had learned."
+    signs = {pair.first: pair.sign for pair in own}
+    faster = {name for name, sign in signs.items() if sign < 0}
+    slower = {name for name, sign in signs.items() if sign > 0}
+    without = {name for name in signs if "own" in name.split("-")}
+    if faster == signs.keys():
+        recovered = [arms[pair.second].durations.happened for pair in own]
+        if all(happened.mean() < 0.5 for happened in recovered):
+            return "The claim holds: noise is essential."
+        return "Noise helps, but is not essential."
+    if without and faster == without:
+        return (
+            "The claim fails: noise helps only where nothing else is new, so novelty need not come "
+            "from noise."
+        )
+    if slower and not faster:
+        return "The claim fails: noise hinders."
+    if not slower and not faster:
+        return "The claim fails: noise has no detectable effect."
+    named = ", ".join(
+        f"{word} with {name}"
+        for word, names in (("faster", faster), ("slower", slower))
+        for name in signs
+        if name in names
+    )
+    return f"Mixed: {named}; no difference in the other pairs."

@@ -1,0 +1,341 @@
+"""The study of an old brain in a changed body: arms, branches, recovery, and the verdict."""
+
+import dataclasses
+import shutil
+
+import numpy as np
+import pytest
+
+from musebot.models import CHANGES, BodyChange
+from musebot.protocols import cli
+from musebot.protocols.errors import DamagedFileError
+from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.simulation.local import Local
+from musebot.protocols.simulation.placement import place
+from musebot.protocols.studies.study import conduct
+from musebot.protocols.studies.wear import branches, lives
+from musebot.protocols.studies.wear.arms import ARMS, FACTORS, FROZEN, NEWBORN, pairs
+from musebot.protocols.studies.wear.branches import Branch, BranchJob
+from musebot.protocols.studies.wear.page import draw, page
+from musebot.protocols.studies.wear.probes import CONDITION, PERIODS, TRAINING, period
+from musebot.protocols.studies.wear.recovery import (
+    Pair,
+    Recovery,
+    compared,
+    effects,
+    mean_minutes,
+    noise_pairs,
+    verdict,
+)
+from musebot.protocols.studies.wear.study import LIVES, Wear
+
+TODAY = "trained-noise-random-old"
+TINY = Wear(robots=3, time_scale=0.004, arm=(TODAY, "trained-quiet-random-old", NEWBORN, FROZEN))
+
+
+# ---- Arms ----
+
+
+def test_the_arms_are_all_combinations_and_two_controls():
+    assert len(ARMS) == 18
+    assert {name: len(pairs(name, ARMS)) for name in FACTORS} == dict.fromkeys(FACTORS, 8)
+    assert pairs("noise", {TODAY: 0, "trained-quiet-random-old": 0, "born-noise-own-old": 0}) == [
+        (TODAY, "trained-quiet-random-old")
+    ]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("wear") / "out"
+    return out, conduct(TINY, out, Local(1))
+
+
+@pytest.fixture(scope="module")
+def life(finished):
+    out, _ = finished
+    return TINY._lives(out)[0]
+
+
+def same(first, second, names=lambda name: True):
+    return all(np.array_equal(first[name], second[name]) for name in first if names(name))
+
+
+def test_an_arm_keeps_what_its_name_says(life):
+    old, born = life.brains().part("brain"), life.brains().part("before")
+    memory = [name for name in old if name.startswith("memory.")]
+    assert memory and not same({n: old[n] for n in memory if n in born}, born)
+    states = {name: arm.state(old, born) for name, arm in ARMS.items() if arm.levels}
+    assert same(states[TODAY], old)
+    for name, state in states.items():
+        levels = ARMS[name].levels
+        assert same(state, old, lambda n: n.startswith("evaluation."))  # Adam's moments, too
+        assert (int(state["age"]) == 0) is (levels["clock"] == "reset")
+        reborn = {n: state[n] for n in memory if n in born}
+        assert same(reborn, born) is (levels["memory"] == "born")
+        assert same({n: state[n] for n in memory}, old) is (levels["memory"] == "trained")
+
+
+def test_an_arms_brain_has_its_noise_and_its_ideas_and_equally_many_candidates():
+    old = TINY.experiment.brain
+    quiet = ARMS["born-quiet-own-reset"].brain(old)
+    assert (quiet.noise, quiet.random_share) == (0, 0)
+    assert ARMS[TODAY].brain(old) == old == ARMS[NEWBORN].brain(old)
+    assert {arm.brain(old).ideas for arm in ARMS.values()} == {old.ideas}
+
+
+# ---- Branches ----
+
+
+def test_without_a_change_an_old_brain_lives_on_as_if_nothing_had_happened(life, monkeypatch):
+    """The robots' own learning, from the checkpoint, is that of an uninterrupted life."""
+    monkeypatch.setattr(branches, "CHANGES", {"none": BodyChange("nothing changes")})
+    branch = Branch(life, "none", ARMS[TODAY])
+    for _ in range(3):
+        branch.advance(lambda: None)
+    cohort = Cohort(life.experiment, life.key)
+    cohort.advance(life.steps)
+    before = cohort.batch
+    robots = np.arange(before.robots)
+    before.place(robots, before.pose)  # the change leaves robots at rest
+    cohort.agent.reset()
+    for part in range(2):
+        if part == 0:
+            place(before, TRAINING, cohort._random)
+        for _ in range(period(life.experiment)):
+            state = before.rules.state(before.sensordata).astype(np.float32)
+            motors = cohort.agent.act(state, True)
+            cohort.agent.learn(before.rules.reward(before.sensordata).astype(np.float32))
+            before.step(motors)
+    ours, theirs = branch.agent.state(), cohort.agent.state()
+    assert ours.keys() == theirs.keys() and same(ours, theirs)
+    assert np.array_equal(branch.batch.pose, before.pose)
+
+
+def test_swapped_wheels_move_the_robot_the_other_way(life):
+    start = Branch(life, "polarity", ARMS[TODAY])
+    plain = life.experiment.batch(CONDITION.task, 1)
+    changed = life.experiment.batch(CONDITION.task, 1, [CHANGES["polarity"]])
+    for batch in (plain, changed):
+        batch.step(np.array([[0.4, 0.4]], np.float32))
+    assert changed.pose[0, 0] == pytest.approx(-plain.pose[0, 0]) != 0
+    assert np.array_equal(start.batch.valid, life.brains().part("batch")["valid"])
+
+
+def test_a_newborn_is_the_brain_that_the_old_one_was(life):
+    newborn = Branch(life, "polarity", ARMS[NEWBORN])
+    assert same(newborn.agent.weights(), life.brains().part("before"))
+
+
+def test_a_frozen_brain_never_learns(life):
+    frozen = Branch(life, "polarity", ARMS[FROZEN])
+    before = {name: array.copy() for name, array in frozen.agent.weights().items()}
+    for _ in range(3):
+        frozen.advance(lambda: None)
+    assert same(frozen.agent.weights(), before) and len(frozen.shares) == 3
+
+
+def test_all_arms_of_a_cohort_are_probed_at_the_same_places(finished, monkeypatch):
+    out, _ = finished
+    seen = {}
+
+    def spy(experiment, networks, stream, edits, tick):
+        seen.setdefault(arm, []).append(stream)
+        return np.zeros(3)
+
+    monkeypatch.setattr(branches, "probe", spy)
+    for arm in TINY.arm:
+        branch = Branch(TINY._lives(out)[0], "polarity", ARMS[arm])
+        for _ in range(2):
+            branch.advance(lambda: None)
+    assert len({str(streams) for streams in seen.values()}) == 1 and len(seen) == 4
+
+
+def stopping_after(count):
+    """A function that asks to stop at its count-th call."""
+    calls = iter(range(count))
+    return lambda: next(calls, None) is None
+
+
+def test_a_job_that_is_killed_again_and_again_ends_with_the_same_bytes(finished, tmp_path):
+    out, _ = finished
+    (whole,) = [job for job in TINY._branches(out) if job.arm == TODAY]
+    other = dataclasses.replace(whole, folder=tmp_path)
+    stops = 0
+    while not other.run(stopping_after(7), lambda cost, message: None):
+        stops += 1
+        assert other.shares() is None and not other.done()
+    assert stops > 2 and other.done()
+    assert other.path.read_bytes() == whole.path.read_bytes()
+
+
+def test_a_life_that_is_killed_continues_to_the_same_bytes(finished, tmp_path, monkeypatch):
+    out, _ = finished
+    monkeypatch.setattr(lives, "_CHUNK", 50)
+    whole = TINY._lives(out)[0]
+    other = dataclasses.replace(whole, folder=tmp_path)
+    assert not other.run(stopping_after(5), lambda cost, message: None)
+    assert not other.run(stopping_after(9), lambda cost, message: None)
+    assert other.run(lambda: False, lambda cost, message: None)
+    assert other.path.read_bytes() == whole.path.read_bytes()
+
+
+def test_a_finished_study_is_kept_without_its_lives(finished, tmp_path):
+    out, first = finished
+    kept = tmp_path / "kept"
+    shutil.copytree(out, kept, ignore=lambda folder, names: {*names} & {"life-0000.safetensors"})
+    assert conduct(TINY, kept, Local(1)).markdown == first.markdown
+    assert not list((kept / LIVES).iterdir())
+
+
+def test_a_file_of_another_arm_is_named_and_refused(finished, tmp_path):
+    out, _ = finished
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    frozen = copy / "polarity" / "frozen-0000.safetensors"
+    frozen.write_bytes((copy / "polarity" / "newborn-0000.safetensors").read_bytes())
+    with pytest.raises(DamagedFileError, match="frozen-0000.safetensors is another's: its arm is"):
+        TINY.check(copy)
+
+
+def test_more_robots_and_arms_are_added_to_a_study(finished, tmp_path, here):
+    out, _ = finished
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    more = dataclasses.replace(TINY, arm=(*TINY.arm, "born-noise-own-old"))
+    text = conduct(more, copy, here).markdown
+    assert [job.arm for job in here.jobs if isinstance(job, BranchJob)] == ["born-noise-own-old"]
+    assert "| `born-noise-own-old` |" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--change", "colour"], "the change must be one of polarity, half-gain, turned-nose, got"),
+        (["--arm", "trained"], "the arm must be one of trained-noise-random-old, "),
+        (["--arm", FROZEN, FROZEN], "arm must name different ones, got frozen frozen"),
+        (["--robots", "0"], "robots must be at least 1, got 0"),
+        (["--time-scale", "0"], "the time scale must lie in"),
+        (["--kinematics", "lag=-1"], "lag must not be negative"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(words, sentence, tmp_path, capsys):
+    assert cli.main(["study", "wear", str(tmp_path / "out"), *words]) == 2
+    complaint = capsys.readouterr().err
+    assert sentence in complaint and complaint.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- Recovery ----
+
+
+def recovery(minutes, reference=0.8, robots=None):
+    """Robots that reach their reference at these minutes; None for never."""
+    minutes = [minutes] * (robots or 1) if robots else minutes
+    shares = np.zeros((PERIODS + 1, len(minutes)))
+    for robot, minute in enumerate(minutes):
+        if minute is not None:
+            shares[minute // 10 :, robot] = 0.9 * reference
+    return Recovery(shares, np.full(len(minutes), reference))
+
+
+def test_recovery_is_the_first_probe_at_nine_tenths_of_the_reference():
+    own = recovery([0, 30, None, 240])
+    assert own.durations.times.tolist() == [0, 30, 240, 240]
+    assert own.durations.happened.tolist() == [True, True, False, True]
+    assert mean_minutes(own) == (0 + 30 + 240 + 240) / 4
+    below = Recovery(own.shares * 0.999, own.reference)
+    assert not below.durations.happened.any()
+
+
+def test_robots_that_had_learned_nothing_are_left_out():
+    own = Recovery(np.ones((PERIODS + 1, 3)), np.array([0.49, 0.5, np.nan]))
+    assert own.learned.tolist() == [False, True, False]
+    assert np.isnan(own.minutes).tolist() == [True, False, True]
+
+
+def test_a_stopped_robot_is_censored_when_it_stops():
+    own = recovery([None, 100])
+    own.shares[6:, 0] = np.nan
+    assert own.durations.times.tolist() == [50, 100]
+    assert own.durations.happened.tolist() == [False, True]
+
+
+def four(random, own):
+    """Arms with a trained memory: minutes with and without noise, by kind of ideas."""
+    arms = {}
+    for ideas, (noise, quiet) in (("random", random), ("own", own)):
+        for clock in ("old", "reset"):
+            arms[f"trained-noise-{ideas}-{clock}"] = noise
+            arms[f"trained-quiet-{ideas}-{clock}"] = quiet
+    return arms
+
+
+FAST, SLOW, NEVER = recovery(20, robots=40), recovery(120, robots=40), recovery(None, robots=40)
+
+
+@pytest.mark.parametrize(
+    ("arms", "sentence"),
+    [
+        (four((FAST, NEVER), (FAST, NEVER)), "The claim holds: noise is essential."),
+        (four((FAST, SLOW), (FAST, NEVER)), "Noise helps, but is not essential."),
+        (four((FAST, FAST), (FAST, NEVER)), "The claim fails: noise helps only where nothing"),
+        (four((SLOW, FAST), (FAST, FAST)), "The claim fails: noise hinders."),
+        (four((SLOW, SLOW), (FAST, FAST)), "The claim fails: noise has no detectable effect."),
+        (four((SLOW, FAST), (FAST, SLOW)), "The claim fails: noise helps only where nothing"),
+        (four((FAST, SLOW), (FAST, FAST)), "Mixed: faster with trained-noise-random-old, "),
+    ],
+)
+def test_the_verdict_is_the_first_line_of_the_rule_that_holds(arms, sentence):
+    assert verdict(arms, noise_pairs(arms)).startswith(sentence)
+
+
+def test_a_born_memory_does_not_decide():
+    arms = four((FAST, FAST), (FAST, FAST))
+    arms |= {"born-noise-own-old": FAST, "born-quiet-own-old": NEVER}
+    assert verdict(arms, noise_pairs(arms)).endswith("noise has no detectable effect.")
+    assert verdict({}, []) == "No noise pair with a trained memory is finished."
+    nothing = recovery([None], reference=0.1)
+    arms = four((nothing, nothing), (nothing, nothing))
+    assert verdict(arms, noise_pairs(arms)) == "Nothing can be told: no robot had learned."
+
+
+def test_pairs_are_corrected_over_their_family():
+    (one,) = compared({"a": FAST, "b": SLOW}, [("a", "b")])
+    two = compared({"a": FAST, "b": SLOW, "c": FAST}, [("a", "b"), ("a", "c")])
+    assert two[0].p == pytest.approx(min(2 * one.p, 1)) and two[0].sign == -1
+    assert Pair("a", "b", float("nan"), -5.0).sign == 0 == two[1].sign
+
+
+def test_an_effect_is_the_mean_difference_of_each_robot():
+    arms = four((recovery([0, 10]), recovery([20, 50])), (recovery([0, 0]), recovery([100, 100])))
+    found = {name.partition(":")[0]: value for name, (value, _) in effects(arms).items()}
+    assert found["noise"] == (20 + 40 + 100 + 100) / 4
+    assert found["clock"] == 0 and "memory" not in found
+    assert found["noise x ideas"] == 100 - 30
+
+
+def test_the_page_names_the_verdict_and_the_goal():
+    arms = four((FAST, SLOW), (FAST, NEVER)) | {NEWBORN: SLOW, FROZEN: NEVER}
+    text = page({"polarity": arms, "half-gain": {}}, 1).markdown
+    assert "**Noise helps, but is not essential.**" in text
+    assert "a quarter of the newborns' median: met; the best arm" in text
+    assert "| `frozen` | 40 | 0.000 | 0.000 | 0 [0%, 9%] | over 240 [over 240, over 240] |" in text
+    assert "No arm is finished yet." in text
+
+
+def test_the_figure_has_a_curve_for_each_arm_that_it_names():
+    arms = four((FAST, SLOW), (FAST, NEVER)) | {NEWBORN: SLOW, FROZEN: NEVER}
+    own, random = draw(arms).axes
+    for axis in (own, random):
+        words = sorted(text.get_text() for text in axis.texts)
+        assert words == [
+            "frozen",
+            "newborn",
+            "noise-old",
+            "noise-reset",
+            "quiet-old",
+            "quiet-reset",
+        ]
+        assert len(axis.lines) == 6
+    heights = {float(np.asarray(line.get_ydata())[-1]) for line in own.lines}
+    assert heights == {0.0, 1.0}
