@@ -163,7 +163,7 @@ def test_tables_as_json_hold_both(run, capsys):
     ("arguments", "words"),
     [
         (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding, got 'dancing'"),
-        (["--proposer", "magic"], "proposer must be one of fixed, random, creative, or an agent's"),
+        (["--proposer", "magic"], "there is no agent 'magic'"),
         (["--proposer", "fixed", "--proposer=random"], "--proposer is given twice"),
         (["--robots", "0"], "robots must be at least 1, got 0"),
         (["--robots", "-3"], "robots must be at least 1, got -3"),
@@ -214,7 +214,7 @@ def test_tables_as_json_hold_both(run, capsys):
             ["--protocol", "continual", "--task", "wall_avoidance"],
             "the protocol continual has only spot_finding, got wall_avoidance",
         ),
-        (["--agent", "hand"], "proposer must be one of fixed, random, creative, or an agent's"),
+        (["--agent", "hand"], "there is no agent 'hand': did you mean hand_coded?"),
     ],
 )
 def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, tmp_path, capsys):
@@ -518,6 +518,7 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
     assert {*whole} == BRAINS.keys() - ours and less == "steady-X"
     assert {name: tuple(values.split(",")) for name, values in named.items()} == {
         "device": ("cpu", "cuda", "cuda:N"),
+        "signals": ("paper", "raw"),
         "task": PAPER_TASKS,
         "proposer": tuple(PROPOSERS),
         "protocol": tuple(PROTOCOLS),

@@ -1,35 +1,59 @@
 """Makes agents by their name: a proposer of the neurocontroller, or an agent's factory.
 
-A factory, named `package.module:factory`, receives the number of robots, the number of sensor
-signals and a seed, and returns an `Agent`.
+A factory, named `package.module:factory`, receives the number of robots, what they sense, a seed,
+and the settings that the run names as keywords. It returns an `Agent`.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
 from collections.abc import Callable
+from typing import Any, cast
 
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.proposers import PROPOSERS
+from ...controller.senses import Senses
 from ..errors import InputError, RunError
 from ..experiment.conditions import Condition, check_proposer
 from ..experiment.experiment import Experiment
 from ..experiment.networks import senses_of
 from .base import Agent
 from .checked_agent import CheckedAgent, ending_in_a_sentence, fault
-from .names import MOVED, RECORDED_NAMES, is_own
+from .names import MOVED, RECORDED_NAMES, is_own, short_name
 from .neurocontroller import NeurocontrollerAgent
+from .raw_signals import RawSignals
+from .settings import checked_settings, settings_from
 from .trust import check_trusted
 
 
-def factory_of(name: str) -> Callable[[int, int, int], Agent]:
-    """Returns the factory of one of our own agents.
+def factory_of(name: str) -> Callable[..., Agent]:
+    """Returns the factory of an agent.
 
     Args:
-      name: Short name of the agent, a key of `RECORDED_NAMES`.
+      name: Name of the agent: one of `RECORDED_NAMES`, as a run records it, or
+        "package.module:factory".
+
+    Raises:
+      InputError: the factory is not trusted, is not found, or fails to import.
+      RunError: the factory's module exits.
     """
-    module, _, factory = MOVED[RECORDED_NAMES[name]].partition(":")
-    return getattr(importlib.import_module(module), factory)
+    name = RECORDED_NAMES.get(name, name)
+    check_trusted(name, "the experiment")
+    module, _, attribute = MOVED.get(name, name).partition(":")
+    factory: Any
+    try:
+        with ending_in_a_sentence(f"{module} cannot be imported", passed=(Exception,)):
+            factory = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"there is no agent {name} ({error})") from error
+    except (InputError, RunError):
+        raise
+    except Exception as error:  # any fault in a user's module
+        raise InputError(f"{module} cannot be imported ({fault(error)})") from error
+    if not callable(factory):
+        raise InputError(f"{name} must be a factory of agents, got {type(factory).__name__}")
+    return cast(Callable[..., Agent], factory)
 
 
 def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:
@@ -42,30 +66,25 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
       seed: Seed of the agent's random stream.
 
     Raises:
-      InputError: the factory is not trusted, is not found, fails to import, or returns no agent.
+      InputError: the factory is not trusted, is not found, fails to import, has not these settings,
+        or returns no agent.
       RunError: the factory's module or the factory exits.
     """
     senses = senses_of(experiment.arena_task(condition.task))
-    proposer, sensors = condition.proposer, len(senses.state)
+    proposer = condition.proposer
     if proposer in PROPOSERS:
-        controller = Neurocontroller(experiment.brain, proposer, robots, sensors, seed, senses)
+        controller = Neurocontroller(
+            experiment.brain, proposer, robots, len(senses.state), seed, senses
+        )
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
     check_proposer(proposer)
-    module, _, name = MOVED.get(proposer, proposer).partition(":")
-    check_trusted(proposer, "the experiment")
-    try:
-        with ending_in_a_sentence(f"{module} cannot be imported", passed=(Exception,)):
-            factory = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise InputError(f"there is no agent {proposer} ({error})") from error
-    except (InputError, RunError):
-        raise
-    except Exception as error:  # any fault in a user's module
-        raise InputError(f"{module} cannot be imported ({fault(error)})") from error
-    if not callable(factory):
-        raise InputError(f"{proposer} must be a factory of agents, got {type(factory).__name__}")
-    if not is_own(proposer):
-        return CheckedAgent(proposer, lambda: factory(robots, sensors, seed), robots)
-    agent = factory(robots, sensors, seed)
-    assert isinstance(agent, Agent)
-    return agent
+    factory = factory_of(proposer)
+    settings = settings_from(experiment.settings)
+    if settings:
+        settings = checked_settings(short_name(proposer), factory, settings)
+
+    def make(sensed: Senses) -> Agent:
+        agent = functools.partial(factory, robots, sensed, seed, **settings)
+        return agent() if is_own(proposer) else CheckedAgent(proposer, agent, robots)
+
+    return RawSignals(senses, make) if experiment.signals == "raw" else make(senses)

@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
+from ...controller.senses import Senses
 from ...tasks.suite import TASKS
 from ..errors import DamagedFileError, InputError
 from ..examples import POLICIES
@@ -146,20 +147,21 @@ class PolicyAgent(Agent):
         return {k.removeprefix(when): v for k, v in arrays.items() if k.startswith(when)}
 
 
-def ppo(robots: int, sensors: int, seed: int) -> Agent:
+def ppo(robots: int, senses: Senses, seed: int) -> Agent:
     """Makes robots driven by PPO, one policy each, from `policies/TASK/policies.safetensors`.
 
     Every cohort has the first B policies, so that several cohorts are not independent.
 
     Args:
       robots: Number of robots, B.
-      sensors: Number of sensor signals, 5 or 1.
+      senses: What the robots sense: 5 signals or 1.
       seed: Seed; unused, since the mean action is not random.
 
     Raises:
       InputError: there is no such file, or it has too few policies.
     """
     del seed
+    sensors = len(senses.state)
     if sensors not in TRAINED_ON:
         raise InputError(f"PPO was trained for {sorted(TRAINED_ON)} signals, got {sensors}")
     task = TRAINED_ON[sensors]

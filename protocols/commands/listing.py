@@ -87,10 +87,11 @@ def studies() -> dict[str, str]:
 def agents() -> dict[str, str]:
     """Returns a line for each proposer, for `--proposer`, and for each agent, for `--agent`."""
     from ..agents.factory import factory_of
-    from ..agents.names import RECORDED_NAMES
+    from ..agents.names import RECORDED_NAMES, registered_names
 
     own = {name: _first_line(factory_of(name)) for name in RECORDED_NAMES}
-    return _PROPOSERS | own
+    others = {name: f"Another package's: {value}." for name, value in registered_names().items()}
+    return _PROPOSERS | own | others
 
 
 LISTS: Mapping[str, Callable[[], dict[str, str]]] = {

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _FIELDS = (
     "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "device",
-    "motor_speed", "motor_torque", "brain",
+    "signals", "motor_speed", "motor_torque", "brain",
 )  # fmt: skip
 
 
@@ -55,7 +55,11 @@ class RunCommand:
     proposer: Annotated[tuple[str, ...], option(f"{PROPOSER_CHOICES} ..", "all three")] = ()
     """how actions are proposed; none of these if only agents are given"""
     agent: Annotated[tuple[str, ...], option("AGENT ..", "none")] = ()
-    """q_learner, hand_coded, ppo, or a factory of yours as package.module:factory"""
+    """names that `musebot list agents` prints, or a factory of yours as package.module:factory"""
+    agent_set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
+    """settings of the agents to change, such as discount=0.95"""
+    signals: Annotated[str | None, _kept("{paper,raw}", "paper")] = None
+    """what agents sense; raw: smell and reward before they saturate, as steady reads them"""
     trust_agent: bool = False
     """run the code of agents that only OUT or a --config names; --agent allows those it names"""
     robots: Annotated[int | None, _kept("INT", "60")] = None
@@ -191,6 +195,7 @@ class RunCommand:
         """Returns the experiment's fields that were given as options, or else in the file."""
         from ...controller import Parameters
         from ...models import Kinematics
+        from ..agents.settings import settings_from
         from ..experiment.overrides import named_brain, named_reading, with_overrides
 
         wanted = dict(config.fields)
@@ -199,6 +204,9 @@ class RunCommand:
         wanted |= {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
         if self.brain is not None:
             wanted["brain"] = named_brain(self.brain)
+        if self.agent_set:
+            settings_from(self.agent_set)
+            wanted["settings"] = tuple(sorted(self.agent_set))
         for name, words, default in (
             ("kinematics", self.kinematics, Kinematics()),
             ("brain", self.set, Parameters()),
@@ -216,9 +224,9 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
       out: Folder of the run; an unfinished run continues.
       quiet: Whether to show no progress.
       **options: Options of `musebot run`, with underscores: `task`, `proposer`, `agent`, `robots`,
-        `seed`, `brain`, `set` and so on. A single name may stand for a list of one. `set` and
-        `kinematics` may be dictionaries. `processes` is the number of processes. A script needs
-        no main guard, unless it defines an agent that it also simulates.
+        `seed`, `brain`, `set` and so on. A single name may stand for a list of one. `set`,
+        `agent_set` and `kinematics` may be dictionaries. `processes` is the number of processes.
+        A script needs no main guard, unless it defines an agent that it also simulates.
 
     Returns:
       The run with all robots of the folder.
@@ -234,7 +242,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     if unknown := sorted({*options} - {*allowed}):
         raise TypeError(f"musebot.run takes the options {', '.join(allowed)}, got {unknown[0]}")
     given = {name: options.pop(name) for name in [*options] if name in workers}
-    for name in ("task", "proposer", "agent", "set", "kinematics"):
+    for name in ("task", "proposer", "agent", "agent_set", "set", "kinematics"):
         if name in options:
             options[name] = _words(options[name])
     if options.get("config") is not None:

@@ -25,6 +25,7 @@ from .schedules import PROTOCOLS, ProtocolName, Schedule
 Body = Literal["mujoco", "kinematic"]
 NosePlace = Literal["front", "centre"]
 MotorTorque = Literal["constant", "scaled"]
+Signals = Literal["paper", "raw"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
 # Turn in degrees.
@@ -61,6 +62,9 @@ class Experiment:
         spot finding) or "walls" (spot finding with wall sensing).
       device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator and the
         brains compute. Random numbers and rounding differ between devices, and so do lives.
+      signals: What agents receive: "paper", or "raw" with smell and reward before they saturate
+        (see `agents.raw_signals`). Brains have parameters of their own for this.
+      settings: Settings of agents that differ from their defaults, as NAME=VALUE.
     """
 
     seed: int = 1
@@ -77,6 +81,8 @@ class Experiment:
     brain: Parameters = Parameters()
     protocol: ProtocolName = "paper"
     device: str = "cpu"
+    signals: Signals = "paper"
+    settings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raises InputError where a value is invalid."""
@@ -106,6 +112,7 @@ class Experiment:
             ("nose_place", ("front", "centre")),
             ("motor_torque", ("constant", "scaled")),
             ("body", BODIES),
+            ("signals", ("paper", "raw")),
         ):
             if (value := getattr(self, name)) not in allowed:
                 word = name.replace("_", " ")
@@ -123,6 +130,10 @@ class Experiment:
             raise InputError(f"the device must be cpu, cuda or cuda:N, got {self.device!r:.60}")
         if self.device != "cpu" and self.body != "kinematic":
             raise InputError("only the body 'kinematic' can be simulated on a GPU")
+        if not isinstance(self.settings, tuple) or not all(
+            isinstance(word, str) for word in self.settings
+        ):
+            raise InputError(f"settings must be words NAME=VALUE, got {self.settings!r:.60}")
         if self.body == "mujoco" and self.kinematics != Kinematics():
             raise InputError("kinematics are parameters of the body 'kinematic' only")
         if self.body == "kinematic" and self.motor_torque != "constant":

@@ -54,7 +54,9 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
         if brain.get(name) == neutral:
             del brain[name]
     kinematics = Kinematics(**fields.get("kinematics", {}))
-    parts = {"brain": Parameters(**_renamed(brain)), "kinematics": kinematics}
+    parts: dict[str, Any] = {"brain": Parameters(**_renamed(brain)), "kinematics": kinematics}
+    if isinstance(settings := fields.get("settings", ()), list | tuple):
+        parts["settings"] = tuple(settings)
     return Experiment(**(_renamed(fields) | parts))
 
 

@@ -7,9 +7,10 @@ import sys
 import numpy as np
 import pytest
 
+from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.checked_agent import CheckedAgent
-from musebot.protocols.agents.hand_coded import HandCoded
 from musebot.protocols.errors import InputError, RunError
+from musebot.protocols.experiment.networks import senses_of
 
 STATE, REWARD = np.ones((2, 1), np.float32), np.ones(2, np.float32)
 
@@ -17,7 +18,7 @@ STATE, REWARD = np.ones((2, 1), np.float32), np.ones(2, np.float32)
 def checked(**methods):
     """Returns a guarded agent of two robots with some methods of its own."""
     kind = type("Mine", (HandCoded,), {name: staticmethod(f) for name, f in methods.items()})
-    return CheckedAgent("mine:make", kind, 2)
+    return CheckedAgent("mine:make", lambda: kind(senses_of("spot_finding")), 2)
 
 
 def leave(*_):
@@ -120,7 +121,7 @@ def test_an_agent_that_changes_what_it_is_given_changes_a_copy():
 AGENT = """
 import os, sys
 import numpy as np
-from musebot.protocols.agents.hand_coded import HandCoded
+from musebot.protocols.agents.bounds import HandCoded
 
 class Mine(HandCoded):
     steps = 0
@@ -130,9 +131,9 @@ class Mine(HandCoded):
             {late}
         return np.zeros((len(state), 2))
 
-def make(robots, sensors, seed):
+def make(robots, senses, seed):
     {factory}
-    return Mine()
+    return Mine(senses)
 {module}
 """
 

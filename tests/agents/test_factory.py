@@ -14,11 +14,11 @@ from musebot.controller import PROPOSERS
 from musebot.protocols import cli
 from musebot.protocols.agents import trust as trusting
 from musebot.protocols.agents.base import Agent
+from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.factory import make_agent, senses_of
-from musebot.protocols.agents.hand_coded import HandCoded
+from musebot.protocols.agents.learners.q_learning import QLearner
 from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name
 from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
-from musebot.protocols.agents.q_learning import QLearner
 from musebot.protocols.agents.trust import trust
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
@@ -46,13 +46,27 @@ def _nothing_is_trusted_before_or_after(monkeypatch):
 # A kept run records these names, and the streams of its cohorts depend on them.
 RECORDED = {
     "q_learner": "musebot.protocols.baselines:q_learner",
-    "hand_coded": "musebot.protocols.baselines:hand_coded",
+    "sarsa_lambda": "musebot:sarsa_lambda",
+    "stream_q": "musebot:stream_q",
+    "stream_ac": "musebot:stream_ac",
+    "avg": "musebot:avg",
+    "amortised_q": "musebot:amortised_q",
+    "dqn": "musebot:dqn",
     "ppo": "musebot.protocols.ppo:ppo",
+    "hand_coded": "musebot.protocols.baselines:hand_coded",
+    "newborn": "musebot:newborn",
 }
 MODULES = {
-    "q_learner": "musebot.protocols.agents.q_learning:q_learner",
-    "hand_coded": "musebot.protocols.agents.hand_coded:hand_coded",
+    "q_learner": "musebot.protocols.agents.learners.q_learning:q_learner",
+    "sarsa_lambda": "musebot.protocols.agents.learners.sarsa:sarsa_lambda",
+    "stream_q": "musebot.protocols.agents.learners.stream_q:stream_q",
+    "stream_ac": "musebot.protocols.agents.learners.stream_ac:stream_ac",
+    "avg": "musebot.protocols.agents.learners.avg:avg",
+    "amortised_q": "musebot.protocols.agents.learners.amortised_q:amortised_q",
+    "dqn": "musebot.protocols.agents.learners.dqn:dqn",
     "ppo": "musebot.protocols.agents.ppo:ppo",
+    "hand_coded": "musebot.protocols.agents.bounds:hand_coded",
+    "newborn": "musebot.protocols.agents.bounds:newborn",
 }
 
 
@@ -128,7 +142,7 @@ def test_agents_observe_as_many_signals_as_the_task_has():
     [
         ("no_such_module:x", "there is no agent no_such_module:x"),
         ("musebot.protocols.baselines:no_such", "there is no agent musebot.protocols.baselines:no"),
-        ("builtins:max", "must return an Agent, got int"),
+        ("builtins:print", "must return an Agent, got NoneType"),
         ("math:pi", "math:pi must be a factory of agents, got float"),
     ],
 )
@@ -151,8 +165,10 @@ def test_an_agent_with_the_wrong_motors_is_refused_before_anything_is_made(
 ):
     (tmp_path / "lazy_agent.py").write_text(
         "import numpy as np\n"
-        "from musebot.protocols.agents.q_learning import QLearner\n"
-        "class Lazy(QLearner):\n"
+        "from musebot.protocols.agents.bounds import HandCoded\n"
+        "class Lazy(HandCoded):\n"
+        "    def __init__(self, robots, senses, seed):\n"
+        "        super().__init__(senses)\n"
         "    def act(self, state, learning):\n"
         "        return np.zeros((1, 2))\n"
     )
@@ -181,7 +197,7 @@ def test_an_agent_without_weights_leaves_none(monkeypatch):
             pass
 
     monkeypatch.setitem(sys.modules, "still", type(sys)("still"))
-    sys.modules["still"].make = lambda robots, sensors, seed: Still()
+    sys.modules["still"].make = lambda robots, senses, seed: Still()
     trust("still:make")
     experiment = Experiment(cohort_size=2, time_scale=0.002)
     cohort = Cohort(experiment, CohortKey(Condition(WALLS, "still:make"), 0))
@@ -208,7 +224,7 @@ def test_a_restored_agent_continues_bit_exactly(task):
 
 SPY = """
 from pathlib import Path
-from musebot.protocols.agents.q_learning import q_learner
+from musebot.protocols.agents.learners.q_learning import q_learner
 Path(__file__).with_name("ran").touch()
 make = q_learner
 """

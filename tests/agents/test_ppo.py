@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import musebot
+from musebot.controller.senses import Senses, Signal
 from musebot.protocols import cli
 from musebot.protocols.agents import ppo
 from musebot.protocols.agents.factory import make_agent
@@ -87,7 +88,7 @@ def test_missing_and_unfit_policies_are_refused(folder):
     with pytest.raises(InputError, match="has 3 policies, too few for 4 robots"):
         make(4)
     with pytest.raises(InputError, match=r"for \[1, 5\] signals, got 2"):
-        ppo.ppo(robots=3, sensors=2, seed=0)
+        ppo.ppo(robots=3, senses=Senses((Signal(0, 1),) * 2, Signal(0, 1)), seed=0)
     path = file_of("wall_avoidance_unit")
     file_of("spot_finding_unit").replace(path)
     with pytest.raises(InputError, match="holds policies for spot_finding_unit"):

@@ -458,8 +458,10 @@ def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
 def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
     (tmp_path / "one_for_all.py").write_text(
         "import numpy as np\n"
-        "from musebot.protocols.agents.q_learning import QLearner\n"
-        "class Lazy(QLearner):\n"
+        "from musebot.protocols.agents.bounds import HandCoded\n"
+        "class Lazy(HandCoded):\n"
+        "    def __init__(self, robots, senses, seed):\n"
+        "        super().__init__(senses)\n"
         "    def act(self, state, learning):\n"
         "        return np.zeros((1, 2))\n"
     )

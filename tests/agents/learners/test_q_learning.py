@@ -4,11 +4,20 @@ import numpy as np
 import pytest
 import torch
 
-from musebot.protocols.agents.q_learning import QLearner, q_learner
+from musebot.controller.senses import Senses, Signal
+from musebot.protocols.agents.learners.q_learning import q_learner
+
+
+def signals(count):
+    return Senses((Signal(-1, 1),) * count, Signal(-1, 1))
+
+
+def learner(robots, count, seed):
+    return q_learner(robots, signals(count), seed)
 
 
 def test_a_step_is_watkins_update_as_autograd_computes_it():
-    agent = QLearner(4, 2, seed=3)
+    agent = learner(4, 2, seed=3)
     random = np.random.default_rng(0)
     states = random.normal(size=(3, 4, 2)).astype(np.float32)
     reward = random.normal(size=4).astype(np.float32)
@@ -24,19 +33,19 @@ def test_a_step_is_watkins_update_as_autograd_computes_it():
             torch.einsum("boh,bh->bo", before["output_weights"], hidden) + before["output_biases"]
         )
 
-    chosen = agent._chosen_before
+    chosen = agent.before["chosen"]
     value = values(states[0])[torch.arange(4), chosen]
     best = values(states[1]).amax(dim=1).detach()
     (0.5 * (torch.from_numpy(reward) + 0.9 * best - value) ** 2).sum().backward()
     agent.learn(reward)
     for name, weights in agent.weights().items():
         assert before[name].grad.abs().max() > 0
-        wanted = before[name] - QLearner.LEARN_RATE * before[name].grad
+        wanted = before[name] - 0.05 * before[name].grad
         assert torch.from_numpy(weights) == pytest.approx(wanted.detach(), abs=1e-6)
 
 
 def test_the_step_across_a_placement_is_not_learned_from():
-    agent = QLearner(2, 1, seed=0)
+    agent = learner(2, 1, seed=0)
     agent.reset()
     agent.act(np.ones((2, 1), np.float32), True)
     agent.act(np.zeros((2, 1), np.float32), True)
@@ -51,7 +60,7 @@ def test_the_step_across_a_placement_is_not_learned_from():
 
 
 def test_the_action_with_the_highest_reward_is_learned():
-    agent = QLearner(20, 1, seed=1)
+    agent = learner(20, 1, seed=1)
     state = np.ones((20, 1), np.float32)
     agent.reset()
     motors = agent.act(state, True)
@@ -63,9 +72,9 @@ def test_the_action_with_the_highest_reward_is_learned():
 
 
 def test_a_factory_makes_one_learner_a_robot():
-    agent = q_learner(3, 5, seed=7)
+    agent = learner(3, 5, seed=7)
     assert {len(weights) for weights in agent.weights().values()} == {3}
-    same, other = QLearner(3, 5, seed=7), QLearner(3, 5, seed=8)
+    same, other = learner(3, 5, seed=7), learner(3, 5, seed=8)
     weights = "hidden_weights"
     assert np.array_equal(agent.weights()[weights], same.weights()[weights])
     assert not np.array_equal(agent.weights()[weights], other.weights()[weights])
@@ -83,7 +92,7 @@ def test_a_restored_state_continues_bit_exactly():
             agent.learn(rewards[step])
         return motors
 
-    straight, first, second = (QLearner(4, 2, seed=seed) for seed in (1, 1, 2))
+    straight, first, second = (learner(4, 2, seed=seed) for seed in (1, 1, 2))
     straight.reset()
     first.reset()
     whole = steps(straight, range(60))

@@ -1,0 +1,109 @@
+"""Bounds of what the robots can learn: a hand-coded policy, and newborns that learn nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...controller.brains import BRAINS
+from ...controller.neurocontroller import Neurocontroller
+from ...controller.senses import Senses
+from ..errors import InputError
+from .base import Agent
+from .neurocontroller import NeurocontrollerAgent
+
+_SIGNALS = 5  # of a robot that senses walls: front, back, left, right, contact
+
+
+class HandCoded(Agent):
+    """Finds the spot and stands in it, or drives about without touching a wall.
+
+    With a nose it turns until it smells the spot, drives there, and stands still in it. Without
+    one it drives ahead, turns on the spot before a wall, and away from a wall beside it. It learns
+    nothing and acts in training as in the tests.
+    """
+
+    # It drives in a slight curve, in the direction of the turn: a robot that smells the spot
+    # beside a wall would push straight against the wall for ever.
+    TURN, DRIVE, STAND = (0.5, -0.5), (0.5, 0.45), (0.0, 0.0)
+    AHEAD, FROM_LEFT, FROM_RIGHT = (0.5, 0.5), (0.5, 0.2), (0.2, 0.5)
+    NEAR, BESIDE = 0.3, 0.6  # Eq. 2 at 0.13 m and 0.05 m
+
+    def __init__(self, senses: Senses) -> None:
+        """Looks up the nose's signal inside the spot (Eq. 3).
+
+        Raises:
+          InputError: the robot has neither a nose nor distance sensors.
+        """
+        noses = [n for n, signal in enumerate(senses.state) if signal.maximal]
+        if not noses and len(senses.state) != _SIGNALS:
+            raise InputError(
+                "hand_coded needs the signal of a nose, or the five signals of wall_avoidance, "
+                f"got {len(senses.state)}"
+            )
+        self._nose = noses[0] if noses else None
+        self._maximal = np.float32(senses.state[noses[0]].saturated) if noses else None
+
+    def reset(self) -> None:
+        """See `Agent.reset`."""
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        """See `Agent.act`."""
+        if self._nose is None:
+            front, left, right = state[:, :1], state[:, 2:3], state[:, 3:4]
+            motors = np.where(right > self.BESIDE, self.FROM_RIGHT, self.AHEAD)
+            motors = np.where(left > self.BESIDE, self.FROM_LEFT, motors)
+            return np.where(front > self.NEAR, self.TURN, motors)
+        smell = state[:, self._nose, None]
+        outside = np.where(smell > 0, self.DRIVE, self.TURN)
+        return np.where(smell >= self._maximal, self.STAND, outside)
+
+    def learn(self, reward: np.ndarray) -> None:
+        """See `Agent.learn`."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """See `Agent.state`."""
+        return {}
+
+    def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_state`."""
+
+
+class Newborn(NeurocontrollerAgent):
+    """A brain that stays as it was born, and does not explore."""
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        """See `Agent.act`."""
+        return super().act(state, False)
+
+    def learn(self, reward: np.ndarray) -> None:
+        """See `Agent.learn`: learns nothing."""
+
+
+def hand_coded(robots: int, senses: Senses, seed: int) -> Agent:
+    """A hand-coded policy, which learns nothing: a bound from above.
+
+    Args:
+      robots: Number of robots; unused, since hand-coded robots have no state.
+      senses: What the robots sense.
+      seed: Seed; unused, since nothing is random.
+
+    Raises:
+      InputError: it has no policy for these signals.
+    """
+    del robots, seed
+    return HandCoded(senses)
+
+
+def newborn(robots: int, senses: Senses, seed: int) -> Agent:
+    """A creative newborn with the brain `steady`, which learns nothing: a bound from below.
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+    """
+    brain = BRAINS["steady"]
+    state = len(senses.state)
+    return Newborn(Neurocontroller(brain, "creative", robots, state, seed, senses))

@@ -1,0 +1,112 @@
+"""Amortised Q-learning: the closest modern relative of the creative memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.distributions import Normal
+
+from ....controller.senses import Senses
+from ..base import Agent
+from ..settings import Setting, tunable
+from .base import LARGEST, OnlineLearner
+from .networks import LayeredNetworks, adam, descend, moments
+
+
+class AmortisedQ(OnlineLearner):
+    """Amortised Q-learning (Van de Wiele, Warde-Farley, Mnih, Mnih, arXiv:2001.08116, 2020).
+
+    A second network proposes: each step has `OWN` actions drawn from its distribution and
+    `UNIFORM` uniform ones, and Q-learning takes the best of them for its maximum. The proposer
+    ascends log p(a* | s) + entropy H(p), where a* is the best action (section 3 of the source). Its
+    distribution is a normal one of each motor in units of the largest motor value, clipped. What
+    the source has and a life in one stream has not: many actors, replay, a target network.
+    """
+
+    OWN, UNIFORM = 17, 8  # in all 25, the paper's number of actions
+    SMALLEST, LARGEST = 0.1, 1.0  # standard deviation
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+        """Draws the initial networks; see `amortised_q` for the settings."""
+        super().__init__(robots, senses, seed)
+        self._discount, self._epsilon = settings["discount"], settings["epsilon"]
+        self._entropy, width = settings["entropy"], int(settings["hidden"])
+        sizes = (self.inputs + 2, width, width, 1), (self.inputs, width, width, 4)
+        self.values, self.proposer = (
+            LayeredNetworks(robots, shape, self.generator, F.tanh) for shape in sizes
+        )
+        self._adams = []
+        for name, networks, rate in (
+            ("values", self.values, settings["rate"]),
+            ("proposer", self.proposer, settings["proposer_rate"]),
+        ):
+            self.keep_list(name, networks.tensors, learned=True)
+            self._adams.append(adam(networks.tensors, rate))
+            self.keep_list(f"{name}.adam", moments(self._adams[-1]))
+        for name in ("action", "best"):
+            self.pair(name, torch.zeros(robots, 2))
+        self.pair("value_of_best", torch.zeros(robots))
+
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """See `OnlineLearner.choose`."""
+        mean, spread = self._distribution(self.proposer(inputs))
+        normals = torch.randn(self.robots, self.OWN, 2, generator=self.generator)
+        own = (mean[:, None] + spread[:, None] * normals).clamp(-1, 1)
+        uniform = torch.rand(self.robots, self.UNIFORM, 2, generator=self.generator) * 2 - 1
+        actions = torch.cat([own, uniform], dim=1)
+        states = inputs[:, None].expand(-1, actions.shape[1], -1)
+        values = self.values(torch.cat([states, actions], dim=2))[..., 0]
+        rows = torch.arange(self.robots)
+        best, chosen = values.argmax(dim=1), self.epsilon_greedy(values, self._epsilon, learning)
+        self.now["best"].copy_(actions[rows, best])
+        self.now["value_of_best"].copy_(values[rows, best])
+        # An exploratory action is uniform: the last candidate is as good as any.
+        explored = torch.where((chosen == best)[:, None], actions[rows, best], actions[:, -1])
+        self.now["action"].copy_(explored)
+        return LARGEST * self.now["action"]
+
+    def update(self, reward: Tensor) -> None:
+        """See `OnlineLearner.update`."""
+        inputs = self.before["inputs"]
+        taken = torch.cat([inputs, self.before["action"]], dim=1)
+        target = reward + self._discount * self.now["value_of_best"]
+
+        def loss(tensors: Sequence[Tensor]) -> Tensor:
+            return 0.5 * (target - self.values(taken, tensors)[:, 0]).square()
+
+        def cost(tensors: Sequence[Tensor]) -> Tensor:
+            proposals = Normal(*self._distribution(self.proposer(inputs, tensors)))
+            gain = proposals.log_prob(self.before["best"]) + self._entropy * proposals.entropy()
+            return -gain.sum(dim=1)
+
+        gradients = self.values.gradients(loss), self.proposer.gradients(cost)
+        for optimizer, gradient in zip(self._adams, gradients, strict=True):
+            descend(optimizer, gradient)
+
+    def _distribution(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns mean and standard deviation of both motors, each of shape (B, 2)."""
+        mean, sums = outputs.split(2, dim=-1)
+        return mean.tanh(), self.SMALLEST + (self.LARGEST - self.SMALLEST) * sums.sigmoid()
+
+
+@tunable(
+    rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the values", log=True),
+    proposer_rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the proposals", log=True),
+    discount=Setting(0.9, 0.8, 0.99, "discount of the next value"),
+    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
+    entropy=Setting(0.1, 0.0, 1.0, "weight of the proposals' entropy", tuned=False),
+    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
+)
+def amortised_q(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+    """Amortised Q-learning: a learned distribution proposes actions (Van de Wiele et al. 2020).
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+      **settings: Settings by name.
+    """
+    return AmortisedQ(robots, senses, seed, **settings)

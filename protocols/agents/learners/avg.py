@@ -1,0 +1,143 @@
+"""Action Value Gradient: an actor that follows its critic's gradient, one sample at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ....controller.senses import Senses
+from ..base import Agent
+from ..settings import Setting, tunable
+from .base import LARGEST, OnlineLearner
+from .moments import Moments
+from .networks import LayeredNetworks, adam, descend, moments, of_unit_length
+
+_LOG_SPREAD = -20.0, 2.0
+_EPSILON = 1e-8  # added to variances
+
+
+class AVG(OnlineLearner):
+    """AVG (Vasan, Elsayed, Azimi, He, Shahriar, Bellinger, White and Mahmood, NeurIPS 2024).
+
+    The action is a = tanh(mean + spread * noise). Both networks learn by Adam without momentum:
+
+        critic: descends ((r + discount (Q(s', a') - entropy log p(a' | s')) - Q(s, a)) / sigma)^2
+        actor:  ascends Q(s, a) - entropy log p(a | s) through a and its fixed noise
+
+    The last hidden layer is scaled to length 1, signals have mean 0 and variance 1, and sigma is
+    the standard deviation of r - entropy log p(a | s) (return-based scaling, in which a constant
+    discount adds nothing). As published, sigma is 1 as long as the variance is at most 0.01. The
+    action a' is the one that the robot takes; the authors' program draws another.
+    """
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+        """Draws the initial networks; see `avg` for the settings."""
+        super().__init__(robots, senses, seed)
+        self._discount, self._entropy = settings["discount"], settings["entropy"]
+        width = int(settings["hidden"])
+        self.actor, self.critic = (
+            LayeredNetworks(
+                robots, (fan_in, width, width, fan_out), self.generator,
+                last_hidden=of_unit_length,
+            )
+            for fan_in, fan_out in ((self.inputs, 4), (self.inputs + 2, 1))
+        )  # fmt: skip
+        self._adams = []
+        for name, networks in (("actor", self.actor), ("critic", self.critic)):
+            for weights in networks.tensors[::2]:
+                make_orthogonal(weights, self.generator)
+            self.keep_list(name, networks.tensors, learned=True)
+            self._adams.append(adam(networks.tensors, settings[f"{name}_rate"], mean_decay=0.0))
+            self.keep_list(f"{name}.adam", moments(self._adams[-1]))
+        self._signals, self._rewards = Moments(robots, self.inputs), Moments(robots)
+        self.keep_list("signals", self._signals.tensors())
+        self.keep_list("rewards", self._rewards.tensors())
+        self.pair("noise", torch.zeros(robots, 2))
+        self.pair("action", torch.zeros(robots, 2))
+        self.pair("log_density", torch.zeros(robots))
+
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """See `OnlineLearner.choose`."""
+        if learning:
+            self._signals.add(inputs)
+        spread = (self._signals.variance(unbiased=False) + _EPSILON).sqrt()
+        inputs.copy_((inputs - self._signals.mean) / spread)
+        noise = torch.zeros(self.robots, 2)
+        if learning:
+            noise = torch.randn(noise.shape, generator=self.generator)
+        action, log_density = _squashed(self.actor(inputs), noise)
+        self.now["noise"].copy_(noise)
+        self.now["action"].copy_(action)
+        self.now["log_density"].copy_(log_density)
+        return LARGEST * action
+
+    def update(self, reward: Tensor) -> None:
+        """See `OnlineLearner.update`."""
+        inputs, noise = self.before["inputs"], self.before["noise"]
+        taken = torch.cat([inputs, self.before["action"]], dim=1)
+        following = torch.cat([self.now["inputs"], self.now["action"]], dim=1)
+        self._rewards.add(reward - self._entropy * self.before["log_density"])
+        variance = self._rewards.variance(unbiased=False)
+        sigma = torch.where(variance > 0.01, variance.sqrt(), 1.0).float()
+        soft = self.critic(following)[:, 0] - self._entropy * self.now["log_density"]
+        target = reward + self._discount * soft
+
+        def loss(tensors: Sequence[Tensor]) -> Tensor:
+            return ((target - self.critic(taken, tensors)[:, 0]) / sigma).square()
+
+        def cost(tensors: Sequence[Tensor]) -> Tensor:
+            action, log_density = _squashed(self.actor(inputs, tensors), noise)
+            value = self.critic(torch.cat([inputs, action], dim=1))[:, 0]
+            return self._entropy * log_density - value
+
+        gradients = self.actor.gradients(cost), self.critic.gradients(loss)
+        for optimizer, gradient in zip(self._adams, gradients, strict=True):
+            descend(optimizer, gradient)
+
+
+def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns the action tanh(mean + spread * noise) and its log density, shapes (B, 2) and (B,).
+
+    Args:
+      outputs: Means and logarithms of the spreads, shape (B, 4).
+      noise: Standard normal numbers, shape (B, 2).
+    """
+    mean, log_spread = outputs.split(2, dim=1)
+    log_spread = log_spread.clamp(*_LOG_SPREAD)
+    before = mean + log_spread.exp() * noise
+    normal = -0.5 * noise.square() - log_spread - 0.5 * math.log(2 * math.pi)
+    # log(1 - tanh(u)^2), without the loss of digits at large u.
+    slope = 2 * (math.log(2) - before - F.softplus(-2 * before))
+    return before.tanh(), (normal - slope).sum(dim=1)
+
+
+def make_orthogonal(weights: Tensor, generator: torch.Generator) -> None:
+    """Replaces weights (B, O, I) by orthogonal ones, as `torch.nn.init.orthogonal_` does."""
+    robots, rows, columns = weights.shape
+    tall = torch.randn(robots, max(rows, columns), min(rows, columns), generator=generator)
+    q, r = torch.linalg.qr(tall)
+    q *= r.diagonal(dim1=-2, dim2=-1).sign()[:, None]
+    weights.copy_(q if rows >= columns else q.mT)
+
+
+@tunable(
+    discount=Setting(0.99, 0.8, 0.995, "discount of the next value"),
+    actor_rate=Setting(0.0063, 1e-4, 1e-2, "learn rate of the actor", log=True),
+    critic_rate=Setting(0.0087, 1e-4, 1e-2, "learn rate of the critic", log=True),
+    entropy=Setting(0.07, 0.001, 0.2, "weight of the policy's entropy", log=True),
+    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 256", tuned=False),
+)
+def avg(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+    """Action Value Gradient: an incremental soft actor-critic (Vasan et al. 2024).
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+      **settings: Settings by name.
+    """
+    return AVG(robots, senses, seed, **settings)

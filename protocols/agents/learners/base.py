@@ -1,0 +1,165 @@
+"""What all online learners do alike: transitions, scaled inputs, checkpoints."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ....controller.networks import load_into
+from ....controller.senses import Senses
+from ..base import Agent
+
+LARGEST = 0.5  # motor value
+
+
+def grid_of_actions() -> Tensor:
+    """Returns the paper's 25 fixed actions, motor values of shape (25, 2)."""
+    motors = torch.linspace(-LARGEST, LARGEST, 5)
+    return torch.cartesian_prod(motors, motors)
+
+
+class OnlineLearner(Agent):
+    """B learners that learn from each transition once, in one life without episodes.
+
+    `Agent.act` receives a state before `Agent.learn` receives the reward of the action before it.
+    So an action is chosen with the weights that have not yet learned from the transition that
+    leads to it, as in the paper's robot.
+
+    A subclass registers each tensor that its next steps depend on with `keep`, or with `pair` if
+    it belongs to a step; both then stand in checkpoints.
+
+    Attributes:
+      robots: Number of robots, B.
+      inputs: Number I of inputs of a network, one for each signal.
+      generator: Random stream of all robots.
+      now: Tensors of this step by name, "inputs" of shape (B, I) and those of `pair`.
+      before: The same tensors of the step before.
+    """
+
+    def __init__(self, robots: int, senses: Senses, seed: int) -> None:
+        """Prepares a learner.
+
+        Args:
+          robots: Number of robots, B.
+          senses: What the robots sense.
+          seed: Seed of the random stream.
+        """
+        self.robots, self.inputs = robots, len(senses.state)
+        self.generator = torch.Generator().manual_seed(seed)
+        low, high = torch.tensor([(signal.low, signal.high) for signal in senses.state]).T
+        self._middle, self._half = (low + high) / 2, (high - low) / 2
+        self.now: dict[str, Tensor] = {}
+        self.before: dict[str, Tensor] = {}
+        self._kept: dict[str, Tensor] = {}
+        self._learned: dict[str, Tensor] = {}
+        # Whether the step before leads to this one, and whether no step leads to the next one.
+        self._chained = self.keep("chained", torch.zeros(1, dtype=torch.bool))
+        self._placed = self.keep("placed", torch.ones(1, dtype=torch.bool))
+        self.pair("inputs", torch.zeros(robots, self.inputs))
+
+    def keep(self, name: str, tensor: Tensor, learned: bool = False) -> Tensor:
+        """Registers a tensor that changes in place, and returns it.
+
+        Args:
+          name: Name of the tensor in checkpoints.
+          tensor: The tensor.
+          learned: Whether it is one of the learner's weights, of shape (B, ...).
+        """
+        self._kept[name] = tensor
+        if learned:
+            self._learned[name] = tensor
+        return tensor
+
+    def keep_list(self, name: str, tensors: Iterable[Tensor], learned: bool = False) -> None:
+        """Registers several tensors; see `keep`."""
+        for number, tensor in enumerate(tensors):
+            self.keep(f"{name}.{number}", tensor, learned)
+
+    def pair(self, name: str, tensor: Tensor) -> None:
+        """Registers a tensor of a step: `now` and `before` each hold one."""
+        self.now[name] = self.keep(f"now.{name}", tensor)
+        self.before[name] = self.keep(f"before.{name}", tensor.clone())
+
+    def scaled(self, state: np.ndarray) -> Tensor:
+        """Returns the inputs: signals scaled to [-1, 1], shape (B, I)."""
+        return (torch.from_numpy(state) - self._middle) / self._half
+
+    @abc.abstractmethod
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """Chooses motor values, shape (B, 2), and notes in `now` what it will learn from.
+
+        Args:
+          inputs: Scaled signals, shape (B, I).
+          learning: False in the tests, in which the learner must not explore.
+        """
+
+    @abc.abstractmethod
+    def update(self, reward: Tensor) -> None:
+        """Learns from the transition from `before` to `now`.
+
+        Args:
+          reward: Reward for the action in `before`, shape (B,).
+        """
+
+    def placed_anew(self) -> None:
+        """Forgets traces of earlier steps; called where no step leads to the next one."""
+
+    def reset(self) -> None:
+        """See `Agent.reset`."""
+        self._placed.fill_(True)
+        self.placed_anew()
+
+    @torch.no_grad()
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        """See `Agent.act`."""
+        for name, tensor in self.now.items():
+            self.before[name].copy_(tensor)
+        self._chained.copy_(~self._placed)
+        self._placed.fill_(False)
+        self.now["inputs"].copy_(self.scaled(state))
+        return self.choose(self.now["inputs"], learning).numpy()
+
+    @torch.no_grad()
+    def learn(self, reward: np.ndarray) -> None:
+        """See `Agent.learn`."""
+        if self._chained:
+            self.update(torch.from_numpy(reward))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """See `Agent.state`."""
+        return {name: tensor.numpy() for name, tensor in self._tensors().items()}
+
+    def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_state`."""
+        tensors = self._tensors()
+        load_into(tensors, {name: torch.from_numpy(array) for name, array in arrays.items()})
+        self.generator.set_state(tensors["generator"])
+
+    def weights(self) -> dict[str, np.ndarray]:
+        """See `Agent.weights`."""
+        return {name: tensor.numpy() for name, tensor in self._learned.items()}
+
+    def epsilon_greedy(self, values: Tensor, epsilon: float, learning: bool) -> Tensor:
+        """Returns the index of the best action, or in training of a random one at times.
+
+        Args:
+          values: Values of A actions, shape (B, A).
+          epsilon: Probability of a random action.
+          learning: False in the tests.
+
+        Returns:
+          Indices, shape (B,).
+        """
+        best = values.argmax(dim=1)
+        if not learning:
+            return best
+        uniform = torch.randint(values.shape[1], best.shape, generator=self.generator)
+        exploratory = torch.rand(best.shape, generator=self.generator) < epsilon
+        return torch.where(exploratory, uniform, best)
+
+    def _tensors(self) -> dict[str, Tensor]:
+        return self._kept | {"generator": self.generator.get_state()}

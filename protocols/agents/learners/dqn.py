@@ -1,0 +1,102 @@
+"""DQN: Q-learning with a replay memory, in the same life."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ....controller.senses import Senses
+from ..base import Agent
+from ..settings import Setting, tunable
+from .base import OnlineLearner, grid_of_actions
+from .networks import LayeredNetworks, adam, descend, moments
+
+
+class DQN(OnlineLearner):
+    """DQN (Mnih et al., "Human-level control through deep reinforcement learning", Nature 2015).
+
+    A robot keeps its last `REPLAY` transitions and learns from `BATCH` of them in each step, drawn
+    evenly, with the Huber loss and a target network that is copied every `COPY` steps. It shows
+    what replay buys in a life; all other learners see each transition once.
+    """
+
+    REPLAY, BATCH, COPY = 10_000, 32, 500
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+        """Draws the initial networks; see `dqn` for the settings."""
+        super().__init__(robots, senses, seed)
+        self._discount, self._epsilon = settings["discount"], settings["epsilon"]
+        self._fall = settings["epsilon_steps"]
+        self._actions = grid_of_actions()
+        width, outputs = int(settings["hidden"]), len(self._actions)
+        sizes = (self.inputs, width, width, outputs)
+        self.networks = LayeredNetworks(robots, sizes, self.generator, F.relu)
+        self._optimizer = adam(self.networks.tensors, settings["rate"])
+        self._targets = [tensor.clone() for tensor in self.networks.tensors]
+        self.keep_list("values", self.networks.tensors, learned=True)
+        self.keep_list("values.adam", moments(self._optimizer))
+        self.keep_list("target", self._targets)
+        self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
+        # Inputs, next inputs and reward of each transition, and its action.
+        columns = 2 * self.inputs + 1
+        self._replay = self.keep("replay", torch.zeros(robots, self.REPLAY, columns))
+        self._acted = self.keep("acted", torch.zeros(robots, self.REPLAY, dtype=torch.int64))
+        self._count = self.keep("count", torch.zeros(1, dtype=torch.int64))
+
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """See `OnlineLearner.choose`."""
+        fallen = float(self._count) / self._fall
+        epsilon = max(1 - (1 - self._epsilon) * fallen, self._epsilon)
+        chosen = self.epsilon_greedy(self.networks(inputs), epsilon, learning)
+        self.now["chosen"].copy_(chosen)
+        return self._actions[chosen]
+
+    def update(self, reward: Tensor) -> None:
+        """See `OnlineLearner.update`."""
+        count = int(self._count)
+        place = count % self.REPLAY
+        self._replay[:, place] = torch.cat(
+            [self.before["inputs"], self.now["inputs"], reward[:, None]], dim=1
+        )
+        self._acted[:, place] = self.before["chosen"]
+        self._count += 1
+        size = self.robots, self.BATCH
+        drawn = torch.randint(min(count + 1, self.REPLAY), size, generator=self.generator)
+        rows = torch.arange(self.robots)[:, None]
+        inputs, following, rewards = self._replay[rows, drawn].split(
+            [self.inputs, self.inputs, 1], dim=2
+        )
+        acted = self._acted[rows, drawn][..., None]
+        best = self.networks(following, self._targets).amax(dim=2)
+        target = rewards[..., 0] + self._discount * best
+
+        def loss(tensors: Sequence[Tensor]) -> Tensor:
+            values = self.networks(inputs, tensors).gather(2, acted)[..., 0]
+            return F.smooth_l1_loss(values, target, reduction="none").mean(dim=1)
+
+        descend(self._optimizer, self.networks.gradients(loss))
+        if (count + 1) % self.COPY == 0:
+            for target_tensor, tensor in zip(self._targets, self.networks.tensors, strict=True):
+                target_tensor.copy_(tensor)
+
+
+@tunable(
+    rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True),
+    discount=Setting(0.95, 0.8, 0.99, "discount of the next value"),
+    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action in the end", log=True),
+    epsilon_steps=Setting(7200.0, 1, 1e6, "training steps until then", tuned=False),
+    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
+)
+def dqn(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+    """DQN: Q-learning from a memory of the last 10,000 transitions (Mnih et al. 2015).
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+      **settings: Settings by name.
+    """
+    return DQN(robots, senses, seed, **settings)

@@ -1,0 +1,42 @@
+"""Running mean and variance of a stream."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+class Moments:
+    """Mean and variance of all values so far, one a robot, by Welford's method (1962).
+
+    Attributes:
+      count: Number of values, shape (1,).
+      mean: Mean of the values; 0 before the first.
+      squares: Sum of squared deviations from the mean.
+    """
+
+    def __init__(self, *shape: int) -> None:
+        """Begins a stream of tensors of this shape."""
+        self.count = torch.zeros(1, dtype=torch.float64)
+        self.mean = torch.zeros(*shape, dtype=torch.float64)
+        self.squares = torch.zeros(*shape, dtype=torch.float64)
+
+    def add(self, values: Tensor) -> None:
+        """Takes note of new values."""
+        self.count += 1
+        apart = values - self.mean
+        self.mean += apart / self.count
+        self.squares += apart * (values - self.mean)
+
+    def variance(self, unbiased: bool = True) -> Tensor:
+        """Returns the variance; 1 as long as there are too few values.
+
+        Args:
+          unbiased: Whether to divide by the number of values less 1.
+        """
+        divisor = self.count - int(unbiased)
+        return torch.where(divisor > 0, self.squares / divisor.clamp(min=1), 1.0)
+
+    def tensors(self) -> list[Tensor]:
+        """Returns what a checkpoint holds."""
+        return [self.count, self.mean, self.squares]

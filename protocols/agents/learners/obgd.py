@@ -1,0 +1,118 @@
+"""What stream Q and stream AC share: bounded steps, sparse weights, normalised signals.
+
+Elsayed, Vasan and Mahmood, "Streaming Deep Reinforcement Learning Finally Works",
+arXiv:2410.14606, 2024.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from .base import OnlineLearner
+from .moments import Moments
+
+_EPSILON = 1e-8  # added to variances
+
+
+class ObGD:
+    """Overshooting-bounded gradient descent with eligibility traces (algorithm 3 of the source).
+
+    With a trace z of gradients, z <- discount * trace * z + gradient, the weights move by
+
+        step * error * z,   step = rate / max(1, rate * kappa * max(|error|, 1) * sum |z|)
+
+    where the sum is over all weights of a robot.
+
+    Attributes:
+      traces: Trace of each tensor.
+    """
+
+    RATE = 1.0
+
+    def __init__(self, tensors: Sequence[Tensor], decay: float, kappa: float) -> None:
+        """Begins with empty traces.
+
+        Args:
+          tensors: Weights and biases, each of shape (B, ...); they change in place.
+          decay: Factor of the traces in each step: discount times trace.
+          kappa: Factor by which steps are smaller than the bound.
+        """
+        self._tensors, self._decay, self._kappa = tensors, decay, kappa
+        self.traces = [torch.zeros_like(tensor) for tensor in tensors]
+
+    def step(self, gradients: Sequence[Tensor], error: Tensor) -> None:
+        """Moves each robot's weights along its trace.
+
+        Args:
+          gradients: Gradients of what is to increase with a positive error.
+          error: TD error of each robot, shape (B,).
+        """
+        length = torch.zeros_like(error)
+        for trace, gradient in zip(self.traces, gradients, strict=True):
+            trace.mul_(self._decay).add_(gradient)
+            length += trace.abs().flatten(1).sum(dim=1)
+        bound = self.RATE * self._kappa * error.abs().clamp(min=1) * length
+        move = self.RATE / bound.clamp(min=1) * error
+        for tensor, trace in zip(self._tensors, self.traces, strict=True):
+            tensor += move.view(-1, *[1] * (tensor.dim() - 1)) * trace
+
+    def forget(self, robots: Tensor | None = None) -> None:
+        """Empties the traces of the robots for which a mask is true, or of all."""
+        for trace in self.traces:
+            trace[slice(None) if robots is None else robots] = 0
+
+
+def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: float = 0.9) -> None:
+    """Sets a share of each neuron's incoming weights to 0 (algorithm 1 of the source).
+
+    One weight of each neuron stays. The published rule rounds the number of zeros up, so that a
+    neuron with fewer than ten inputs would have no weight; our robots have one to seven signals.
+
+    Args:
+      tensors: Weights (B, O, I) and biases of each layer in turn; they change in place.
+      generator: Random stream.
+      share: Share of the weights.
+    """
+    for weights in tensors[::2]:
+        fan_in = weights.shape[-1]
+        zeros = min(math.ceil(share * fan_in), fan_in - 1)
+        rank = torch.rand(weights.shape, generator=generator).argsort(dim=-1)
+        weights[rank < zeros] = 0
+
+
+class StreamLearner(OnlineLearner):
+    """A learner whose signals and rewards are normalised by their running moments.
+
+    Algorithms 5 and 6 of the source. The moments are taken in training only, so that tests
+    change nothing. The source's further input, the time of the episode, is left out: a life has no
+    episodes, and robots sense no clock.
+    """
+
+    def prepare(self, discount: float) -> None:
+        """Begins the moments.
+
+        Args:
+          discount: Discount of the trace of rewards, whose variance scales the reward.
+        """
+        self._discount = discount
+        self._signals, self._rewards = Moments(self.robots, self.inputs), Moments(self.robots)
+        self.keep_list("signals", self._signals.tensors())
+        self.keep_list("rewards", self._rewards.tensors())
+        self._trace = self.keep("rewards.trace", torch.zeros(self.robots, dtype=torch.float64))
+
+    def normal_inputs(self, inputs: Tensor, learning: bool) -> Tensor:
+        """Returns signals with mean 0 and variance 1; in place, so that `before` has them too."""
+        if learning:
+            self._signals.add(inputs)
+        spread = (self._signals.variance() + _EPSILON).sqrt()
+        return inputs.copy_((inputs - self._signals.mean) / spread)
+
+    def scaled_reward(self, reward: Tensor) -> Tensor:
+        """Returns the reward divided by the standard deviation of the discounted sum of rewards."""
+        self._trace.mul_(self._discount).add_(reward)
+        self._rewards.add(self._trace)
+        return (reward / (self._rewards.variance() + _EPSILON).sqrt()).float()

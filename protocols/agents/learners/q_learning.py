@@ -1,0 +1,76 @@
+"""Plain online Q-learning, as an agent to compare the paper's robots with."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ....controller.networks import Networks
+from ....controller.senses import Senses
+from ..base import Agent
+from ..settings import Setting, tunable
+from .base import OnlineLearner, grid_of_actions
+
+
+class QLearner(OnlineLearner):
+    """Q-learning with one network per robot that outputs the values of 25 fixed actions.
+
+    The update of Watkins, Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], follows the gradient
+    of one hidden layer, one step at a time, without replay and without a target network. Actions,
+    discount and number of updates are those of the paper's fixed proposer. Two things differ: the
+    target contains the best next action, and actions are outputs, not inputs. The inputs are the
+    signals themselves, as in the paper.
+    """
+
+    HIDDEN = 16
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+        """Draws the initial networks; see `q_learner` for the settings."""
+        super().__init__(robots, senses, seed)
+        self._rate, self._discount = settings["rate"], settings["discount"]
+        self._epsilon = settings["epsilon"]
+        self._actions = grid_of_actions()
+        count = len(self._actions)
+        self._networks = Networks(robots, self.inputs, self.HIDDEN, count, 0.1, self.generator)
+        for name, tensor in self._networks.tensors().items():
+            self.keep(name, tensor, learned=True)
+        self._rows = torch.arange(robots)
+        self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
+
+    def scaled(self, state: np.ndarray) -> Tensor:
+        """Returns the signals."""
+        return torch.from_numpy(state)
+
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """See `OnlineLearner.choose`."""
+        values = self._networks.forward(inputs)[1]
+        self.now["chosen"].copy_(self.epsilon_greedy(values, self._epsilon, learning))
+        return self._actions[self.now["chosen"]]
+
+    def update(self, reward: Tensor) -> None:
+        """See `OnlineLearner.update`."""
+        inputs, chosen = self.before["inputs"], self.before["chosen"]
+        best = self._networks.forward(self.now["inputs"])[1].amax(dim=1)
+        hidden, values = self._networks.forward(inputs)
+        error = reward + self._discount * best - values[self._rows, chosen]
+        steps = torch.zeros_like(values)
+        steps[self._rows, chosen] = self._rate * error
+        self._networks.ascend(inputs, hidden, steps)
+
+
+@tunable(
+    rate=Setting(0.05, 0.001, 0.5, "learn rate", log=True),
+    discount=Setting(0.9, 0.8, 0.99, "discount of the next value"),
+    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
+)
+def q_learner(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+    """Online Q-learning with a network of 16 hidden neurons, values of the 25 fixed actions.
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+      **settings: Settings by name.
+    """
+    return QLearner(robots, senses, seed, **settings)

@@ -1,0 +1,111 @@
+"""SARSA(lambda) with tile coding."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ....controller.senses import Senses
+from ..base import Agent
+from ..settings import Setting, tunable
+from .base import OnlineLearner, grid_of_actions
+
+
+class SarsaLambda(OnlineLearner):
+    """SARSA(lambda) with accumulating traces and tile coding, for the 25 fixed actions.
+
+    Sutton and Barto, "Reinforcement Learning: An Introduction", 2nd edition, 2018: section 9.5.4
+    (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda)). Q(s, a) is the sum of
+    one weight a tiling. The trace holds the last `MEMORY` steps, after which its decay is below
+    0.0001 for the largest settings but lambda > 0.9 with discount > 0.9. Up to `CELLS` tiles a
+    tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight.
+    """
+
+    TILINGS, CELLS, MEMORY = 8, 64, 48
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+        """Begins with weights of 0; see `sarsa_lambda` for the settings."""
+        super().__init__(robots, senses, seed)
+        self._rate, self._discount = settings["rate"] / self.TILINGS, settings["discount"]
+        self._epsilon, self._tiles = settings["epsilon"], int(settings["tiles"])
+        self._actions = grid_of_actions()
+        count, cells = len(self._actions), self.TILINGS * self.CELLS
+        self.values = self.keep("values", torch.zeros(robots, count * cells), learned=True)
+        self._rows = torch.arange(robots)
+        offsets = torch.arange(self.TILINGS)[:, None] * (2 * torch.arange(self.inputs) + 1)
+        self._offsets = (offsets % self.TILINGS) / self.TILINGS
+        primes = torch.tensor([1, 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967])
+        width = self._tiles + 1
+        self._factors = (
+            torch.tensor([width**k for k in range(self.inputs)])
+            if width**self.inputs <= self.CELLS
+            else primes.repeat(math.ceil(self.inputs / 6))[: self.inputs]
+        )
+        self.pair("weights_of", torch.zeros(robots, self.TILINGS, dtype=torch.int64))
+        # The weights of the last steps, the latest first, and how many of these steps there are.
+        self._past = self.keep(
+            "past", torch.zeros(robots, self.MEMORY, self.TILINGS, dtype=torch.int64)
+        )
+        self._steps = self.keep("steps", torch.zeros(1, dtype=torch.int64))
+        ages = torch.arange(self.MEMORY, dtype=torch.float32)
+        self._decay = (settings["discount"] * settings["trace"]) ** ages
+
+    def placed_anew(self) -> None:
+        """See `OnlineLearner.placed_anew`."""
+        self._steps.zero_()
+
+    def tiles(self, inputs: Tensor) -> Tensor:
+        """Returns the tile of each tiling that holds a state, shape (B, T), in [0, `CELLS`).
+
+        Args:
+          inputs: Signals scaled to [-1, 1], shape (B, I).
+        """
+        places = (inputs[:, None] + 1) / 2 * self._tiles + self._offsets
+        numbers = places.clamp(0, self._tiles + 0.999).long()
+        return (numbers * self._factors).sum(dim=2) % self.CELLS
+
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """See `OnlineLearner.choose`."""
+        cells = self.tiles(inputs) + torch.arange(self.TILINGS) * self.CELLS
+        size = self.TILINGS * self.CELLS
+        starts = torch.arange(len(self._actions)) * size
+        every = (starts[:, None] + cells[:, None]).flatten(1)
+        values = self.values.gather(1, every).view(self.robots, len(starts), -1).sum(dim=2)
+        chosen = self.epsilon_greedy(values, self._epsilon, learning)
+        self.now["weights_of"].copy_(chosen[:, None] * size + cells)
+        return self._actions[chosen]
+
+    def update(self, reward: Tensor) -> None:
+        """See `OnlineLearner.update`."""
+        value, following = (
+            self.values.gather(1, step["weights_of"]).sum(dim=1) for step in (self.before, self.now)
+        )
+        error = reward + self._discount * following - value
+        self._past.copy_(self._past.roll(1, dims=1))
+        self._past[:, 0] = self.before["weights_of"]
+        self._steps.add_(1).clamp_(max=self.MEMORY)
+        known = torch.arange(self.MEMORY) < self._steps
+        moves = self._rate * error[:, None] * (self._decay * known)
+        moves = moves[:, :, None].expand(-1, -1, self.TILINGS)
+        self.values.scatter_add_(1, self._past.flatten(1), moves.flatten(1))
+
+
+@tunable(
+    rate=Setting(0.1, 0.01, 0.5, "learn rate of the sum of the tilings", log=True),
+    discount=Setting(0.9, 0.8, 0.99, "discount of the next value"),
+    trace=Setting(0.8, 0.0, 0.9, "lambda: decay of the traces beside the discount"),
+    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
+    tiles=Setting(7, 4, 12, "tiles that cover the range of a signal"),
+)
+def sarsa_lambda(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+    """SARSA(lambda) with tile coding and the paper's 25 fixed actions (Sutton and Barto 2018).
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+      **settings: Settings by name.
+    """
+    return SarsaLambda(robots, senses, seed, **settings)

@@ -1,0 +1,115 @@
+"""Stream AC(lambda): an actor and a critic with deep networks, one sample at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.distributions import Normal
+
+from ....controller.senses import Senses
+from ..base import Agent
+from ..settings import Setting, tunable
+from .base import LARGEST
+from .networks import LayeredNetworks, normalised
+from .obgd import ObGD, StreamLearner, make_sparse
+
+
+class StreamAC(StreamLearner):
+    """Stream AC(lambda) (Elsayed, Vasan and Mahmood 2024, algorithm 9), continuous actions.
+
+    With the error r + discount V(s') - V(s), `ObGD` moves the critic along the gradient of V(s)
+    and the actor along that of log p(a | s) + entropy * sign(error) * H(p). The actor has a normal
+    distribution of each motor, in units in which motor values end at 1 and -1; beyond them they
+    are clipped. In tests the robot acts at the mean.
+    """
+
+    KAPPA_OF_ACTOR = 1.5  # times the critic's, as published (3 and 2)
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+        """Draws the initial networks; see `stream_ac` for the settings."""
+        super().__init__(robots, senses, seed)
+        self._discount_rate, self._entropy = settings["discount"], settings["entropy"]
+        self.prepare(settings["discount"])
+        width, decay = int(settings["hidden"]), settings["discount"] * settings["trace"]
+        self.critic, self.actor = (
+            LayeredNetworks(
+                robots, (self.inputs, width, width, outputs), self.generator, normalised
+            )
+            for outputs in (1, 4)
+        )
+        for networks in (self.critic, self.actor):
+            make_sparse(networks.tensors, self.generator)
+        self.critics_descent = ObGD(self.critic.tensors, decay, settings["kappa"])
+        kappa = self.KAPPA_OF_ACTOR * settings["kappa"]
+        self.actors_descent = ObGD(self.actor.tensors, decay, kappa)
+        for name, networks, descent in (
+            ("critic", self.critic, self.critics_descent),
+            ("actor", self.actor, self.actors_descent),
+        ):
+            self.keep_list(name, networks.tensors, learned=True)
+            self.keep_list(f"{name}.traces", descent.traces)
+        self.pair("action", torch.zeros(robots, 2))
+
+    def placed_anew(self) -> None:
+        """See `OnlineLearner.placed_anew`."""
+        self.critics_descent.forget()
+        self.actors_descent.forget()
+
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """See `OnlineLearner.choose`."""
+        mean, spread = _distribution(self.actor(self.normal_inputs(inputs, learning)))
+        action = mean
+        if learning:
+            action = mean + spread * torch.randn(mean.shape, generator=self.generator)
+        self.now["action"].copy_(action)
+        return LARGEST * action.clamp(-1, 1)
+
+    def update(self, reward: Tensor) -> None:
+        """See `OnlineLearner.update`."""
+        inputs, action = self.before["inputs"], self.before["action"]
+        value, following = (self.critic(x)[:, 0] for x in (inputs, self.now["inputs"]))
+        error = self.scaled_reward(reward) + self._discount_rate * following - value
+
+        def objective(tensors: Sequence[Tensor]) -> Tensor:
+            policy = Normal(*_distribution(self.actor(inputs, tensors)))
+            bonus = self._entropy * error.sign() * policy.entropy().sum(dim=1)
+            return policy.log_prob(action).sum(dim=1) + bonus
+
+        actors = self.actor.gradients(objective)
+        critics = self.critic.gradients(lambda tensors: self.critic(inputs, tensors)[:, 0])
+        self.actors_descent.step(actors, error)
+        self.critics_descent.step(critics, error)
+
+
+def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns mean and standard deviation of both motors, each of shape (B, 2)."""
+    mean, sums = outputs.split(2, dim=-1)
+    return mean, F.softplus(sums)
+
+
+@tunable(
+    discount=Setting(0.99, 0.8, 0.995, "discount of the next value"),
+    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount"),
+    kappa=Setting(
+        2.0,
+        1.0,
+        10.0,
+        "factor by which the critic's steps are smaller than the bound; the actor's 1.5 times",
+        log=True,
+    ),
+    entropy=Setting(0.01, 0.001, 0.1, "weight of the policy's entropy", log=True),
+    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
+)
+def stream_ac(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+    """Stream AC(lambda): an actor-critic with traces and bounded steps (Elsayed 2024).
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+      **settings: Settings by name.
+    """
+    return StreamAC(robots, senses, seed, **settings)

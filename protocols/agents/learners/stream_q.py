@@ -1,0 +1,88 @@
+"""Stream Q(lambda): Q-learning with deep networks, one sample at a time."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ....controller.senses import Senses
+from ..base import Agent
+from ..settings import Setting, tunable
+from .base import grid_of_actions
+from .networks import LayeredNetworks, normalised
+from .obgd import ObGD, StreamLearner, make_sparse
+
+
+class StreamQ(StreamLearner):
+    """Stream Q(lambda) (Elsayed, Vasan and Mahmood 2024, algorithm 8) with the 25 fixed actions.
+
+    The error r + discount max Q(s', .) - Q(s, a) moves the weights by `ObGD`; traces are cut
+    after an exploratory action (Watkins). Epsilon falls linearly from 1.
+    """
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+        """Draws the initial networks; see `stream_q` for the settings."""
+        super().__init__(robots, senses, seed)
+        self._discount_rate, self._epsilon = settings["discount"], settings["epsilon"]
+        self._fall = settings["epsilon_steps"]
+        self.prepare(settings["discount"])
+        self._actions = grid_of_actions()
+        width, outputs = int(settings["hidden"]), len(self._actions)
+        sizes = (self.inputs, width, width, outputs)
+        self.networks = LayeredNetworks(robots, sizes, self.generator, normalised)
+        make_sparse(self.networks.tensors, self.generator)
+        self.descent = ObGD(
+            self.networks.tensors, settings["discount"] * settings["trace"], settings["kappa"]
+        )
+        self.keep_list("values", self.networks.tensors, learned=True)
+        self.keep_list("traces", self.descent.traces)
+        self._age = self.keep("age", torch.zeros(1))
+        self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
+        self.pair("exploratory", torch.zeros(robots, dtype=torch.bool))
+
+    def placed_anew(self) -> None:
+        """See `OnlineLearner.placed_anew`."""
+        self.descent.forget()
+
+    def choose(self, inputs: Tensor, learning: bool) -> Tensor:
+        """See `OnlineLearner.choose`."""
+        values = self.networks(self.normal_inputs(inputs, learning))
+        self._age += learning
+        epsilon = max(1 - (1 - self._epsilon) * float(self._age) / self._fall, self._epsilon)
+        self.now["chosen"].copy_(self.epsilon_greedy(values, epsilon, learning))
+        self.now["exploratory"].copy_(self.now["chosen"] != values.argmax(dim=1))
+        return self._actions[self.now["chosen"]]
+
+    def update(self, reward: Tensor) -> None:
+        """See `OnlineLearner.update`."""
+        inputs, chosen = self.before["inputs"], self.before["chosen"][:, None]
+        best = self.networks(self.now["inputs"]).amax(dim=1)
+        value = self.networks(inputs).gather(1, chosen)[:, 0]
+        error = self.scaled_reward(reward) + self._discount_rate * best - value
+        gradients = self.networks.gradients(
+            lambda tensors: self.networks(inputs, tensors).gather(1, chosen)[:, 0]
+        )
+        self.descent.step(gradients, error)
+        self.descent.forget(self.before["exploratory"])
+
+
+@tunable(
+    discount=Setting(0.99, 0.8, 0.995, "discount of the next value"),
+    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount"),
+    kappa=Setting(2.0, 1.0, 10.0, "factor by which steps are smaller than the bound", log=True),
+    epsilon=Setting(0.01, 0.01, 0.2, "probability of a random action in the end", log=True),
+    epsilon_steps=Setting(
+        7200.0, 1, 1e6, "training steps until then: the published 5 % of 144,000", tuned=False
+    ),
+    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
+)
+def stream_q(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+    """Stream Q(lambda): Q-learning with traces and bounded steps, no replay (Elsayed 2024).
+
+    Args:
+      robots: Number of robots, B.
+      senses: What the robots sense.
+      seed: Seed of the random stream.
+      **settings: Settings by name.
+    """
+    return StreamQ(robots, senses, seed, **settings)

@@ -1,0 +1,133 @@
+"""Settings of agents: numbers that a factory receives as keywords, each with its range."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from ...controller.parameters import shown
+from ..errors import InputError
+
+_SETTINGS = "agent_settings"
+Factory = TypeVar("Factory", bound=Callable[..., Any])
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """A number that a user may choose.
+
+    Attributes:
+      default: Value unless another is chosen; a whole number allows whole numbers only.
+      low: Smallest value.
+      high: Largest value.
+      says: What it is.
+      log: Whether `musebot study tune` draws its logarithm evenly, not the value itself.
+      tuned: Whether `musebot study tune` changes it.
+    """
+
+    default: float
+    low: float
+    high: float
+    says: str = ""
+    log: bool = False
+    tuned: bool = True
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if the default does not lie in the range."""
+        if not self.low <= self.default <= self.high:
+            raise ValueError(f"{self.default} does not lie in [{self.low}, {self.high}]")
+
+    @property
+    def whole(self) -> bool:
+        """Whether the value is a whole number."""
+        return type(self.default) is int
+
+    def at(self, share: float) -> float:
+        """Returns the value at a share of the range, from 0 (lowest) to 1 (highest)."""
+        if self.log:
+            value = self.low * (self.high / self.low) ** share
+        else:
+            value = self.low + share * (self.high - self.low)
+        return round(value) if self.whole else float(f"{value:.3g}")
+
+
+def tunable(**settings: Setting) -> Callable[[Factory], Factory]:
+    """Gives a factory settings: it receives each as a keyword, with its default if not chosen.
+
+    Args:
+      **settings: Settings by name.
+    """
+
+    def decorate(factory: Factory) -> Factory:
+        @functools.wraps(factory)
+        def complete(*arguments: Any, **chosen: float) -> Any:
+            defaults = {name: setting.default for name, setting in settings.items()}
+            return factory(*arguments, **defaults | chosen)
+
+        setattr(complete, _SETTINGS, settings)
+        return complete  # type: ignore[return-value]
+
+    return decorate
+
+
+def settings_of(factory: Callable[..., Any]) -> Mapping[str, Setting]:
+    """Returns the settings of a factory, by name; empty if it has none."""
+    return getattr(factory, _SETTINGS, {})
+
+
+def settings_from(words: Sequence[str]) -> dict[str, float]:
+    """Reads settings as NAME=VALUE.
+
+    Raises:
+      InputError: a word has another form, its value is no finite number, or a name occurs twice.
+    """
+    settings: dict[str, float] = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not name.isidentifier() or not math.isfinite(value):
+            raise InputError(f"a setting must be NAME=VALUE with a number, got {shown(word)}")
+        if name in settings:
+            raise InputError(f"the setting {name} is given twice")
+        settings[name] = int(value) if value.is_integer() else value
+    return settings
+
+
+def checked_settings(
+    agent: str, factory: Callable[..., Any], settings: Mapping[str, float]
+) -> dict[str, float]:
+    """Returns settings as a factory takes them.
+
+    Args:
+      agent: Name of the agent.
+      factory: Factory that takes the settings.
+      settings: Values by name.
+
+    Raises:
+      InputError: the agent has no such setting, or the value lies outside of its range.
+    """
+    known = settings_of(factory)
+    checked: dict[str, float] = {}
+    for name, value in settings.items():
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = (
+                f": did you mean {near[0]}?" if near else f" ({', '.join(known) or 'it has none'})"
+            )
+            raise InputError(f"{agent} has no setting {name}{hint}")
+        setting = known[name]
+        if not setting.low <= value <= setting.high or setting.whole and value != int(value):
+            kind = "be a whole number" if setting.whole else "lie"
+            raise InputError(
+                f"the setting {name} of {agent} must {kind} in "
+                f"[{setting.low:g}, {setting.high:g}], got {shown(value)}"
+            )
+        checked[name] = int(value) if setting.whole else float(value)
+    return checked

@@ -1,0 +1,122 @@
+"""What holds for every online learner: the interface, checkpoints, tests without exploration."""
+
+import numpy as np
+import pytest
+
+from musebot.controller.senses import Senses, Signal
+from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.settings import settings_of
+
+LEARNERS = ("q_learner", "sarsa_lambda", "stream_q", "stream_ac", "avg", "amortised_q", "dqn")
+SENSES = Senses((Signal(0, 1), Signal(-1, 0)), Signal(0, 1))
+pytestmark = pytest.mark.parametrize("name", LEARNERS)
+
+
+def made(name, robots=3, seed=1, **settings):
+    return factory_of(name)(robots, SENSES, seed, **settings)
+
+
+def lived(agent, steps, robots=3, learning=True, seed=0, start=0):
+    """Lets an agent live on a fixed stream; returns its actions."""
+    random = np.random.default_rng(seed)
+    states = random.uniform((0, -1), (1, 0), size=(100, robots, 2)).astype(np.float32)
+    rewards = random.uniform(size=(100, robots)).astype(np.float32)
+    motors, which = [], slice(start, start + steps)
+    for state, reward in zip(states[which], rewards[which], strict=True):
+        motors.append(agent.act(state, learning))
+        if learning:
+            agent.learn(reward)
+    return np.array(motors)
+
+
+def test_motors_lie_within_their_limits(name):
+    agent = made(name)
+    agent.reset()
+    motors = lived(agent, 80)
+    assert motors.shape == (80, 3, 2) and np.abs(motors).max() <= 0.5
+    assert motors.std() > 0
+
+
+def test_a_restored_state_continues_bit_exactly(name):
+    whole, first, second = (made(name, seed=seed) for seed in (1, 1, 2))
+    whole.reset(), first.reset()
+    motors = lived(whole, 60)
+    lived(first, 30)
+    second.load_state({name: array.copy() for name, array in first.state().items()})
+    assert np.array_equal(lived(second, 30, start=30), motors[30:])
+    np.testing.assert_equal(second.state(), whole.state())
+
+
+def test_a_test_changes_no_weights_and_what_it_chooses_depends_on_the_state_alone(name):
+    agent = made(name)
+    agent.reset()
+    lived(agent, 40)
+    before = {name: weights.copy() for name, weights in agent.weights().items()}
+    first = lived(agent, 20, learning=False, seed=5)
+    second = lived(agent, 20, learning=False, seed=5)
+    np.testing.assert_equal(agent.weights(), before)
+    if name != "amortised_q":  # its candidates are drawn anew
+        assert np.array_equal(first, second)
+
+
+def test_training_changes_weights_but_not_across_a_placement(name):
+    agent = made(name)
+    agent.reset()
+    lived(agent, 20)
+    agent.reset()
+    before = {name: weights.copy() for name, weights in agent.weights().items()}
+    lived(agent, 1, seed=3)
+    np.testing.assert_equal(agent.weights(), before)
+    lived(agent, 3, seed=3)
+    assert any(not np.array_equal(agent.weights()[k], w) for k, w in before.items())
+
+
+def test_robots_share_no_weights(name):
+    """Another robot's stream changes nothing of this robot's but its random numbers."""
+    agents = [made(name) for _ in range(2)]
+    random = np.random.default_rng(0)
+    for agent in agents:
+        agent.reset()
+    for _ in range(30):
+        state = random.uniform((0, -1), (1, 0), size=(3, 2)).astype(np.float32)
+        reward = random.uniform(size=3).astype(np.float32)
+        for other, agent in enumerate(agents):
+            own_state, own_reward = state.copy(), reward.copy()
+            own_state[1:] *= 1 - 0.5 * other
+            own_reward[1:] *= 1 - 0.5 * other
+            agent.act(own_state, True)
+            agent.learn(own_reward)
+    for weights, others in zip(*(agent.weights().values() for agent in agents), strict=True):
+        np.testing.assert_allclose(weights[0], others[0], rtol=1e-4, atol=1e-5)
+
+
+def test_weights_have_a_row_a_robot_and_seeds_decide_them(name):
+    same, equal, other = made(name, seed=1), made(name, seed=1), made(name, seed=2)
+    assert {len(weights) for weights in same.weights().values()} == {3}
+    np.testing.assert_equal(same.weights(), equal.weights())
+    if name != "sarsa_lambda":  # begins with zeros
+        assert any(not np.array_equal(w, other.weights()[k]) for k, w in same.weights().items())
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_both_ends_of_every_setting_can_be_simulated(name, share):
+    settings = settings_of(factory_of(name))
+    agent = made(name, **{word: setting.at(share) for word, setting in settings.items()})
+    agent.reset()
+    assert np.isfinite(lived(agent, 30)).all()
+    assert all(setting.says for setting in settings.values())
+
+
+def test_the_action_with_the_highest_reward_is_learned(name):
+    agent = made(name, robots=20, **({"rate": 0.05} if name == "sarsa_lambda" else {}))
+    state = np.tile(np.array([0.8, -0.4], np.float32), (20, 1))
+    agent.reset()
+    motors = agent.act(state, True)
+    early = motors.sum(axis=1).mean()
+    for step in range(3000):
+        paid = motors.sum(axis=1).astype(np.float32)  # straight on, at full speed
+        # States vary a little, so that running moments of signals are defined.
+        near = state * np.float32(1 + 0.1 * np.sin(step))
+        motors = agent.act(near, True)
+        agent.learn(paid)
+    assert agent.act(state, False).sum(axis=1).mean() > max(early, 0) + 0.3

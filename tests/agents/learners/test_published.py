@@ -1,0 +1,325 @@
+"""Learners agree with the published algorithms, written here for one robot without our parts."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import nn
+
+from musebot.controller.senses import Senses, Signal
+from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.learners.moments import Moments
+from musebot.protocols.agents.learners.obgd import make_sparse
+from musebot.protocols.agents.learners.sarsa import SarsaLambda
+
+SENSES = Senses((Signal(-1, 1),) * 3, Signal(-1, 1))
+
+
+def stream(steps, robots, seed=0):
+    random = np.random.default_rng(seed)
+    states = random.uniform(-1, 1, size=(steps, robots, 3)).astype(np.float32)
+    return states, random.normal(size=(steps, robots)).astype(np.float32)
+
+
+def networks(agent, name, robot):
+    """Returns a robot's layers as modules of PyTorch, with their weights."""
+    layers = []
+    weights = agent.weights()
+    for layer in range(3):
+        matrix, biases = (torch.tensor(weights[f"{name}.{2 * layer + k}"][robot]) for k in (0, 1))
+        linear = nn.Linear(matrix.shape[1], matrix.shape[0])
+        linear.weight.data, linear.bias.data = matrix.clone(), biases.clone()
+        layers.append(linear)
+    return nn.ModuleList(layers)
+
+
+class Normalizer:
+    """Sample mean and variance as defined, from all samples so far."""
+
+    def __init__(self):
+        self.samples = []
+
+    def add(self, x):
+        self.samples.append(np.array(x, dtype=float))
+
+    def variance(self, ddof):
+        samples = np.array(self.samples)
+        return samples.var(axis=0, ddof=ddof) if len(samples) > ddof else np.ones_like(samples[0])
+
+    def normal(self, x, ddof):
+        return (x - np.mean(self.samples, axis=0)) / np.sqrt(self.variance(ddof) + 1e-8)
+
+
+def deep(layers, x):
+    for layer in layers[:-1]:
+        x = layer(x)
+        x = F.leaky_relu(F.layer_norm(x, x.size()))
+    return layers[-1](x)
+
+
+def obgd(parameters, traces, delta, decay, kappa):
+    total = 0.0
+    for parameter, trace in zip(parameters, traces, strict=True):
+        trace.mul_(decay).add_(parameter.grad)
+        total += trace.abs().sum().item()
+    size = 1 / max(1.0, kappa * max(abs(delta), 1.0) * total)
+    for parameter, trace in zip(parameters, traces, strict=True):
+        parameter.data += size * delta * trace
+
+
+def lived(agent, states, rewards):
+    agent.reset()
+    for state, reward in zip(states, rewards, strict=True):
+        agent.act(state, True)
+        agent.learn(reward)
+
+
+def check_networks(agent, name, robot, layers):
+    for layer, linear in enumerate(layers):
+        for k, wanted in enumerate((linear.weight, linear.bias)):
+            ours = agent.weights()[f"{name}.{2 * layer + k}"][robot]
+            np.testing.assert_allclose(ours, wanted.detach().numpy(), atol=1e-6)
+
+
+def scaled_rewards(rewards, discount):
+    """Returns rewards divided by the deviation of their discounted sums, from the second step."""
+    found, trace, moments = [None], 0.0, Normalizer()
+    for reward in rewards[1:]:
+        trace = discount * trace + reward
+        moments.add(trace)
+        found.append(reward / math.sqrt(moments.variance(1) + 1e-8))
+    return found
+
+
+def test_stream_ac_is_the_published_algorithm():
+    discount, trace, kappa, entropy = 0.99, 0.8, 2.0, 0.01
+    agent = factory_of("stream_ac")(2, SENSES, 3)
+    states, rewards = stream(12, 2)
+    actor, critic = (networks(agent, name, 1) for name in ("actor", "critic"))
+    first = {k: v.copy() for k, v in agent.weights().items()}
+    agent.reset()
+    actions = []
+    for state, reward in zip(states, rewards, strict=True):
+        agent.act(state, True)
+        actions.append(agent.now["action"][1].clone())
+        agent.learn(reward)
+    seen, inputs = Normalizer(), []
+    for state in states[:, 1]:
+        seen.add(state)
+        inputs.append(torch.tensor(seen.normal(state, 1), dtype=torch.float32))
+    paid = scaled_rewards(rewards[:, 1], discount)
+    traces = [[torch.zeros_like(p) for p in net.parameters()] for net in (actor, critic)]
+    for step in range(1, len(states)):
+        before, now = inputs[step - 1], inputs[step]
+        value = deep(critic, before)
+        delta = (paid[step] + discount * deep(critic, now) - value).item()
+        mean, sums = deep(actor, before).split(2)
+        policy = torch.distributions.Normal(mean, F.softplus(sums))
+        likely = policy.log_prob(actions[step - 1]).sum()
+        for net in (actor, critic):
+            net.zero_grad()
+        value.sum().backward()
+        (likely + entropy * np.sign(delta) * policy.entropy().sum()).backward()
+        obgd([*actor.parameters()], traces[0], delta, discount * trace, 1.5 * kappa)
+        obgd([*critic.parameters()], traces[1], delta, discount * trace, kappa)
+    check_networks(agent, "actor", 1, actor)
+    check_networks(agent, "critic", 1, critic)
+    assert any(not np.allclose(first[k], v, atol=1e-3) for k, v in agent.weights().items())
+
+
+def test_stream_q_is_the_published_algorithm():
+    discount, trace, kappa = 0.9, 0.8, 2.0
+    agent = factory_of("stream_q")(2, SENSES, 3, discount=discount, epsilon=0.2)
+    states, rewards = stream(15, 2)
+    layers = networks(agent, "values", 1)
+    agent.reset()
+    chosen, explored = [], []
+    for state, reward in zip(states, rewards, strict=True):
+        agent.act(state, True)
+        chosen.append(int(agent.now["chosen"][1]))
+        explored.append(bool(agent.now["exploratory"][1]))
+        agent.learn(reward)
+    seen, inputs = Normalizer(), []
+    for state in states[:, 1]:
+        seen.add(state)
+        inputs.append(torch.tensor(seen.normal(state, 1), dtype=torch.float32))
+    paid = scaled_rewards(rewards[:, 1], discount)
+    traces = [torch.zeros_like(p) for p in layers.parameters()]
+    for step in range(1, len(states)):
+        value = deep(layers, inputs[step - 1])[chosen[step - 1]]
+        best = deep(layers, inputs[step]).max().item()
+        layers.zero_grad()
+        value.backward()
+        delta = paid[step] + discount * best - value.item()
+        obgd([*layers.parameters()], traces, delta, discount * trace, kappa)
+        if explored[step - 1]:
+            for one in traces:
+                one.zero_()
+    assert True in explored
+    check_networks(agent, "values", 1, layers)
+
+
+def test_avg_is_the_published_algorithm():
+    discount, entropy = 0.99, 0.07
+    agent = factory_of("avg")(2, SENSES, 3, actor_rate=0.0063, critic_rate=0.0087)
+    states, rewards = stream(12, 2)
+    actor, critic = (networks(agent, name, 1) for name in ("actor", "critic"))
+    agent.reset()
+    noises = []
+    for state, reward in zip(states, rewards, strict=True):
+        agent.act(state, True)
+        noises.append(agent.now["noise"][1].clone())
+        agent.learn(reward)
+
+    def unit(layers, x):
+        x = F.leaky_relu(layers[0](x))
+        x = F.leaky_relu(layers[1](x))
+        return layers[2](x / x.norm().clamp(min=1e-12))
+
+    def act(x, noise):
+        mean, log_spread = unit(actor, x).split(2)
+        spread = torch.diag(log_spread.clamp(-20, 2).exp())
+        policy = torch.distributions.MultivariateNormal(mean, spread @ spread)
+        raw = mean + spread.diagonal() * noise
+        squash = 2 * (math.log(2) - raw - F.softplus(-2 * raw))
+        return torch.tanh(raw), policy.log_prob(raw) - squash.sum()
+
+    adams = [
+        torch.optim.Adam(net.parameters(), lr=rate, betas=(0.0, 0.999))
+        for net, rate in ((actor, 0.0063), (critic, 0.0087))
+    ]
+    seen, paid, inputs = Normalizer(), Normalizer(), []
+    for state in states[:, 1]:
+        seen.add(state)
+        inputs.append(torch.tensor(seen.normal(state, 0), dtype=torch.float32))
+    taken = [act(inputs[0], noises[0])]
+    for step in range(1, len(states)):
+        # The robot acts before it learns: each action is one of the weights of its own step.
+        taken.append(tuple(x.detach() for x in act(inputs[step], noises[step])))
+        action, density = (x.detach() for x in taken[step - 1])
+        following, next_density = taken[step]
+        paid.add(rewards[step, 1] - entropy * density.item())
+        variance = paid.variance(0)
+        sigma = math.sqrt(variance) if variance > 0.01 else 1.0
+        with torch.no_grad():
+            soft = unit(critic, torch.cat([inputs[step], following])) - entropy * next_density
+        value = unit(critic, torch.cat([inputs[step - 1], action]))
+        loss = ((rewards[step, 1] + discount * soft - value) / sigma) ** 2
+        own, own_density = act(inputs[step - 1], noises[step - 1])
+        cost = entropy * own_density - unit(critic, torch.cat([inputs[step - 1], own]))
+        adams[0].zero_grad()
+        cost.sum().backward()
+        actors = [parameter.grad.clone() for parameter in actor.parameters()]
+        adams[1].zero_grad()
+        loss.sum().backward()
+        for parameter, gradient in zip(actor.parameters(), actors, strict=True):
+            parameter.grad = gradient
+        for optimizer in adams:
+            optimizer.step()
+    check_networks(agent, "actor", 1, actor)
+    check_networks(agent, "critic", 1, critic)
+
+
+def test_a_step_of_sarsa_lambda_computed_by_hand():
+    """Two steps: errors 1 and 0.5 + 0.9 * Q3 - Q2, the trace of the first step 0.9 * 0.8."""
+    agent = factory_of("sarsa_lambda")(
+        1, SENSES, 0, rate=0.8, discount=0.9, trace=0.8, epsilon=0.01
+    )
+    agent.reset()
+    weights = []
+    for state, reward in ((-0.9, 0.0), (0.9, 1.0), (0.0, 0.5)):
+        agent.act(np.full((1, 3), state, np.float32), False)
+        weights.append(agent.now["weights_of"][0].tolist())
+        agent.learn(np.array([reward], np.float32))
+    first, second, third = (set(one) for one in weights)
+    assert len(first) == len(second) == SarsaLambda.TILINGS and not first & second
+    values = agent.values[0]
+    after_one = 0.8 / 8 * 1.0  # each tile of the first step; the step's value 0.8
+    third_value, second_value = after_one * len(third & first), 0.0
+    error = 0.5 + 0.9 * third_value - second_value
+    for index in first - second - third:
+        assert values[index] == pytest.approx(after_one + 0.8 / 8 * error * 0.9 * 0.8, abs=1e-6)
+    for index in second - third:
+        assert values[index] == pytest.approx(0.8 / 8 * error, abs=1e-6)
+
+
+def test_neighbouring_states_share_tiles_and_distant_ones_share_none():
+    agent = factory_of("sarsa_lambda")(3, Senses((Signal(0, 1),), Signal(0, 1)), 0)
+    tiles = agent.tiles(torch.tensor([[0.0], [0.05], [0.9]]))
+    same = (tiles[0] == tiles[1]).sum()
+    assert 0 < same < SarsaLambda.TILINGS
+    assert not (tiles[0] == tiles[2]).any()
+    assert tiles.max() < SarsaLambda.CELLS
+
+
+def test_a_step_of_dqn_follows_the_huber_loss_of_one_transition():
+    agent = factory_of("dqn")(2, SENSES, 3, rate=0.001, discount=0.95)
+    states, rewards = stream(2, 2)
+    layers = networks(agent, "values", 1)
+    agent.reset()
+    agent.act(states[0], True)
+    chosen = int(agent.now["chosen"][1])
+    agent.act(states[1], True)
+    agent.learn(rewards[1])
+
+    def values(x):
+        for layer in layers[:-1]:
+            x = layer(x).relu()
+        return layers[-1](x)
+
+    target = rewards[1, 1] + 0.95 * values(torch.tensor(states[1, 1])).max().detach()
+    optimizer = torch.optim.Adam(layers.parameters(), lr=0.001)
+    F.smooth_l1_loss(values(torch.tensor(states[0, 1]))[chosen], target).backward()
+    optimizer.step()
+    check_networks(agent, "values", 1, layers)
+
+
+def test_a_step_of_amortised_q_is_that_of_the_source():
+    agent = factory_of("amortised_q")(2, SENSES, 3, rate=0.002, proposer_rate=0.003)
+    states, rewards = stream(2, 2)
+    values, proposer = (networks(agent, name, 1) for name in ("values", "proposer"))
+    agent.reset()
+    agent.act(states[0], True)
+    agent.act(states[1], True)
+    agent.learn(rewards[1])
+
+    def tanh(layers, x):
+        for layer in layers[:-1]:
+            x = layer(x).tanh()
+        return layers[-1](x)
+
+    before, now = torch.tensor(states[0, 1]), torch.tensor(states[1, 1])
+    best = tanh(values, torch.cat([now, agent.now["best"][1]])).item()
+    taken = torch.cat([before, agent.before["action"][1]])
+    loss = 0.5 * (rewards[1, 1] + 0.9 * best - tanh(values, taken)) ** 2
+    mean, sums = tanh(proposer, before).split(2)
+    policy = torch.distributions.Normal(mean.tanh(), 0.1 + 0.9 * sums.sigmoid())
+    gain = policy.log_prob(agent.before["best"][1]).sum() + 0.1 * policy.entropy().sum()
+    for net, objective, rate in ((values, loss.sum(), 0.002), (proposer, -gain, 0.003)):
+        optimizer = torch.optim.Adam(net.parameters(), lr=rate)
+        objective.backward()
+        optimizer.step()
+    check_networks(agent, "values", 1, values)
+    check_networks(agent, "proposer", 1, proposer)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=40))
+def test_running_moments_are_those_of_all_values(values):
+    moments = Moments(1)
+    for value in values:
+        moments.add(torch.tensor([value], dtype=torch.float64))
+    assert float(moments.mean) == pytest.approx(np.mean(values), abs=1e-6)
+    assert float(moments.variance()) == pytest.approx(np.var(values, ddof=1), rel=1e-6, abs=1e-6)
+    assert float(moments.variance(unbiased=False)) == pytest.approx(np.var(values), abs=1e-6)
+
+
+@given(st.integers(1, 40))
+def test_a_neuron_keeps_a_tenth_of_its_weights_but_at_least_one(fan_in):
+    weights = torch.ones(2, 5, fan_in)
+    make_sparse([weights, torch.zeros(2, 5)], torch.Generator().manual_seed(fan_in))
+    wanted = max(fan_in - math.ceil(0.9 * fan_in), 1)
+    assert (weights.sum(dim=2) == wanted).all()

@@ -1,0 +1,56 @@
+"""Raw signals are those that the brain `steady` reads."""
+
+import numpy as np
+import torch
+
+from musebot.controller.brains import BRAINS
+from musebot.controller.extensions.encoding import InputEncoding
+from musebot.protocols.agents.bounds import HandCoded
+from musebot.protocols.agents.raw_signals import RawSignals, raw_senses
+from musebot.protocols.experiment.networks import senses_of
+
+
+class Spy(HandCoded):
+    def act(self, state, learning):
+        self.seen = state
+        return super().act(state, learning)
+
+    def learn(self, reward):
+        self.paid = reward
+
+    def weights(self):
+        return {"seen": np.ones((3, 1))}
+
+
+def guarded(task):
+    agents = []
+
+    def make(senses):
+        agents.append(Spy(senses))
+        return agents[0]
+
+    return RawSignals(senses_of(task), make), agents[0]
+
+
+def test_the_smell_is_a_further_signal_as_steady_reads_it():
+    agent, spy = guarded("spot_finding")
+    signals = np.array([[0.0], [0.5], [10 / 11]], np.float32)
+    agent.act(signals, True)
+    assert BRAINS["steady"].raw_signals and BRAINS["steady"].raw_reward
+    senses = senses_of("spot_finding")
+    wanted = InputEncoding(senses, centred=False, raw_signals=True).state(torch.tensor(signals))
+    assert np.array_equal(spy.seen, wanted)
+    np.testing.assert_allclose(spy.seen[:, 1], [0, 0.1, 1], rtol=1e-5)
+    agent.learn(signals[:, 0])
+    np.testing.assert_allclose(spy.paid, [0, 0.1, 1], rtol=1e-5)
+    assert len(raw_senses(senses).state) == 2 and raw_senses(senses).reward.high == 1
+
+
+def test_wall_avoidance_has_no_raw_signals():
+    agent, spy = guarded("wall_avoidance")
+    signals = np.full((3, 5), 0.25, np.float32)
+    agent.act(signals, True)
+    agent.learn(signals[:, 0])
+    assert np.array_equal(spy.seen, signals) and np.array_equal(spy.paid, signals[:, 0])
+    assert raw_senses(senses_of("wall_avoidance")) == senses_of("wall_avoidance")
+    assert agent.state() == {} and [*agent.weights()] == ["seen"]

@@ -1,0 +1,106 @@
+"""Settings of agents are read, checked and handed to the factory."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from musebot.protocols import cli
+from musebot.protocols.agents.settings import (
+    Setting,
+    checked_settings,
+    settings_from,
+    settings_of,
+    tunable,
+)
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.results.run_files import planned
+
+
+@tunable(rate=Setting(0.1, 0.01, 1.0, log=True), tiles=Setting(4, 2, 8))
+def made(robots, senses, seed, *, rate, tiles):
+    """Makes nothing."""
+    return robots, senses, seed, rate, tiles
+
+
+def test_a_factory_receives_defaults_and_what_is_chosen():
+    assert made(1, 2, 3) == (1, 2, 3, 0.1, 4)
+    assert made(1, 2, 3, tiles=5) == (1, 2, 3, 0.1, 5)
+    assert [*settings_of(made)] == ["rate", "tiles"] and made.__doc__ == "Makes nothing."
+    assert settings_of(len) == {}
+
+
+@given(st.floats(0, 1))
+def test_a_share_of_a_range_lies_in_it(share):
+    for setting in settings_of(made).values():
+        assert setting.low <= setting.at(share) <= setting.high
+    assert settings_of(made)["tiles"].at(share) in range(2, 9)
+
+
+def test_half_of_a_logarithmic_range_is_its_geometric_mean():
+    assert settings_of(made)["rate"].at(0.5) == pytest.approx(0.1)
+    assert Setting(0.2, 0.0, 1.0).at(0.5) == 0.5
+
+
+def test_settings_are_read_as_numbers():
+    assert settings_from(["rate=0.5", "tiles=3"]) == {"rate": 0.5, "tiles": 3}
+    checked = checked_settings("mine", made, {"rate": 1, "tiles": 3.0})
+    assert checked == {"rate": 1.0, "tiles": 3} and type(checked["tiles"]) is int
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["rate"], "a setting must be NAME=VALUE with a number, got 'rate'"),
+        (["rate=nan"], "with a number"),
+        (["rate=1e999"], "with a number"),
+        (["=1"], "must be NAME=VALUE"),
+        (["rate=0.1", "rate=0.2"], "the setting rate is given twice"),
+        (["rats=0.1"], r"mine has no setting rats: did you mean rate\?"),
+        (["unnamed=2"], r"mine has no setting unnamed \(rate, tiles\)"),
+        (["rate=2"], r"the setting rate of mine must lie in \[0.01, 1\], got 2"),
+        (["tiles=2.5"], r"must be a whole number in \[2, 8\], got 2.5"),
+    ],
+)
+def test_other_settings_are_refused_in_a_sentence(words, sentence):
+    with pytest.raises(InputError, match=sentence):
+        checked_settings("mine", made, settings_from(words))
+
+
+def test_a_default_outside_of_its_range_is_an_error_of_the_agents_author():
+    with pytest.raises(ValueError, match=r"2 does not lie in \[0, 1\]"):
+        Setting(2, 0, 1)
+
+
+REHEARSAL = "--robots 2 --time-scale 0.002 --body kinematic --task spot_finding".split()
+
+
+def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, capsys):
+    command = ["run", str(tmp_path), "--agent", "q_learner", *REHEARSAL]
+    assert cli.main([*command, "--agent-set", "rate=0.1", "--signals", "raw"]) == 0
+    experiment = planned(tmp_path).experiment
+    assert experiment.settings == ("rate=0.1",) and experiment.signals == "raw"
+    assert cli.main(["run", str(tmp_path), "--robots", "4"]) == 0
+    assert planned(tmp_path).robots == {
+        Condition("spot_finding", "musebot.protocols.baselines:q_learner"): 4
+    }
+    capsys.readouterr()
+    assert cli.main([*command, "--agent-set", "rate=0.2"]) == 2
+    assert "settings" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--agent", "sarsa"], "did you mean sarsa_lambda"),
+        (["--agent", "dqn", "--agent-set", "rat=1"], "dqn has no setting rat: did you mean rate?"),
+        (["--agent", "dqn", "--signals", "salty"], "the signals must be one of paper, raw"),
+    ],
+)
+def test_a_run_with_an_unknown_agent_or_setting_is_refused_before_anything_is_made(
+    words, sentence, tmp_path, commands_in_process, capsys
+):
+    out = tmp_path / "out"
+    assert cli.main(["run", str(out), *words, *REHEARSAL]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not out.exists()
