@@ -396,7 +396,7 @@ def test_every_verb_has_a_help_text(verb, capsys):
 
 
 def test_the_verbs_are_these():
-    verbs = "demo run tables film report figure study explore list bench doctor"
+    verbs = "demo run tables film report figure study explore check-agent list bench doctor"
     assert " ".join(cli.VERBS) == verbs
 
 

@@ -14,6 +14,7 @@ PACKAGES = ("models", "tasks", "controller", "protocols")
 LAYERS = (
     "errors examples exit_status storage terminal shared_options",
     "experiment",
+    "config",
     "results",
     "agents",
     "simulation",

@@ -18,6 +18,7 @@ VERBS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "figure": ("figure", "FigureCommand"),
         "study": ("study", "ListStudies"),
         "explore": ("explore", "ExploreCommand"),
+        "check-agent": ("check_agent", "CheckAgentCommand"),
         "list": ("listing", "ListCommand"),
         "bench": ("bench", "BenchCommand"),
         "doctor": ("doctor", "DoctorCommand"),

@@ -24,9 +24,9 @@ from ..simulation.executor_choice import HERE, Workers, WorkersOption
 from ..terminal import show_markdown
 
 if TYPE_CHECKING:
+    from ..config import Config
     from ..experiment.plan import Plan
     from ..results.run import Run
-    from .config import Config
 
 _FIELDS = (
     "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "device",
@@ -128,10 +128,10 @@ class RunCommand:
         """
         from ..agents.names import recorded_name
         from ..agents.trust import trust
+        from ..config import Config, read_config
         from ..results.run_files import planned
         from ..simulation.runs import simulate
         from ..simulation.tensorboard_log import check_tensorboard
-        from .config import Config, read_config
 
         if self.log not in (logs := ("none", "tensorboard")):
             raise InputError(f"log must be one of {', '.join(logs)}, got {self.log!r}")

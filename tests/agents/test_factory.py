@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import types
 import zlib
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 from musebot.controller import PROPOSERS
 from musebot.protocols import cli
 from musebot.protocols.agents import trust as trusting
+from musebot.protocols.agents.agent_check import checks
 from musebot.protocols.agents.base import Agent
 from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.factory import make_agent, senses_of
@@ -296,10 +298,17 @@ def example():
     return code
 
 
-def test_the_guides_example_is_simulated_and_stands_in_the_tables(tmp_path):
+def test_the_guides_example_is_checked_simulated_and_stands_in_the_tables(tmp_path, monkeypatch):
     [shell] = re.findall(r"```sh\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     (tmp_path / "my_agent.py").write_text(example())
-    for line in shell.strip().splitlines():
+    check, *lines = shell.strip().splitlines()
+    assert check == "musebot check-agent my_agent:table"
+    found = checks(Experiment(), Condition("spot_finding", "guide:table"))
+    monkeypatch.setitem(sys.modules, "guide", guide := types.ModuleType("guide"))
+    exec(example(), vars(guide))
+    monkeypatch.setattr(trusting, "_TRUSTED", {"guide:table"})
+    assert [one for one in found if one.passed is False] == []
+    for line in lines:
         words = line.replace("musebot", f"{sys.executable} -m musebot", 1).split()
         words = [{"20": "4"}.get(word, word) for word in words]  # four robots, to be quick
         done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)

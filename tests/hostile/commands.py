@@ -57,7 +57,9 @@ VERBS = {
         ["OUT", *_SHORT, "--proposer", "fixed"],
         {
             "--robots": NUMBERS, "--cohort-size": NUMBERS, "--seed": NUMBERS, "--task": TEXTS,
-            "--proposer": TEXTS, "--agent": TEXTS, "--protocol": TEXTS, "--time-scale": NUMBERS,
+            "--proposer": TEXTS, "--agent": TEXTS, "--signals": TEXTS,
+            "--agent-set": (*TEXTS, "rate=nan", "rate=1e400"), "--protocol": TEXTS,
+            "--time-scale": NUMBERS,
             "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
             "--motor-torque": TEXTS, "--device": TEXTS,
             "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
@@ -88,6 +90,10 @@ VERBS = {
         {"--robots": NUMBERS, "--time-scale": NUMBERS, "--seed": NUMBERS, **_WORKERS},
     ),
     "list": (["tasks"], {"--x": TEXTS}),
+    "check-agent": (
+        ["newborn"],
+        {"--task": TEXTS, "--signals": TEXTS, "--agent-set": (*TEXTS, "rate=nan", "rate=1e400")},
+    ),
     "bench": (
         ["--quick"],
         {

@@ -7,7 +7,7 @@ import pytest
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols import cli
-from musebot.protocols.commands.config import read_config
+from musebot.protocols.config import read_config
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.manifest import MANIFEST, read_manifest

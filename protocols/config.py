@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...controller.parameters import Parameters
-from ...models import Kinematics
-from ..errors import InputError, missing_extra
-from ..experiment.experiment import Experiment
-from ..experiment.former_names import current_names, experiment_from
-from ..experiment.overrides import named_brain
-from ..storage import read_whole
+from ..controller.parameters import Parameters
+from ..models import Kinematics
+from .errors import InputError, missing_extra
+from .experiment.experiment import Experiment
+from .experiment.former_names import current_names, experiment_from
+from .experiment.overrides import named_brain
+from .storage import read_whole
 
 _MOST_BYTES = 2**20
 # What a run's manifest holds; only the first two are read.

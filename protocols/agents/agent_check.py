@@ -1,0 +1,204 @@
+"""Checks that an agent keeps to the interface: what `musebot check-agent` reports."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ...controller.parameters import Parameters
+from ..experiment.conditions import Condition
+from ..experiment.experiment import Experiment
+from ..experiment.networks import senses_of
+from .base import Agent
+from .factory import make_agent
+
+ROBOTS = 8
+_STEPS = 300
+_LIMIT = 0.5  # largest motor value
+_TIMED = 60, 500  # robots and control steps of the measurement of speed
+
+
+class Check(NamedTuple):
+    """What one check found.
+
+    Attributes:
+      name: What the agent should do.
+      passed: Whether it does; None for a remark, or where nothing can be told.
+      says: What was seen.
+    """
+
+    name: str
+    passed: bool | None
+    says: str
+
+
+class Stream:
+    """Signals and rewards drawn evenly from their ranges, the same for every agent."""
+
+    def __init__(self, task: str, robots: int, steps: int, seed: int = 0) -> None:
+        """Draws a stream for a task of the domain "arena"."""
+        senses, random = senses_of(task), np.random.default_rng(seed)
+        low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
+        self.states = random.uniform(low, high, (steps, robots, len(low))).astype(np.float32)
+        span = senses.reward
+        self.rewards = random.uniform(span.low, span.high, (steps, robots)).astype(np.float32)
+        # Saturated and silent signals occur in a life more often than any other.
+        self.states[::7], self.states[1::7] = low, high
+        self.rewards[::5] = span.low
+
+    def feed(self, agent: Agent, first: int, last: int, learning: bool = True) -> np.ndarray:
+        """Returns the motor values of some steps, shape (steps, B, 2)."""
+        motors = []
+        for state, reward in zip(self.states[first:last], self.rewards[first:last], strict=True):
+            motors.append(np.array(agent.act(state, learning)))
+            if learning:
+                agent.learn(reward)
+        return np.array(motors)
+
+
+def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
+    """Checks an agent on streams of signals, without a simulation.
+
+    Args:
+      experiment: Experiment with the agent's settings and signals.
+      condition: Task, and the agent's name as runs record it.
+
+    Raises:
+      InputError: the agent cannot be made, or breaks the interface.
+      RunError: the agent fails or exits.
+    """
+    task = experiment.arena_task(condition.task)
+
+    def made(seed: int = 1, robots: int = ROBOTS) -> Agent:
+        agent = make_agent(experiment, condition, robots, seed)
+        agent.reset()
+        return agent
+
+    stream = Stream(task, ROBOTS, _STEPS)
+    agent = made()
+    born = _copied(agent.weights())
+    motors = stream.feed(agent, 0, _STEPS)
+    largest = float(np.abs(motors).max())
+    yield Check(
+        "motor values lie in [-0.5, 0.5]",
+        bool(np.isfinite(motors).all()) and largest <= _LIMIT,
+        f"largest {largest:.3g}; values beyond are clipped",
+    )
+    finite = all(np.isfinite(array).all() for array in agent.weights().values())
+    yield Check("weights stay finite", finite, f"after {_STEPS} steps")
+    yield _seeds(stream, motors, made)
+    yield from _weights(stream, agent, born)
+    yield _resumes(stream, motors, made)
+    yield _robots_are_apart(task, made)
+    yield _placement(stream, made)
+    yield from _costs(task, experiment, condition, made)
+
+
+def _copied(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: array.copy() for name, array in arrays.items()}
+
+
+def _differing(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> list[str]:
+    """Returns the names of arrays that are not bit-equal."""
+    return [
+        name
+        for name in {**first, **second}
+        if name not in first
+        or name not in second
+        or not np.array_equal(first[name], second[name], equal_nan=True)
+    ]
+
+
+def _seeds(stream: Stream, motors: np.ndarray, made: Callable[..., Agent]) -> Check:
+    again = stream.feed(made(), 0, _STEPS)
+    other = stream.feed(made(2), 0, _STEPS)
+    same = np.array_equal(again, motors)
+    says = "equal actions again" if same else "the same seed gives other actions: draw from it only"
+    if same and np.array_equal(other, motors):
+        says += "; another seed changes nothing"
+    return Check("the seed decides everything", same, says)
+
+
+def _weights(stream: Stream, agent: Agent, born: dict[str, np.ndarray]) -> Iterator[Check]:
+    before = _copied(agent.weights())
+    if not before:
+        yield Check("training changes weights", None, "it keeps no weights")
+        return
+    changed = _differing(born, before)
+    yield Check("training changes weights", bool(changed), ", ".join(changed[:3]) or "none changed")
+    stream.feed(agent, 0, 50, learning=False)
+    changed = _differing(before, agent.weights())
+    yield Check(
+        "tests change no weights", not changed, ", ".join(changed[:3]) or "none changed in 50 steps"
+    )
+
+
+def _resumes(stream: Stream, motors: np.ndarray, made: Callable[..., Agent]) -> Check:
+    name, middle = "a restored checkpoint continues bit-exactly", _STEPS // 2
+    first, second = made(), made(3)
+    stream.feed(first, 0, middle)
+    state = _copied(first.state())
+    try:
+        second.load_state(state)
+    except (ValueError, KeyError) as error:
+        return Check(name, False, f"load_state refuses what state returned: {error}")
+    rest = stream.feed(second, middle, _STEPS)
+    equal = np.array_equal(rest, motors[middle:])
+    if equal:
+        return Check(name, True, f"{_STEPS - middle} steps")
+    step = int((rest != motors[middle:]).any(axis=(1, 2)).argmax())
+    return Check(name, False, f"other actions {step} steps later: state() misses something")
+
+
+def _robots_are_apart(task: str, made: Callable[..., Agent]) -> Check:
+    """Changes the stream of all robots but the first."""
+    alone, other = (Stream(task, ROBOTS, 100) for _ in range(2))
+    other.states[:, 1:], other.rewards[:, 1:] = other.states[::-1, 1:], other.rewards[::-1, 1:]
+    first, second = (one.feed(made(), 0, 100)[:, 0] for one in (alone, other))
+    equal = np.allclose(first, second, atol=1e-4)
+    says = "the first robot acts as before" if equal else "other robots' signals change its actions"
+    return Check("robots share nothing but random numbers", equal, says)
+
+
+def _placement(stream: Stream, made: Callable[..., Agent]) -> Check:
+    name = "nothing is learned across a placement"
+    agent = made()
+    stream.feed(agent, 0, 20)
+    agent.reset()
+    before = _copied(agent.weights())
+    if not before:
+        return Check(name, None, "it keeps no weights")
+    stream.feed(agent, 20, 21)
+    changed = _differing(before, agent.weights())
+    says = "the first step after reset changes no weights"
+    return Check(name, not changed, f"changed: {', '.join(changed[:3])}" if changed else says)
+
+
+def _costs(
+    task: str, experiment: Experiment, condition: Condition, made: Callable[..., Agent]
+) -> Iterator[Check]:
+    robots, steps = _TIMED
+    stream, agent = Stream(task, robots, steps), made(robots=robots)
+    brain = make_agent(
+        Experiment(protocol=experiment.protocol, brain=Parameters()),
+        Condition(condition.task, "creative"), robots, 1,
+    )  # fmt: skip
+    brain.reset()
+    spent = []
+    for one in (agent, brain):
+        stream.feed(one, 0, 20)
+        begun = time.perf_counter()
+        stream.feed(one, 20, steps)
+        spent.append((time.perf_counter() - begun) / (steps - 20) / robots * 1e6)
+    ours, papers = spent
+    yield Check(
+        "time",
+        None,
+        f"{ours:.1f} us a robot-step with {robots} robots, the paper's brain {papers:.1f} "
+        f"({ours / papers:.1f} times)",
+    )
+    size = sum(array.nbytes for array in agent.state().values()) / robots
+    yield Check("memory", None, f"{size / 1024:.1f} KiB a robot in a checkpoint")

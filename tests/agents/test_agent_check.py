@@ -1,0 +1,165 @@
+"""`musebot check-agent` finds each fault of an agent, and none in our own."""
+
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from musebot.protocols import cli
+from musebot.protocols.agents import agent_check, trust
+from musebot.protocols.agents.agent_check import checks
+from musebot.protocols.agents.base import Agent
+from musebot.protocols.agents.names import recorded_name
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
+
+
+class Mean(Agent):
+    """A sound agent: it drives by the mean reward so far, and explores a little."""
+
+    def __init__(self, robots, senses, seed):
+        self.random = np.random.RandomState(seed)
+        self.mean, self.placed = np.zeros(robots), np.ones(1)
+
+    def reset(self):
+        self.placed[:] = 1
+
+    def act(self, state, learning):
+        noise = self.random.uniform(-0.1, 0.1, (len(state), 2)) * learning
+        return np.clip(self.mean[:, None] + 0.1 * state[:, :1] + noise, -0.5, 0.5)
+
+    def learn(self, reward):
+        if not self.placed[0]:
+            self.mean += 0.1 * (reward - self.mean)
+        self.placed[:] = 0
+
+    def state(self):
+        _, keys, position, *_ = self.random.get_state()
+        return {"mean": self.mean, "placed": self.placed, "keys": keys,
+                "position": np.array([position])}  # fmt: skip
+
+    def load_state(self, arrays):
+        self.mean[:], self.placed[:] = arrays["mean"], arrays["placed"]
+        self.random.set_state(("MT19937", arrays["keys"], int(arrays["position"][0])))
+
+    def weights(self):
+        return {"mean": self.mean[:, None].copy()}
+
+
+class TooFast(Mean):
+    def act(self, state, learning):
+        return super().act(state, learning) + 0.5
+
+
+class Unseeded(Mean):
+    def __init__(self, robots, senses, seed):
+        super().__init__(robots, senses, None)
+
+
+class Idle(Mean):
+    def learn(self, reward):
+        pass
+
+
+class LearnsInTests(Mean):
+    def act(self, state, learning):
+        self.mean += 0.001
+        return super().act(state, learning)
+
+
+class Forgetful(Mean):
+    def state(self):
+        return {"mean": self.mean}
+
+    def load_state(self, arrays):
+        self.mean[:] = arrays["mean"]
+
+
+class Shared(Mean):
+    def learn(self, reward):
+        super().learn(np.full_like(reward, reward.mean()))
+
+
+class AcrossPlacements(Mean):
+    def reset(self):
+        pass
+
+    def learn(self, reward):
+        self.mean += 0.1 * (reward - self.mean)
+
+
+class Diverges(Mean):
+    def weights(self):
+        return {"mean": np.full((len(self.mean), 1), np.inf)}
+
+
+FAULTS = {
+    Mean: set(),
+    TooFast: {"motor values lie in [-0.5, 0.5]"},
+    Unseeded: {
+        "the seed decides everything",
+        "a restored checkpoint continues bit-exactly",
+        "robots share nothing but random numbers",
+    },
+    Idle: {"training changes weights"},
+    LearnsInTests: {"tests change no weights", "nothing is learned across a placement"},
+    Forgetful: {"a restored checkpoint continues bit-exactly"},
+    Shared: {"robots share nothing but random numbers"},
+    AcrossPlacements: {"nothing is learned across a placement"},
+    Diverges: {"weights stay finite", "training changes weights"},
+}
+
+
+@pytest.fixture(autouse=True)
+def module(monkeypatch):
+    """A module of a user's with all agents above; timing takes a moment only."""
+    mine = types.ModuleType("mine")
+    for cls in FAULTS:
+        setattr(mine, cls.__name__, cls)
+    monkeypatch.setitem(sys.modules, "mine", mine)
+    monkeypatch.setattr(trust, "_TRUSTED", {f"mine:{cls.__name__}" for cls in FAULTS})
+    monkeypatch.setattr(agent_check, "_TIMED", (4, 30))
+
+
+@pytest.mark.parametrize("cls", FAULTS, ids=lambda cls: cls.__name__)
+def test_each_fault_fails_its_own_check(cls):
+    found = [*checks(Experiment(), Condition("spot_finding", f"mine:{cls.__name__}"))]
+    failed = {check.name for check in found if check.passed is False}
+    assert failed == FAULTS[cls]
+    assert len(found) == 10 and all(check.says for check in found)
+
+
+@pytest.mark.parametrize("signals", ["paper", "raw"])
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+@pytest.mark.parametrize("name", ["sarsa_lambda", "stream_ac", "hand_coded", "newborn"])
+def test_our_own_agents_pass(name, task, signals):
+    found = checks(Experiment(signals=signals), Condition(task, recorded_name(name)))
+    failed = {check.name for check in found if check.passed is False}
+    assert not failed - ({"training changes weights"} if name == "newborn" else set())
+
+
+def test_the_exit_status_says_whether_one_has_failed(capsys, commands_in_process):
+    assert cli.main(["check-agent", "mine:Mean"]) == 0
+    assert "FAILED" not in capsys.readouterr().out
+    assert cli.main(["check-agent", "mine:Idle"]) == 1
+    captured = capsys.readouterr()
+    assert "FAILED  training changes weights: none changed" in captured.out.splitlines()
+    assert captured.err == "musebot: mine:Idle failed 1 of the checks\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["creative"], "creative is a proposer of the brain, not an agent"),
+        (["stream"], "there is no agent 'stream': did you mean stream_q"),
+        (["nowhere:make"], "there is no agent nowhere:make"),
+        (["avg", "--task", "sleeping"], "the task must be one of"),
+        (["avg", "--agent-set", "rate=1"], "avg has no setting rate"),
+        (["ppo"], "policies"),
+    ],
+)
+def test_bad_input_is_one_sentence(words, sentence, capsys, commands_in_process):
+    assert cli.main(["check-agent", *words]) == 2
+    captured = capsys.readouterr()
+    assert sentence in captured.err and captured.err.count("\n") == 1 and not captured.out
