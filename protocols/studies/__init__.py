@@ -49,6 +49,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Evolve",
             "Evolve parameters of a brain in the kinematic simulator.",
         ),
+        "tune": (
+            "learners.tune",
+            "Tune",
+            "Tune an agent's settings in the kinematic simulator, with equal effort for each.",
+        ),
         "robustness": (
             "robustness",
             "Robustness",

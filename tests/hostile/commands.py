@@ -115,6 +115,15 @@ VERBS = {
         ["OUT", "--part", "rule", "--robots", "2", "--time-scale", "0.002"],
         {"--part": TEXTS, "--robots": NUMBERS, "--time-scale": NUMBERS, **_WORKERS},
     ),
+    "study tune": (
+        ["OUT", "--agent", "q_learner", "--robots", "2", "--time-scale", "0.002", "--trials", "2",
+         "--kept", "1"],
+        {
+            "--agent": TEXTS, "--signals": TEXTS, "--trials": NUMBERS, "--kept": NUMBERS,
+            "--robots": NUMBERS, "--seed": NUMBERS, "--kinematics": "kinematics",
+            "--time-scale": NUMBERS, **_WORKERS,
+        },
+    ),
     "study wear": (
         ["OUT", "--robots", "2", "--time-scale", "0.002", "--arm", "frozen"],
         {

@@ -18,21 +18,20 @@ import numpy as np
 
 from ....controller import Parameters
 from ....models import Kinematics
-from ....tasks import CONTROL_TIMESTEP
 from ...errors import InputError
 from ...experiment.budget import check_memory
-from ...experiment.conditions import CohortKey, Condition
+from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...experiment.overrides import named_brain, overrides_of, with_overrides
 from ...experiment.plan import Plan
 from ...experiment.schedules import Schedule
 from ...shared_options import KinematicsOption, option
-from ...simulation.cohort import Cohort
-from ...simulation.jobs import Job, Report, Stop
-from ...storage import resolved, save_arrays
+from ...simulation.jobs import Job
+from ...storage import resolved
 from ...terminal import notice
-from ..study import MinuteTick, Page, StoppedError, Study, check_positive, own_arrays
+from ..study import Page, Study, check_positive
 from . import page as pages
+from .evaluation import EvaluationJob
 from .page import Evolution, Generation
 from .space import RANGES, brain_at, check_names, point_of
 
@@ -244,71 +243,3 @@ class Evolve(Study):
     def _winner(self, search: CMA) -> Parameters:
         """Returns the brain at the search's mean; the best brain seen was also the luckiest."""
         return brain_at(search.mean, self.over, self.start.brain)
-
-
-@dataclasses.dataclass(frozen=True)
-class EvaluationJob:
-    """Simulates the lives of a cohort, and stores the time with the event after training.
-
-    Attributes:
-      path: File to which the result is written.
-      experiment: Experiment of the robots.
-      condition: Condition of the robots.
-    """
-
-    path: Path
-    experiment: Experiment
-    condition: Condition
-
-    def __str__(self) -> str:
-        return f"evaluation {self.path.stem}"
-
-    @property
-    def cost(self) -> float:
-        """See `Job.cost`."""
-        schedule = self.experiment.schedule(self.condition.task)
-        return sum(schedule.steps()) * CONTROL_TIMESTEP * self.experiment.cohort_size
-
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
-
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; lives that were stopped start from the beginning."""
-        cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
-        tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
-        try:
-            while not cohort.finished:
-                cohort.advance(min(600, cohort.steps - cohort.step))
-                tick()
-        except StoppedError:
-            return False
-        lives = cohort.lives()
-        arrays = {"events": lives.events[:, 2].astype(np.int32), "valid": lives.valid}
-        save_arrays(self.path, arrays, **self._identity)
-        return True
-
-    def shares(self) -> np.ndarray:
-        """Reads each robot's share of the test after training with the event, shape (B,).
-
-        A robot whose simulation became unstable counts as the worst.
-
-        Raises:
-          DamagedFileError: the file is damaged, or another job's.
-        """
-        robots = (self.experiment.cohort_size,)
-        arrays = own_arrays(
-            self.path, {"events": ("I32", robots), "valid": ("BOOL", robots)}, self._identity
-        )
-        schedule = self.experiment.schedule(self.condition.task)
-        worst = 0.0 if schedule.wanted else 1.0
-        shares = np.clip(arrays["events"] / schedule.steps_of("post"), 0, 1)
-        return np.where(arrays["valid"], shares, worst)
-
-    @property
-    def _identity(self) -> dict[str, Any]:
-        return {
-            "brain": dataclasses.asdict(self.experiment.brain),
-            "seed": self.experiment.seed,
-            "condition": str(self.condition),
-        }

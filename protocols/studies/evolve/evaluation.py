@@ -1,0 +1,90 @@
+"""The job of a search: the lives of a cohort, and what they were worth."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....tasks import CONTROL_TIMESTEP
+from ...agents.trust import trust
+from ...experiment.conditions import CohortKey, Condition
+from ...experiment.experiment import Experiment
+from ...simulation.cohort import Cohort
+from ...simulation.jobs import Report, Stop
+from ...storage import save_arrays
+from ..study import MinuteTick, StoppedError, own_arrays
+
+
+@dataclasses.dataclass(frozen=True)
+class EvaluationJob:
+    """Simulates the lives of a cohort, and stores the time with the event after training.
+
+    Attributes:
+      path: File to which the result is written.
+      experiment: Experiment of the robots.
+      condition: Condition of the robots.
+    """
+
+    path: Path
+    experiment: Experiment
+    condition: Condition
+
+    def __str__(self) -> str:
+        return f"evaluation {self.path.stem}"
+
+    @property
+    def cost(self) -> float:
+        """See `Job.cost`."""
+        schedule = self.experiment.schedule(self.condition.task)
+        return sum(schedule.steps()) * CONTROL_TIMESTEP * self.experiment.cohort_size
+
+    def done(self) -> bool:
+        """See `Job.done`."""
+        return self.path.exists()
+
+    def run(self, stop: Stop, report: Report) -> bool:
+        """See `Job.run`; lives that were stopped start from the beginning."""
+        trust(self.condition.proposer)  # the command has named it
+        cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
+        tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
+        try:
+            while not cohort.finished:
+                cohort.advance(min(600, cohort.steps - cohort.step))
+                tick()
+        except StoppedError:
+            return False
+        lives = cohort.lives()
+        arrays = {"events": lives.events[:, 2].astype(np.int32), "valid": lives.valid}
+        save_arrays(self.path, arrays, **self._identity)
+        return True
+
+    def shares(self) -> np.ndarray:
+        """Reads each robot's share of the test after training with the event, shape (B,).
+
+        A robot whose simulation became unstable counts as the worst.
+
+        Raises:
+          DamagedFileError: the file is damaged, or another job's.
+        """
+        robots = (self.experiment.cohort_size,)
+        arrays = own_arrays(
+            self.path, {"events": ("I32", robots), "valid": ("BOOL", robots)}, self._identity
+        )
+        schedule = self.experiment.schedule(self.condition.task)
+        worst = 0.0 if schedule.wanted else 1.0
+        shares = np.clip(arrays["events"] / schedule.steps_of("post"), 0, 1)
+        return np.where(arrays["valid"], shares, worst)
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        return {
+            "brain": dataclasses.asdict(self.experiment.brain),
+            "seed": self.experiment.seed,
+            "condition": str(self.condition),
+            "settings": self.experiment.settings,
+            "signals": self.experiment.signals,
+            "time_scale": self.experiment.time_scale,
+        }

@@ -1,0 +1,1 @@
+"""The benchmark of online learners: tuning with equal effort."""

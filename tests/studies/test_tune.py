@@ -1,0 +1,112 @@
+"""Settings of an agent are tuned with the same effort, and the study resumes to the same bytes."""
+
+import dataclasses
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from musebot.protocols import cli
+from musebot.protocols.agents import trust
+from musebot.protocols.agents.bounds import HandCoded
+from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.settings import Setting, settings_of, tunable
+from musebot.protocols.errors import InputError
+from musebot.protocols.studies.learners.tune import Tune
+
+
+@tunable(goodness=Setting(0.2, 0.0, 1.0, "share of the time in which it acts well"))
+def graded(robots, senses, seed, *, goodness):
+    """Drives well for a share of the time, and else straight on."""
+    return Graded(senses, goodness)
+
+
+class Graded(HandCoded):
+    def __init__(self, senses, goodness):
+        super().__init__(senses)
+        self.goodness, self.step = goodness, 0
+
+    def act(self, state, learning):
+        self.step += 1
+        good = (self.step * 0.618) % 1 < self.goodness
+        return super().act(state, learning) if good else np.full((len(state), 2), 0.5)
+
+
+def plain(robots, senses, seed):
+    return HandCoded(senses)
+
+
+@pytest.fixture(autouse=True)
+def module(monkeypatch):
+    mine = types.ModuleType("mine")
+    mine.graded, mine.plain = graded, plain
+    monkeypatch.setitem(sys.modules, "mine", mine)
+    monkeypatch.setattr(trust, "_TRUSTED", set())
+
+
+TINY = Tune(agent="mine:graded", trials=6, kept=2, robots=4, time_scale=0.05)
+
+
+def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
+    trials = TINY.drawn()
+    assert trials[0].settings == () and len({*trials}) == 6
+    for trial in trials[1:]:
+        (word,) = trial.settings
+        assert 0 <= float(word.removeprefix("goodness=")) <= 1
+    assert trials == dataclasses.replace(TINY).drawn()
+    assert trials != dataclasses.replace(TINY, seed=5).drawn()
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"agent": ""}, "the study needs the name of an agent"),
+        ({"agent": "creative"}, "is a proposer of the brain"),
+        ({"agent": "streamq"}, "did you mean stream_q"),
+        ({"agent": "mine:plain"}, "mine:plain has no settings to tune"),
+        ({"trials": 0}, "trials must be at least 1"),
+        ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
+        ({"robots": 0}, "robots must be at least 1"),
+        ({"time_scale": 2}, "the time scale must lie in"),
+        ({"signals": "salty"}, "the signals must be one of"),
+    ],
+)
+def test_bad_input_is_refused_in_a_sentence(changes, sentence):
+    with pytest.raises(InputError, match=sentence):
+        dataclasses.replace(TINY, **changes).experiments()
+
+
+def test_every_learner_of_ours_can_be_tuned():
+    for name in ("q_learner", "sarsa_lambda", "stream_q", "stream_ac", "avg", "amortised_q", "dqn"):
+        study = Tune(agent=name)
+        tuned = study.settings
+        assert 3 <= len(tuned) <= 5 and "hidden" not in tuned
+        assert {*tuned} <= {*settings_of(factory_of(name))}
+        assert len(study.drawn()) == 16
+
+
+def test_the_best_trials_live_whole_lives_and_the_page_names_the_winner(
+    tmp_path, commands_in_process, capsys
+):
+    words = "--trials 4 --kept 2 --robots 3 --time-scale 0.01 --processes 1".split()
+    command = ["study", "tune", str(tmp_path / "out"), "--agent", "mine:graded", *words]
+    assert cli.main(command) == 0
+    study = Tune(agent="mine:graded", trials=4, kept=2, robots=3, time_scale=0.01)
+    ranked = study.ranked(tmp_path / "out")
+    assert [whole is not None for _, _, whole in ranked] == [True, True, False, False]
+    early = [values.mean() for _, values, _ in ranked]
+    assert min(early[:2]) >= max(early[2:])
+    assert ranked[0][2].mean() >= ranked[1][2].mean()
+    page = (tmp_path / "out" / "tune.md").read_text()
+    assert f"Best: trial {ranked[0][0].number}, `musebot run OUT --agent mine:graded" in page
+    files = sorted((tmp_path / "out" / "trials").iterdir())
+    assert len(files) == 2 * 4 + 2 * 2
+    # A missing file is made again with the same bytes; another agent's folder is refused.
+    held = files[0].read_bytes()
+    files[0].unlink()
+    assert cli.main(command) == 0
+    assert files[0].read_bytes() == held
+    capsys.readouterr()
+    assert cli.main([*command[:3], "--agent", "q_learner", *words]) == 2
+    assert "holds a study with agent mine:graded" in capsys.readouterr().err
