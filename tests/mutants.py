@@ -66,7 +66,10 @@ MORE_TESTS = {
         "controller/test_brains.py controller/test_neurocontroller.py experiment/test_overrides.py"
     ),
     "controller/extensions/*": "controller/extensions controller/test_brains.py",
-    "controller/*": "controller/test_neurocontroller.py controller/test_brains.py",
+    "controller/*": (
+        "controller/test_neurocontroller.py controller/test_brains.py "
+        "controller/test_creative_memory.py controller/novelty experiment/test_overrides.py"
+    ),
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
     "protocols/analysis/claim_tests.py": "analysis/test_claims.py",
     "protocols/simulation/checkpoints.py": (

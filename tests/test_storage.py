@@ -467,3 +467,10 @@ def test_new_files_have_the_permissions_that_the_user_asks_for(tmp_path, mask):
         os.umask(before)
     for name in ("empty", "text"):
         assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_a_file_in_the_place_of_a_folder_is_one_sentence(tmp_path):
+    (tmp_path / "folder").write_text("a user's")
+    with pytest.raises(InputError, match="folder"):
+        write_text(tmp_path / "folder" / "page.md", "x")
+    assert (tmp_path / "folder").read_text() == "a user's"

@@ -304,7 +304,8 @@ def test_robots_follow_the_contour_then_spin(stays, expected):
 
 
 @pytest.mark.parametrize(
-    ("after", "expected"), [(0.9, "holds"), (0.1, "does not hold"), (None, "not judged")]
+    ("after", "expected"),
+    [(0.6, "holds"), (0.4, "does not hold"), (0.1, "does not hold"), (None, "not judged")],
 )
 def test_trained_robots_spin(after, expected):
     shares = np.tile([0.2, 0.9 if after is None else after], (24, 1))

@@ -287,6 +287,13 @@ def test_a_difference_of_shares_lies_in_its_interval_and_swapping_mirrors_it(tab
         assert mirror == pytest.approx((-high, -low))
 
 
+def test_pairs_of_which_one_side_never_differs_are_as_if_independent():
+    """Their phi coefficient has no value; Newcombe's method takes 0."""
+    first, second = marks(60, 60), marks(33, 60)
+    paired, independent = (intervals.difference_of_shares(first, second, p) for p in (True, False))
+    assert paired == pytest.approx(independent)
+
+
 def test_correlated_pairs_narrow_the_interval_of_a_difference_of_shares():
     first, second = marks(30, 60), marks(33, 60)
     (a, b), (c, d) = (intervals.difference_of_shares(first, second, p) for p in (True, False))

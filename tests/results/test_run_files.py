@@ -7,6 +7,7 @@ import json
 import math
 import os
 import random
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,7 @@ from musebot.protocols.results.run_files import (
     planned,
     read_results,
     read_robots,
+    read_rows,
     read_run,
     read_runs,
     run_names,
@@ -484,10 +486,30 @@ def test_a_run_is_read_with_the_name_of_its_folder_or_a_given_one(folder, result
     assert read_run(folder, "mine").name == "mine"
 
 
-def test_a_folder_without_a_run_is_refused(tmp_path):
+@pytest.mark.parametrize("read", [read_run, read_rows])
+def test_a_folder_without_a_run_is_refused(tmp_path, read):
     with pytest.raises(InputError) as caught:
-        read_run(tmp_path)
+        read(tmp_path)
     assert str(caught.value) == f"{tmp_path} holds no experiment of musebot's"
+
+
+def test_rows_are_read_without_the_other_files(folder, results):
+    for name in (CURVES_FILE, BRAINS_FILE):
+        (folder / name).unlink()
+    run = read_rows(folder)
+    for condition, part in results.items():
+        assert repr(run.robots(condition)) == repr(part.robots)
+        assert run.results[condition].curves.shape == (len(part.robots), 0)
+
+
+def test_curves_of_another_version_of_the_format_are_damaged(folder, results, without_digests):
+    without_digests(folder)
+    with zipfile.ZipFile(folder / CURVES_FILE, "w") as archive:
+        for condition, part in results.items():
+            with archive.open(f"{condition}.npy", "w") as file:
+                np.lib.format.write_array(file, part.curves, version=(2, 0))
+    with pytest.raises(DamagedFileError, match="another version of numpy's format"):
+        read_results(folder)
 
 
 def test_a_run_without_finished_robots_is_refused(tmp_path):

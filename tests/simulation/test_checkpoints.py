@@ -281,6 +281,19 @@ def test_impossible_values_are_refused_with_row_and_column(
     assert words in message
 
 
+def test_one_number_of_a_valid_robot_that_is_not_finite_is_refused(tmp_path):
+    cohort = Cohort(SHORT, KEY)
+    cohort.advance(77)
+    save_checkpoint(tmp_path, KEY, cohort)
+    arrays, notes = load_arrays(checkpoint_file(tmp_path, KEY))
+    name = next(n for n, a in arrays.items() if n.startswith("batch.") and a.ndim == 2)
+    assert arrays[name].shape[1] > 1
+    arrays[name][1, 0] = np.nan
+    save_arrays(checkpoint_file(tmp_path, KEY), arrays, **notes)
+    restored, message = restored_cohort(tmp_path, SHORT, KEY)
+    assert restored.step == 0 and f"{name}, row 1: must be finite" in message
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])
 @pytest.mark.parametrize("kind", ["checkpoint", "finished"])
 def test_events_of_another_dtype_are_refused(tmp_path, lives, kind, dtype):

@@ -41,6 +41,32 @@ def test_a_job_leaves_its_file_and_no_checkpoint(tmp_path):
     assert [done for done, _ in reports] == sorted(done for done, _ in reports)
 
 
+@pytest.mark.parametrize(("save_every", "least", "most"), [(0, 2, 100), (60, 0, 0)])
+def test_a_job_saves_as_often_as_it_is_told(tmp_path, monkeypatch, save_every, least, most):
+    saved = []
+    monkeypatch.setattr(jobs, "save_checkpoint", lambda *_: saved.append(1))
+    job_in(tmp_path, save_every).run(never, lambda *_: None)
+    assert least <= len(saved) <= most
+
+
+def test_an_executor_is_closed_where_the_reader_of_its_jobs_fails(tmp_path):
+    closed = []
+
+    def executor(jobs, progress):
+        try:
+            yield jobs[0]
+            yield jobs[0]
+        finally:
+            closed.append(True)
+
+    def fail(job):
+        raise ValueError("full")
+
+    with pytest.raises(ValueError, match="full") as caught:  # it keeps the reader's frame alive
+        execute("x", [job_in(tmp_path)], executor, fail, quiet=True)
+    assert closed == [True] and caught
+
+
 def test_a_stopped_job_leaves_a_checkpoint_and_continues_to_the_same_file(tmp_path):
     whole, cut = job_in(tmp_path / "whole"), job_in(tmp_path / "cut")
     assert whole.run(never, lambda *_: None)

@@ -38,6 +38,12 @@ def sensed(steps, robots=3):
     return states
 
 
+def test_weights_of_the_inputs_are_drawn_evenly_from_both_signs():
+    weights = context(robots=200, inputs=4).weights()["input_weights"] * 4**0.5
+    assert weights.abs().max() <= 1 and weights.min() < -0.95 and weights.max() > 0.95
+    assert abs(float(weights.mean())) < 0.05
+
+
 def test_the_units_follow_their_equation_written_in_loops():
     own, random = context(), np.random.default_rng(2)
     weights = {name: tensor.numpy() for name, tensor in own.weights().items()}
