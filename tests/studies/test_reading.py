@@ -75,6 +75,7 @@ def test_a_finalist_differs_from_the_plain_reading_in_what_it_says():
     for name, finalist in FINALISTS.items():
         assert set(differing(plain, plans[name].experiment)) == set(finalist.values)
         assert {c.task for c in plans[name].robots} == set(finalist.tasks)
+        assert {c.proposer for c in plans[name].robots} == set(finalist.proposers)
 
 
 def test_the_page_has_a_row_of_each_finalist(finished):
@@ -84,8 +85,14 @@ def test_the_page_has_a_row_of_each_finalist(finished):
         (row,) = (line for line in table.splitlines() if line.startswith(f"| {finalist.says} |"))
         cells = [cell.strip() for cell in row.strip("|").split("|")][1:]
         assert [bool(cell) for cell in cells[:6]] == [
-            task in finalist.tasks for task in ("wall_avoidance", "spot_finding") for _ in range(3)
+            task in finalist.tasks and proposer in finalist.proposers
+            for task in ("wall_avoidance", "spot_finding")
+            for proposer in ("fixed", "random", "creative")
         ]
+        tables = [word.split()[0] for word in cells[8].split(", ") if word]
+        names = {"wall_avoidance": "wall", "spot_finding": "spot"}
+        wanted = [names[task] for task in finalist.tasks] if finalist.values else []
+        assert tables == wanted
 
 
 def test_a_study_made_before_the_last_stage_was_known_is_continued(finished, tmp_path, monkeypatch):

@@ -97,11 +97,14 @@ class Finalist:
       says: What differs from the plain reading, in words.
       values: Values of the experiment's fields that differ, by field as in `Choice`.
       tasks: Tasks that are simulated; in the other task the robots live as in the plain reading.
+      proposers: Proposers that are simulated; with the others the robots live as in the plain
+        reading, or as in the finalist that `values` names beside.
     """
 
     says: str
     values: Mapping[str, Any]
     tasks: tuple[str, ...] = PAPER_TASKS
+    proposers: tuple[str, ...] = PROPOSERS
 
 
 FINALISTS: Mapping[str, Finalist] = {
@@ -109,4 +112,11 @@ FINALISTS: Mapping[str, Finalist] = {
     "final-inverse": Finalist("r/d in Eq. 3", {"nose": "inverse"}, ("spot_finding",)),
     "final-front": Finalist("nose at the front", {"nose_place": "front"}, ("spot_finding",)),
     "final-holds": Finalist("moves up to the wall", {"kinematics.wall": "holds"}),
+    "final-noise": Finalist("noise for life", {"brain.noise_steps": 0}, proposers=("creative",)),
+    "final-noise-inverse": Finalist(
+        "noise for life, r/d in Eq. 3",
+        {"brain.noise_steps": 0, "nose": "inverse"},
+        ("spot_finding",),
+        ("creative",),
+    ),
 }

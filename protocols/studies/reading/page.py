@@ -182,11 +182,12 @@ def screening(runs: Mapping[str, Run]) -> list[str]:
 
 def finals(runs: Mapping[str, Run]) -> list[str]:
     """Returns the table of stage 3, a row for each finished finalist; empty without one."""
-    rows = [["differs in", *map(str, COLUMNS), *TASK_NAMES.values()]]
+    rows = [["differs in", *map(str, COLUMNS), *TASK_NAMES.values(), "score minus the plain's"]]
     for name, finalist in FINALISTS.items():
         if name not in runs:
             continue
         run, cells, totals = runs[name], [], dict.fromkeys(PAPER_TASKS, 0.0)
+        beside = _beside(run, runs.get("final-plain", run))
         for condition in COLUMNS:
             if condition not in run.results:
                 cells.append("")
@@ -204,16 +205,30 @@ def finals(runs: Mapping[str, Run]) -> list[str]:
             else f"{total:.1f}, p = {tests.get(TASK_NAMES[task].lower(), math.nan):.4f}"
             for task, total in totals.items()
         ]
-        rows.append([finalist.says, *cells, *ends])
+        rows.append([finalist.says, *cells, *ends, beside])
     if len(rows) == 1:
         return []
     return [
         "### Stage 3: finalists",
         "",
         "Of each column total variation (by chance), mean L, time after training; of each table "
-        "the sum of its columns' log likelihoods, and p of its joint test. Empty: as in the plain "
-        "reading.",
+        "the sum of its columns' log likelihoods, and p of its joint test. Last, the sum of the "
+        "log likelihoods of the row's own columns minus that of the plain reading's same columns, for "
+        "each table. Empty: not simulated, since the choice does not act there.",
         "",
         *table(rows),
         "",
     ]
+
+
+def _beside(run: Run, plain: Run) -> str:
+    """Returns the score of a run's columns minus the plain reading's, for each table it has."""
+    if run is plain:
+        return ""
+    found = {}
+    for condition in COLUMNS:
+        if condition in run.results and condition in plain.results:
+            own, other = (log_likelihood(one, condition) for one in (run, plain))
+            task = TASK_NAMES[condition.task].lower()
+            found[task] = found.get(task, 0.0) + own - other
+    return ", ".join(f"{task} {difference:+.1f}" for task, difference in found.items())

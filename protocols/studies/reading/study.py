@@ -80,7 +80,11 @@ class Reading(VariantStudy):
         return {
             name: Plan.of(
                 changed(start, finalist.values),
-                [Condition(task, proposer) for task in finalist.tasks for proposer in PROPOSERS],
+                [
+                    Condition(task, proposer)
+                    for task in finalist.tasks
+                    for proposer in finalist.proposers
+                ],
                 self.finalists,
             )
             for name, finalist in FINALISTS.items()
