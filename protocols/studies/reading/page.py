@@ -213,8 +213,8 @@ def finals(runs: Mapping[str, Run]) -> list[str]:
         "",
         "Of each column total variation (by chance), mean L, time after training; of each table "
         "the sum of its columns' log likelihoods, and p of its joint test. Last, the sum of the "
-        "log likelihoods of the row's own columns minus that of the plain reading's same columns, for "
-        "each table. Empty: not simulated, since the choice does not act there.",
+        "log likelihoods of the row's own columns minus that of the plain reading's same columns, "
+        "for each table. Empty: not simulated, since the choice does not act there.",
         "",
         *table(rows),
         "",
