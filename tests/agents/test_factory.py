@@ -6,6 +6,7 @@ import subprocess
 import sys
 import types
 import zlib
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols import cli
+from musebot.protocols.agents import names
 from musebot.protocols.agents import trust as trusting
 from musebot.protocols.agents.agent_check import checks
 from musebot.protocols.agents.base import Agent
@@ -22,6 +24,7 @@ from musebot.protocols.agents.learners.q_learning import QLearner
 from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name
 from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
 from musebot.protocols.agents.trust import trust
+from musebot.protocols.commands.listing import LISTS
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
@@ -77,6 +80,26 @@ def test_every_name_of_an_agent_of_ours_is_recorded_as_the_same(name):
     for given in (name, RECORDED[name], MODULES[name]):
         assert recorded_name(given) == RECORDED[name]
     assert RECORDED_NAMES == RECORDED
+
+
+def test_other_packages_register_agents_but_take_no_name_of_ours(monkeypatch):
+    points = [
+        EntryPoint("mine", "package.module:make", names.GROUP),
+        EntryPoint("avg", "evil:make", names.GROUP),
+        EntryPoint("creative", "evil:make", names.GROUP),
+    ]
+    monkeypatch.setattr(names, "entry_points", lambda group: points if group == names.GROUP else [])
+    names.registered_names.cache_clear()
+    try:
+        assert names.registered_names() == {"mine": "package.module:make"}
+        assert recorded_name("mine") == "package.module:make"
+        assert recorded_name("avg") == RECORDED["avg"] and recorded_name("creative") == "creative"
+        assert names.short_name("package.module:make") == "mine"
+        assert LISTS["agents"]()["mine"] == "Another package's: package.module:make."
+        with pytest.raises(InputError, match="whose code would be run"):  # not imported unasked
+            make_agent(Experiment(), Condition(WALLS, "package.module:make"), 2, 0)
+    finally:
+        names.registered_names.cache_clear()
 
 
 def test_a_users_factory_is_recorded_as_it_is_given():
