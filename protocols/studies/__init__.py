@@ -54,6 +54,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Tune",
             "Tune an agent's settings in the kinematic simulator, with equal effort for each.",
         ),
+        "leaderboard": (
+            "learners.leaderboard",
+            "Leaderboard",
+            "Rank learners in kept runs, between a newborn and a hand-coded robot.",
+        ),
         "robustness": (
             "robustness",
             "Robustness",

@@ -162,6 +162,7 @@ VERBS = {
         },
     ),
     "study continual": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
+    "study leaderboard": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
     "study ppo": (
         ["OUT", "--task", "spot_finding_unit"],
         {

@@ -1,1 +1,1 @@
-"""The benchmark of online learners: tuning with equal effort."""
+"""The benchmark of online learners: tuning with equal effort, and the leaderboard."""

@@ -1,0 +1,129 @@
+"""Learners are ranked between a newborn and a hand-coded robot."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from musebot.protocols import cli
+from musebot.protocols.errors import InputError
+from musebot.protocols.results.run_files import read_runs
+from musebot.protocols.studies.learners.leaderboard import (
+    Entry,
+    Leaderboard,
+    behind_the_first,
+    boards,
+    draw,
+    interquartile_mean,
+    markdown,
+    ranked,
+    scores,
+)
+
+
+def entry(name, after, training, robots=20, spread=0.0):
+    wobble = spread * np.linspace(-1, 1, robots)
+    after, training = after + wobble, training + wobble
+    curve = np.linspace(0, 2 * training.mean(), 120)
+    return Entry(name, f"--agent {name}", after, training, curve, np.full(robots, np.nan))
+
+
+LOW, HIGH = entry("newborn", 0.1, 0.1, spread=0.02), entry("hand_coded", 0.9, 0.9)
+BOARD = [
+    LOW,
+    entry("slow", 0.5, 0.2, spread=0.05),
+    entry("good", 0.8, 0.7, spread=0.05),
+    HIGH,
+    entry("alike", 0.79, 0.7, spread=0.05),
+]
+
+
+def test_a_score_is_0_for_the_mean_newborn_and_1_for_the_mean_hand_coded_robot():
+    assert scores(LOW, LOW, HIGH).mean() == pytest.approx(0)
+    assert scores(HIGH, LOW, HIGH) == pytest.approx(1)
+    half = entry("half", 0.5, 0.9)
+    assert scores(half, LOW, HIGH) == pytest.approx((0.5 + 1) / 2)
+    assert np.isnan(scores(half, LOW, LOW)).all()
+
+
+@given(st.lists(st.floats(-1, 2), min_size=1, max_size=60))
+def test_an_interquartile_mean_is_that_of_the_middle_half(values):
+    values = np.array(values)
+    middle, (low, high) = interquartile_mean(values)
+    cut = len(values) // 4
+    assert middle == pytest.approx(np.sort(values)[cut : len(values) - cut].mean())
+    assert values.min() - 1e-9 <= low <= high <= values.max() + 1e-9
+
+
+def test_learners_are_ranked_and_tested_against_the_first():
+    ranking = ranked(BOARD)
+    names = [one.name for one, _ in ranking]
+    assert names == ["hand_coded", "good", "alike", "slow", "newborn"]
+    p = dict(zip(names, behind_the_first(ranking), strict=True))
+    assert np.isnan([p["hand_coded"], p["newborn"], p["good"]]).all()
+    assert p["alike"] > 0.05 > p["slow"]
+
+
+def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
+    text = "\n".join(markdown("paper spot_finding", BOARD))
+    assert text.startswith("## Spot finding, protocol paper")
+    rows = [line for line in text.splitlines() if line.startswith("| ")][2:]
+    assert [row.split("|")[1].strip() for row in rows] == [
+        "*hand_coded*", "good", "alike", "slow", "*newborn*",
+    ]  # fmt: skip
+    assert "| `--agent slow` |" in rows[3] and "| 100% |" in rows[3]
+    (axis,) = draw(BOARD).axes
+    assert sorted(text.get_text() for text in axis.texts) == sorted(one.name for one in BOARD)
+
+
+def test_a_short_rehearsal_can_be_drawn():
+    short = [dataclasses.replace(one, curve=one.curve[:1]) for one in BOARD]
+    assert len(draw(short).axes[0].lines) == 5
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two rehearsals: agents and both bounds in both tasks, and a brain."""
+    folder = tmp_path_factory.mktemp("runs")
+    words = "--robots 6 --cohort-size 6 --time-scale 0.004 --body kinematic --processes 1".split()
+    agents = ["--agent", "newborn", "hand_coded", "sarsa_lambda", "--agent-set"]
+    own = ["--agent", "newborn", "hand_coded"]
+    for name, more in (
+        ("bounds", own),
+        ("sarsa", ["--agent", "sarsa_lambda", "--signals", "raw", *agents[-1:], "rate=0.2"]),
+        ("brain", ["--brain", "steady", "--proposer", "creative"]),
+    ):
+        assert cli.main(["run", str(folder / name), *more, *words]) == 0
+    return [folder / name for name in ("bounds", "sarsa", "brain")]
+
+
+def test_runs_become_boards_whose_rows_name_their_commands(runs, tmp_path):
+    found = boards(read_runs(runs))
+    assert [*found] == ["paper wall_avoidance", "paper spot_finding"]
+    by_name = {one.name: one for one in found["paper spot_finding"]}
+    assert [*by_name] == [
+        "hand_coded", "newborn", "sarsa_lambda, raw signals", "steady, creative",
+    ]  # fmt: skip
+    assert by_name["sarsa_lambda, raw signals"].command == (
+        "--agent sarsa_lambda --signals raw --agent-set rate=0.2"
+    )
+    walls = found["paper wall_avoidance"][0]
+    assert walls.after.mean() > 0.9  # the share of time without contact
+    words = ["study", "leaderboard", str(tmp_path / "out"), "--runs", *map(str, runs)]
+    assert cli.main(words) == 0
+    page = (tmp_path / "out" / "leaderboard.md").read_text()
+    assert "## Wall avoidance, protocol paper" in page and "| steady, creative |" in page
+    assert {path.name for path in (tmp_path / "out").glob("*.svg")} == {
+        "paper-wall_avoidance.svg", "paper-spot_finding.svg",
+    }  # fmt: skip
+
+
+def test_a_board_without_bounds_and_a_learner_twice_are_refused(runs):
+    with pytest.raises(InputError, match="hold no robots of newborn, a bound"):
+        Leaderboard(runs=tuple(runs[1:])).experiments()
+    again = read_runs(runs)
+    again.append(dataclasses.replace(again[1], name="other"))
+    with pytest.raises(InputError, match="sarsa_lambda, raw signals stands in two runs"):
+        boards(again)
