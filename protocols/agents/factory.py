@@ -20,7 +20,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.networks import senses_of
 from .base import Agent
 from .checked_agent import CheckedAgent, ending_in_a_sentence, fault
-from .names import MOVED, RECORDED_NAMES, is_own, short_name
+from .names import MOVED, OWN_ENCODING, RECORDED_NAMES, is_own, short_name
 from .neurocontroller import NeurocontrollerAgent
 from .raw_signals import RawSignals
 from .settings import checked_settings, settings_from
@@ -87,4 +87,5 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
         agent = functools.partial(factory, robots, sensed, seed, **settings)
         return agent() if is_own(proposer) else CheckedAgent(proposer, agent, robots)
 
-    return RawSignals(senses, make) if experiment.signals == "raw" else make(senses)
+    raw = experiment.signals == "raw" and proposer not in OWN_ENCODING
+    return RawSignals(senses, make) if raw else make(senses)

@@ -26,6 +26,7 @@ RECORDED_NAMES = {
     "hand_coded": "musebot.protocols.baselines:hand_coded",
     "newborn": "musebot:newborn",
 }
+OWN_ENCODING = {RECORDED_NAMES["newborn"]}  # a brain that reads raw signals by itself
 _MODULES = {
     "q_learner": "learners.q_learning",
     "sarsa_lambda": "learners.sarsa",

@@ -37,7 +37,9 @@ class Setting:
     tuned: bool = True
 
     def __post_init__(self) -> None:
-        """Raises ValueError if the default does not lie in the range."""
+        """Raises ValueError if the default lies outside, or a logarithmic range is not above 0."""
+        if self.log and not self.low > 0:
+            raise ValueError(f"a logarithmic range must be above 0, got {self.low}")
         if not self.low <= self.default <= self.high:
             raise ValueError(f"{self.default} does not lie in [{self.low}, {self.high}]")
 
@@ -52,7 +54,9 @@ class Setting:
             value = self.low * (self.high / self.low) ** share
         else:
             value = self.low + share * (self.high - self.low)
-        return round(value) if self.whole else float(f"{value:.3g}")
+        if self.whole:
+            return round(value)
+        return min(max(float(f"{value:.3g}"), self.low), self.high)
 
 
 def tunable(**settings: Setting) -> Callable[[Factory], Factory]:

@@ -27,7 +27,7 @@ class AmortisedQ(OnlineLearner):
     """
 
     OWN, UNIFORM = 17, 8  # in all 25, the paper's number of actions
-    SMALLEST, LARGEST = 0.1, 1.0  # standard deviation
+    SPREADS = 0.1, 1.0  # smallest and largest standard deviation
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
         """Draws the initial networks; see `amortised_q` for the settings."""
@@ -78,7 +78,8 @@ class AmortisedQ(OnlineLearner):
             return 0.5 * (target - self.values(taken, tensors)[:, 0]).square()
 
         def cost(tensors: Sequence[Tensor]) -> Tensor:
-            proposals = Normal(*self._distribution(self.proposer(inputs, tensors)))
+            distribution = self._distribution(self.proposer(inputs, tensors))
+            proposals = Normal(*distribution, validate_args=False)
             gain = proposals.log_prob(self.before["best"]) + self._entropy * proposals.entropy()
             return -gain.sum(dim=1)
 
@@ -89,7 +90,8 @@ class AmortisedQ(OnlineLearner):
     def _distribution(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
         """Returns mean and standard deviation of both motors, each of shape (B, 2)."""
         mean, sums = outputs.split(2, dim=-1)
-        return mean.tanh(), self.SMALLEST + (self.LARGEST - self.SMALLEST) * sums.sigmoid()
+        low, high = self.SPREADS
+        return mean.tanh(), low + (high - low) * sums.sigmoid()
 
 
 @tunable(

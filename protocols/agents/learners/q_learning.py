@@ -60,8 +60,8 @@ class QLearner(OnlineLearner):
 
 
 @tunable(
-    rate=Setting(0.05, 0.001, 0.5, "learn rate", log=True),
-    discount=Setting(0.9, 0.8, 0.99, "discount of the next value"),
+    rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True),
+    discount=Setting(0.9, 0.8, 0.95, "discount of the next value"),
     epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
 )
 def q_learner(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -12,6 +10,9 @@ from ..base import Agent
 from ..settings import Setting, tunable
 from .base import OnlineLearner, grid_of_actions
 
+_PRIMES = 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967, 86_028_121, 32_452_843
+_MIXER = 0x85EBCA6B
+
 
 class SarsaLambda(OnlineLearner):
     """SARSA(lambda) with accumulating traces and tile coding, for the 25 fixed actions.
@@ -19,11 +20,11 @@ class SarsaLambda(OnlineLearner):
     Sutton and Barto, "Reinforcement Learning: An Introduction", 2nd edition, 2018: section 9.5.4
     (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda)). Q(s, a) is the sum of
     one weight a tiling. The trace holds the last `MEMORY` steps; what is left out has decayed
-    below 0.004 with the largest settings, below 0.00001 with the defaults. Up to `CELLS` tiles a
+    below 0.0001 with the largest settings, below 0.00001 with the defaults. Up to `CELLS` tiles a
     tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight.
     """
 
-    TILINGS, CELLS, MEMORY = 8, 64, 48
+    TILINGS, CELLS, MEMORY = 8, 512, 48
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
         """Begins with weights of 0; see `sarsa_lambda` for the settings."""
@@ -36,12 +37,12 @@ class SarsaLambda(OnlineLearner):
         self._rows = torch.arange(robots)
         offsets = torch.arange(self.TILINGS)[:, None] * (2 * torch.arange(self.inputs) + 1)
         self._offsets = (offsets % self.TILINGS) / self.TILINGS
-        primes = torch.tensor([1, 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967])
         width = self._tiles + 1
+        self._dense = width**self.inputs <= self.CELLS
         self._factors = (
             torch.tensor([width**k for k in range(self.inputs)])
-            if width**self.inputs <= self.CELLS
-            else primes.repeat(math.ceil(self.inputs / 6))[: self.inputs]
+            if self._dense
+            else torch.tensor(_PRIMES)[: self.inputs]
         )
         self.pair("weights_of", torch.zeros(robots, self.TILINGS, dtype=torch.int64))
         # The weights of the last steps, the latest first, and how many of these steps there are.
@@ -64,7 +65,12 @@ class SarsaLambda(OnlineLearner):
         """
         places = (inputs[:, None] + 1) / 2 * self._tiles + self._offsets
         numbers = places.clamp(0, self._tiles + 0.999).long()
-        return (numbers * self._factors).sum(dim=2) % self.CELLS
+        cells = (numbers * self._factors).sum(dim=2)
+        if not self._dense:  # mixed, so that neighbours in two signals do not share a cell
+            cells = cells + _PRIMES[-1] * torch.arange(self.TILINGS)
+            cells = (cells ^ (cells >> 15)) * _MIXER & 0xFFFFFFFF
+            cells = cells ^ (cells >> 13)
+        return cells % self.CELLS
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
@@ -93,9 +99,9 @@ class SarsaLambda(OnlineLearner):
 
 
 @tunable(
-    rate=Setting(0.1, 0.01, 0.5, "learn rate of the sum of the tilings", log=True),
-    discount=Setting(0.9, 0.8, 0.99, "discount of the next value"),
-    trace=Setting(0.8, 0.0, 0.9, "lambda: decay of the traces beside the discount"),
+    rate=Setting(0.1, 0.01, 0.2, "learn rate of the sum of the tilings", log=True),
+    discount=Setting(0.9, 0.8, 0.95, "discount of the next value"),
+    trace=Setting(0.8, 0.0, 0.8, "lambda: decay of the traces beside the discount"),
     epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
     tiles=Setting(7, 4, 12, "tiles that cover the range of a signal"),
 )

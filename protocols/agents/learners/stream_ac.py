@@ -74,7 +74,7 @@ class StreamAC(StreamLearner):
         error = self.scaled_reward(reward) + self._discount_rate * following - value
 
         def objective(tensors: Sequence[Tensor]) -> Tensor:
-            policy = Normal(*_distribution(self.actor(inputs, tensors)))
+            policy = Normal(*_distribution(self.actor(inputs, tensors)), validate_args=False)
             bonus = self._entropy * error.sign() * policy.entropy().sum(dim=1)
             return policy.log_prob(action).sum(dim=1) + bonus
 

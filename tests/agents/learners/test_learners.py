@@ -99,6 +99,45 @@ def test_weights_have_a_row_a_robot_and_seeds_decide_them(name):
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
+def test_both_ends_of_every_setting_stay_stable_on_signals_that_last(name, share):
+    settings = settings_of(factory_of(name))
+    chosen = {word: one.at(share) for word, one in settings.items() if one.tuned}
+    agent, random = made(name, **chosen), np.random.default_rng(2)
+    agent.reset()
+    for _ in range(60):
+        smell = random.uniform(size=3).astype(np.float32)
+        state = np.stack([smell, -smell], axis=1)
+        for _ in range(int(random.integers(5, 60))):
+            agent.act(state, True)
+            agent.learn(smell)
+    largest = max(np.abs(weights).max() for weights in agent.weights().values())
+    assert np.isfinite(largest) and largest < 1000
+
+
+def test_a_robot_with_broken_weights_harms_no_other(name):
+    agent = made(name)
+    agent.reset()
+    lived(agent, 10)
+    state = {key: array.copy() for key, array in agent.state().items()}
+    for key in agent.weights():
+        state[key][1] = np.nan
+    agent.load_state(state)
+    lived(agent, 20, start=10)
+    for weights in agent.weights().values():
+        assert np.isfinite(weights[[0, 2]]).all() and not np.isfinite(weights[1]).all()
+
+
+def test_nothing_is_left_of_the_past_when_a_robot_is_placed_anew(name):
+    agent = made(name)
+    agent.reset()
+    lived(agent, 20)
+    agent.reset()
+    for key, array in agent.state().items():
+        if "traces" in key or key == "steps":
+            assert not array.any()
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
 def test_both_ends_of_every_setting_can_be_simulated(name, share):
     settings = settings_of(factory_of(name))
     agent = made(name, **{word: setting.at(share) for word, setting in settings.items()})

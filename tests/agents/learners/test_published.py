@@ -12,9 +12,11 @@ from torch import nn
 
 from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.learners.dqn import DQN
 from musebot.protocols.agents.learners.moments import Moments
 from musebot.protocols.agents.learners.obgd import make_sparse
 from musebot.protocols.agents.learners.sarsa import SarsaLambda
+from musebot.protocols.agents.settings import settings_of
 
 SENSES = Senses((Signal(-1, 1),) * 3, Signal(-1, 1))
 
@@ -256,53 +258,85 @@ def test_neighbouring_states_share_tiles_and_distant_ones_share_none():
     assert tiles.max() < SarsaLambda.CELLS
 
 
-def test_a_step_of_dqn_follows_the_huber_loss_of_one_transition():
-    agent = factory_of("dqn")(2, SENSES, 3, rate=0.001, discount=0.95)
-    states, rewards = stream(2, 2)
-    layers = networks(agent, "values", 1)
-    agent.reset()
-    agent.act(states[0], True)
-    chosen = int(agent.now["chosen"][1])
-    agent.act(states[1], True)
-    agent.learn(rewards[1])
+def relu(layers, x):
+    for layer in layers[:-1]:
+        x = layer(x).relu()
+    return layers[-1](x)
 
-    def values(x):
-        for layer in layers[:-1]:
-            x = layer(x).relu()
-        return layers[-1](x)
 
-    target = rewards[1, 1] + 0.95 * values(torch.tensor(states[1, 1])).max().detach()
+def tanh(layers, x):
+    for layer in layers[:-1]:
+        x = layer(x).tanh()
+    return layers[-1](x)
+
+
+class ShortMemory(DQN):
+    REPLAY, BATCH, COPY = 5, 4, 3
+
+
+def test_dqn_is_the_published_algorithm_beyond_the_end_of_its_memory(monkeypatch):
+    settings = {name: one.default for name, one in settings_of(factory_of("dqn")).items()}
+    agent = ShortMemory(2, SENSES, 3, **settings | {"rate": 0.001, "discount": 0.95})
+    states, rewards = stream(14, 2)
+    layers, target = (networks(agent, "values", 1) for _ in range(2))
     optimizer = torch.optim.Adam(layers.parameters(), lr=0.001)
-    F.smooth_l1_loss(values(torch.tensor(states[0, 1]))[chosen], target).backward()
-    optimizer.step()
-    check_networks(agent, "values", 1, layers)
+    draw, drawn = torch.randint, []
 
+    def noted(*arguments, **options):
+        drawn.append(draw(*arguments, **options))
+        return drawn[-1]
 
-def test_a_step_of_amortised_q_is_that_of_the_source():
-    agent = factory_of("amortised_q")(2, SENSES, 3, rate=0.002, proposer_rate=0.003)
-    states, rewards = stream(2, 2)
-    values, proposer = (networks(agent, name, 1) for name in ("values", "proposer"))
+    monkeypatch.setattr(torch, "randint", noted)
     agent.reset()
-    agent.act(states[0], True)
-    agent.act(states[1], True)
-    agent.learn(rewards[1])
-
-    def tanh(layers, x):
-        for layer in layers[:-1]:
-            x = layer(x).tanh()
-        return layers[-1](x)
-
-    before, now = torch.tensor(states[0, 1]), torch.tensor(states[1, 1])
-    best = tanh(values, torch.cat([now, agent.now["best"][1]])).item()
-    taken = torch.cat([before, agent.before["action"][1]])
-    loss = 0.5 * (rewards[1, 1] + 0.9 * best - tanh(values, taken)) ** 2
-    mean, sums = tanh(proposer, before).split(2)
-    policy = torch.distributions.Normal(mean.tanh(), 0.1 + 0.9 * sums.sigmoid())
-    gain = policy.log_prob(agent.before["best"][1]).sum() + 0.1 * policy.entropy().sum()
-    for net, objective, rate in ((values, loss.sum(), 0.002), (proposer, -gain, 0.003)):
-        optimizer = torch.optim.Adam(net.parameters(), lr=rate)
-        objective.backward()
+    chosen, memory = [], {}
+    for step, (state, reward) in enumerate(zip(states, rewards, strict=True)):
+        agent.act(state, True)
+        chosen.append(int(agent.now["chosen"][1]))
+        agent.learn(reward)
+        if step == 0:
+            continue
+        memory[(step - 1) % 5] = step
+        losses = []
+        for place in drawn[-1][1].tolist():
+            then = memory[place]
+            best = relu(target, torch.tensor(states[then, 1])).max().detach()
+            value = relu(layers, torch.tensor(states[then - 1, 1]))[chosen[then - 1]]
+            losses.append(F.smooth_l1_loss(value, rewards[then, 1] + 0.95 * best))
+        optimizer.zero_grad()
+        (sum(losses) / len(losses)).backward()
         optimizer.step()
+        if step % 3 == 0:
+            target.load_state_dict(layers.state_dict())
+    check_networks(agent, "values", 1, layers)
+    assert len(memory) == 5
+
+
+def test_amortised_q_is_the_algorithm_of_the_source():
+    agent = factory_of("amortised_q")(2, SENSES, 3, rate=0.002, proposer_rate=0.003)
+    states, rewards = stream(12, 2)
+    values, proposer = (networks(agent, name, 1) for name in ("values", "proposer"))
+    adams = [
+        torch.optim.Adam(net.parameters(), lr=rate)
+        for net, rate in ((values, 0.002), (proposer, 0.003))
+    ]
+    agent.reset()
+    before = None
+    for state, reward in zip(states, rewards, strict=True):
+        agent.act(state, True)
+        now = torch.tensor(state[1]), agent.now["action"][1].clone(), agent.now["best"][1].clone()
+        # The value of the best action, as it was when the robot chose.
+        best = tanh(values, torch.cat([now[0], now[2]])).item()
+        agent.learn(reward)
+        if before is not None:
+            loss = 0.5 * (reward[1] + 0.9 * best - tanh(values, torch.cat(before[:2]))) ** 2
+            mean, sums = tanh(proposer, before[0]).split(2)
+            policy = torch.distributions.Normal(mean.tanh(), 0.1 + 0.9 * sums.sigmoid())
+            gain = policy.log_prob(before[2]).sum() + 0.1 * policy.entropy().sum()
+            for optimizer, objective in zip(adams, (loss.sum(), -gain), strict=True):
+                optimizer.zero_grad()
+                objective.backward()
+                optimizer.step()
+        before = now
     check_networks(agent, "values", 1, values)
     check_networks(agent, "proposer", 1, proposer)
 
