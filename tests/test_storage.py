@@ -474,3 +474,12 @@ def test_a_file_in_the_place_of_a_folder_is_one_sentence(tmp_path):
     with pytest.raises(InputError, match="folder"):
         write_text(tmp_path / "folder" / "page.md", "x")
     assert (tmp_path / "folder").read_text() == "a user's"
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
+def test_no_descriptor_stays_open(tmp_path):
+    write_text(tmp_path / "page.md", "x")
+    before = len(os.listdir("/proc/self/fd"))
+    for number in range(20):
+        write_text(tmp_path / "page.md", str(number))
+    assert len(os.listdir("/proc/self/fd")) == before
