@@ -77,15 +77,15 @@ REHEARSAL = "--robots 2 --time-scale 0.002 --body kinematic --task spot_finding"
 
 def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, capsys):
     command = ["run", str(tmp_path), "--agent", "q_learner", *REHEARSAL]
-    assert cli.main([*command, "--agent-set", "rate=0.1", "--signals", "raw"]) == 0
+    assert cli.main([*command, "--agent-set", "rate=0.01", "--signals", "raw"]) == 0
     experiment = planned(tmp_path).experiment
-    assert experiment.settings == ("rate=0.1",) and experiment.signals == "raw"
+    assert experiment.settings == ("rate=0.01",) and experiment.signals == "raw"
     assert cli.main(["run", str(tmp_path), "--robots", "4"]) == 0
     assert planned(tmp_path).robots == {
         Condition("spot_finding", "musebot.protocols.baselines:q_learner"): 4
     }
     capsys.readouterr()
-    assert cli.main([*command, "--agent-set", "rate=0.2"]) == 2
+    assert cli.main([*command, "--agent-set", "rate=0.02"]) == 2
     assert "settings" in capsys.readouterr().err
 
 
