@@ -188,7 +188,7 @@ class Experiment:
 
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
     """Returns the fields in which two experiments differ, by dotted name, with both values."""
-    first, second = (_flat(dataclasses.asdict(one)) for one in (ours, other))
+    first, second = flat(ours), flat(other)
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
 
@@ -204,9 +204,14 @@ def check_same(what: str, held: Experiment, wanted: Experiment) -> None:
         raise InputError(f"{what} with {field} {own}, not {other}")
 
 
+def flat(experiment: Experiment) -> dict[str, Any]:
+    """Returns an experiment's fields by dotted name, such as "brain.noise"."""
+    return _flat(dataclasses.asdict(experiment))
+
+
 def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for name, value in fields.items():
         inner = isinstance(value, dict)
-        flat |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
-    return flat
+        found |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+    return found

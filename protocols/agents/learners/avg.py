@@ -17,7 +17,6 @@ from .moments import Moments
 from .networks import LayeredNetworks, adam, descend, moments, of_unit_length
 
 _LOG_SPREAD = -20.0, 2.0
-_EPSILON = 1e-8  # added to variances
 
 
 class AVG(OnlineLearner):
@@ -62,10 +61,7 @@ class AVG(OnlineLearner):
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
-        if learning:
-            self._signals.add(inputs)
-        spread = (self._signals.variance(unbiased=False) + _EPSILON).sqrt()
-        inputs.copy_((inputs - self._signals.mean) / spread)
+        inputs.copy_(self._signals.standardised(inputs, learning, unbiased=False))
         noise = torch.zeros(self.robots, 2)
         if learning:
             noise = torch.randn(noise.shape, generator=self.generator)

@@ -22,6 +22,11 @@ def grid_of_actions() -> Tensor:
     return torch.cartesian_prod(motors, motors)
 
 
+def falling(last: float, age: float, steps: float) -> float:
+    """Returns a probability that falls linearly from 1 to its last value within some steps."""
+    return max(1 - (1 - last) * age / steps, last)
+
+
 class OnlineLearner(Agent):
     """B learners that learn from each transition once, in one life without episodes.
 

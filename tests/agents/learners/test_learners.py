@@ -59,6 +59,21 @@ def test_a_test_changes_no_weights_and_what_it_chooses_depends_on_the_state_alon
         assert np.array_equal(first, second)
 
 
+def test_a_signal_that_first_varies_in_a_test_stays_within_the_bound_of_training(name):
+    agent = made(name)
+    agent.reset()
+    silent = np.full((3, 2), (0.5, 0.0), np.float32)
+    for _ in range(50):
+        agent.act(silent, True)
+        agent.learn(np.zeros(3, np.float32))
+    inputs = []
+    if hasattr(agent, "now"):
+        agent.act(np.full((3, 2), (0.5, -1.0), np.float32), False)
+        inputs = agent.now["inputs"].numpy()
+    assert np.abs(inputs).max(initial=0) <= np.sqrt(51) + 1e-3
+    assert np.isfinite(agent.act(np.full((3, 2), (0.5, -1.0), np.float32), False)).all()
+
+
 def test_training_changes_weights_but_not_across_a_placement(name):
     agent = made(name)
     agent.reset()
