@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _FIELDS = (
     "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "device",
-    "signals", "motor_speed", "motor_torque", "brain",
+    "signals", "arena_scale", "motor_speed", "motor_torque", "brain",
 )  # fmt: skip
 
 
@@ -91,6 +91,8 @@ class RunCommand:
     context; steady-X: steady without X"""
     set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
     """parameters of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
+    arena_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
+    """factor of the arena's length and width, at least 1"""
     motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None
     """speed of a wheel at motor value 0.5, in metres per second"""
     motor_torque: Annotated[str | None, _kept("{constant,scaled}", "constant")] = None

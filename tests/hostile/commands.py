@@ -61,6 +61,7 @@ VERBS = {
             "--agent-set": (*TEXTS, "rate=nan", "rate=1e400"), "--protocol": TEXTS,
             "--time-scale": NUMBERS,
             "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
+            "--arena-scale": NUMBERS,
             "--motor-torque": TEXTS, "--device": TEXTS,
             "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
             "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
