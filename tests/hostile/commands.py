@@ -73,6 +73,7 @@ VERBS = {
         ["OUT", "--task", "spot_finding", "--output", "FILE"],
         {
             "--task": TEXTS, "--output": _PLACES, "--proposer": TEXTS, "--robot": NUMBERS,
+            "--agent": TEXTS,
             "--phase": TEXTS, "--seconds": NUMBERS, "--speed": NUMBERS, "--seed": NUMBERS,
         },
     ),
@@ -83,7 +84,7 @@ VERBS = {
         ["wall_avoidance"],
         {
             "--out": _PLACES, "--policies": _PLACES, "--keys": ("",), "--random": ("",),
-            "--proposer": TEXTS, "--robot": NUMBERS, "--phase": TEXTS,
+            "--proposer": TEXTS, "--robot": NUMBERS, "--phase": TEXTS, "--agent": TEXTS,
         },
     ),
     "demo": (

@@ -53,7 +53,7 @@ class AVG(OnlineLearner):
             self._adams.append(adam(networks.tensors, settings[f"{name}_rate"], mean_decay=0.0))
             self.keep_list(f"{name}.adam", moments(self._adams[-1]))
         self._signals, self._rewards = Moments(robots, self.inputs), Moments(robots)
-        self.keep_list("signals", self._signals.tensors())
+        self.keep_list("signals", self._signals.tensors(), learned=True)
         self.keep_list("rewards", self._rewards.tensors())
         self.pair("noise", torch.zeros(robots, 2))
         self.pair("action", torch.zeros(robots, 2))

@@ -14,14 +14,14 @@ class Moments:
     """Mean and variance of all values so far, one a robot, by Welford's method (1962).
 
     Attributes:
-      count: Number of values, shape (1,).
+      count: Number of values, one a robot.
       mean: Mean of the values; 0 before the first.
       squares: Sum of squared deviations from the mean.
     """
 
     def __init__(self, *shape: int) -> None:
-        """Begins a stream of tensors of this shape."""
-        self.count = torch.zeros(1, dtype=torch.float64)
+        """Begins a stream of tensors of this shape, the first dimension for the robots."""
+        self.count = torch.zeros(shape[0], *[1] * (len(shape) - 1), dtype=torch.float64)
         self.mean = torch.zeros(*shape, dtype=torch.float64)
         self.squares = torch.zeros(*shape, dtype=torch.float64)
 

@@ -98,7 +98,7 @@ class StreamLearner(OnlineLearner):
         """
         self._discount = discount
         self._signals, self._rewards = Moments(self.robots, self.inputs), Moments(self.robots)
-        self.keep_list("signals", self._signals.tensors())
+        self.keep_list("signals", self._signals.tensors(), learned=True)
         self.keep_list("rewards", self._rewards.tensors())
         self._trace = self.keep("rewards.trace", torch.zeros(self.robots, dtype=torch.float64))
 
