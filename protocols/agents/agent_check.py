@@ -192,7 +192,8 @@ def _taken_over(stream: Stream, agent: Agent, made: Callable[..., Agent]) -> Che
         return Check(name, None, "it has no load_weights")
     except (ValueError, KeyError) as error:
         return Check(name, False, f"load_weights refuses what weights returned: {error}")
-    agent.reset(), other.reset()
+    agent.reset()
+    other.reset()
     ours, again = (stream.feed(one, 0, 50, learning=False) for one in (agent, other))
     if np.allclose(ours, again, atol=1e-5):
         return Check(name, True, "equal actions in 50 steps of a test")
