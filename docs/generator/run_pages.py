@@ -7,7 +7,7 @@ from pathlib import Path
 from tables import table
 
 from musebot.protocols.reporting.labels import short_name
-from musebot.protocols.results.run_files import read_run
+from musebot.protocols.results.run_files import read_rows
 
 
 def pages(docs: Path) -> dict[str, str]:
@@ -29,6 +29,7 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 [results.md](../results.md#files-and-commands) explains the files.
 `musebot tables docs/results/NAME` prints the tables again,
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
+The screening and the finalists of the reading are kept as `robots.csv` alone.
 
 {table(("run", "brain", "body", "protocol", "seed:", "robots"), runs)}
 ## Pages of studies
@@ -38,7 +39,7 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 
 
 def _run(folder: Path, results: Path) -> tuple[str, ...]:
-    run, name = read_run(folder), str(folder.relative_to(results))
+    run, name = read_rows(folder), str(folder.relative_to(results))
     experiment = run.experiment
     links = (
         [f"[{name}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [name]

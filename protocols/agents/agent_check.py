@@ -94,6 +94,7 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     yield _resumes(stream, motors, made)
     yield _robots_are_apart(task, made)
     yield _placement(stream, made)
+    yield _taken_over(stream, agent, made)
     yield from _costs(task, experiment, condition, made)
 
 
@@ -146,9 +147,11 @@ def _resumes(stream: Stream, motors: np.ndarray, made: Callable[..., Agent]) -> 
     except (ValueError, KeyError) as error:
         return Check(name, False, f"load_state refuses what state returned: {error}")
     rest = stream.feed(second, middle, _STEPS)
-    equal = np.array_equal(rest, motors[middle:])
-    if equal:
-        return Check(name, True, f"{_STEPS - middle} steps")
+    if np.array_equal(rest, motors[middle:]):
+        stream.feed(first, middle, _STEPS)
+        changed = _differing(first.state(), second.state())
+        says = f"equal actions, but {', '.join(changed[:3])} differ: state() misses something"
+        return Check(name, not changed, says if changed else f"{_STEPS - middle} steps")
     step = int((rest != motors[middle:]).any(axis=(1, 2)).argmax())
     return Check(name, False, f"other actions {step} steps later: state() misses something")
 
@@ -165,16 +168,36 @@ def _robots_are_apart(task: str, made: Callable[..., Agent]) -> Check:
 
 def _placement(stream: Stream, made: Callable[..., Agent]) -> Check:
     name = "nothing is learned across a placement"
-    agent = made()
-    stream.feed(agent, 0, 20)
-    agent.reset()
-    before = _copied(agent.weights())
-    if not before:
+    found = []
+    for reward in (stream.rewards.min(), stream.rewards.max()):
+        agent = made()
+        stream.feed(agent, 0, 20)
+        agent.reset()
+        agent.act(stream.states[20], True)
+        agent.learn(np.full(ROBOTS, reward))
+        found.append(_copied(agent.weights()))
+    if not found[0]:
         return Check(name, None, "it keeps no weights")
-    stream.feed(agent, 20, 21)
-    changed = _differing(before, agent.weights())
-    says = "the first step after reset changes no weights"
+    changed = _differing(*found)
+    says = "the first reward after reset changes no weights"
     return Check(name, not changed, f"changed: {', '.join(changed[:3])}" if changed else says)
+
+
+def _taken_over(stream: Stream, agent: Agent, made: Callable[..., Agent]) -> Check:
+    name = "kept weights drive it again, for films"
+    other = made(3)
+    try:
+        other.load_weights(_copied(agent.weights()))
+    except NotImplementedError:
+        return Check(name, None, "it has no load_weights")
+    except (ValueError, KeyError) as error:
+        return Check(name, False, f"load_weights refuses what weights returned: {error}")
+    agent.reset()
+    other.reset()
+    ours, again = (stream.feed(one, 0, 50, learning=False) for one in (agent, other))
+    if np.allclose(ours, again, atol=1e-5):
+        return Check(name, True, "equal actions in 50 steps of a test")
+    return Check(name, None, "other actions: random numbers, or weights() misses something")
 
 
 def _costs(

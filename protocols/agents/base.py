@@ -62,3 +62,15 @@ class Agent(abc.ABC):
         A robot with a weight that is not finite is stopped and counted as invalid.
         """
         return {}
+
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Takes over what `weights` returned, so that the agent acts as in the test after training.
+
+        `musebot film` and `musebot explore` need it; lives do not.
+
+        Raises:
+          NotImplementedError: the agent has weights, and cannot take them over.
+          ValueError: an array is missing, or its shape differs.
+        """
+        if arrays:
+            raise NotImplementedError(f"{type(self).__name__} has no load_weights")

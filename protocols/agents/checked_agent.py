@@ -116,6 +116,12 @@ class CheckedAgent(Agent):
                 )
         return arrays
 
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_weights`."""
+        what = f"{self._name} failed in load_weights"
+        with ending_in_a_sentence(what, passed=(ValueError, KeyError, NotImplementedError)):
+            self._agent.load_weights({name: array.copy() for name, array in arrays.items()})
+
     def _arrays(self, what: str, arrays: object) -> dict[str, np.ndarray]:
         if not isinstance(arrays, Mapping):
             raise InputError(

@@ -60,3 +60,7 @@ class NeurocontrollerAgent(Agent):
     def weights(self) -> dict[str, np.ndarray]:
         """See `Agent.weights`."""
         return {name: tensor.cpu().numpy() for name, tensor in self.controller.networks().items()}
+
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_weights`."""
+        self.controller.load_networks({k: torch.from_numpy(v) for k, v in arrays.items()})

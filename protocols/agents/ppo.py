@@ -146,6 +146,13 @@ class PolicyAgent(Agent):
         arrays = self._policies.arrays
         return {k.removeprefix(when): v for k, v in arrays.items() if k.startswith(when)}
 
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_weights`; a policy that is untrained and trained alike."""
+        both = {f"{when}.{k}": v for when in ("before", "after") for k, v in arrays.items()}
+        if both.keys() != self._policies.arrays.keys():
+            raise ValueError(f"the weights must be those of a policy, got {sorted(arrays)}")
+        self._policies = Policies(self._policies.task, both)
+
 
 def ppo(robots: int, senses: Senses, seed: int) -> Agent:
     """Makes robots driven by PPO, one policy each, from `policies/TASK/policies.safetensors`.

@@ -67,3 +67,7 @@ class RawSignals(Agent):
     def weights(self) -> dict[str, np.ndarray]:
         """See `Agent.weights`."""
         return self._agent.weights()
+
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_weights`."""
+        self._agent.load_weights(arrays)

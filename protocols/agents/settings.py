@@ -27,6 +27,7 @@ class Setting:
       says: What it is.
       log: Whether `musebot study tune` draws its logarithm evenly, not the value itself.
       tuned: Whether `musebot study tune` changes it.
+      duration: Whether it counts steps of a life, so that shorter lives need fewer of them.
     """
 
     default: float
@@ -35,6 +36,7 @@ class Setting:
     says: str = ""
     log: bool = False
     tuned: bool = True
+    duration: bool = False
 
     def __post_init__(self) -> None:
         """Raises ValueError if the default lies outside, or a logarithmic range is not above 0."""
@@ -50,12 +52,14 @@ class Setting:
 
     def at(self, share: float) -> float:
         """Returns the value at a share of the range, from 0 (lowest) to 1 (highest)."""
+        # Each whole number has an equal part of the range.
+        low, high = (self.low - 0.5, self.high + 0.5) if self.whole else (self.low, self.high)
         if self.log:
-            value = self.low * (self.high / self.low) ** share
+            value = low * (high / low) ** share
         else:
-            value = self.low + share * (self.high - self.low)
+            value = low + share * (high - low)
         if self.whole:
-            return round(value)
+            return int(min(max(round(value), self.low), self.high))
         return min(max(float(f"{value:.3g}"), self.low), self.high)
 
 

@@ -24,8 +24,8 @@ class CheckAgentCommand:
 
     agent: Name
     """a name that `musebot list agents` prints, or a factory of yours as package.module:factory"""
-    task: Annotated[str, option(TASK_CHOICES, "spot_finding")] = "spot_finding"
-    """task whose signals it is given"""
+    task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "both")] = ()
+    """tasks whose signals it is given"""
     signals: Annotated[str, option("{paper,raw}", "paper")] = "paper"
     """raw: smell and reward before they saturate"""
     agent_set: Annotated[tuple[str, ...], option("NAME=VALUE ..", "none")] = ()
@@ -42,20 +42,23 @@ class CheckAgentCommand:
         from ..agents.names import recorded_name
         from ..agents.trust import trust
         from ..errors import InputError, RunError
-        from ..experiment.conditions import Condition
+        from ..experiment.conditions import PAPER_TASKS, Condition
         from ..experiment.experiment import Experiment
 
         name = recorded_name(self.agent)
-        condition = Condition(self.task, name)
-        if condition.has_brain:
+        conditions = [Condition(task, name) for task in self.task or PAPER_TASKS]
+        if conditions[0].has_brain:
             raise InputError(f"{name} is a proposer of the brain, not an agent")
         settings = tuple(self.agent_set)
         experiment = Experiment(signals=self.signals, settings=settings)  # type: ignore[arg-type]
         trust(name)
         failed = 0
-        for check in checks(experiment, condition):
-            word = {True: "ok", False: "FAILED", None: "-"}[check.passed]
-            failed += check.passed is False
-            say(f"{word:7} {check.name}: {check.says}")
+        for condition in conditions:
+            for number, check in enumerate(checks(experiment, condition)):
+                if not number:  # now the agent has been made
+                    say(f"{condition.task}, {self.signals} signals")
+                word = {True: "ok", False: "FAILED", None: "-"}[check.passed]
+                failed += check.passed is False
+                say(f"{word:7} {check.name}: {check.says}")
         if failed:
             raise RunError(f"{self.agent} failed {failed} of the checks")

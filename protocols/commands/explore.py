@@ -31,6 +31,8 @@ class ExploreCommand:
     """drive at random"""
     proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
     """proposer of the robot; only for a run"""
+    agent: Annotated[str | None, option("AGENT", "none")] = None
+    """agent of the robot, as `musebot run --agent` takes it; only for a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
@@ -42,15 +44,14 @@ class ExploreCommand:
 
         if sum((self.out is not None, self.policies is not None, self.keys, self.random)) > 1:
             raise InputError("only one of --out, --policies, --keys and --random can drive")
-        if self.proposer and not self.out:
-            raise InputError("--proposer needs --out, the run to take a brain from")
+        if (self.proposer or self.agent) and not self.out:
+            raise InputError("--proposer and --agent need --out, the run to take a brain from")
         viewer.explore(self.task, self._driver())
 
     def _driver(self) -> Driver | None:
         """Returns the driver; None for random motor values."""
         from ..agents.ppo import Policies, policy_file
-        from ..experiment.conditions import Condition
-        from ..playback.stored_brains import StoredRobot
+        from ..playback.stored_brains import StoredRobot, robots_named
         from ..playback.viewer import ArrowKeys, Driver
         from ..results.run_files import read_run
 
@@ -60,7 +61,7 @@ class ExploreCommand:
             return Driver("arrow keys", ArrowKeys())
         if self.out:
             run = read_run(self.out, replay=True)
-            condition = Condition(self.task, self.proposer or "creative")
+            condition = robots_named(self.task, self.proposer, self.agent)
             return Driver.of_robot(StoredRobot(run, condition, self.robot, self.phase))
         policies = Policies.load(self.policies or policy_file(self.task), self.task)
         return Driver.of_policy(policies, self.robot, self.phase)

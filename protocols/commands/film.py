@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class FilmCommand:
-    """Film a robot that its stored brain drives in a test, or a policy in an episode."""
+    """Film a robot in a test, driven by its stored brain or agent, or a policy in an episode."""
 
     task: Annotated[str, tyro.conf.arg(metavar="TASK")]
     """task of the run, wall_avoidance or spot_finding; or that of the policies (docs/tasks.md)"""
@@ -30,6 +30,8 @@ class FilmCommand:
     """folder of a run, or a .safetensors file of policies (`musebot study ppo`)"""
     proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
     """proposer of the robot; only for a run"""
+    agent: Annotated[str | None, option("AGENT", "none")] = None
+    """agent of the robot, as `musebot run --agent` takes it; only for a run"""
     robot: int = 0
     """number of the robot within its condition, or of the policy"""
     phase: Literal["pre", "post"] = "post"
@@ -50,17 +52,16 @@ class FilmCommand:
 
     def _episode(self) -> Episode:
         from ..agents.ppo import Policies, policy_file
-        from ..experiment.conditions import Condition
         from ..playback.episode import Episode
-        from ..playback.stored_brains import StoredRobot
+        from ..playback.stored_brains import StoredRobot, robots_named
         from ..results.run_files import read_run
 
         source = self.out or policy_file(self.task)
         if not (source.is_file() or source.suffix == ".safetensors"):
             run = read_run(source, replay=True)
-            condition = Condition(self.task, self.proposer or "creative")
+            condition = robots_named(self.task, self.proposer, self.agent)
             return StoredRobot(run, condition, self.robot, self.phase, self.seed).episode()
-        if self.proposer:
-            raise InputError(f"{source} holds policies, which have no proposer")
+        if self.proposer or self.agent:
+            raise InputError(f"{source} holds policies, which have no proposer and no agent")
         policies = Policies.load(source, self.task)
         return Episode.of_policy(policies, self.robot, self.phase, self.seed)

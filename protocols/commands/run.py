@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _FIELDS = (
     "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "device",
-    "signals", "motor_speed", "motor_torque", "brain",
+    "signals", "arena_scale", "motor_speed", "motor_torque", "brain",
 )  # fmt: skip
 
 
@@ -91,6 +91,8 @@ class RunCommand:
     context; steady-X: steady without X"""
     set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
     """parameters of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
+    arena_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
+    """factor of the arena's length and width, at least 1"""
     motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None
     """speed of a wheel at motor value 0.5, in metres per second"""
     motor_torque: Annotated[str | None, _kept("{constant,scaled}", "constant")] = None
@@ -146,6 +148,11 @@ class RunCommand:
             trust(*(recorded_name(proposer) for _, proposer in config.robots))
             trust(*(condition.proposer for condition in held.robots) if held else ())
         plan = self._plan(held, config)
+        if (self.agent_set or self.signals == "raw") and all(c.has_brain for c in plan.robots):
+            raise InputError(
+                "--agent-set and --signals change agents only, and this run has none; a brain is "
+                "changed with --set, for example --set raw_signals=true"
+            )
         executor = self.workers.executor()
         return simulate(self.out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...controller.parameters import Parameters, shown
-from ...models import Kinematics, centre_nose, scale_torque
+from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, scale_torque
 from ...models.arena import FASTEST
 from ...tasks.batch import Robots
 from ...tasks.kinematic.robots import make_kinematic_batch
@@ -29,7 +30,7 @@ Signals = Literal["paper", "raw"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
 # Turn in degrees.
-_SEEDS, _LARGEST_TURN = 2**128, 360
+_SEEDS, _LARGEST_TURN, _LARGEST_ARENA = 2**128, 360, 10
 # Number, [s], [m].
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]{1,2})?")
 _MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}
@@ -52,6 +53,8 @@ class Experiment:
         stated in the paper).
       turned_start: Angle in degrees by which a robot that starts in a corner is turned away from
         the corner.
+      arena_scale: Factor of the arena's length and width, at least 1; corners stay at 10 cm from
+        the walls, and the spot keeps its size.
       motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
       motor_torque: Torque of a stalled wheel at another motor speed: "constant", so that the lag of
         the wheels grows with the speed, or "scaled" with the speed, so that the lag stays equal.
@@ -74,6 +77,7 @@ class Experiment:
     nose_place: NosePlace = "front"
     learn_across_placement: bool = False
     turned_start: float = 0.0
+    arena_scale: float = 1.0
     motor_speed: float | None = None
     motor_torque: MotorTorque = "constant"
     body: Body = "mujoco"
@@ -89,7 +93,7 @@ class Experiment:
         for name in ("seed", "cohort_size"):
             if type(value := getattr(self, name)) is not int:
                 raise InputError(f"{name} must be a whole number, got {shown(value)}")
-        for name in ("time_scale", "turned_start", "motor_speed"):
+        for name in ("time_scale", "turned_start", "arena_scale", "motor_speed"):
             value = getattr(self, name)
             if type(value) not in (int, float) and not (name == "motor_speed" and value is None):
                 raise InputError(f"{name} must be a number, got {shown(value)}")
@@ -143,6 +147,9 @@ class Experiment:
         if self.motor_speed is not None and self.motor_speed > FASTEST:
             value = shown(self.motor_speed)
             raise InputError(f"the motor speed must be at most {FASTEST} m/s, got {value}")
+        if not 1 <= self.arena_scale <= _LARGEST_ARENA:
+            allowed, value = f"[1, {_LARGEST_ARENA}]", shown(self.arena_scale)
+            raise InputError(f"the arena's scale must lie in {allowed}, got {value}")
         if not -_LARGEST_TURN <= self.turned_start <= _LARGEST_TURN:
             allowed, value = f"[-{_LARGEST_TURN}, {_LARGEST_TURN}]", shown(self.turned_start)
             raise InputError(f"the turn at the start must lie in {allowed}, got {value}")
@@ -158,9 +165,14 @@ class Experiment:
         return tuple(PROTOCOLS[self.protocol])
 
     def schedule(self, task: str) -> Schedule:
-        """Returns the schedule of a task, with scaled durations and turned starts."""
+        """Returns the schedule of a task: scaled durations, turned starts, corners of the arena."""
         schedule = PROTOCOLS[self.protocol][task].scaled(self.time_scale)
-        return schedule.turned(math.radians(self.turned_start)) if self.turned_start else schedule
+        if self.turned_start:
+            schedule = schedule.turned(math.radians(self.turned_start))
+        if self.arena_scale != 1:
+            x, y = half_size(arena_spec())
+            schedule = schedule.moved_out((self.arena_scale - 1) * x, (self.arena_scale - 1) * y)
+        return schedule
 
     def arena_task(self, task: str) -> str:
         """Returns the task of the domain "arena" in which a task of the protocol is simulated."""
@@ -178,6 +190,8 @@ class Experiment:
         task = self.arena_task(task)
         if self.nose_place == "centre":
             edits = (*edits, centre_nose)
+        if self.arena_scale != 1:
+            edits = (*edits, functools.partial(enlarge, factor=self.arena_scale))
         if self.motor_torque == "scaled":
             edits = (*edits, scale_torque)
         shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
@@ -188,7 +202,7 @@ class Experiment:
 
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
     """Returns the fields in which two experiments differ, by dotted name, with both values."""
-    first, second = (_flat(dataclasses.asdict(one)) for one in (ours, other))
+    first, second = flat(ours), flat(other)
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
 
@@ -204,9 +218,14 @@ def check_same(what: str, held: Experiment, wanted: Experiment) -> None:
         raise InputError(f"{what} with {field} {own}, not {other}")
 
 
+def flat(experiment: Experiment) -> dict[str, Any]:
+    """Returns an experiment's fields by dotted name, such as "brain.noise"."""
+    return _flat(dataclasses.asdict(experiment))
+
+
 def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for name, value in fields.items():
         inner = isinstance(value, dict)
-        flat |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
-    return flat
+        found |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+    return found

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.starts import CORNERS
@@ -82,6 +83,23 @@ class Schedule:
                 dataclasses.replace(phase, robot=(*phase.robot[:2], phase.robot[2] + angle))
                 if isinstance(phase.robot, tuple)
                 else phase
+                for phase in self.phases
+            ),
+        )
+
+    def moved_out(self, x: float, y: float) -> Schedule:
+        """Returns the schedule with every fixed place moved away from the centre by x and y [m]."""
+
+        def moved(place: Any) -> Any:
+            if not isinstance(place, tuple):
+                return place
+            return (place[0] + math.copysign(x, place[0]), place[1] + math.copysign(y, place[1]),
+                    *place[2:])  # fmt: skip
+
+        return dataclasses.replace(
+            self,
+            phases=tuple(
+                dataclasses.replace(phase, robot=moved(phase.robot), spot=moved(phase.spot))
                 for phase in self.phases
             ),
         )

@@ -7,11 +7,12 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 
-from ...controller import PROPOSERS
+from ..agents.base import Agent
 from ..agents.factory import make_agent
+from ..agents.names import recorded_name, short_name
 from ..agents.neurocontroller import NeurocontrollerAgent
+from ..agents.trust import trust
 from ..errors import InputError
 from ..experiment.conditions import Condition
 from ..experiment.schedules import control_steps
@@ -42,45 +43,44 @@ class StoredRobot:
     phase: str
     seed: int = 0
 
-    def brain(self) -> NeurocontrollerAgent:
-        """Returns the robot's brain at the time of the test, as a batch of one.
+    def agent(self) -> Agent:
+        """Returns the robot's brain, or its agent, at the time of the test, as a batch of one.
 
         Raises:
-          InputError: there is no such robot, its simulation was invalid, or a value is invalid.
+          InputError: there is no such robot, its simulation was invalid, its agent is not trusted
+            or cannot take over kept weights, or a value is invalid.
         """
-        if not self.condition.has_brain:
-            raise InputError(
-                f"only robots with one of the proposers {', '.join(PROPOSERS)} have a stored "
-                f"brain, got {self.condition.proposer}"
-            )
         check_phase(self.phase)
         check_seed(self.seed)
         which: list[tuple[int, When]] = [(self._row(), _BRAINS[self.phase])]
-        return stored_brains(self.run, self.condition, which, self.seed)
+        return stored_agent(self.run, self.condition, which, self.seed)
 
     def act(self) -> Act:
-        """Returns the function that drives the robot: its brain, with frozen weights.
+        """Returns the function that drives the robot: its brain or agent, with frozen weights.
 
-        The brain's noise differs from that in the original test, and so does the robot's motion.
+        Noise differs from that in the original test, and so does the robot's motion.
 
         Raises:
-          InputError: see `brain`.
+          InputError: see `agent`.
         """
-        return functools.partial(self.brain().act, learning=False)
+        agent = self.agent()
+        agent.reset()
+        return functools.partial(agent.act, learning=False)
 
     def episode(self) -> Episode:
         """Returns the first phase of the test, with robot and spot at their start places.
 
         Raises:
-          InputError: see `brain`.
+          InputError: see `agent`.
         """
         act, experiment, task = self.act(), self.run.experiment, self.condition.task
         start = next(p for p in experiment.schedule(task).phases if p.part == self.phase)
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         place(batch, start, random)
+        kind = " proposer" if self.condition.has_brain else ""
         return Episode(
             experiment.arena_task(task),
-            f"{self.condition.proposer} proposer, robot {self.robot}",
+            f"{short_name(self.condition.proposer)}{kind}, robot {self.robot}",
             self.phase == "post",
             batch,
             act,
@@ -108,24 +108,58 @@ class StoredRobot:
         return row
 
 
+def robots_named(task: str, proposer: str | None, agent: str | None) -> Condition:
+    """Returns the condition of the robots that a command names, creative ones by default.
+
+    The code of a user's agent is then trusted.
+
+    Args:
+      task: Task of the robots.
+      proposer: Name of their proposer.
+      agent: Name of their agent, as `musebot run --agent` takes it.
+
+    Raises:
+      InputError: a name is unknown, or both are given.
+    """
+    if proposer and agent:
+        raise InputError("a robot has a proposer or an agent, not both")
+    name = recorded_name(agent) if agent else proposer or "creative"
+    trust(name)
+    return Condition(task, name)
+
+
+def stored_agent(
+    run: Run, condition: Condition, which: Sequence[tuple[int, When]], seed: int
+) -> Agent:
+    """Returns stored brains, or agents with stored weights, of a condition as one batch.
+
+    Args:
+      run: Run of the robots.
+      condition: Condition of the robots.
+      which: For each robot, a pair: its row within the condition, and "before" or "after" for the
+        weights before or after training.
+      seed: Seed of the batch's random stream.
+
+    Raises:
+      InputError: the agent is not trusted, or cannot take over these weights.
+    """
+    stored = run.results[condition].networks
+    weights = {
+        name: np.stack([stored[when][name][row] for row, when in which]) for name in stored["after"]
+    }
+    agent = make_agent(run.experiment, condition, len(which), seed)
+    try:
+        agent.load_weights(weights)
+    except (ValueError, KeyError, NotImplementedError) as error:
+        name = short_name(condition.proposer)
+        raise InputError(f"{name} cannot take over the weights of {run.name}: {error}") from error
+    return agent
+
+
 def stored_brains(
     run: Run, condition: Condition, which: Sequence[tuple[int, When]], seed: int
 ) -> NeurocontrollerAgent:
-    """Returns stored brains of a condition as one batch.
-
-    Args:
-      run: Run of the brains.
-      condition: Condition of the brains.
-      which: For each brain, a pair: the robot's row within the condition, and "before" or "after"
-        for the brain before or after training.
-      seed: Seed of the batch's random stream.
-    """
-    stored = run.results[condition].networks
-    networks = {
-        name: torch.from_numpy(np.stack([stored[when][name][row] for row, when in which]))
-        for name in stored["after"]
-    }
-    agent = make_agent(run.experiment, condition, len(which), seed)
+    """Returns stored brains of one of the three proposers as one batch; see `stored_agent`."""
+    agent = stored_agent(run, condition, which, seed)
     assert isinstance(agent, NeurocontrollerAgent)  # of a proposer, not of a user's factory
-    agent.controller.load_networks(networks)
     return agent

@@ -14,6 +14,7 @@ from ... import tasks
 from ...models.rendering import DRAWS_NOTHING, no_window
 from ...tasks.sensors import NoseForm
 from ...tasks.suite import TASKS
+from ..agents.names import short_name
 from ..errors import InputError
 from .episode import Act, policy_act
 from .stored_brains import StoredRobot
@@ -56,7 +57,7 @@ class Driver:
         if experiment.motor_speed:
             speed = experiment.motor_speed
             raise InputError(f"the window shows the robot's own motor speed, got {speed:g} m/s")
-        name = f"{condition.proposer}, robot {robot.robot}, {robot.phase}-training"
+        name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
         task = experiment.arena_task(condition.task)
         return cls(name, Sensing(robot.act), experiment.nose, task)
 

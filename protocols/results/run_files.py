@@ -226,6 +226,20 @@ def read_rows(directory: Path) -> Run:
     return Run(resolved(directory).name, plan.experiment, results)
 
 
+def holds_rows_alone(directory: Path, plan: Plan) -> bool:
+    """Returns whether a folder has all robots of a plan in robots.csv, and neither other file.
+
+    Raises:
+      DamagedFileError: robots.csv is damaged.
+    """
+    if not (directory / MANIFEST).is_file():
+        return False
+    if any(os.path.lexists(directory / name) for name in (CURVES_FILE, BRAINS_FILE)):
+        return False
+    run = read_rows(directory)
+    return all(len(run.robots(c)) >= robots for c, robots in plan.robots.items())
+
+
 def _changed(path: Path) -> str:
     return (
         f"{path} is not the file that musebot wrote for this run (its digest is not the one in "

@@ -17,7 +17,7 @@ from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
 from ..experiment.plan import Plan
 from ..results.run import Run
-from ..results.run_files import planned, read_run
+from ..results.run_files import holds_rows_alone, planned, read_run
 from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
 from ..storage import locked, resolved
@@ -128,7 +128,11 @@ class VariantStudy(Study):
         yield from self.runs(out, self.plans())
 
     def runs(self, out: Path, plans: Mapping[str, Plan]) -> Iterator[Sequence[Job]]:
-        """Yields one group: the cohorts of some runs, which are given by name."""
+        """Yields one group: the cohorts of some runs, which are given by name.
+
+        A finished run that is kept as robots.csv alone needs no cohorts.
+        """
+        plans = {n: plan for n, plan in plans.items() if not holds_rows_alone(out / n, plan)}
         with contextlib.ExitStack() as stack:
             for name in plans:
                 stack.enter_context(locked(out / name))

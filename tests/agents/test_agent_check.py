@@ -76,6 +76,21 @@ class Forgetful(Mean):
         self.mean[:] = arrays["mean"]
 
 
+class ForgetsWhatItLearnsFrom(Mean):
+    """Its checkpoint lacks the mean of rewards that its weights will become in a later step."""
+
+    def __init__(self, robots, senses, seed):
+        super().__init__(robots, senses, seed)
+        self.rewards = 0.0
+
+    def learn(self, reward):
+        super().learn(reward)
+        self.rewards += reward.sum()
+
+    def state(self):
+        return super().state() | {"sum": np.array([self.rewards])}
+
+
 class Shared(Mean):
     def learn(self, reward):
         super().learn(np.full_like(reward, reward.mean()))
@@ -94,8 +109,20 @@ class Diverges(Mean):
         return {"mean": np.full((len(self.mean), 1), np.inf)}
 
 
+class TakesOver(Mean):
+    def load_weights(self, arrays):
+        self.mean[:] = arrays["mean"][:, 0]
+
+
+class RefusesItsWeights(Mean):
+    def load_weights(self, arrays):
+        raise KeyError("median")
+
+
 FAULTS = {
     Mean: set(),
+    TakesOver: set(),
+    RefusesItsWeights: {"kept weights drive it again, for films"},
     TooFast: {"motor values lie in [-0.5, 0.5]"},
     Unseeded: {
         "the seed decides everything",
@@ -103,8 +130,9 @@ FAULTS = {
         "robots share nothing but random numbers",
     },
     Idle: {"training changes weights"},
-    LearnsInTests: {"tests change no weights", "nothing is learned across a placement"},
+    LearnsInTests: {"tests change no weights"},
     Forgetful: {"a restored checkpoint continues bit-exactly"},
+    ForgetsWhatItLearnsFrom: {"a restored checkpoint continues bit-exactly"},
     Shared: {"robots share nothing but random numbers"},
     AcrossPlacements: {"nothing is learned across a placement"},
     Diverges: {"weights stay finite", "training changes weights"},
@@ -127,7 +155,15 @@ def test_each_fault_fails_its_own_check(cls):
     found = [*checks(Experiment(), Condition("spot_finding", f"mine:{cls.__name__}"))]
     failed = {check.name for check in found if check.passed is False}
     assert failed == FAULTS[cls]
-    assert len(found) == 10 and all(check.says for check in found)
+    assert len(found) == 11 and all(check.says for check in found)
+
+
+def test_kept_weights_drive_an_agent_again_only_if_it_can_take_them_over():
+    for cls, passed in ((Mean, None), (TakesOver, True)):
+        found = checks(Experiment(), Condition("spot_finding", f"mine:{cls.__name__}"))
+        assert [c.passed for c in found if c.name == "kept weights drive it again, for films"] == [
+            passed
+        ]
 
 
 @pytest.mark.parametrize("signals", ["paper", "raw"])
@@ -145,7 +181,7 @@ def test_the_exit_status_says_whether_one_has_failed(capsys, commands_in_process
     assert cli.main(["check-agent", "mine:Idle"]) == 1
     captured = capsys.readouterr()
     assert "FAILED  training changes weights: none changed" in captured.out.splitlines()
-    assert captured.err == "musebot: mine:Idle failed 1 of the checks\n"
+    assert captured.err == "musebot: mine:Idle failed 2 of the checks\n"
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,18 @@ def test_policies_act_untrained_in_the_first_test_and_trained_from_then_on(folde
         np.testing.assert_array_equal(agent.act(state, learning), policies.act(state, trained))
 
 
+def test_weights_that_a_run_keeps_drive_a_policy_again(folder):
+    agent, other = (
+        make_agent(Experiment(), Condition("spot_finding", AGENT), 2, 0) for _ in range(2)
+    )
+    nose = np.array([[0.1], [0.8]], np.float32)
+    motors = agent.act(nose, True)
+    other.load_weights(agent.weights())
+    np.testing.assert_array_equal(other.act(nose, False), motors)
+    with pytest.raises(ValueError, match="must be those of a policy"):
+        other.load_weights({"0.weights": agent.weights()["0.weights"]})
+
+
 def test_missing_and_unfit_policies_are_refused(folder):
     def make(robots):
         return make_agent(Experiment(), Condition("wall_avoidance", AGENT), robots, 0)

@@ -37,6 +37,11 @@ def test_a_share_of_a_range_lies_in_it(share):
     assert settings_of(made)["tiles"].at(share) in range(2, 9)
 
 
+def test_whole_numbers_are_drawn_evenly():
+    drawn = [settings_of(made)["tiles"].at((n + 0.5) / 700) for n in range(700)]
+    assert [drawn.count(value) for value in range(2, 9)] == [100] * 7
+
+
 def test_half_of_a_logarithmic_range_is_its_geometric_mean():
     assert settings_of(made)["rate"].at(0.5) == pytest.approx(0.1)
     assert Setting(0.2, 0.0, 1.0).at(0.5) == 0.5
@@ -94,6 +99,8 @@ def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, cap
     [
         (["--agent", "sarsa"], "did you mean sarsa_lambda"),
         (["--agent", "dqn", "--agent-set", "rat=1"], "dqn has no setting rat: did you mean rate?"),
+        (["--proposer", "fixed", "--signals", "raw"], "change agents only"),
+        (["--agent-set", "rate=0.1"], "change agents only"),
         (["--agent", "dqn", "--signals", "salty"], "the signals must be one of paper, raw"),
     ],
 )

@@ -56,6 +56,9 @@ experiments = st.builds(
         ({"time_scale": "1"}, "time_scale must be a number, got '1'"),
         ({"turned_start": True}, "turned_start must be a number, got True"),
         ({"turned_start": 1e300}, "the turn at the start must lie in [-360, 360], got 1e+300"),
+        ({"arena_scale": 0.9}, "the arena's scale must lie in [1, 10], got 0.9"),
+        ({"arena_scale": float("nan")}, "the arena's scale must lie in [1, 10], got nan"),
+        ({"arena_scale": "big"}, "arena_scale must be a number, got 'big'"),
         ({"motor_speed": "fast"}, "motor_speed must be a number, got 'fast'"),
         ({"motor_speed": 11}, "the motor speed must be at most 10 m/s, got 11"),
         ({"learn_across_placement": 1}, "learn_across_placement must be true or false, got 1"),
@@ -226,3 +229,16 @@ def test_another_process_draws_the_same_streams():
     key = CohortKey(Condition("spot_finding", "creative"), 5)
     brains, world = streams(Experiment(seed=3), key)
     assert [int(word) for word in result.stdout.split()] == [brains, *world]
+
+
+@pytest.mark.parametrize("body", ["mujoco", "kinematic"])
+def test_corners_of_a_larger_arena_stay_at_ten_centimetres_from_its_walls(body):
+    experiment = Experiment(body=body, arena_scale=4 / 3)
+    size = experiment.batch("spot_finding", 1).dimensions
+    assert (size.half_length, size.half_width) == pytest.approx((0.70, 0.35 * 4 / 3))
+    before, training, after = experiment.schedule("spot_finding").phases
+    heading = SCHEDULES["spot_finding"].phases[0].robot[2]
+    corner = (size.half_length - 0.1, size.half_width - 0.1)
+    assert before.robot == pytest.approx((-corner[0], corner[1], heading))
+    assert before.spot == after.spot == pytest.approx(corner)
+    assert training.spot == "random" and training.robot is None

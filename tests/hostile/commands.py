@@ -61,6 +61,7 @@ VERBS = {
             "--agent-set": (*TEXTS, "rate=nan", "rate=1e400"), "--protocol": TEXTS,
             "--time-scale": NUMBERS,
             "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
+            "--arena-scale": NUMBERS,
             "--motor-torque": TEXTS, "--device": TEXTS,
             "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
             "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
@@ -72,6 +73,7 @@ VERBS = {
         ["OUT", "--task", "spot_finding", "--output", "FILE"],
         {
             "--task": TEXTS, "--output": _PLACES, "--proposer": TEXTS, "--robot": NUMBERS,
+            "--agent": TEXTS,
             "--phase": TEXTS, "--seconds": NUMBERS, "--speed": NUMBERS, "--seed": NUMBERS,
         },
     ),
@@ -82,7 +84,7 @@ VERBS = {
         ["wall_avoidance"],
         {
             "--out": _PLACES, "--policies": _PLACES, "--keys": ("",), "--random": ("",),
-            "--proposer": TEXTS, "--robot": NUMBERS, "--phase": TEXTS,
+            "--proposer": TEXTS, "--robot": NUMBERS, "--phase": TEXTS, "--agent": TEXTS,
         },
     ),
     "demo": (

@@ -11,9 +11,10 @@ import pytest
 from musebot.controller import BRAINS, Parameters
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.playback.episode import Moment
-from musebot.protocols.playback.stored_brains import StoredRobot, stored_brains
+from musebot.protocols.playback.stored_brains import StoredRobot, robots_named, stored_brains
 from musebot.protocols.results.results import collect
 from musebot.protocols.results.run import Run
 from musebot.protocols.simulation.cohort import Cohort
@@ -29,7 +30,7 @@ def moments_of(robot: StoredRobot) -> list[Moment]:
         ({"task": "dancing"}, "the task must be one of"),
         ({"proposer": "muse"}, "the proposer must be one of"),
         ({"proposer": "random"}, "the run has no robots of wall_avoidance/random; it has"),
-        ({"proposer": "a.module:agent"}, "have a stored brain, got a.module:agent"),
+        ({"proposer": "a.module:agent"}, "the run has no robots of wall_avoidance/a.module:agent"),
         ({"robot": 3}, "are 0 to 2, got 3"),
         ({"robot": -1}, "are 0 to 2, got -1"),
         ({"phase": "training"}, "the phase must be one of"),
@@ -48,7 +49,7 @@ def test_invalid_robot_is_refused(stored, invalid):
 
 @pytest.mark.parametrize(("phase", "when"), [("pre", "before"), ("post", "after")])
 def test_brain_is_the_robots_own_from_before_or_after_training(run, stored, phase, when):
-    brain = stored(task="spot_finding", robot=1, phase=phase).brain()
+    brain = stored(task="spot_finding", robot=1, phase=phase).agent()
     networks = brain.controller.networks()
     whole = run.networks(Condition("spot_finding", "creative"), when)
     assert networks.keys() == whole.keys()
@@ -72,8 +73,8 @@ def test_brain_beyond_the_paper_does_what_it_did_in_the_run(run):
 
 def test_brain_of_another_shape_is_refused(run, stored):
     experiment = dataclasses.replace(run.experiment, brain=Parameters(memory_hidden=6))
-    with pytest.raises(ValueError, match="must have shape"):
-        stored(run=dataclasses.replace(run, experiment=experiment)).brain()
+    with pytest.raises(InputError, match="cannot take over the weights of .*must have shape"):
+        stored(run=dataclasses.replace(run, experiment=experiment)).agent()
 
 
 def test_episode_lasts_a_test_from_its_start(stored):
@@ -92,7 +93,7 @@ def test_spot_is_where_the_test_places_it(stored):
 
 
 def test_episode_does_not_change_the_brain(stored):
-    brain = stored(robot=1).brain()
+    brain = stored(robot=1).agent()
     before = {name: tensor.clone() for name, tensor in brain.controller.networks().items()}
     act = functools.partial(brain.act, learning=False)
     assert len([*dataclasses.replace(stored(robot=1).episode(), act=act).moments()]) > 1
@@ -117,3 +118,39 @@ def test_same_seed_gives_the_same_episode_and_another_seed_another(stored):
 def test_fixed_proposer_has_no_noise_that_depends_on_the_seed(stored):
     first, second = (path(stored(robot=1, proposer="fixed", seed=seed)) for seed in (0, 1))
     np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("signals", ["paper", "raw"])
+@pytest.mark.parametrize("name", ["stream_ac", "sarsa_lambda", "hand_coded"])
+def test_a_learner_does_what_it_did_in_the_run(name, signals):
+    experiment = Experiment(
+        cohort_size=2, time_scale=0.002, body="kinematic", signals=signals, seed=3
+    )
+    condition = robots_named("spot_finding", None, name)
+    cohort = Cohort(experiment, CohortKey(condition, 0))
+    cohort.advance(cohort.steps)
+    run = Run("own", experiment, collect(experiment, [(CohortKey(condition, 0), cohort.lives())]))
+    again = StoredRobot(run, condition, 1, "post").act()
+    cohort.agent.reset()
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        nose = random.uniform(0, 10 / 11, (2, 1)).astype(np.float32)
+        expected = cohort.agent.act(nose, False)[1:]
+        np.testing.assert_allclose(again(nose[1:]), expected, rtol=0, atol=1e-6)
+    assert StoredRobot(run, condition, 0, "pre").episode().driver == f"{name}, robot 0"
+
+
+def test_an_agent_that_cannot_take_over_weights_is_named(run):
+    condition = Condition("spot_finding", robots_named("spot_finding", None, "q_learner").proposer)
+    weights = {"other": np.zeros((3, 2, 2), np.float32)}
+    part = dataclasses.replace(
+        run.results[Condition("spot_finding", "creative")],
+        networks={"before": weights, "after": weights},
+    )
+    other = Run("own", run.experiment, {condition: part})
+    with pytest.raises(
+        InputError, match="q_learner cannot take over the weights of own: .* is missing"
+    ):
+        StoredRobot(other, condition, 0, "post").act()
+    with pytest.raises(InputError, match="a proposer or an agent, not both"):
+        robots_named("spot_finding", "fixed", "ppo")

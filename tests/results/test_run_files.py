@@ -35,6 +35,7 @@ from musebot.protocols.results.run_files import (
     ROBOTS_FILE,
     adopt_files,
     flat_networks,
+    holds_rows_alone,
     planned,
     read_results,
     read_robots,
@@ -339,8 +340,8 @@ def refusal(folder, name):
     return text
 
 
-def digests(folder):
-    found = {n: hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in FILES}
+def digests(folder, names=FILES):
+    found = {n: hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in names}
     assert [*recorded_files(folder)[-1]] == [BRAINS_FILE, CURVES_FILE, ROBOTS_FILE]
     return found
 
@@ -414,7 +415,10 @@ def test_a_run_without_digests_is_read_with_a_warning_until_they_are_adopted(
 )
 def test_the_digests_of_a_kept_run_are_recorded(manifest):
     # A run of an earlier version gets them by `adopt_files`.
-    assert recorded_files(manifest.parent) == [digests(manifest.parent)]
+    (recorded,) = recorded_files(manifest.parent)
+    kept = [name for name in FILES if (manifest.parent / name).exists()]
+    assert kept in ([ROBOTS_FILE], [*FILES])  # some runs are kept as rows alone
+    assert {name: recorded[name] for name in kept} == digests(manifest.parent, kept)
 
 
 @pytest.mark.parametrize("older", [False, True])
@@ -563,3 +567,17 @@ def test_a_file_or_a_foreign_folder_cannot_hold_a_run(tmp_path):
     for out in (tmp_path / "thesis.tex", tmp_path / "thesis.tex" / "below"):
         with pytest.raises(InputError, match="is not a folder"):
             planned(out)
+
+
+def test_a_run_is_kept_as_rows_alone_only_if_it_has_all_rows_and_no_other_file(folder, results):
+    counts = {condition: len(part.robots) for condition, part in results.items()}
+    plan = dataclasses.replace(planned(folder), robots=counts)
+    assert not holds_rows_alone(folder, plan)  # has all files
+    (folder / CURVES_FILE).unlink()
+    assert not holds_rows_alone(folder, plan)
+    (folder / BRAINS_FILE).unlink()
+    assert holds_rows_alone(folder, plan)
+    more = {condition: 2 * robots for condition, robots in counts.items()}
+    assert not holds_rows_alone(folder, dataclasses.replace(plan, robots=more))
+    (folder / ROBOTS_FILE).unlink()
+    assert not holds_rows_alone(folder, plan)

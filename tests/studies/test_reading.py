@@ -1,6 +1,7 @@
 """The study of readings of the paper."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from musebot.protocols.analysis.scores import main_effect
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment.experiment import differing
 from musebot.protocols.experiment.overrides import READINGS
+from musebot.protocols.results.run_files import BRAINS_FILE, CURVES_FILE
 from musebot.protocols.simulation.local import Local
 from musebot.protocols.storage import save_arrays
 from musebot.protocols.studies.reading import study
@@ -145,3 +147,17 @@ def test_the_page_shows_what_is_finished(finished, tmp_path):
     assert "slides-300mm-pushed" in text
     assert "slides-300mm-near" not in text
     assert TINY.page(out).markdown == finished[2].markdown
+
+
+def test_runs_that_are_kept_as_rows_alone_are_neither_simulated_again_nor_missed(
+    finished, tmp_path
+):
+    kept = tmp_path / "kept"
+    shutil.copytree(finished[0], kept)
+    for path in kept.rglob("*"):
+        if path.name in (CURVES_FILE, BRAINS_FILE) and path.parent.name != "plain":
+            path.unlink()
+    before = {path: path.read_bytes() for path in kept.rglob("*.csv")}
+    assert conduct(TINY, kept, Local(1)).markdown == finished[2].markdown
+    assert {path: path.read_bytes() for path in kept.rglob("*.csv")} == before
+    assert not (kept / "screen-01" / CURVES_FILE).exists()

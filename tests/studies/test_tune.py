@@ -58,6 +58,13 @@ def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
     assert trials != dataclasses.replace(TINY, seed=5).drawn()
 
 
+def test_settings_that_count_steps_are_shorter_in_the_shorter_first_round():
+    study = Tune(agent="dqn", trials=1, kept=1, robots=2, time_scale=0.1)
+    first, whole = (study._round(number, ("rate=0.01",)) for number in (0, 1))
+    assert first.settings == ("rate=0.01", "epsilon_steps=1800") and first.time_scale == 0.025
+    assert whole.settings == ("rate=0.01",) and whole.time_scale == 0.1
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [

@@ -17,7 +17,6 @@ from .moments import Moments
 from .networks import LayeredNetworks, adam, descend, moments, of_unit_length
 
 _LOG_SPREAD = -20.0, 2.0
-_EPSILON = 1e-8  # added to variances
 
 
 class AVG(OnlineLearner):
@@ -54,7 +53,7 @@ class AVG(OnlineLearner):
             self._adams.append(adam(networks.tensors, settings[f"{name}_rate"], mean_decay=0.0))
             self.keep_list(f"{name}.adam", moments(self._adams[-1]))
         self._signals, self._rewards = Moments(robots, self.inputs), Moments(robots)
-        self.keep_list("signals", self._signals.tensors())
+        self.keep_list("signals", self._signals.tensors(), learned=True)
         self.keep_list("rewards", self._rewards.tensors())
         self.pair("noise", torch.zeros(robots, 2))
         self.pair("action", torch.zeros(robots, 2))
@@ -62,10 +61,7 @@ class AVG(OnlineLearner):
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
-        if learning:
-            self._signals.add(inputs)
-        spread = (self._signals.variance(unbiased=False) + _EPSILON).sqrt()
-        inputs.copy_((inputs - self._signals.mean) / spread)
+        inputs.copy_(self._signals.standardised(inputs, learning, unbiased=False))
         noise = torch.zeros(self.robots, 2)
         if learning:
             noise = torch.randn(noise.shape, generator=self.generator)

@@ -22,6 +22,11 @@ def grid_of_actions() -> Tensor:
     return torch.cartesian_prod(motors, motors)
 
 
+def falling(last: float, age: float, steps: float) -> float:
+    """Returns a probability that falls linearly from 1 to its last value within some steps."""
+    return max(1 - (1 - last) * age / steps, last)
+
+
 class OnlineLearner(Agent):
     """B learners that learn from each transition once, in one life without episodes.
 
@@ -67,7 +72,8 @@ class OnlineLearner(Agent):
         Args:
           name: Name of the tensor in checkpoints.
           tensor: The tensor.
-          learned: Whether it is one of the learner's weights, of shape (B, ...).
+          learned: Whether actions in a test depend on it: it is one of `weights`, of shape
+            (B, ...).
         """
         self._kept[name] = tensor
         if learned:
@@ -142,6 +148,10 @@ class OnlineLearner(Agent):
     def weights(self) -> dict[str, np.ndarray]:
         """See `Agent.weights`."""
         return {name: tensor.numpy() for name, tensor in self._learned.items()}
+
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_weights`."""
+        load_into(self._learned, {name: torch.from_numpy(a) for name, a in arrays.items()})
 
     def epsilon_greedy(self, values: Tensor, epsilon: float, learning: bool) -> Tensor:
         """Returns the index of the best action, or in training of a random one at times.

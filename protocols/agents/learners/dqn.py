@@ -11,7 +11,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Setting, tunable
-from .base import OnlineLearner, grid_of_actions
+from .base import OnlineLearner, falling, grid_of_actions
 from .networks import LayeredNetworks, adam, descend, moments
 
 
@@ -48,8 +48,7 @@ class DQN(OnlineLearner):
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
-        fallen = float(self._count) / self._fall
-        epsilon = max(1 - (1 - self._epsilon) * fallen, self._epsilon)
+        epsilon = falling(self._epsilon, float(self._count), self._fall)
         chosen = self.epsilon_greedy(self.networks(inputs), epsilon, learning)
         self.now["chosen"].copy_(chosen)
         return self._actions[chosen]
@@ -87,7 +86,7 @@ class DQN(OnlineLearner):
     rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True),
     discount=Setting(0.95, 0.8, 0.99, "discount of the next value"),
     epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action in the end", log=True),
-    epsilon_steps=Setting(7200.0, 1, 1e6, "training steps until then", tuned=False),
+    epsilon_steps=Setting(7200.0, 1, 1e6, "training steps until then", tuned=False, duration=True),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
 )
 def dqn(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from torch import Tensor
+
+_EPSILON = 1e-8  # added to variances
 
 
 class Moments:
     """Mean and variance of all values so far, one a robot, by Welford's method (1962).
 
     Attributes:
-      count: Number of values, shape (1,).
+      count: Number of values, one a robot.
       mean: Mean of the values; 0 before the first.
       squares: Sum of squared deviations from the mean.
     """
 
     def __init__(self, *shape: int) -> None:
-        """Begins a stream of tensors of this shape."""
-        self.count = torch.zeros(1, dtype=torch.float64)
+        """Begins a stream of tensors of this shape, the first dimension for the robots."""
+        self.count = torch.zeros(shape[0], *[1] * (len(shape) - 1), dtype=torch.float64)
         self.mean = torch.zeros(*shape, dtype=torch.float64)
         self.squares = torch.zeros(*shape, dtype=torch.float64)
 
@@ -36,6 +40,25 @@ class Moments:
         """
         divisor = self.count - int(unbiased)
         return torch.where(divisor > 0, self.squares / divisor.clamp(min=1), 1.0)
+
+    def deviation(self, unbiased: bool = True) -> Tensor:
+        """Returns the standard deviation, never 0; see `variance`."""
+        return (self.variance(unbiased) + _EPSILON).sqrt()
+
+    def standardised(self, values: Tensor, keep: bool, unbiased: bool = True) -> Tensor:
+        """Returns values with mean 0 and variance 1, by moments that include them.
+
+        So no result exceeds the square root of the number of values, not even in a test in which a
+        signal varies for the first time.
+
+        Args:
+          values: New values.
+          keep: Whether the moments keep them; False in tests.
+          unbiased: See `variance`.
+        """
+        moments = self if keep else copy.deepcopy(self)
+        moments.add(values)
+        return (values - moments.mean) / moments.deviation(unbiased)
 
     def tensors(self) -> list[Tensor]:
         """Returns what a checkpoint holds."""

@@ -15,8 +15,6 @@ from torch import Tensor
 from .base import OnlineLearner
 from .moments import Moments
 
-_EPSILON = 1e-8  # added to variances
-
 
 class ObGD:
     """Overshooting-bounded gradient descent with eligibility traces (algorithm 3 of the source).
@@ -87,8 +85,8 @@ def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: fl
 class StreamLearner(OnlineLearner):
     """A learner whose signals and rewards are normalised by their running moments.
 
-    Algorithms 5 and 6 of the source. The moments are taken in training only, so that tests
-    change nothing. The source's further input, the time of the episode, is left out: a life has no
+    Algorithms 5 and 6 of the source. The moments are kept in training only, so that tests change
+    nothing. The source's further input, the time of the episode, is left out: a life has no
     episodes, and robots sense no clock.
     """
 
@@ -100,19 +98,16 @@ class StreamLearner(OnlineLearner):
         """
         self._discount = discount
         self._signals, self._rewards = Moments(self.robots, self.inputs), Moments(self.robots)
-        self.keep_list("signals", self._signals.tensors())
+        self.keep_list("signals", self._signals.tensors(), learned=True)
         self.keep_list("rewards", self._rewards.tensors())
         self._trace = self.keep("rewards.trace", torch.zeros(self.robots, dtype=torch.float64))
 
     def normal_inputs(self, inputs: Tensor, learning: bool) -> Tensor:
         """Returns signals with mean 0 and variance 1; in place, so that `before` has them too."""
-        if learning:
-            self._signals.add(inputs)
-        spread = (self._signals.variance() + _EPSILON).sqrt()
-        return inputs.copy_((inputs - self._signals.mean) / spread)
+        return inputs.copy_(self._signals.standardised(inputs, learning))
 
     def scaled_reward(self, reward: Tensor) -> Tensor:
         """Returns the reward divided by the standard deviation of the discounted sum of rewards."""
         self._trace.mul_(self._discount).add_(reward)
         self._rewards.add(self._trace)
-        return (reward / (self._rewards.variance() + _EPSILON).sqrt()).float()
+        return (reward / self._rewards.deviation()).float()

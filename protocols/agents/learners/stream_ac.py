@@ -31,7 +31,7 @@ class StreamAC(StreamLearner):
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
         """Draws the initial networks; see `stream_ac` for the settings."""
         super().__init__(robots, senses, seed)
-        self._discount_rate, self._entropy = settings["discount"], settings["entropy"]
+        self._entropy = settings["entropy"]
         self.prepare(settings["discount"])
         width, decay = int(settings["hidden"]), settings["discount"] * settings["trace"]
         self.critic, self.actor = (
@@ -71,7 +71,7 @@ class StreamAC(StreamLearner):
         """See `OnlineLearner.update`."""
         inputs, action = self.before["inputs"], self.before["action"]
         value, following = (self.critic(x)[:, 0] for x in (inputs, self.now["inputs"]))
-        error = self.scaled_reward(reward) + self._discount_rate * following - value
+        error = self.scaled_reward(reward) + self._discount * following - value
 
         def objective(tensors: Sequence[Tensor]) -> Tensor:
             policy = Normal(*_distribution(self.actor(inputs, tensors)), validate_args=False)

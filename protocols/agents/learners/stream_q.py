@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Setting, tunable
-from .base import grid_of_actions
+from .base import falling, grid_of_actions
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -23,8 +23,7 @@ class StreamQ(StreamLearner):
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
         """Draws the initial networks; see `stream_q` for the settings."""
         super().__init__(robots, senses, seed)
-        self._discount_rate, self._epsilon = settings["discount"], settings["epsilon"]
-        self._fall = settings["epsilon_steps"]
+        self._epsilon, self._fall = settings["epsilon"], settings["epsilon_steps"]
         self.prepare(settings["discount"])
         self._actions = grid_of_actions()
         width, outputs = int(settings["hidden"]), len(self._actions)
@@ -48,7 +47,7 @@ class StreamQ(StreamLearner):
         """See `OnlineLearner.choose`."""
         values = self.networks(self.normal_inputs(inputs, learning))
         self._age += learning
-        epsilon = max(1 - (1 - self._epsilon) * float(self._age) / self._fall, self._epsilon)
+        epsilon = falling(self._epsilon, float(self._age), self._fall)
         self.now["chosen"].copy_(self.epsilon_greedy(values, epsilon, learning))
         self.now["exploratory"].copy_(self.now["chosen"] != values.argmax(dim=1))
         return self._actions[self.now["chosen"]]
@@ -58,7 +57,7 @@ class StreamQ(StreamLearner):
         inputs, chosen = self.before["inputs"], self.before["chosen"][:, None]
         best = self.networks(self.now["inputs"]).amax(dim=1)
         value = self.networks(inputs).gather(1, chosen)[:, 0]
-        error = self.scaled_reward(reward) + self._discount_rate * best - value
+        error = self.scaled_reward(reward) + self._discount * best - value
         gradients = self.networks.gradients(
             lambda tensors: self.networks(inputs, tensors).gather(1, chosen)[:, 0]
         )
@@ -72,7 +71,12 @@ class StreamQ(StreamLearner):
     kappa=Setting(2.0, 1.0, 10.0, "factor by which steps are smaller than the bound", log=True),
     epsilon=Setting(0.01, 0.01, 0.2, "probability of a random action in the end", log=True),
     epsilon_steps=Setting(
-        7200.0, 1, 1e6, "training steps until then: the published 5 % of 144,000", tuned=False
+        7200.0,
+        1,
+        1e6,
+        "training steps until then: the published 5 % of 144,000",
+        tuned=False,
+        duration=True,
     ),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
 )

@@ -11,7 +11,7 @@ import numpy as np
 from ....tasks import CONTROL_TIMESTEP
 from ...agents.trust import trust
 from ...experiment.conditions import CohortKey, Condition
-from ...experiment.experiment import Experiment
+from ...experiment.experiment import Experiment, flat
 from ...simulation.cohort import Cohort
 from ...simulation.jobs import Report, Stop
 from ...storage import save_arrays
@@ -80,11 +80,4 @@ class EvaluationJob:
 
     @property
     def _identity(self) -> dict[str, Any]:
-        return {
-            "brain": dataclasses.asdict(self.experiment.brain),
-            "seed": self.experiment.seed,
-            "condition": str(self.condition),
-            "settings": self.experiment.settings,
-            "signals": self.experiment.signals,
-            "time_scale": self.experiment.time_scale,
-        }
+        return flat(self.experiment) | {"condition": str(self.condition)}

@@ -57,7 +57,8 @@ class Tune(Study):
     """Tune an agent's settings in the kinematic simulator, with equal effort for each.
 
     The first trial has the defaults, the others a Sobol sequence over the ranges. All live a
-    quarter of the paper's durations; the best live whole lives on a fresh seed. A trial's value is
+    quarter of the paper's durations, and settings that count steps of a life are a quarter too; the
+    best live whole lives on a fresh seed. A trial's value is
     the mean over both tasks of the share of time in the spot, or without contact, after training.
     """
 
@@ -193,6 +194,13 @@ class Tune(Study):
         return [Condition(task, recorded_name(self.agent)) for task in PAPER_TASKS]
 
     def _round(self, number: int, settings: tuple[str, ...]) -> Experiment:
+        if number == 0:
+            factory = factory_of(recorded_name(self.agent))
+            settings += tuple(
+                f"{name}={setting.default * _EARLY:g}"
+                for name, setting in settings_of(factory).items()
+                if setting.duration
+            )
         return Experiment(
             seed=self.seed + number,
             cohort_size=self.robots,

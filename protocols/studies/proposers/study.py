@@ -86,10 +86,7 @@ class Proposers(VariantStudy):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: the cohorts of all runs, then the seats."""
-        plans = self.plans().items()
-        left = {name: plan for name, plan in plans if not _is_finished(out / name, plan)}
-        if left:
-            yield from self.runs(out, left)
+        yield from self.runs(out, self.plans())
         yield self._seats(out)
 
     def finished(self, job: Job) -> None:

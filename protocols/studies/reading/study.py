@@ -14,7 +14,7 @@ from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.plan import Plan
 from ...results.run import Run
-from ...results.run_files import read_run
+from ...results.run_files import read_rows
 from ...simulation.jobs import CohortJob, Job
 from ...storage import resolved
 from ..study import Page, check_positive
@@ -146,7 +146,7 @@ class Reading(VariantStudy):
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
         names = [name for name in self.plans() if (out / name / "robots.csv").is_file()]
-        return self.report({name: read_run(out / name) for name in names}, self.newborn_jobs(out))
+        return self.report({name: read_rows(out / name) for name in names}, self.newborn_jobs(out))
 
     def report(self, runs: Mapping[str, Run], jobs: Sequence[NewbornJob] = ()) -> Page:
         """Returns the page made from the finished runs and newborns."""
