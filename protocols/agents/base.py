@@ -69,8 +69,7 @@ class Agent(abc.ABC):
         `musebot film` and `musebot explore` need it; lives do not.
 
         Raises:
-          NotImplementedError: the agent has weights, and cannot take them over.
+          NotImplementedError: the agent cannot do it.
           ValueError: an array is missing, or its shape differs.
         """
-        if arrays:
-            raise NotImplementedError(f"{type(self).__name__} has no load_weights")
+        raise NotImplementedError(f"{type(self).__name__} has no load_weights")

@@ -69,6 +69,9 @@ class HandCoded(Agent):
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_state`."""
 
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """See `Agent.load_weights`; it has none."""
+
 
 class Newborn(NeurocontrollerAgent):
     """A brain that stays as it was born, and does not explore."""

@@ -27,7 +27,8 @@ class Setting:
       says: What it is.
       log: Whether `musebot study tune` draws its logarithm evenly, not the value itself.
       tuned: Whether `musebot study tune` changes it.
-      duration: Whether it counts steps of a life, so that shorter lives need fewer of them.
+      duration: Whether it counts steps of a life, so that shorter lives need fewer of them; then it
+        is not tuned.
     """
 
     default: float
@@ -39,11 +40,20 @@ class Setting:
     duration: bool = False
 
     def __post_init__(self) -> None:
-        """Raises ValueError if the default lies outside, or a logarithmic range is not above 0."""
+        """Raises ValueError if the default lies outside, or the range is none for its kind."""
         if self.log and not self.low > 0:
             raise ValueError(f"a logarithmic range must be above 0, got {self.low}")
+        if self.log and self.whole and self.low < 1:
+            raise ValueError(f"a logarithmic range of whole numbers begins at 1, got {self.low}")
+        if self.duration and self.tuned:
+            raise ValueError("a setting that counts steps of a life cannot be tuned")
         if not self.low <= self.default <= self.high:
             raise ValueError(f"{self.default} does not lie in [{self.low}, {self.high}]")
+
+    def shortened(self, factor: float) -> float:
+        """Returns the default for lives of another length, as near as the range allows."""
+        value = self.default * factor
+        return min(max(round(value) if self.whole else value, self.low), self.high)
 
     @property
     def whole(self) -> bool:

@@ -44,8 +44,9 @@ class ExploreCommand:
 
         if sum((self.out is not None, self.policies is not None, self.keys, self.random)) > 1:
             raise InputError("only one of --out, --policies, --keys and --random can drive")
-        if (self.proposer or self.agent) and not self.out:
-            raise InputError("--proposer and --agent need --out, the run to take a brain from")
+        for name in ("proposer", "agent"):
+            if getattr(self, name) and not self.out:
+                raise InputError(f"--{name} needs --out, the run to take a brain from")
         viewer.explore(self.task, self._driver())
 
     def _driver(self) -> Driver | None:

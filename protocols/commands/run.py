@@ -148,9 +148,10 @@ class RunCommand:
             trust(*(recorded_name(proposer) for _, proposer in config.robots))
             trust(*(condition.proposer for condition in held.robots) if held else ())
         plan = self._plan(held, config)
-        if (self.agent_set or self.signals == "raw") and all(c.has_brain for c in plan.robots):
+        changed = self.agent_set or plan.experiment.signals == "raw" or plan.experiment.settings
+        if changed and not held and all(condition.has_brain for condition in plan.robots):
             raise InputError(
-                "--agent-set and --signals change agents only, and this run has none; a brain is "
+                "settings and raw signals change agents only, and this run has none; a brain is "
                 "changed with --set, for example --set raw_signals=true"
             )
         executor = self.workers.executor()

@@ -49,7 +49,7 @@ class Driver:
         """Returns a robot of a run as a driver; its noise is the same in every episode.
 
         Raises:
-          InputError: there is no such robot, or its body differs from that in the window.
+          InputError: there is no such robot, or its body or arena is not that in the window.
         """
         experiment, condition = robot.run.experiment, robot.condition
         if experiment.body != "mujoco":
@@ -57,6 +57,11 @@ class Driver:
         if experiment.motor_speed:
             speed = experiment.motor_speed
             raise InputError(f"the window shows the robot's own motor speed, got {speed:g} m/s")
+        if experiment.arena_scale != 1:
+            scale = experiment.arena_scale
+            raise InputError(
+                f"the window shows the ordinary arena, got one {scale:g} times as large"
+            )
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
         task = experiment.arena_task(condition.task)
         return cls(name, Sensing(robot.act), experiment.nose, task)

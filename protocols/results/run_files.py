@@ -232,9 +232,17 @@ def holds_rows_alone(directory: Path, plan: Plan) -> bool:
     Raises:
       DamagedFileError: robots.csv is damaged.
     """
+    others = any(os.path.lexists(directory / name) for name in (CURVES_FILE, BRAINS_FILE))
+    return not others and has_all_rows(directory, plan)
+
+
+def has_all_rows(directory: Path, plan: Plan) -> bool:
+    """Returns whether a folder's robots.csv has all robots of a plan.
+
+    Raises:
+      DamagedFileError: robots.csv is damaged.
+    """
     if not (directory / MANIFEST).is_file():
-        return False
-    if any(os.path.lexists(directory / name) for name in (CURVES_FILE, BRAINS_FILE)):
         return False
     run = read_rows(directory)
     return all(len(run.robots(c)) >= robots for c, robots in plan.robots.items())

@@ -9,6 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from ..agents.factory import make_agent
+from ..errors import InputError
 from ..experiment.budget import check_memory
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
@@ -16,7 +17,7 @@ from ..experiment.plan import Plan
 from ..experiment.random_streams import random_streams
 from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.checks import check_events, check_networks, check_same_shapes
-from ..results.results import Lives
+from ..results.results import Lives, Results
 from ..storage import Shapes
 from .device import on_host, robots_on
 from .placement import legs, place
@@ -224,12 +225,16 @@ def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:
     }
 
 
-def check_agents(plan: Plan) -> None:
+def check_agents(plan: Plan, held: Results | None = None) -> None:
     """Makes a cohort of every user's agent in a plan and lets the agent act once.
 
+    Args:
+      plan: Plan with the robots that are missing.
+      held: Results to which they will be added.
+
     Raises:
-      InputError: the plan needs more memory than the machine has, there is no such agent, or it
-        does not return motor values.
+      InputError: the plan needs more memory than the machine has, there is no such agent, it does
+        not return motor values, or it keeps other weights than the robots that are there.
     """
     check_memory(plan)
     for condition in plan.conditions:
@@ -240,3 +245,10 @@ def check_agents(plan: Plan) -> None:
         state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)
         cohort.agent.act(state, False)  # checks what it returns
         cohort.checkpoint()
+        own = cohort.agent.weights().keys()
+        kept = held[condition].networks["after"].keys() if held and condition in held else own
+        if own != kept:
+            raise InputError(
+                f"{condition} keeps other weights than the robots of the run, which another "
+                f"version simulated: {', '.join(sorted(own ^ kept))}"
+            )

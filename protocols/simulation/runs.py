@@ -66,8 +66,9 @@ def simulate(
     """
     check_device(plan)
     directory = resolved(directory)  # an agent may change the working directory
-    if (missing := UnfinishedRun.read(directory, plan).missing) is not None:
-        check_agents(missing)  # before anything is written
+    held = UnfinishedRun.read(directory, plan)
+    if (missing := held.missing) is not None:
+        check_agents(missing, held.results)  # before anything is written
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
         messages = run.begin()

@@ -196,7 +196,11 @@ class Robustness(Study):
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`."""
-        return {one.name: one.run.experiment for one in self.evaluated}
+        found = {one.name: one.run.experiment for one in self.evaluated}
+        for name, experiment in found.items():
+            if experiment.arena_scale != 1:
+                raise InputError(f"the run {name} has a larger arena, which this study changes")
+        return found
 
     def details(self) -> Mapping[str, Any]:
         """See `Study.details`."""

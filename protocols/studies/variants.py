@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ...controller import PROPOSERS
 from ..errors import InputError
@@ -65,6 +65,8 @@ class VariantStudy(Study):
     """
 
     robots: int
+    # Whether the page needs robots.csv alone, so that a run may be kept without its other files.
+    rows_suffice: ClassVar[bool] = False
 
     @abc.abstractmethod
     def baseline(self) -> Experiment:
@@ -130,9 +132,10 @@ class VariantStudy(Study):
     def runs(self, out: Path, plans: Mapping[str, Plan]) -> Iterator[Sequence[Job]]:
         """Yields one group: the cohorts of some runs, which are given by name.
 
-        A finished run that is kept as robots.csv alone needs no cohorts.
+        A finished run that is kept as robots.csv alone needs no cohorts, if the page needs no more.
         """
-        plans = {n: plan for n, plan in plans.items() if not holds_rows_alone(out / n, plan)}
+        if self.rows_suffice:
+            plans = {n: plan for n, plan in plans.items() if not holds_rows_alone(out / n, plan)}
         with contextlib.ExitStack() as stack:
             for name in plans:
                 stack.enter_context(locked(out / name))

@@ -37,6 +37,16 @@ def test_a_share_of_a_range_lies_in_it(share):
     assert settings_of(made)["tiles"].at(share) in range(2, 9)
 
 
+def test_a_duration_is_shortened_within_its_range():
+    days = Setting(10, 4, 20, tuned=False, duration=True)
+    assert (days.shortened(0.5), days.shortened(0.25), days.shortened(3)) == (5, 4, 20)
+    assert Setting(7200.0, 1, 1e6, tuned=False, duration=True).shortened(0.25) == 1800
+    with pytest.raises(ValueError, match="cannot be tuned"):
+        Setting(10, 4, 20, duration=True)
+    with pytest.raises(ValueError, match="whole numbers begins at 1"):
+        Setting(1, 0.5, 9, log=True)
+
+
 def test_whole_numbers_are_drawn_evenly():
     drawn = [settings_of(made)["tiles"].at((n + 0.5) / 700) for n in range(700)]
     assert [drawn.count(value) for value in range(2, 9)] == [100] * 7
@@ -99,8 +109,8 @@ def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, cap
     [
         (["--agent", "sarsa"], "did you mean sarsa_lambda"),
         (["--agent", "dqn", "--agent-set", "rat=1"], "dqn has no setting rat: did you mean rate?"),
-        (["--proposer", "fixed", "--signals", "raw"], "change agents only"),
-        (["--agent-set", "rate=0.1"], "change agents only"),
+        (["--proposer", "fixed", "--signals", "raw"], "raw signals change agents only"),
+        (["--agent-set", "rate=0.1"], "raw signals change agents only"),
         (["--agent", "dqn", "--signals", "salty"], "the signals must be one of paper, raw"),
     ],
 )

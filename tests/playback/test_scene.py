@@ -78,3 +78,20 @@ def test_signal_is_grey_at_0_and_hot_at_1():
     assert scene.heat(1.0, hot) == hot
     assert scene.heat(0.0, hot) == scene.GREY
     assert scene.heat(0.5, hot) == scene.AMBER
+
+
+def test_the_walls_of_a_larger_arena_are_drawn_where_they_are(egl: None) -> None:
+    command = (
+        "from musebot.protocols.playback.scene import Scene\n"
+        "from musebot.models import half_size\n"
+        "for half in (None, 0.525, 0.7):\n"
+        "    scene = Scene('spot_finding', half)\n"
+        "    print(*half_size(scene._model))\n"
+        "    scene.close()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", command], capture_output=True, text=True, check=True
+    )
+    sizes = [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
+    assert sizes[0] == sizes[1] == pytest.approx([0.525, 0.35])
+    assert sizes[2] == pytest.approx([0.7, 0.35 * 4 / 3])

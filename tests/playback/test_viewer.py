@@ -48,6 +48,7 @@ def test_unknown_task_or_robot_is_one_sentence(stored, newborn):
     ("changes", "sentence"),
     [
         ({"body": "kinematic"}, "the window shows the body mujoco, got a run of kinematic"),
+        ({"arena_scale": 2.0}, "the window shows the ordinary arena, got one 2 times as large"),
         ({"motor_speed": 0.1}, "the window shows the robot's own motor speed, got 0.1 m/s"),
     ],
 )
@@ -191,6 +192,7 @@ def test_keys_are_those_of_dm_controls_viewer():
             "--policies, --keys and --random can drive",
         ),
         ("wall_avoidance --proposer fixed", "--proposer needs --out"),
+        ("wall_avoidance --agent avg", "--agent needs --out"),
         ("dancing", "the task must be one of"),
         ("spot_finding_unit --policies p.safetensors", "holds policies for spot_finding_walls"),
         ("spot_finding_unit --policies q.safetensors", "there is no file q.safetensors"),

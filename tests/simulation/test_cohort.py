@@ -10,12 +10,13 @@ import pytest
 from musebot.models import Dimensions
 from musebot.protocols.agents import trust
 from musebot.protocols.agents.factory import make_agent
+from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
-from musebot.protocols.results.results import collect
+from musebot.protocols.results.results import WHEN, ConditionResults, collect
 from musebot.protocols.simulation.cohort import Cohort, check_agents
 from musebot.protocols.simulation.runs import UnfinishedRun
 from musebot.tasks import make_batch
@@ -478,6 +479,17 @@ def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
 def test_conditions_of_the_papers_proposers_need_no_check_of_agents(monkeypatch):
     monkeypatch.setattr("musebot.protocols.simulation.cohort.make_agent", pytest.fail)
     check_agents(Plan.of(Experiment(cohort_size=10), [Condition("spot_finding", "fixed")], 10))
+
+
+def test_robots_that_keep_other_weights_than_those_of_the_run_are_not_added():
+    condition = Condition("spot_finding", RECORDED_NAMES["q_learner"])
+    plan = Plan.of(Experiment(cohort_size=2), [condition], 4)
+    held = {
+        condition: ConditionResults([], np.empty((0, 0)), {w: {"old": np.empty(0)} for w in WHEN})
+    }
+    with pytest.raises(InputError, match="keeps other weights than the robots of the run.*: .*old"):
+        check_agents(plan, held)
+    check_agents(plan, {})
 
 
 def test_a_plan_that_the_machine_cannot_hold_is_refused_before_it_is_begun(monkeypatch, tmp_path):

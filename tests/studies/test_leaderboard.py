@@ -120,6 +120,22 @@ def test_runs_become_boards_whose_rows_name_their_commands(runs, tmp_path):
     }  # fmt: skip
 
 
+def test_runs_in_a_larger_arena_are_a_board_of_their_own(runs):
+    larger = [
+        dataclasses.replace(
+            run, name="large", experiment=dataclasses.replace(run.experiment, arena_scale=1.5)
+        )
+        for run in read_runs(runs)
+    ]
+    together = boards([*read_runs(runs), *larger])
+    ordinary = [name for name in together if not name.endswith(" 1.5")]
+    assert [*together] == [*ordinary, *(f"{name} 1.5" for name in ordinary)]
+    for name in ordinary:
+        text = "\n".join(markdown(f"{name} 1.5", together[f"{name} 1.5"]))
+        assert ", arena 1.5 times as large" in text.splitlines()[0]
+        assert text.count("--arena-scale 1.5`") == len(together[name])
+
+
 def test_a_board_without_bounds_and_a_learner_twice_are_refused(runs):
     with pytest.raises(InputError, match="hold no robots of newborn, a bound"):
         Leaderboard(runs=tuple(runs[1:])).experiments()

@@ -396,9 +396,11 @@ def test_an_invalid_option_is_refused(options, words, runs):
 
 def test_runs_that_cannot_be_in_one_table_are_refused(runs, tmp_path):
     shorter = simulated(tmp_path / "shorter", dataclasses.replace(EXPERIMENT, time_scale=0.001))
+    larger = simulated(tmp_path / "larger", dataclasses.replace(EXPERIMENT, arena_scale=1.5))
     for wanted, words in (
         ((runs[0], runs[0]), "runs must have different names, got first, first"),
         ((tmp_path,), "holds no experiment of musebot's"),
+        ((larger,), "the run larger has a larger arena, which this study changes"),
         ((runs[0], shorter), "their time scales are 0.001 and 0.002"),
     ):
         with pytest.raises(InputError, match=words):

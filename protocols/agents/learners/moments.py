@@ -49,13 +49,15 @@ class Moments:
         """Returns values with mean 0 and variance 1, by moments that include them.
 
         So no result exceeds the square root of the number of values, not even in a test in which a
-        signal varies for the first time.
+        signal varies for the first time. Before the first value is kept, values stay as they are.
 
         Args:
           values: New values.
           keep: Whether the moments keep them; False in tests.
           unbiased: See `variance`.
         """
+        if not (keep or self.count.any()):
+            return values
         moments = self if keep else copy.deepcopy(self)
         moments.add(values)
         return (values - moments.mean) / moments.deviation(unbiased)

@@ -93,7 +93,7 @@ class Entry:
 
 
 def boards(runs: Sequence[Run]) -> dict[str, list[Entry]]:
-    """Returns the entries of each board, by "protocol task".
+    """Returns the entries of each board, by "protocol task", with the arena's scale if it is not 1.
 
     Raises:
       InputError: a learner stands twice on a board, has no valid robot, or a board lacks a bound.
@@ -102,7 +102,10 @@ def boards(runs: Sequence[Run]) -> dict[str, list[Entry]]:
     for run in runs:
         for condition in run.conditions():
             entry = _entry(run, condition)
-            board = found.setdefault(f"{run.experiment.protocol} {condition.task}", [])
+            name = f"{run.experiment.protocol} {condition.task}"
+            if run.experiment.arena_scale != 1:
+                name += f" {run.experiment.arena_scale:g}"
+            board = found.setdefault(name, [])
             if not len(entry.after):
                 raise InputError(f"{run.name} has no valid robot of {entry.name}")
             if any(entry.name == other.name for other in board):
@@ -132,6 +135,8 @@ def _entry(run: Run, condition: Condition) -> Entry:
         command = f"--agent {short}" + (" --signals raw" if raw else "")
         if experiment.settings:
             command += f" --agent-set {' '.join(experiment.settings)}"
+    if experiment.arena_scale != 1:
+        command += f" --arena-scale {experiment.arena_scale:g}"
     return Entry(
         name, command, after, curves.mean(axis=1), curves.mean(axis=0), run.abilities(condition)
     )
@@ -192,7 +197,8 @@ def behind_the_first(ranking: Sequence[tuple[Entry, np.ndarray]]) -> list[float]
 def markdown(name: str, entries: Sequence[Entry]) -> list[str]:
     """Returns a board: a row for each learner."""
     ranking = ranked(entries)
-    protocol, task = name.split()
+    protocol, task, *scale = name.split()
+    arena = f", arena {scale[0]} times as large" if scale else ""
     what = "in the spot" if task == "spot_finding" else "without contact"
     rows = [
         [
@@ -219,7 +225,7 @@ def markdown(name: str, entries: Sequence[Entry]) -> list[str]:
             ]
         )
     return [
-        f"## {TASK_NAMES[task]}, protocol {protocol}",
+        f"## {TASK_NAMES[task]}, protocol {protocol}{arena}",
         "",
         *table(rows),
         "",

@@ -197,7 +197,7 @@ class Tune(Study):
         if number == 0:
             factory = factory_of(recorded_name(self.agent))
             settings += tuple(
-                f"{name}={setting.default * _EARLY:g}"
+                f"{name}={setting.shortened(_EARLY):g}"
                 for name, setting in settings_of(factory).items()
                 if setting.duration
             )

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from ...experiment.experiment import Experiment
-from ...experiment.manifest import MANIFEST
 from ...experiment.plan import Plan, default_cohort_size
 from ...results.run import Run
-from ...results.run_files import read_rows
+from ...results.run_files import has_all_rows, read_rows
 from ...simulation.jobs import CohortJob, Job
 from ...storage import resolved
 from ..study import Page, check_positive
@@ -32,6 +31,7 @@ class Proposers(VariantStudy):
     """
 
     name: ClassVar[str] = "proposers"
+    rows_suffice: ClassVar[bool] = True
 
     part: PartName = "first"
     """part of the study"""
@@ -96,7 +96,7 @@ class Proposers(VariantStudy):
 
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
-        done = {n: out / n for n, plan in self.plans().items() if _is_finished(out / n, plan)}
+        done = {n: out / n for n, plan in self.plans().items() if has_all_rows(out / n, plan)}
         return self.report({n: read_rows(folder) for n, folder in done.items()}, self._seats(out))
 
     def report(self, runs: Mapping[str, Run], seats: Sequence[SeatJob] = ()) -> Page:
@@ -122,11 +122,3 @@ class Proposers(VariantStudy):
             SeatJob(resolved(out), start, trained, test)
             for trained, test in seats(self.chosen.cells)
         ]
-
-
-def _is_finished(folder: Path, plan: Plan) -> bool:
-    """Returns whether a folder's robots.csv has all robots of a plan."""
-    if not (folder / MANIFEST).is_file():
-        return False
-    run = read_rows(folder)
-    return all(len(run.robots(c)) >= count for c, count in plan.robots.items())

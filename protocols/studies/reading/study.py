@@ -36,6 +36,7 @@ class Reading(VariantStudy):
     """
 
     name: ClassVar[str] = "reading"
+    rows_suffice: ClassVar[bool] = True
 
     robots: int = 500
     """number of robots in each condition of stage 0"""

@@ -74,6 +74,19 @@ def test_a_signal_that_first_varies_in_a_test_stays_within_the_bound_of_training
     assert np.isfinite(agent.act(np.full((3, 2), (0.5, -1.0), np.float32), False)).all()
 
 
+def test_a_newborn_chooses_by_what_it_senses_before_anything_is_learned(name):
+    states = np.random.default_rng(8).uniform((0, -1), (1, 0), (20, 3, 2)).astype(np.float32)
+    agent = made(name)
+    agent.reset()
+    if not hasattr(agent, "now"):
+        return
+    inputs = []
+    for state in states:
+        agent.act(state, False)
+        inputs.append(agent.now["inputs"].numpy().copy())
+    assert np.std(inputs, axis=0).min() > 0.1
+
+
 def test_training_changes_weights_but_not_across_a_placement(name):
     found = []
     for reward in (0, 1):
