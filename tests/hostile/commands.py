@@ -164,7 +164,10 @@ VERBS = {
         },
     ),
     "study continual": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
-    "study leaderboard": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
+    "study leaderboard": (
+        ["OUT", "--runs", "RUN"],
+        {"--runs": _PLACES, "--tuned": _PLACES, **_WORKERS},
+    ),
     "study ppo": (
         ["OUT", "--task", "spot_finding_unit"],
         {
