@@ -246,8 +246,8 @@ class _Stage:
 
     renderer = "nothing"
 
-    def __init__(self, task):
-        del task
+    def __init__(self, task, half_length):
+        del task, half_length
 
     def draw(self, shot):
         del shot
