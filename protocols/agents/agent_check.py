@@ -95,7 +95,7 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     yield _robots_are_apart(task, made)
     yield _placement(stream, made)
     yield _taken_over(stream, agent, made)
-    yield from _costs(task, experiment, condition, made)
+    yield from _costs(experiment, condition)
 
 
 def _copied(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -200,28 +200,48 @@ def _taken_over(stream: Stream, agent: Agent, made: Callable[..., Agent]) -> Che
     return Check(name, None, "other actions: random numbers, or weights() misses something")
 
 
-def _costs(
-    task: str, experiment: Experiment, condition: Condition, made: Callable[..., Agent]
-) -> Iterator[Check]:
-    robots, steps = _TIMED
-    stream, agent = Stream(task, robots, steps), made(robots=robots)
-    brain = make_agent(
-        Experiment(protocol=experiment.protocol, brain=Parameters()),
-        Condition(condition.task, "creative"), robots, 1,
-    )  # fmt: skip
-    brain.reset()
-    spent = []
-    for one in (agent, brain):
-        stream.feed(one, 0, 20)
-        begun = time.perf_counter()
-        stream.feed(one, 20, steps)
-        spent.append((time.perf_counter() - begun) / (steps - 20) / robots * 1e6)
-    ours, papers = spent
+def _costs(experiment: Experiment, condition: Condition) -> Iterator[Check]:
+    found = costs(experiment, condition)
     yield Check(
         "time",
         None,
-        f"{ours:.1f} us a robot-step with {robots} robots, the paper's brain {papers:.1f} "
-        f"({ours / papers:.1f} times)",
+        f"{found.microseconds:.1f} us a robot-step with {_TIMED[0]} robots, the paper's brain "
+        f"{found.papers:.1f} ({found.microseconds / found.papers:.1f} times)",
     )
-    size = sum(array.nbytes for array in agent.state().values()) / robots
-    yield Check("memory", None, f"{size / 1024:.1f} KiB a robot in a checkpoint")
+    yield Check("memory", None, f"{found.bytes / 1024:.1f} KiB a robot in a checkpoint")
+
+
+class Costs(NamedTuple):
+    """What an agent costs, without the simulation.
+
+    Attributes:
+      microseconds: Time of a robot-step.
+      papers: That of the paper's creative brain, measured right after.
+      bytes: Size of a robot in a checkpoint.
+    """
+
+    microseconds: float
+    papers: float
+    bytes: float
+
+
+def costs(experiment: Experiment, condition: Condition) -> Costs:
+    """Measures time and memory of an agent or brain, in training on a stream of signals.
+
+    Raises:
+      InputError: the agent cannot be made.
+      RunError: the agent fails or exits.
+    """
+    robots, steps = _TIMED
+    stream = Stream(experiment.arena_task(condition.task), robots, steps)
+    papers = Experiment(protocol=experiment.protocol, brain=Parameters())
+    spent, size = [], []
+    for own, one in ((experiment, condition), (papers, Condition(condition.task, "creative"))):
+        agent = make_agent(own, one, robots, 1)
+        agent.reset()
+        stream.feed(agent, 0, 20)
+        begun = time.perf_counter()
+        stream.feed(agent, 20, steps)
+        spent.append((time.perf_counter() - begun) / (steps - 20) / robots * 1e6)
+        size.append(sum(array.nbytes for array in agent.state().values()) / robots)
+    return Costs(spent[0], spent[1], size[0])

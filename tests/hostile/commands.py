@@ -164,7 +164,10 @@ VERBS = {
         },
     ),
     "study continual": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
-    "study leaderboard": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
+    "study leaderboard": (
+        ["OUT", "--runs", "RUN"],
+        {"--runs": _PLACES, "--tuned": _PLACES, **_WORKERS},
+    ),
     "study ppo": (
         ["OUT", "--task", "spot_finding_unit"],
         {
@@ -243,8 +246,8 @@ class _Stage:
 
     renderer = "nothing"
 
-    def __init__(self, task):
-        del task
+    def __init__(self, task, half_length):
+        del task, half_length
 
     def draw(self, shot):
         del shot

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.results.run_files import read_runs
 from musebot.protocols.studies.learners.leaderboard import (
     Entry,
@@ -27,7 +29,10 @@ def entry(name, after, training, robots=20, spread=0.0):
     wobble = spread * np.linspace(-1, 1, robots)
     after, training = after + wobble, training + wobble
     curve = np.linspace(0, 2 * training.mean(), 120)
-    return Entry(name, f"--agent {name}", after, training, curve, np.full(robots, np.nan))
+    return Entry(
+        name, f"--agent {name}", Experiment(), Condition("spot_finding", f"musebot:{name}"), after,
+        training, curve, np.full(robots, np.nan),
+    )  # fmt: skip
 
 
 LOW, HIGH = entry("newborn", 0.1, 0.1, spread=0.02), entry("hand_coded", 0.9, 0.9)
@@ -67,13 +72,14 @@ def test_learners_are_ranked_and_tested_against_the_first():
 
 
 def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
-    text = "\n".join(markdown("paper spot_finding", BOARD))
+    text = "\n".join(markdown("paper spot_finding", BOARD, {}, {}))
     assert text.startswith("## Spot finding, protocol paper")
-    rows = [line for line in text.splitlines() if line.startswith("| ")][2:]
-    assert [row.split("|")[1].strip() for row in rows] == [
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    assert [row.split("|")[1].strip() for row in rows[2:7]] == [
         "*hand_coded*", "good", "alike", "slow", "*newborn*",
     ]  # fmt: skip
-    assert "| `--agent slow` |" in rows[3] and "| 100% |" in rows[3]
+    assert "| 100% |" in rows[5]
+    assert rows[12].startswith("| slow | - | - | defaults | `musebot` | `--agent slow` |")
     (axis,) = draw(BOARD).axes
     assert sorted(text.get_text() for text in axis.texts) == sorted(one.name for one in BOARD)
 
@@ -114,10 +120,37 @@ def test_runs_become_boards_whose_rows_name_their_commands(runs, tmp_path):
     words = ["study", "leaderboard", str(tmp_path / "out"), "--runs", *map(str, runs)]
     assert cli.main(words) == 0
     page = (tmp_path / "out" / "leaderboard.md").read_text()
+    own = next(
+        line
+        for line in page.splitlines()
+        if line.startswith("| sarsa_lambda, raw") and "KiB" not in line and "--agent" in line
+    )
+    _, _, times, size, tuned, module, _, _ = (cell.strip() for cell in own.split("|"))
+    assert float(times) > 0 and float(size) > 1 and tuned == "defaults"
+    assert module == "`musebot.protocols.agents.learners.sarsa`"
+    measured = {path: path.read_bytes() for path in (tmp_path / "out" / "costs").iterdir()}
+    assert len(measured) == 8
+    assert cli.main(words) == 0  # measures nothing again
+    assert {path: path.read_bytes() for path in (tmp_path / "out" / "costs").iterdir()} == measured
+    assert (tmp_path / "out" / "leaderboard.md").read_text() == page
     assert "## Wall avoidance, protocol paper" in page and "| steady, creative |" in page
     assert {path.name for path in (tmp_path / "out").glob("*.svg")} == {
         "paper-wall_avoidance.svg", "paper-spot_finding.svg",
     }  # fmt: skip
+
+
+def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys):
+    tiny = "--trials 3 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
+    tuned = tmp_path / "tuned"
+    words = ["study", "tune", str(tuned), "--agent", "sarsa_lambda", "--signals", "raw", *tiny]
+    assert cli.main(words) == 0
+    board = Leaderboard(runs=tuple(runs), tuned=(tuned,))
+    assert board.details() == {
+        "effort": {"musebot:sarsa_lambda, raw": "3 settings, 1 in whole lives, 2 robots"}
+    }
+    assert "| 3 settings, 1 in whole lives, 2 robots |" in board.page(tmp_path).markdown
+    with pytest.raises(InputError, match=r"study.json is no study `tune` of musebot's"):
+        Leaderboard(runs=tuple(runs), tuned=(tmp_path,)).details()
 
 
 def test_runs_in_a_larger_arena_are_a_board_of_their_own(runs):
@@ -131,7 +164,7 @@ def test_runs_in_a_larger_arena_are_a_board_of_their_own(runs):
     ordinary = [name for name in together if not name.endswith(" 1.5")]
     assert [*together] == [*ordinary, *(f"{name} 1.5" for name in ordinary)]
     for name in ordinary:
-        text = "\n".join(markdown(f"{name} 1.5", together[f"{name} 1.5"]))
+        text = "\n".join(markdown(f"{name} 1.5", together[f"{name} 1.5"], {}, {}))
         assert ", arena 1.5 times as large" in text.splitlines()[0]
         assert text.count("--arena-scale 1.5`") == len(together[name])
 

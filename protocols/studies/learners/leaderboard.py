@@ -10,29 +10,35 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
-from ...agents.names import short_name
+from ...agents.agent_check import Costs
+from ...agents.names import MOVED, is_own, short_name
 from ...analysis import intervals
 from ...analysis.hypothesis_tests import holm, same_statistic
 from ...errors import InputError
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
+from ...experiment.manifest import UNREADABLE
 from ...experiment.schedules import TASK_NAMES
 from ...reporting import style
 from ...reporting.markdown import bracket, mean_cell, table
 from ...results.run import Run
 from ...results.run_files import read_runs
-from ...shared_options import Runs
-from ..study import Page, Study
+from ...shared_options import Runs, option
+from ...simulation.jobs import Job
+from ...storage import read_json, resolved
+from ..study import STUDY_FILE, Page, Study
+from .costs import CostJob
 
 LOWER, UPPER = "newborn", "hand_coded"
+FOLDER = "costs"
 _RESAMPLES, _SEED = 2000, 1
 _LINE_STYLES = ("-", "--")
 
@@ -49,6 +55,8 @@ class Leaderboard(Study):
 
     runs: Runs
     """folders of finished runs of `musebot run`"""
+    tuned: Annotated[tuple[Path, ...], option("OUT ..", "none")] = ()
+    """folders of `musebot study tune`, whose effort is printed"""
 
     @functools.cached_property
     def _read(self) -> list[Run]:
@@ -59,13 +67,41 @@ class Leaderboard(Study):
         boards(self._read)
         return {run.name: run.experiment for run in self._read}
 
+    def details(self) -> Mapping[str, Any]:
+        """See `Study.details`: the effort of tuning."""
+        return {"effort": self._effort}
+
+    def folders(self, out: Path) -> Sequence[Path]:
+        """See `Study.folders`."""
+        return [out / FOLDER]
+
+    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
+        """See `Study.stages`: measures each learner once in each task and protocol."""
+        yield [
+            self._job(out, entry)
+            for entries in boards(self._read).values()
+            for entry in entries
+            if is_own(entry.condition.proposer)
+        ]
+
+    @functools.cached_property
+    def _effort(self) -> dict[str, str]:
+        """What was tuned, by agent and signals, in words."""
+        return dict(map(effort, self.tuned))
+
+    def _job(self, out: Path, entry: Entry) -> CostJob:
+        experiment, name = entry.experiment, entry.name.replace(", ", "-").replace(" ", "-")
+        name = f"{experiment.protocol}-{entry.condition.task}-{experiment.arena_scale:g}-{name}"
+        return CostJob(resolved(out) / FOLDER / f"{name}.safetensors", experiment, entry.condition)
+
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
-        del out
         parts, figures = [], {}
         with style.styled():
             for name, entries in boards(self._read).items():
-                parts += markdown(name, entries)
+                jobs = {entry.name: self._job(out, entry) for entry in entries}
+                costs = {name: job.costs() for name, job in jobs.items() if job.done()}
+                parts += markdown(name, entries, costs, self._effort)
                 figures[name.replace(" ", "-").replace(",", "")] = draw(entries)
         return Page("\n".join(parts), figures)
 
@@ -77,6 +113,8 @@ class Entry:
     Attributes:
       name: Name of the learner, with its track or its brain.
       command: Words of `musebot run` that simulate it.
+      experiment: Experiment of its run.
+      condition: Condition of its robots.
       after: Value of each valid robot in the test after training, shape (n,): share of the time in
         the spot, or without contact.
       training: The same over all of training.
@@ -86,6 +124,8 @@ class Entry:
 
     name: str
     command: str
+    experiment: Experiment
+    condition: Condition
     after: np.ndarray
     training: np.ndarray
     curve: np.ndarray
@@ -138,7 +178,14 @@ def _entry(run: Run, condition: Condition) -> Entry:
     if experiment.arena_scale != 1:
         command += f" --arena-scale {experiment.arena_scale:g}"
     return Entry(
-        name, command, after, curves.mean(axis=1), curves.mean(axis=0), run.abilities(condition)
+        name,
+        command,
+        experiment,
+        condition,
+        after,
+        curves.mean(axis=1),
+        curves.mean(axis=0),
+        run.abilities(condition),
     )
 
 
@@ -194,8 +241,37 @@ def behind_the_first(ranking: Sequence[tuple[Entry, np.ndarray]]) -> list[float]
     ]
 
 
-def markdown(name: str, entries: Sequence[Entry]) -> list[str]:
-    """Returns a board: a row for each learner."""
+def effort(folder: Path) -> tuple[str, str]:
+    """Returns the agent and signals that a study has tuned, "name, signals", and its effort.
+
+    Raises:
+      InputError: the folder holds no study that tunes.
+    """
+    path = folder / STUDY_FILE
+    try:
+        held = read_json(path)
+        details, whole = held["details"], held["experiments"]["whole"]
+        key = f"{details['agent']}, {whole['signals']}"
+        trials, robots = len(details["trials"]), int(whole["cohort_size"])
+        return key, f"{trials} settings, {int(details['kept'])} in whole lives, {robots} robots"
+    except (*UNREADABLE, OSError) as error:
+        raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
+
+
+def markdown(
+    name: str,
+    entries: Sequence[Entry],
+    costs: Mapping[str, Costs],
+    efforts: Mapping[str, str],
+) -> list[str]:
+    """Returns a board: a row for each learner.
+
+    Args:
+      name: Name of the board, see `boards`.
+      entries: Learners and bounds.
+      costs: What each costs, by its name.
+      efforts: Effort of tuning, by "agent, signals".
+    """
     ranking = ranked(entries)
     protocol, task, *scale = name.split()
     arena = f", arena {scale[0]} times as large" if scale else ""
@@ -203,7 +279,7 @@ def markdown(name: str, entries: Sequence[Entry]) -> list[str]:
     rows = [
         [
             "learner", "robots", "score", f"{what} after training", "during training",
-            "worst tenth", "fail", "mean L", "p against the first", "`musebot run OUT` with",
+            "worst tenth", "fail", "mean L", "p against the first",
         ]
     ]  # fmt: skip
     for (entry, values), p in zip(ranking, behind_the_first(ranking), strict=True):
@@ -221,9 +297,19 @@ def markdown(name: str, entries: Sequence[Entry]) -> list[str]:
                 f"{(values < 0.5).mean():.0%}",
                 f"{abilities.mean():.2f}" if len(abilities) else "-",
                 "" if math.isnan(p) else f"{p:.4f}",
-                f"`{entry.command}`",
             ]
         )
+    made = [["learner", "time", "KiB", "tuned", "module", "`musebot run OUT` with"]]
+    made += [
+        [
+            entry.name,
+            *_costs(costs.get(entry.name)),
+            _tuned(entry, efforts),
+            f"`{module_of(entry.condition.proposer)}`",
+            f"`{entry.command}`",
+        ]
+        for entry, _ in ranking
+    ]
     return [
         f"## {TASK_NAMES[task]}, protocol {protocol}{arena}",
         "",
@@ -234,7 +320,34 @@ def markdown(name: str, entries: Sequence[Entry]) -> list[str]:
         "its 95 % bootstrap interval. Fail: share of robots with a score below 0.5. p: permutation "
         "test of the mean score, Holm over all pairs of learners. In italics the bounds.",
         "",
+        *table(made),
+        "",
+        "Time: of a robot-step without the simulation, as a multiple of the paper's creative "
+        "brain's, measured right after; KiB: a robot's in a checkpoint. Tuned: settings that were "
+        "tried for a quarter of the time, then in whole lives.",
+        "",
     ]
+
+
+def _costs(found: Costs | None) -> list[str]:
+    if found is None:
+        return ["-", "-"]
+    return [f"{found.microseconds / found.papers:.1f}", f"{found.bytes / 1024:.1f}"]
+
+
+def _tuned(entry: Entry, efforts: Mapping[str, str]) -> str:
+    if entry.name in (LOWER, UPPER):
+        return ""
+    if entry.condition.has_brain:
+        return "by hand" if entry.experiment.brain_name.startswith("steady") else "as published"
+    key = f"{entry.condition.proposer}, {entry.experiment.signals}"
+    return efforts.get(key, "defaults")
+
+
+def module_of(proposer: str) -> str:
+    """Returns the module of an agent, or that of the three proposers' brain."""
+    name = MOVED.get(proposer, proposer)
+    return name.partition(":")[0] if ":" in name else "musebot.controller"
 
 
 def draw(entries: Sequence[Entry]) -> Figure:
