@@ -235,13 +235,14 @@ def costs(experiment: Experiment, condition: Condition) -> Costs:
     robots, steps = _TIMED
     stream = Stream(experiment.arena_task(condition.task), robots, steps)
     papers = Experiment(protocol=experiment.protocol, brain=Parameters())
-    spent, size = [], []
-    for own, one in ((experiment, condition), (papers, Condition(condition.task, "creative"))):
-        agent = make_agent(own, one, robots, 1)
+    learner = make_agent(experiment, condition, robots, 1)
+    brain = make_agent(papers, Condition(condition.task, "creative"), robots, 1)
+    spent = []
+    for agent in (learner, brain):
         agent.reset()
         stream.feed(agent, 0, 20)
         begun = time.perf_counter()
         stream.feed(agent, 20, steps)
         spent.append((time.perf_counter() - begun) / (steps - 20) / robots * 1e6)
-        size.append(sum(array.nbytes for array in agent.state().values()) / robots)
-    return Costs(spent[0], spent[1], size[0])
+    size = sum(array.nbytes for array in learner.state().values()) / robots
+    return Costs(spent[0], spent[1], size)

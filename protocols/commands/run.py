@@ -148,7 +148,7 @@ class RunCommand:
             trust(*(recorded_name(proposer) for _, proposer in config.robots))
             trust(*(condition.proposer for condition in held.robots) if held else ())
         plan = self._plan(held, config)
-        changed = self.agent_set or plan.experiment.signals == "raw" or plan.experiment.settings
+        changed = plan.experiment.signals == "raw" or plan.experiment.settings
         if changed and not held and all(condition.has_brain for condition in plan.robots):
             raise InputError(
                 "settings and raw signals change agents only, and this run has none; a brain is "

@@ -90,20 +90,14 @@ class Perturbation:
 
     def test(self, schedule: Schedule, size: Dimensions) -> list[Phase]:
         """Returns the phases of the test after training, in an arena of the perturbed size."""
-        moved = (1 - 1 / self.arena) * np.array([size.half_length, size.half_width])
-
-        def there(place: Any) -> Any:
-            if not isinstance(place, tuple):
-                return place
-            return (*(np.array(place[:2]) + np.copysign(moved, place[:2])).tolist(), *place[2:])
-
-        return [
-            dataclasses.replace(
-                phase, robot=there(phase.robot), spot=there(self.spot or phase.spot)
-            )
+        grown = 1 - 1 / self.arena
+        phases = tuple(
+            dataclasses.replace(phase, spot=self.spot or phase.spot)
             for phase in schedule.phases
             if phase.part == "post"
-        ]
+        )
+        test = dataclasses.replace(schedule, phases=phases)
+        return [*test.moved_out(grown * size.half_length, grown * size.half_width).phases]
 
 
 REFERENCE = Perturbation("unchanged", "nothing")

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError
-from ..experiment.experiment import Experiment, check_same
+from ..experiment.conditions import Condition
+from ..experiment.experiment import Experiment, check_same, flat
 from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.plan import MOST_ROBOTS
@@ -149,6 +150,11 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
             for name, figure in page.figures.items():
                 style.save(figure, out, name)
     return page
+
+
+def identity_of(experiment: Experiment, condition: Condition) -> dict[str, Any]:
+    """Returns what says of which robots a job's file is: their whole experiment and condition."""
+    return flat(experiment) | {"condition": str(condition)}
 
 
 def own_arrays(path: Path, shapes: Shapes, identity: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -11,11 +11,11 @@ import numpy as np
 from ....tasks import CONTROL_TIMESTEP
 from ...agents.trust import trust
 from ...experiment.conditions import CohortKey, Condition
-from ...experiment.experiment import Experiment, flat
+from ...experiment.experiment import Experiment
 from ...simulation.cohort import Cohort
 from ...simulation.jobs import Report, Stop
 from ...storage import save_arrays
-from ..study import MinuteTick, StoppedError, own_arrays
+from ..study import MinuteTick, StoppedError, identity_of, own_arrays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,4 +80,4 @@ class EvaluationJob:
 
     @property
     def _identity(self) -> dict[str, Any]:
-        return flat(self.experiment) | {"condition": str(self.condition)}
+        return identity_of(self.experiment, self.condition)

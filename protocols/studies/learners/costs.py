@@ -9,10 +9,10 @@ import numpy as np
 
 from ...agents.agent_check import Costs, costs
 from ...experiment.conditions import Condition
-from ...experiment.experiment import Experiment, flat
+from ...experiment.experiment import Experiment
 from ...simulation.jobs import Report, Stop
 from ...storage import save_arrays
-from ..study import own_arrays
+from ..study import identity_of, own_arrays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +45,7 @@ class CostJob:
         """See `Job.run`; takes seconds."""
         del stop
         found = costs(self.experiment, self.condition)
-        identity = flat(self.experiment) | {"condition": str(self.condition)}
+        identity = identity_of(self.experiment, self.condition)
         save_arrays(self.path, {"costs": np.array(found, np.float64)}, **identity)
         report(self.cost, "")
         return True
@@ -56,6 +56,6 @@ class CostJob:
         Raises:
           DamagedFileError: the file is damaged, or another learner's.
         """
-        identity = flat(self.experiment) | {"condition": str(self.condition)}
+        identity = identity_of(self.experiment, self.condition)
         arrays = own_arrays(self.path, {"costs": ("F64", (3,))}, identity)
         return Costs._make(arrays["costs"].tolist())

@@ -58,8 +58,8 @@ class Tune(Study):
 
     The first trial has the defaults, the others a Sobol sequence over the ranges. All live a
     quarter of the paper's durations, and settings that count steps of a life are a quarter too; the
-    best live whole lives on a fresh seed. A trial's value is
-    the mean over both tasks of the share of time in the spot, or without contact, after training.
+    best live whole lives on a fresh seed. A trial's value is the mean over both tasks of the share
+    of time in the spot, or without contact, after training.
     """
 
     name: ClassVar[str] = "tune"
