@@ -17,7 +17,7 @@ from ...models import Kinematics
 from ..errors import InputError
 from ..experiment.budget import check_memory
 from ..experiment.experiment import Body, Experiment
-from ..experiment.overrides import named_brain, with_overrides
+from ..experiment.overrides import named_brain, named_reading, with_overrides
 from ..experiment.plan import Plan
 from ..reporting import style
 from ..reporting.markdown import line, mean_cell
@@ -58,6 +58,8 @@ class LearningProgressStudy(Study):
     """number of robots with each brain, in one cohort"""
     seed: int = 1
     """seed from which all random streams derive"""
+    reading: Annotated[str | None, option("{body,plain}", "body")] = None
+    """reading of the paper, in place of --body and --kinematics (docs/paper.md)"""
     body: Body = "mujoco"
     """body of the robot; kinematic: the kinematic simulator"""
     kinematics: KinematicsOption = ()
@@ -70,12 +72,18 @@ class LearningProgressStudy(Study):
         if not 1 <= len(self.brains) <= 4 or len({*self.brains}) < len(self.brains):
             raise InputError(f"brains must be 1 to 4 different ones, got {' '.join(self.brains)}")
         check_positive(robots=self.robots)
+        world: Mapping[str, Any]
+        if self.reading is None:
+            world = {
+                "body": self.body,
+                "kinematics": with_overrides(Kinematics(), self.kinematics),
+            }
+        elif self.body != "mujoco" or self.kinematics:
+            raise InputError("a reading sets body and kinematics; give either it or them")
+        else:
+            world = named_reading(self.reading)
         shared = Experiment(
-            seed=self.seed,
-            cohort_size=self.robots,
-            time_scale=self.time_scale,
-            body=self.body,
-            kinematics=with_overrides(Kinematics(), self.kinematics),
+            seed=self.seed, cohort_size=self.robots, time_scale=self.time_scale, **world
         )
         found = {n: dataclasses.replace(shared, brain=named_brain(n)) for n in self.brains}
         for experiment in found.values():

@@ -36,6 +36,19 @@ def test_the_second_test_gives_the_shares_at_the_times_that_the_first_chose():
     assert "| 0.250 |" in row
 
 
+def test_a_reading_sets_body_kinematics_and_nose():
+    study = LearningProgressStudy(brains=("paper",), reading="plain")
+    experiment = study.experiments()["paper"]
+    assert (experiment.body, experiment.nose, experiment.nose_place) == (
+        "kinematic", "printed", "centre"
+    )  # fmt: skip
+    assert experiment.kinematics.wall == "refuses"
+    with pytest.raises(InputError, match="give either it or them"):
+        dataclasses.replace(study, kinematics=("lag=0.08",)).experiments()
+    with pytest.raises(InputError, match="the reading must be one of body, plain"):
+        dataclasses.replace(study, reading="plane").experiments()
+
+
 def test_luck_in_one_of_many_tests_is_not_counted_as_forgotten():
     random = np.random.default_rng(0)
     one = of(*(random.random((2, 9, 4000)) < 0.5))
