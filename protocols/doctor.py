@@ -45,6 +45,7 @@ _OPTIONAL = {  # package: extra of musebot, and what needs it
     "cmaes": ("evolve", "`musebot study evolve`"),
     "ray": ("cluster", "`musebot run --engine ray`"),
     "gymnasium": ("gym", "the Gymnasium interfaces"),
+    "mujoco-warp": ("warp", "`musebot run --physics warp`"),
     "moviepy": ("gym", "Gymnasium's recorders of films"),
     "stable-baselines3": ("baselines", "training by PPO"),
     "tensorboard": ("tensorboard", "`musebot run --log tensorboard`"),

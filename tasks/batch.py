@@ -337,8 +337,7 @@ class Batch(Robots):
         """See `Robots.step`."""
         np.clip(self._finite_motors(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
         time = self._state[:, 0].copy()
-        self.simulate()
-        self.sensordata[:] = self._calls[-1].sensordata
+        self.sensordata[:] = self.simulate()
         self._stop_unsound(self._sound(time))
 
     def show(self, robot: int, data: mujoco.MjData) -> None:
@@ -353,13 +352,18 @@ class Batch(Robots):
         mujoco.mj_setState(self.model, data, self._control[robot], _CONTROL)
         mujoco.mj_forward(self.model, data)
 
-    def simulate(self) -> None:
-        """Simulates the physics of a control step: the part of `step` that benchmarks time."""
+    def simulate(self) -> np.ndarray:
+        """Simulates the physics of a control step: the part of `step` that benchmarks time.
+
+        Returns:
+          Measurements at the start of the last physics step, shape (B, nsensordata).
+        """
         engine = self._engine
         if engine is None:
             engine = self._engine = rollout.Rollout(nthread=self._nthread)
         for call in self._calls:
             call.step(engine, self._threads)
+        return self._calls[-1].sensordata
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`."""

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ..results.run import Run
 
 _FIELDS = (
-    "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "device",
-    "signals", "arena_scale", "motor_speed", "motor_torque", "brain",
+    "seed", "cohort_size", "protocol", "time_scale", "nose", "nose_place", "body", "physics",
+    "device", "signals", "arena_scale", "motor_speed", "motor_torque", "brain",
 )  # fmt: skip
 
 
@@ -80,8 +80,10 @@ class RunCommand:
     """place of the nose: front of the rim, or centre of the robot"""
     body: Annotated[str | None, _kept(BODY_CHOICES, "mujoco")] = None
     """mujoco, or kinematic for an ideal differential drive without physics"""
+    physics: Annotated[str | None, _kept("{c,warp}", "c")] = None
+    """what simulates the body mujoco; warp: MuJoCo Warp, in single precision, also on a GPU"""
     device: Annotated[str | None, _kept("{cpu,cuda,cuda:N}", "cpu")] = None
-    """device of the body kinematic and of the brains; on a GPU, take large cohorts"""
+    """device of the body kinematic or of MuJoCo Warp, and of brains; on a GPU, take large cohorts"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
     """parameters of the kinematic simulator, such as wall=slides felt=pushed lag=0.08"""
     brain: Annotated[

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _FLOAT = 4
 _BATCH = 8000  # bytes of a robot's physics, measured: 5 to 8 kB
+_WARP = 25_000  # bytes of a robot's physics in MuJoCo Warp, the sum of its arrays
 _ROW = 1000  # bytes of a row of robots.csv and its objects
 _COPIES = 3  # of the results, while they are joined and written
 
@@ -28,8 +29,9 @@ def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
     Measured with 1 to 1000 ideas and hidden neurons: right within a factor of 2.
     """
     shapes = network_shapes(experiment, condition)
+    physics = _BATCH + (_WARP if experiment.physics == "warp" else 0)
     if shapes is None:
-        return experiment.cohort_size * _BATCH
+        return experiment.cohort_size * physics
     brain = experiment.brain
     sizes = {name: math.prod(shape) for name, shape in shapes.items()}
     connections = sum(size for name, size in sizes.items() if name.startswith("memory."))
@@ -37,7 +39,7 @@ def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
     actions = len(brain.fixed_motors) ** 2 if condition.proposer == "fixed" else brain.ideas
     of_robot = actions * (connections + 3 * hidden) + 4 * sum(sizes.values())
     patterns = 4 * NoisePatterns.POOL * connections
-    return experiment.cohort_size * (_BATCH + _FLOAT * of_robot) + _FLOAT * patterns
+    return experiment.cohort_size * (physics + _FLOAT * of_robot) + _FLOAT * patterns
 
 
 def results_bytes(plan: Plan) -> int:

@@ -27,6 +27,7 @@ Body = Literal["mujoco", "kinematic"]
 NosePlace = Literal["front", "centre"]
 MotorTorque = Literal["constant", "scaled"]
 Signals = Literal["paper", "raw"]
+Physics = Literal["c", "warp"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
 # Turn in degrees.
@@ -63,8 +64,11 @@ class Experiment:
       brain: Parameters of the neurocontroller.
       protocol: Name of the protocol (see `schedules.PROTOCOLS`): "paper", "continual" (24 hours of
         spot finding) or "walls" (spot finding with wall sensing).
-      device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator and the
-        brains compute. Random numbers and rounding differ between devices, and so do lives.
+      physics: What simulates the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
+        computes in single precision (docs/physics.md).
+      device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator or MuJoCo
+        Warp and the brains compute. Random numbers and rounding differ between devices, and so do
+        lives.
       signals: What agents receive: "paper", or "raw" with smell and reward before they saturate
         (see `agents.raw_signals`). Brains have parameters of their own for this.
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
@@ -84,6 +88,7 @@ class Experiment:
     kinematics: Kinematics = Kinematics()
     brain: Parameters = Parameters()
     protocol: ProtocolName = "paper"
+    physics: Physics = "c"
     device: str = "cpu"
     signals: Signals = "paper"
     settings: tuple[str, ...] = ()
@@ -116,6 +121,7 @@ class Experiment:
             ("nose_place", ("front", "centre")),
             ("motor_torque", ("constant", "scaled")),
             ("body", BODIES),
+            ("physics", ("c", "warp")),
             ("signals", ("paper", "raw")),
         ):
             if (value := getattr(self, name)) not in allowed:
@@ -132,8 +138,12 @@ class Experiment:
                 raise InputError(f"{name} must be at most {most}, got {shown(value)}")
         if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
             raise InputError(f"the device must be cpu, cuda or cuda:N, got {self.device!r:.60}")
-        if self.device != "cpu" and self.body != "kinematic":
-            raise InputError("only the body 'kinematic' can be simulated on a GPU")
+        if self.device != "cpu" and self.body != "kinematic" and self.physics != "warp":
+            raise InputError(
+                "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU"
+            )
+        if self.physics == "warp" and self.body != "mujoco":
+            raise InputError("the physics 'warp' is one of the body 'mujoco' only")
         if not isinstance(self.settings, tuple) or not all(
             isinstance(word, str) for word in self.settings
         ):
@@ -153,6 +163,11 @@ class Experiment:
         if not -_LARGEST_TURN <= self.turned_start <= _LARGEST_TURN:
             allowed, value = f"[-{_LARGEST_TURN}, {_LARGEST_TURN}]", shown(self.turned_start)
             raise InputError(f"the turn at the start must lie in {allowed}, got {value}")
+
+    @property
+    def on_tensors(self) -> bool:
+        """Whether robots and brains share tensors of a device, see `tasks.tensors`."""
+        return self.device != "cpu" or self.physics == "warp"
 
     @property
     def brain_name(self) -> str:
@@ -180,7 +195,10 @@ class Experiment:
         return schedules[task].task if task in schedules else task
 
     def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
-        """Returns robots in lockstep, with the body of the experiment.
+        """Returns robots in lockstep on the host, with the body of the experiment.
+
+        Physics is C MuJoCo's: a cohort moves its robots to the experiment's device and physics,
+        films and figures do not.
 
         Args:
           task: Task of the protocol.

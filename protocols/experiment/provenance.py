@@ -21,10 +21,20 @@ def machine() -> dict[str, Any]:
         "musebot": __version__,
         "commit": _commit(),
         **{name: metadata.version(name) for name in ("mujoco", "dm-control", "numpy", "torch")},
+        **_versions("mujoco-warp", "warp-lang"),
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "platform": platform.platform(),
     }
+
+
+def _versions(*names: str) -> dict[str, str]:
+    """Returns the versions of those optional packages that are installed."""
+    found = {}
+    for name in names:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
 
 
 @functools.cache

@@ -19,7 +19,7 @@ from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.checks import check_events, check_networks, check_same_shapes
 from ..results.results import Lives, Results
 from ..storage import Shapes
-from .device import on_host, robots_on
+from .device import on_host, robots_on_device
 from .placement import legs, place
 
 _MINUTE = control_steps(1)
@@ -53,10 +53,8 @@ class Cohort:
         robots, task = experiment.cohort_size, key.condition.task
         self.experiment, self.key = experiment, key
         seed, self._random = random_streams(experiment.seed, key)
-        self.batch, self.agent = robots_on(
-            experiment.device,
-            experiment.batch(task, robots),
-            lambda: make_agent(experiment, key.condition, robots, seed),
+        self.batch, self.agent = robots_on_device(
+            experiment, task, lambda: make_agent(experiment, key.condition, robots, seed)
         )
         self.rules = self.batch.rules
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}

@@ -8,28 +8,39 @@ from typing import Any
 import numpy as np
 import torch
 
-from ...tasks.batch import Robots
+from ...tasks.batch import Batch, Robots
 from ...tasks.kinematic.robots import KinematicBatch
 from ..agents.base import Agent
+from ..experiment.experiment import Experiment
 
-HOST = "cpu"
 
-
-def robots_on(device: str, batch: Robots, make_agent: Callable[[], Agent]) -> tuple[Robots, Agent]:
-    """Returns robots and their new agent on a device.
+def robots_on_device(
+    experiment: Experiment, task: str, make_agent: Callable[[], Agent]
+) -> tuple[Robots, Agent]:
+    """Returns the robots of a cohort and their new agent on the experiment's device.
 
     Args:
-      device: Device of the experiment; on the host, the robots are those given.
-      batch: Robots on the host.
+      experiment: Experiment that decides the robots' lives.
+      task: Task of the protocol.
       make_agent: Function that makes the agent.
     """
-    if device == HOST:
+    batch = experiment.batch(task, experiment.cohort_size)
+    if not experiment.on_tensors:
         return batch, make_agent()
-    from ...tasks.kinematic.tensors import TensorBatch
+    with torch.device(experiment.device):
+        return on_tensors(batch), make_agent()
 
-    assert isinstance(batch, KinematicBatch)  # checked by Experiment
-    with torch.device(device):
-        return TensorBatch(batch), make_agent()
+
+def on_tensors(batch: Robots) -> Robots:
+    """Returns the robots of a batch as tensors on the default device, in MuJoCo Warp if in MuJoCo."""
+    if isinstance(batch, KinematicBatch):
+        from ...tasks.tensors.kinematic import KinematicTensors
+
+        return KinematicTensors(batch)
+    from ...tasks.tensors.warp import WarpTensors
+
+    assert isinstance(batch, Batch)
+    return WarpTensors(batch)
 
 
 def on_host(values: Any) -> np.ndarray:

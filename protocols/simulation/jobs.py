@@ -23,7 +23,6 @@ from .checkpoints import (
     save_checkpoint,
     save_lives,
 )
-from .device import HOST
 
 Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
@@ -123,8 +122,8 @@ class CohortJob:
         report(self._seconds(cohort.step), message)
         saved = reported = time.monotonic()
         broken = int((~cohort.valid).sum())
-        # On another device, robots are looked at once a simulated minute.
-        chunk = _CHUNK if self.experiment.device == HOST else control_steps(1)
+        # Robots on tensors are looked at once a simulated minute.
+        chunk = control_steps(1) if self.experiment.on_tensors else _CHUNK
         while not cohort.finished:
             if stop():
                 save_checkpoint(self.directory, self.key, cohort)

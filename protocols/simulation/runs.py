@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,6 @@ from .checkpoints import (
     set_aside,
 )
 from .cohort import check_agents
-from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
 from .tensorboard_log import FOLDER, TensorBoardLog
 
@@ -87,14 +87,19 @@ def simulate(
 
 def check_device(plan: Plan) -> None:
     """Raises InputError if a plan's device is missing, too small, or not for its robots."""
-    device = plan.experiment.device
-    if device == HOST:
+    device, warp = plan.experiment.device, plan.experiment.physics == "warp"
+    if not plan.experiment.on_tensors:
         return
     for condition in plan.conditions:
         if not condition.has_brain:
+            where = "in MuJoCo Warp" if warp else f"on {device}"
             raise InputError(
-                f"only robots with a brain are simulated on {device}, not {condition.proposer}"
+                f"only robots with a brain are simulated {where}, not {condition.proposer}"
             )
+    if warp and not importlib.util.find_spec("mujoco_warp"):
+        raise InputError("MuJoCo Warp is not installed; pip install 'musebot[warp]' gets it")
+    if device == "cpu":
+        return
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     number = int(device.partition(":")[2] or 0)
     if number >= count:

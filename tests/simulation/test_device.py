@@ -14,7 +14,7 @@ from musebot.protocols.simulation import cohort as module
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.jobs import CohortJob
 from musebot.protocols.simulation.runs import check_device
-from musebot.tasks.kinematic.tensors import TensorBatch
+from musebot.tasks.tensors.kinematic import KinematicTensors
 
 SPOT, WALLS = (Condition(task, "creative") for task in ("spot_finding", "wall_avoidance"))
 SHORT = Experiment(
@@ -27,7 +27,12 @@ CUDA = Experiment(cohort_size=4, body="kinematic", device="cuda:1")
 def tensors(monkeypatch):
     """Cohorts whose robots are tensors, on the host, as there may be no GPU."""
     monkeypatch.setattr(
-        module, "robots_on", lambda device, batch, make: (TensorBatch(batch), make())
+        module,
+        "robots_on_device",
+        lambda experiment, task, make: (
+            KinematicTensors(experiment.batch(task, experiment.cohort_size)),
+            make(),
+        ),
     )
 
 
@@ -41,7 +46,7 @@ def lived(experiment=SHORT, condition=WALLS, steps=None):
 def test_a_life_on_tensors_begins_as_the_life_in_numpy_does(condition, tensors, monkeypatch):
     """Rounding differs, so that lives part in the end: the first two minutes are compared."""
     ours = lived(condition=condition, steps=1200)
-    assert isinstance(ours.batch, TensorBatch)
+    assert isinstance(ours.batch, KinematicTensors)
     monkeypatch.undo()
     theirs = lived(condition=condition, steps=1200)
     for name in ("events", "minutes"):
@@ -98,7 +103,7 @@ def test_events_within_a_minute_are_counted_once(tensors):
     [
         (["--device", "tpu"], "the device must be cpu, cuda or cuda:N, got 'tpu'"),
         (["--device", "cuda:x"], "the device must be cpu, cuda or cuda:N"),
-        (["--device", "cuda"], "only the body 'kinematic' can be simulated on a GPU"),
+        (["--device", "cuda"], "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU"),
     ],
 )
 def test_a_device_that_cannot_be_is_one_sentence_and_writes_nothing(

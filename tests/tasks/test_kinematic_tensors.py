@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from musebot.models import Kinematics
 from musebot.models.kinematic import interpolated
 from musebot.tasks import make_kinematic_batch
-from musebot.tasks.kinematic.tensors import TensorBatch
+from musebot.tasks.tensors.kinematic import KinematicTensors
 
 BODIES = {
     "holds": Kinematics(),
@@ -26,7 +26,7 @@ def pair(how=BODIES["turns"], task="spot_finding_walls", robots=ROBOTS):
     """The same robots in both forms, at random places."""
     random = np.random.default_rng(1)
     numpy, host = (make_kinematic_batch(task, robots, how) for _ in range(2))
-    tensors = TensorBatch(host)
+    tensors = KinematicTensors(host)
     poses = random.uniform((-0.4, -0.25, -np.pi), (0.4, 0.25, np.pi), (robots, 3))
     spots = random.uniform((-0.4, -0.25), (0.4, 0.25), (robots, 2))
     for batch in (numpy, tensors):
@@ -41,7 +41,7 @@ def drive(batches, steps, seed=2):
         if step % 15 == 0:
             motors = random.uniform(-0.7, 0.7, (batches[0].robots, 2)).astype(np.float32)
         for batch in batches:
-            given = torch.from_numpy(motors) if isinstance(batch, TensorBatch) else motors
+            given = torch.from_numpy(motors) if isinstance(batch, KinematicTensors) else motors
             batch.step(given)
         yield
 
@@ -78,7 +78,7 @@ def test_interpolation_of_tensors_is_numpys(values):
 def test_a_step_reads_no_number_on_the_host(how, task):
     """The device "meta" has shapes but no numbers: reading one fails there."""
     with torch.device("meta"):
-        batch = TensorBatch(make_kinematic_batch(task, 3, how))
+        batch = KinematicTensors(make_kinematic_batch(task, 3, how))
     batch.step(torch.zeros(3, 2, device="meta"))
     assert str(batch.rules.state(batch.sensordata).device) == "meta"
     assert batch.rules.reward(batch.sensordata).shape == (3,)
