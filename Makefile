@@ -6,6 +6,7 @@ READY  := $(VENV)/.ready
 TYPES  := $(VENV)/.types
 RAY    := $(VENV)/.ray
 GYM    := $(VENV)/.gym
+WARP   := $(VENV)/.warp
 CHROMIUM := $(VENV)/.chromium
 DOCS   := $(VENV)/.docs
 DEMO   := runs/demo
@@ -19,7 +20,7 @@ apt_install = { \
 	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test lint gym cluster docs dist clean
+.PHONY: help run test lint gym cluster warp docs dist clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,10 +28,10 @@ help:  ## list the targets
 run: $(READY)  ## film a trained robot, let a few learn, film them too; in runs/demo
 	$(VENV)/bin/musebot demo $(DEMO)
 
-test: $(READY) $(RAY) $(GYM) $(CHROMIUM)  ## run the tests
+test: $(READY) $(RAY) $(GYM) $(WARP) $(CHROMIUM)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 --dist worksteal tests
 
-lint: $(READY) $(RAY) $(GYM)  ## check style, format and types
+lint: $(READY) $(RAY) $(GYM) $(WARP)  ## check style, format and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
@@ -40,6 +41,9 @@ gym: $(READY)  ## install Gymnasium, Stable-Baselines3 and TensorBoard in .venv
 
 cluster: $(READY)  ## install Ray in .venv
 	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt
+
+warp: $(READY)  ## install MuJoCo Warp in .venv
+	$(VENV)/bin/pip install --no-deps -r constraints-warp.txt
 
 docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
 	$(VENV)/bin/python docs/generator
@@ -105,6 +109,12 @@ $(RAY): $(READY) constraints-cluster.txt
 $(GYM): $(READY) constraints-gym.txt
 	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt || \
 	  echo "Continuing without Gymnasium: the tests of its interfaces will be skipped." >&2
+	@touch $@
+
+# Only `--physics warp` needs MuJoCo Warp (410 MB); its tests are skipped without it.
+$(WARP): $(READY) constraints-warp.txt
+	$(VENV)/bin/pip install --no-deps -r constraints-warp.txt || \
+	  echo "Continuing without MuJoCo Warp: its tests will be skipped." >&2
 	@touch $@
 
 # Only the site needs Zensical and mkdocstrings (110 MB).

@@ -18,7 +18,7 @@ from musebot.models import Kinematics
 from musebot.protocols import cli, shared_options
 from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
-from musebot.protocols.experiment.experiment import BODIES, Experiment, NosePlace
+from musebot.protocols.experiment.experiment import BODIES, Experiment, NosePlace, Physics
 from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
 from musebot.protocols.experiment.overrides import READINGS
 from musebot.protocols.experiment.plan import Plan
@@ -527,6 +527,7 @@ def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
         "nose": get_args(NoseForm),
         "nose-place": get_args(NosePlace),
         "body": BODIES,
+        "physics": get_args(Physics),
         "engine": ("local", "ray"),
         "log": ("none", "tensorboard"),
     }

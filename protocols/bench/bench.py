@@ -25,7 +25,7 @@ from ..experiment.conditions import PAPER_TASKS
 from ..experiment.provenance import machine
 from ..shared_options import cores
 from ..storage import check_place, resolved_file, write_atomically
-from . import lives, models, sections, workers
+from . import lives, models, population, sections, workers
 from .lives import PairedTiming, Setting, TimedCohort
 from .measurements import (
     MAIN,
@@ -89,6 +89,7 @@ def run(
     own_car: Path | None = None,
     quick: bool = False,
     interfaces: bool = False,
+    device: str | None = None,
 ) -> None:
     """Measures everything and prints every section as soon as it is known.
 
@@ -98,19 +99,26 @@ def run(
       own_car: Path of MuJoCo's own model/car/car.xml; None searches the usual folders.
       quick: Whether to measure as little as possible, to check that everything works.
       interfaces: Whether to measure only the Gymnasium interfaces.
+      device: Device on which to measure only populations of robots; None for all but that.
 
     Raises:
-      InputError: A file cannot be written, the car cannot be read, Gymnasium is not installed,
-        or options exclude each other.
+      InputError: A file cannot be written, the car cannot be read, a package or the device is
+        missing, or options exclude each other.
       RunError: A process died, or the final states of a replay differ from its cohort's.
     """
     json_file, figure = (path and resolved_file(path) for path in (json_file, figure))
     for path, suffixes in ((json_file, ()), (figure, (".svg", ".png", ".pdf"))):
         if path is not None:
             _check_output(path, suffixes)
-    if interfaces and (figure or own_car):
-        raise InputError("--interfaces cannot be combined with --figure or --car-xml")
-    car = None if interfaces else _car(own_car)
+    others = {"--interfaces": interfaces, "--device": device is not None}
+    for option in (name for name, given in others.items() if given):
+        if figure or own_car:
+            raise InputError(f"{option} cannot be combined with --figure or --car-xml")
+        if all(others.values()):
+            raise InputError("--interfaces cannot be combined with --device")
+    if device is not None:
+        population.check_device(device)
+    car = None if any(others.values()) else _car(own_car)
     torch.set_num_threads(1)
     # For the processes started below, as in a run.
     os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", MUJOCO_GL="off")
@@ -125,6 +133,8 @@ def run(
     printer.show(sections.machine_section(here))
     if interfaces:
         content = _measure_interfaces(quick, printer)
+    elif device is not None:
+        content = {"population": _measure_population(device, quick, printer)}
     else:
         measured = _measure(QUICK if quick else FULL, car, printer)
         printer.show(targets_section(measured))
@@ -161,6 +171,15 @@ def _measure_interfaces(quick: bool, printer: _Printer) -> dict[str, Any]:
     costs = measure(robots=4, rounds=1, steps=2) if quick else measure()
     printer.show(costs.section())
     return {"interfaces": dataclasses.asdict(costs)}
+
+
+def _measure_population(device: str, quick: bool, printer: _Printer) -> list[dict[str, Any]]:
+    rates = []
+    for robots in population.sizes(device, quick):
+        printer.begin(f"{robots} robots on {device}")
+        rates.append(population.measure(device, robots, 0.05 if quick else 3.0))
+    printer.show(population.section(device, rates))
+    return [dataclasses.asdict(rate) for rate in rates]
 
 
 def _measure(effort: Effort, car: mujoco.MjModel | None, printer: _Printer) -> Measurements:

@@ -86,11 +86,12 @@ class RecordingBatch(Batch):
         self.motors.append(motors.copy())
         super().step(motors)
 
-    def simulate(self) -> None:
+    def simulate(self) -> np.ndarray:
         """See `Batch.simulate`."""
         began = time.perf_counter()
-        super().simulate()
+        measured = super().simulate()
         self.physics_seconds += time.perf_counter() - began
+        return measured
 
 
 class TimedAgent(Agent):

@@ -23,9 +23,13 @@ class BenchCommand:
     """measure next to nothing, to see that everything works"""
     interfaces: bool = False
     """measure the cost of the Gymnasium interfaces instead"""
+    device: Annotated[str | None, option("{cpu,cuda,cuda:N}", "none")] = None
+    """measure populations instead, in the kinematic simulator and in MuJoCo Warp on this device"""
 
     def __call__(self) -> None:
         """Prints Markdown, each section as soon as it is measured."""
         from ..bench import bench
 
-        bench.run(self.json, self.figure, self.car_xml, self.quick, interfaces=self.interfaces)
+        bench.run(
+            self.json, self.figure, self.car_xml, self.quick, self.interfaces, device=self.device
+        )

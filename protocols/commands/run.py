@@ -83,7 +83,7 @@ class RunCommand:
     physics: Annotated[str | None, _kept("{c,warp}", "c")] = None
     """what simulates the body mujoco; warp: MuJoCo Warp, in single precision, also on a GPU"""
     device: Annotated[str | None, _kept("{cpu,cuda,cuda:N}", "cpu")] = None
-    """device of the body kinematic or of MuJoCo Warp, and of brains; on a GPU, take large cohorts"""
+    """device of kinematic robots or MuJoCo Warp, and of brains; on a GPU, take large cohorts"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
     """parameters of the kinematic simulator, such as wall=slides felt=pushed lag=0.08"""
     brain: Annotated[

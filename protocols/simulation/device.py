@@ -32,7 +32,7 @@ def robots_on_device(
 
 
 def on_tensors(batch: Robots) -> Robots:
-    """Returns the robots of a batch as tensors on the default device, in MuJoCo Warp if in MuJoCo."""
+    """Returns the robots of a batch as tensors on the default device; from MuJoCo, in Warp."""
     if isinstance(batch, KinematicBatch):
         from ...tasks.tensors.kinematic import KinematicTensors
 

@@ -66,15 +66,20 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           threads: Number of threads that step the physics; 0 for the calling thread. Results do
             not depend on it.
           render_mode: "rgb_array" or None.
-          **kwargs: Keywords of the task (`robot`, `spot`, `nose`, see `arena.Settings`) and of its
-            pictures (`camera`, `width`, `height`, see `ArenaEnv`).
+          **kwargs: Keywords of the task (`robot`, `spot`, `nose`, see `arena.Settings`), of its
+            pictures (`camera`, `width`, `height`, see `ArenaEnv`), and `backend`: "mujoco", or
+            "warp" for MuJoCo Warp on the default device of PyTorch, in single precision.
 
         Raises:
+          ModuleNotFoundError: MuJoCo Warp is not installed.
           TypeError: A keyword is unknown.
           ValueError: There is no such task, or a value is out of range.
         """
         picture = {name: kwargs.pop(name, usual) for name, usual in PICTURE.items()}
+        backend = kwargs.pop("backend", "mujoco")
         definition = checked_task(task, kwargs)
+        if backend not in ("mujoco", "warp"):
+            raise ValueError(f"backend must be 'mujoco' or 'warp', got {backend!r:.60}")
         check_render_mode(render_mode, self.metadata["render_modes"])
         steps = steps_of(max_episode_steps)
         self.num_envs = whole_number("num_envs", num_envs, 1)
@@ -82,6 +87,10 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         nose = kwargs.pop("nose", "inverse")
         self._batch = make_batch(task, num_envs, nose=nose, threads=threads)
+        if backend == "warp":
+            from ..warp.robots import WarpBatch
+
+            self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
         self._episode = definition.episode(Start(**kwargs), self._batch.dimensions, steps)
         self.single_observation_space, self.single_action_space = spaces(
             definition.rules, definition.limit

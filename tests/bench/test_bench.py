@@ -12,10 +12,11 @@ import pytest
 
 from musebot.controller import BRAINS
 from musebot.protocols import cli
-from musebot.protocols.bench import bench, lives, models
+from musebot.protocols.bench import bench, lives, models, population
 from musebot.protocols.bench.lives import BrainCost, PairedTiming, Setting, TimedCohort
 from musebot.protocols.bench.models import StepCost
 from musebot.protocols.errors import RunError
+from musebot.protocols.simulation import runs
 
 
 def numbers(value):
@@ -258,3 +259,46 @@ def test_folder_without_write_permission_is_refused(tmp_path, capsys, monkeypatc
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anywhere
     assert cli.main(["bench", "--json", str(tmp_path / "bench.json")]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+# ---- Populations ----
+
+
+def test_a_population_is_timed_in_both_worlds(capsys):
+    pytest.importorskip("mujoco_warp")
+    assert cli.main(["bench", "--device", "cpu", "--quick"]) == 0
+    text = capsys.readouterr().out
+    assert "### Populations on cpu" in text
+    row = next(line for line in text.splitlines() if line.startswith("| 4 |"))
+    cells = [cell.strip().replace(",", "") for cell in row.strip("|").split("|")]
+    assert all(float(cells[number]) > 10 for number in (1, 2, 5, 6))
+
+
+def test_a_population_that_does_not_fit_is_said_so():
+    rate = population.Rate(9, {"kinematic": 2e6, "warp": None}, {"kinematic": 1e6, "warp": None},
+                           {"kinematic": 80}, {"kinematic": 0}, {"kinematic": ["sin"]})  # fmt: skip
+    text = population.section("cuda", [rate]).markdown()
+    assert "| 9 | 2,000,000 | 1,000,000 | 80 | 0 | out of memory | out of memory |  |  |" in text
+    assert "Longest kernels with the most robots: kinematic: sin." in text
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--device", "gpu"], "the device must be cpu, cuda or cuda:N, got 'gpu'"),
+        (["--device", "cuda:42"], "there is no device cuda:42"),
+        (["--device", "cpu", "--interfaces"], "--interfaces cannot be combined with --device"),
+        (["--device", "cpu", "--figure", "a.svg"], "--device cannot be combined with --figure"),
+    ],
+)
+def test_a_device_that_cannot_be_measured_is_refused(words, sentence, capsys):
+    assert cli.main(["bench", "--quick", *words]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_without_mujoco_warp_a_sentence_says_what_to_install(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(runs.importlib.util, "find_spec", lambda name: None)
+    for words in (["bench", "--device", "cpu"], ["run", str(tmp_path / "x"), "--physics", "warp"]):
+        assert cli.main(words) == 2
+        assert "pip install 'musebot[warp]' gets it" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -62,7 +62,7 @@ VERBS = {
             "--time-scale": NUMBERS,
             "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
             "--arena-scale": NUMBERS,
-            "--motor-torque": TEXTS, "--device": TEXTS,
+            "--motor-torque": TEXTS, "--device": TEXTS, "--physics": TEXTS,
             "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
             "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
             "--trust-agent": ("", "x"), **_WORKERS,
@@ -100,7 +100,7 @@ VERBS = {
         ["--quick"],
         {
             "--json": _PLACES, "--figure": _PLACES, "--car-xml": _PLACES, "--interfaces": ("",),
-            "--quick": ("", "1"),
+            "--quick": ("", "1"), "--device": TEXTS,
         },
     ),
     "doctor": ([], {"--x": TEXTS}),
@@ -160,7 +160,7 @@ VERBS = {
         ["OUT", "--brains", "paper", "--robots", "2", "--body", "kinematic"],
         {
             "--brains": TEXTS, "--robots": NUMBERS, "--seed": NUMBERS, "--body": TEXTS,
-            "--kinematics": "kinematics", "--time-scale": NUMBERS, **_WORKERS,
+            "--kinematics": "kinematics", "--time-scale": NUMBERS, "--reading": TEXTS, **_WORKERS,
         },
     ),
     "study continual": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
@@ -284,6 +284,7 @@ def begun_only(patch):
         patch.setattr(paper_figures, name, _begin)
     patch.setattr(bench, "_measure", _begin)
     patch.setattr(bench, "_measure_interfaces", _begin)
+    patch.setattr(bench, "_measure_population", _begin)
     patch.setattr(doctor, "report", lambda: 0)
     patch.delenv("DISPLAY", raising=False)
     patch.delenv("WAYLAND_DISPLAY", raising=False)

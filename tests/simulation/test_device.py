@@ -1,5 +1,7 @@
 """Cohorts on another device: their loop, their checkpoints, and what is refused before work."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -95,6 +97,27 @@ def test_events_within_a_minute_are_counted_once(tensors):
     assert whole.checkpoint()[0]["events"].sum() == whole.checkpoint()[0]["minutes"].sum()
 
 
+def test_a_life_in_mujoco_warp_begins_as_in_c_mujoco_and_continues_bit_exactly(tmp_path):
+    pytest.importorskip("mujoco_warp")
+    from musebot.tasks.tensors.warp import WarpTensors
+
+    ours, warp = (
+        dataclasses.replace(SHORT, body="mujoco", physics=physics) for physics in ("c", "warp")
+    )
+    whole = lived(warp, SPOT, 900)
+    assert isinstance(whole.batch, WarpTensors)
+    theirs = lived(ours, SPOT, 600)
+    np.testing.assert_allclose(lived(warp, SPOT, 600).batch.pose, theirs.batch.pose, atol=0.01)
+    first = lived(warp, SPOT, 617)
+    arrays, notes = first.checkpoint()
+    arrays = {name: array.copy() for name, array in arrays.items()}
+    second = Cohort(warp, CohortKey(SPOT, 0))
+    second.restore(arrays, notes)
+    second.advance(900 - 617)
+    for name, array in second.checkpoint()[0].items():
+        assert np.array_equal(array, whole.checkpoint()[0][name]), name
+
+
 # ---- What is refused ----
 
 
@@ -102,8 +125,16 @@ def test_events_within_a_minute_are_counted_once(tensors):
     ("words", "sentence"),
     [
         (["--device", "tpu"], "the device must be cpu, cuda or cuda:N, got 'tpu'"),
+        (["--physics", "mjx"], "the physics must be one of c, warp, got 'mjx'"),
+        (
+            ["--physics", "warp", "--body", "kinematic"],
+            "the physics 'warp' is one of the body 'mujoco' only",
+        ),
         (["--device", "cuda:x"], "the device must be cpu, cuda or cuda:N"),
-        (["--device", "cuda"], "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU"),
+        (
+            ["--device", "cuda"],
+            "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU",
+        ),
     ],
 )
 def test_a_device_that_cannot_be_is_one_sentence_and_writes_nothing(

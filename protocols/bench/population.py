@@ -1,0 +1,158 @@
+"""Times populations of robots on a device, in the kinematic simulator and in MuJoCo Warp."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+
+from ...tasks.tensors.robots import TensorRobots
+from ..experiment.conditions import CohortKey, Condition
+from ..experiment.experiment import Experiment
+from ..experiment.plan import Plan
+from ..simulation.cohort import Cohort
+from ..simulation.runs import check_device as check_plan
+from .lives import begin_training
+from .section import Section
+
+CONDITION = Condition("spot_finding", "creative")
+WORLDS = {"kinematic": {"body": "kinematic"}, "warp": {"physics": "warp"}}
+_CPU, _GPU = (50, 250, 1000), (250, 1024, 4096, 16_384, 65_536)
+_WARM_UP = 10  # control steps
+_TRANSFERS = ("Memcpy HtoD", "Memcpy DtoH")  # in PyTorch's profile of a GPU
+
+
+@dataclasses.dataclass(frozen=True)
+class Rate:
+    """Speed of a population of creative robots in training.
+
+    Attributes:
+      robots: Number of robots.
+      physics: Robot-steps a second of the physics alone, by world; None where memory is too small.
+      life: Robot-steps a second with sensors, brain and tallies, by world; None as above.
+      kernels: Kernels that a control step of a life launches on a GPU, by world.
+      transfers: Copies between GPU and host in a control step, by world.
+      longest: Names of the three operations that take the most time, by world.
+    """
+
+    robots: int
+    physics: dict[str, float | None]
+    life: dict[str, float | None]
+    kernels: dict[str, int]
+    transfers: dict[str, int]
+    longest: dict[str, list[str]]
+
+
+def check_device(device: str) -> None:
+    """Raises InputError where a device is missing, or MuJoCo Warp is not installed."""
+    for world in WORLDS:
+        check_plan(Plan.of(_experiment(world, device, 1), [CONDITION], 1))
+
+
+def sizes(device: str, quick: bool) -> tuple[int, ...]:
+    """Returns the numbers of robots that are measured on a device."""
+    return (4,) if quick else _CPU if device == "cpu" else _GPU
+
+
+def measure(device: str, robots: int, seconds: float) -> Rate:
+    """Times a population on a device.
+
+    Args:
+      device: Device, as PyTorch names it.
+      robots: Number of robots.
+      seconds: Time in [s] for which each number is measured.
+    """
+    rate = Rate(robots, {}, {}, {}, {}, {})
+    for world in WORLDS:
+        rate.physics[world] = rate.life[world] = None
+        try:
+            cohort = Cohort(_experiment(world, device, robots), CohortKey(CONDITION, 0))
+            begin_training(cohort, CONDITION.task)
+            rate.life[world] = robots * _steps_a_second(
+                lambda c=cohort: c.advance(1), device, seconds
+            )
+            if device != "cpu":
+                found = _profile(cohort, device)
+                rate.kernels[world], rate.transfers[world], rate.longest[world] = found
+            motors = torch.rand(robots, 2, device=device) - 0.5
+            given: Any = motors if isinstance(cohort.batch, TensorRobots) else motors.numpy()
+            rate.physics[world] = robots * _steps_a_second(
+                lambda b=cohort.batch, m=given: b.step(m), device, seconds
+            )
+        except torch.cuda.OutOfMemoryError:
+            torch.cuda.empty_cache()
+    return rate
+
+
+def section(device: str, rates: Sequence[Rate]) -> Section:
+    """Returns the section on populations."""
+    rows = [
+        (f"{rate.robots:,}", *(cell for world in WORLDS for cell in _cells(rate, world)))
+        for rate in rates
+    ]
+    longest = "; ".join(f"{w}: {', '.join(names)}" for w, names in rates[-1].longest.items())
+    head = ("physics, steps/s", "life, steps/s", "kernels", "copies")
+    return Section(
+        f"Populations on {device}",
+        "Robot-steps a second of creative spot finding in training: the physics alone, and lives "
+        "with sensors, the paper's brain and tallies. On a GPU also the kernels that a control "
+        "step of a life launches, and its copies between GPU and host, by PyTorch's profiler. "
+        + (f"Longest kernels with the most robots: {longest}." if longest else ""),
+        ("robots", *(f"{world}: {name}" for world in WORLDS for name in head)),
+        tuple(rows),
+    )
+
+
+def _cells(rate: Rate, world: str) -> tuple[str, ...]:
+    speeds = (rate.physics[world], rate.life[world])
+    counts = (rate.kernels.get(world), rate.transfers.get(world))
+    return (
+        *("out of memory" if speed is None else f"{speed:,.0f}" for speed in speeds),
+        *("" if count is None else f"{count:,}" for count in counts),
+    )
+
+
+def _experiment(world: str, device: str, robots: int) -> Experiment:
+    settings: Any = WORLDS[world]
+    return Experiment(cohort_size=robots, device=device, **settings)
+
+
+def _steps_a_second(step: Callable[[], None], device: str, seconds: float) -> float:
+    for _ in range(_WARM_UP):
+        step()
+    _wait(device)
+    began, steps = time.perf_counter(), 0
+    while (passed := time.perf_counter() - began) < seconds or not steps:
+        for _ in range(_WARM_UP):
+            step()
+        _wait(device)
+        steps += _WARM_UP
+    return steps / passed
+
+
+def _profile(cohort: Cohort, device: str) -> tuple[int, int, list[str]]:
+    """Returns numbers of kernels and transfers in a control step, and the longest operations."""
+    from torch.profiler import ProfilerActivity, profile
+
+    agent, batch = cohort.agent, cohort.batch
+    rules: Any = cohort.rules  # of tensors
+    with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as profiled:
+        # What `Cohort` does in a step between two simulated minutes.
+        motors = agent.act(rules.state(batch.sensordata).to(torch.float32), True)
+        agent.learn(rules.reward(batch.sensordata).to(torch.float32))
+        batch.step(motors)
+        rules.event(batch.sensordata)
+        _wait(device)
+    events = [e for e in profiled.key_averages() if e.self_device_time_total > 0]
+    events.sort(key=lambda e: e.self_device_time_total, reverse=True)
+    kernels = sum(e.count for e in events if not e.key.startswith("Mem"))
+    transfers = sum(e.count for e in events if e.key.startswith(_TRANSFERS))
+    return kernels, transfers, [e.key[:60] for e in events[:3]]
+
+
+def _wait(device: str) -> None:
+    if device != "cpu":
+        torch.cuda.synchronize(device)

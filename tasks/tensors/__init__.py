@@ -1,0 +1,1 @@
+"""Robots in lockstep as tensors of PyTorch, for populations on a GPU."""

@@ -1,0 +1,49 @@
+"""MuJoCo Warp on tensors of PyTorch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..batch import Batch
+from ..warp.robots import WarpBatch
+from .robots import TensorRobots
+
+
+class WarpTensors(TensorRobots):
+    """Robots in MuJoCo Warp as tensors on the default device, equal to those of a `WarpBatch`."""
+
+    def __init__(self, batch: Batch) -> None:
+        """Makes robots in the arena of a batch, at the origin."""
+        batch = WarpBatch(batch.model, batch.rules, batch.robots)
+        super().__init__(batch)
+        self._warp = batch.warp
+        self._motors = self._tensors["control"][:, : batch.model.nu]
+        self._rest = self._constant(batch.arrays()["state"][0])
+
+    def step(self, motors: Any) -> None:
+        """Simulates a control step of 0.1 s.
+
+        Args:
+          motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
+            clipped; a robot whose values are not finite becomes invalid.
+
+        Raises:
+          ValueError: the motors have another shape.
+        """
+        state = self._tensors["state"]
+        self._motors.copy_(self._commanded(motors))
+        self.sensordata.copy_(self._warp.simulate(state, self._tensors["control"]))
+        unsound = self._unsound(state[:, 1:7])[:, None]
+        state.copy_(self._rest.where(unsound, state))
+        self._motors.masked_fill_(unsound, 0.0)
+
+    def stop(self, robots: np.ndarray) -> None:
+        """See `Robots.stop`.
+
+        Raises:
+          RuntimeError: See `WarpEngine.check_capacity`.
+        """
+        self._warp.check_capacity()
+        super().stop(robots)

@@ -1,0 +1,129 @@
+"""The physics steps of a control step in MuJoCo Warp, for arrays of all robots."""
+
+from __future__ import annotations
+
+import copy
+import math
+import warnings
+
+import mujoco
+import torch
+from torch import Tensor
+
+try:
+    import mujoco_warp as mjw
+    import warp as wp
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"{error.name} is not installed; pip install 'musebot[warp]' gets it", name=error.name
+    ) from error
+
+# At least twice what robots have that drive into walls, corners and pillars (see the tests).
+_CONTACTS, _ROWS = 32, 128
+# Limits of iterations are not overflows: C MuJoCo stops there too.
+_OVERFLOW = mjw.OverflowType.ALL & ~(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
+
+
+class WarpEngine:
+    """Physics of B robots on the default device of PyTorch.
+
+    Attributes:
+      device: Device, as PyTorch names it.
+    """
+
+    def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:
+        """Moves the model to the device.
+
+        Kernels are compiled here, the first time for a minute; they are kept on the disk.
+
+        Args:
+          model: Compiled arena.
+          robots: Number of robots, B.
+          substeps: Number of physics steps in a control step.
+        """
+        wp.config.log_level = wp.LOG_WARNING  # no greeting on the standard output
+        wp.init()
+        self.device = torch.get_default_device()
+        self._wp_device = wp.device_from_torch(self.device)
+        # Sensors are read once per control step, at the start of its last substep, as in `Batch`.
+        flags = mujoco.mjtDisableBit
+        seeing, blind = copy.copy(model), copy.copy(model)
+        for one in (seeing, blind):  # Warp has a broad phase of its own
+            one.opt.disableflags &= ~flags.mjDSBL_MIDPHASE.value
+        blind.opt.disableflags |= flags.mjDSBL_SENSOR.value
+        with wp.ScopedDevice(self._wp_device), warnings.catch_warnings():
+            # Walls have no friction of their own: a contact has the larger one of its two geoms.
+            warnings.filterwarnings("ignore", r"geom \d+: friction", UserWarning)
+            self._models = [mjw.put_model(blind)] * (substeps - 1) + [mjw.put_model(seeing)]
+            self._data = mjw.make_data(model, robots, nconmax=_CONTACTS, njmax=_ROWS)
+        for one in self._models:
+            one.opt.warn_overflow = 0  # read by `check_capacity`
+        self._position = wp.to_torch(self._data.qpos)
+        self._velocity = wp.to_torch(self._data.qvel)
+        self._motors = wp.to_torch(self._data.ctrl)
+        self._spots = wp.to_torch(self._data.mocap_pos)
+        self._measured = wp.to_torch(self._data.sensordata)
+        self._overflow = wp.to_torch(self._data.overflow)
+        self._timestep = model.opt.timestep
+        self._graph = self._captured()
+
+    def simulate(self, state: Tensor, control: Tensor) -> Tensor:
+        """Simulates the physics of a control step, without a transfer to or from the host.
+
+        Args:
+          state: Time, qpos and qvel of the robots, shape (B, 1 + nq + nv); overwritten.
+          control: Motor values and centres of the spots, shape (B, nu + 3).
+
+        Returns:
+          Measurements, shape (B, nsensordata), valid until the next call.
+        """
+        nq, nu = self._position.shape[1], self._motors.shape[1]
+        self._position.copy_(state[:, 1 : 1 + nq])
+        self._velocity.copy_(state[:, 1 + nq :])
+        self._motors.copy_(control[:, :nu])
+        self._spots[:, 0].copy_(control[:, nu:])
+        self._run()
+        state[:, 0] += len(self._models) * self._timestep
+        state[:, 1 : 1 + nq].copy_(self._position)
+        # A wheel's angle in single precision stops growing after hours; only its remainder counts.
+        turned = state[:, nq - 1 : 1 + nq]
+        turned.copy_(torch.remainder(turned + math.pi, 2 * math.pi) - math.pi)
+        state[:, 1 + nq :].copy_(self._velocity)
+        return self._measured
+
+    def check_capacity(self) -> None:
+        """Waits for the device.
+
+        Raises:
+          RuntimeError: A robot had more contacts or constraints than there was room for, so that
+            some were dropped since the last check.
+        """
+        full = (self._overflow & int(_OVERFLOW)).nonzero().flatten()
+        if len(full):
+            self._overflow.zero_()
+            raise RuntimeError(
+                f"MuJoCo Warp dropped contacts or constraints of {len(full)} robots, the first is "
+                f"robot {int(full[0])}: room is for {_CONTACTS} contacts and {_ROWS} rows a robot"
+            )
+
+    def _run(self) -> None:
+        """Launches the kernels of all substeps; on a GPU on PyTorch's stream."""
+        if not self._wp_device.is_cuda:
+            wp.capture_launch(self._graph)
+            return
+        with wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device))):
+            wp.capture_launch(self._graph)
+
+    def _launch(self) -> None:
+        with wp.ScopedDevice(self._wp_device):
+            for model in self._models:
+                mjw.step(model, self._data)
+
+    def _captured(self) -> wp.Graph:
+        """Returns a graph of all substeps."""
+        self._launch()  # compiles and loads the kernels, which a capture cannot
+        with wp.ScopedCapture(self._wp_device) as capture:
+            self._launch()
+        self._overflow.zero_()
+        assert capture.graph is not None
+        return capture.graph

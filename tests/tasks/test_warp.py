@@ -1,0 +1,208 @@
+"""MuJoCo Warp against C MuJoCo, on Warp's device for CPUs: states, scripts, trained brains."""
+
+import copy
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("mujoco_warp")
+
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.playback.rollout import watch
+from musebot.protocols.playback.stored_brains import stored_brains
+from musebot.protocols.results.run_files import read_run
+from musebot.tasks import make_batch
+from musebot.tasks.tensors.warp import WarpTensors
+from musebot.tasks.warp import engine
+from musebot.tasks.warp.robots import WarpBatch
+
+TASKS = ("spot_finding_walls", "wall_avoidance_obstacles")
+KEPT = Path(__file__).parents[2] / "docs" / "results"
+
+
+def pair(robots, task="spot_finding_walls", seed=1):
+    """The same robots in both physics, at random places."""
+    random = np.random.default_rng(seed)
+    ours = make_batch(task, robots)
+    warp = WarpBatch(ours.model, ours.rules, robots)
+    poses = random.uniform((-0.4, -0.25, -np.pi), (0.4, 0.25, np.pi), (robots, 3))
+    if task == "wall_avoidance_obstacles":  # west of the pillars
+        poses[:, 0] = random.uniform(-0.4, -0.3, robots)
+    spots = random.uniform((-0.4, -0.25), (0.4, 0.25), (robots, 2))
+    for batch in (ours, warp):
+        batch.place_spot(np.arange(robots), spots)
+        batch.place(np.arange(robots), poses)
+    ours.load_arrays(warp.arrays())  # lifted by 10 nm, as in Warp
+    return ours, warp
+
+
+def turned(ours, theirs):
+    """Angles between headings, in [-pi, pi]."""
+    return (ours - theirs + np.pi) % (2 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_control_step_from_a_thousand_states_is_that_of_c_mujoco(task):
+    """Robots that drive at random are at walls, in corners and at pillars."""
+    robots = 500
+    ours, warp = pair(robots, task)
+    random = np.random.default_rng(2)
+    contacts = 0
+    for step in range(100):
+        if step % 10 == 0:
+            motors = random.uniform(-0.5, 0.5, (robots, 2)) + random.choice((0, 0.4), (robots, 1))
+        if step in (49, 99):  # 2 x 500 states
+            warp.load_arrays(ours.arrays())
+            warp.step(motors)
+        ours.step(motors)
+        if step in (49, 99):
+            # Whether a wall is touched a physics step earlier may depend on rounding.
+            moved = np.abs(warp.pose[:, :2] - ours.pose[:, :2]).max(axis=1)
+            turn = np.abs(turned(warp.pose[:, 2], ours.pose[:, 2]))
+            near = (moved < 5e-6) & (turn < 1e-4)
+            assert near.mean() >= 0.99 and moved.max() < 1e-3 and turn.max() < 0.05
+            touch = ours.rules.layout.touch
+            felt = (warp.sensordata[:, touch] > 0) == (ours.sensordata[:, touch] > 0)
+            assert felt.mean() >= 0.99
+            rest = np.ones(ours.sensordata.shape[1], dtype=bool)
+            rest[touch] = False
+            seen = np.abs(warp.sensordata - ours.sensordata)[near][:, rest]
+            assert (seen < 2e-4).mean() > 0.999
+            contacts += int((ours.sensordata[:, touch] > 0).sum())
+    assert contacts > 100 and ours.valid.all() and warp.valid.all()
+
+
+def test_ten_minutes_of_scripts_end_where_c_mujoco_ends():
+    """Circles, turns on the spot and drives along walls, at which rounding does not grow."""
+    scripts = np.array([(0.3, 0.2), (0.25, -0.25), (-0.2, -0.3), (0.5, 0.4), (0.1, 0.12)])
+    robots = len(scripts)
+    ours, warp = pair(robots)
+    middle = np.zeros((robots, 3))
+    for batch in (ours, warp):
+        batch.place(np.arange(robots), middle)
+    ours.load_arrays(warp.arrays())
+    for _ in range(6000):
+        ours.step(scripts)
+        warp.step(scripts)
+    assert np.abs(warp.pose[:, :2] - ours.pose[:, :2]).max() < 1e-3
+    assert np.abs(turned(warp.pose[:, 2], ours.pose[:, 2])).max() < 0.01
+    # Wheels have turned a thousand times; their angles keep their precision.
+    assert np.abs(warp.arrays()["state"][:, 8:10]).max() <= np.pi + 1e-6
+
+
+@pytest.mark.slow
+def test_trained_brains_stay_in_the_spot_as_long_as_in_c_mujoco():
+    run = read_run(KEPT / "steady")
+    condition, robots = Condition("spot_finding", "creative"), 20
+    ours, warp = pair(robots, "spot_finding")
+    times = []
+    for batch in (ours, warp):
+        agent = stored_brains(run, condition, [(row, "after") for row in range(robots)], 0)
+        track = watch(batch, agent, 6000, learning=False, tick=lambda: None)
+        times.append(track.events.mean(axis=0))
+    difference = times[1] - times[0]
+    assert times[0].mean() > 0.7 and abs(difference.mean()) < 0.02
+
+
+def test_tensors_do_what_the_batch_on_the_host_does_and_read_no_number():
+    ours, warp = pair(20)
+    tensors = WarpTensors(ours)
+    tensors.load_arrays(warp.arrays())
+    random = np.random.default_rng(3)
+    from torch.profiler import ProfilerActivity, profile
+
+    for _ in range(15):
+        motors = random.uniform(-0.6, 0.6, (20, 2))
+        warp.step(motors)
+        with profile(activities=[ProfilerActivity.CPU]) as profiled:
+            tensors.step(torch.from_numpy(motors))
+        operations = {event.key for event in profiled.key_averages()}
+        assert not operations & {"aten::item", "aten::_local_scalar_dense", "aten::nonzero"}
+    for name, array in warp.arrays().items():
+        np.testing.assert_array_equal(tensors.arrays()[name], array, err_msg=name)
+
+
+@pytest.mark.parametrize("form", ["host", "tensors"])
+def test_a_broken_robot_stops_and_the_others_go_on(form):
+    ours, warp = pair(4)
+    batch = warp if form == "host" else WarpTensors(ours)
+    batch.place(np.arange(4), np.array([[0.1 * k, 0.0, 0.3] for k in range(4)]))
+    state = batch.get_state()
+    state["state"][1, 1] = np.nan  # x
+    state["state"][2, 3] = 0.5  # z: above the floor
+    batch.set_state(state)
+    motors = np.full((4, 2), 0.3)
+    motors[3, 0] = np.inf
+    for _ in range(3):
+        batch.step(motors if form == "host" else torch.from_numpy(motors))
+    assert np.asarray(batch.valid).tolist() == [True, False, False, False]
+    assert np.isfinite(batch.arrays()["state"]).all()
+    assert not np.asarray(batch.sensordata)[1:].any() and np.asarray(batch.sensordata)[0].any()
+    moved = batch.pose[0, 0]
+    assert moved == pytest.approx(3 * 0.1 * 0.12 * np.cos(0.3), rel=0.5)
+
+
+def test_robots_continue_bit_exactly_from_a_state_and_as_copies():
+    _, first = pair(6)
+    random = np.random.default_rng(4)
+    first.step(random.uniform(-0.5, 0.5, (6, 2)))
+    copies = [copy.deepcopy(first), pickle.loads(pickle.dumps(first))]
+    for _ in range(5):
+        motors = random.uniform(-0.5, 0.5, (6, 2))
+        for batch in (first, *copies):
+            batch.step(motors)
+    for twin in copies:
+        for name, array in first.arrays().items():
+            np.testing.assert_array_equal(twin.arrays()[name], array, err_msg=name)
+
+
+def test_dropped_contacts_are_an_error(monkeypatch):
+    monkeypatch.setattr(engine, "_ROWS", 4)
+    ours, warp = pair(3)
+    with pytest.raises(RuntimeError, match="dropped contacts or constraints of 3 robots"):
+        warp.step(np.zeros((3, 2)))
+    tensors = WarpTensors(ours)
+    tensors.step(torch.zeros(3, 2))
+    with pytest.raises(RuntimeError, match="room is for 32 contacts and 4 rows"):
+        tensors.stop(np.array([], dtype=int))
+
+
+def test_gymnasiums_batch_runs_in_warp():
+    pytest.importorskip("gymnasium")
+    import gymnasium
+
+    warp, ours = (
+        gymnasium.make_vec("musebot/SpotFindingWalls-v0", num_envs=3, backend=backend)
+        for backend in ("warp", "mujoco")
+    )
+    random = np.random.default_rng(6)
+    first, _ = warp.reset(seed=1)
+    np.testing.assert_array_equal(first, ours.reset(seed=1)[0])
+    for _ in range(20):
+        actions = random.uniform(-0.5, 0.5, (3, 2)).astype(np.float32)
+        seen, *rest = warp.step(actions)
+        np.testing.assert_allclose(seen, ours.step(actions)[0], atol=0.01)
+    assert isinstance(seen, np.ndarray) and rest[0].shape == (3,)
+    assert torch.from_dlpack(seen).shape == seen.shape
+    with pytest.raises(ValueError, match="backend must be 'mujoco' or 'warp', got 'mjx'"):
+        gymnasium.make_vec("musebot/SpotFinding-v0", num_envs=3, backend="mjx")
+
+
+def test_there_is_room_for_every_contact_of_a_robot():
+    """In C MuJoCo, driving at random for 200 s into walls, corners and pillars."""
+    import mujoco
+
+    ours, _ = pair(20, "wall_avoidance_obstacles")
+    data = mujoco.MjData(ours.model)
+    random, most = np.random.default_rng(5), [0, 0]
+    for step in range(100):
+        if step % 20 == 0:
+            motors = random.uniform(-0.5, 0.5, (20, 2)) + random.choice((0, 0.4), (20, 1))
+        ours.step(motors)
+        for robot in range(20):
+            ours.show(robot, data)
+            most = [max(most[0], data.ncon), max(most[1], data.nefc)]
+    assert 4 <= most[0] <= engine._CONTACTS / 2 and 10 <= most[1] <= engine._ROWS / 2, most
