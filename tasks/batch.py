@@ -142,11 +142,7 @@ class Robots(abc.ABC):
         Raises:
           ValueError: An array is missing or has the wrong shape.
         """
-        for name, target in self.arrays().items():
-            if name not in arrays or arrays[name].shape != target.shape:
-                got = f"shape {arrays[name].shape}" if name in arrays else "none"
-                raise ValueError(f"{name} must have shape {target.shape}, got {got}")
-            target[:] = arrays[name]
+        copy_arrays(arrays, self.arrays())
 
     def stop(self, robots: np.ndarray) -> None:
         """Makes robots invalid.
@@ -202,6 +198,19 @@ class Robots(abc.ABC):
             self.place(broken, np.zeros((len(broken), 3)))
         if not self.valid.all():
             self.sensordata[~self.valid] = 0
+
+
+def copy_arrays(arrays: Mapping[str, np.ndarray], targets: Mapping[str, np.ndarray]) -> None:
+    """Overwrites arrays by others of the same names.
+
+    Raises:
+      ValueError: An array is missing or has the wrong shape.
+    """
+    for name, target in targets.items():
+        if name not in arrays or arrays[name].shape != target.shape:
+            got = f"shape {arrays[name].shape}" if name in arrays else "none"
+            raise ValueError(f"{name} must have shape {target.shape}, got {got}")
+        target[:] = arrays[name]
 
 
 def _real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:

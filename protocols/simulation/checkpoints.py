@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
+from ...tasks.batch import Robots
 from ..errors import DamagedFileError, InputError
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment, check_same
@@ -18,7 +20,8 @@ from ..experiment.schedules import control_steps
 from ..results.checks import check_lives, check_lives_shapes
 from ..results.results import WHEN, Lives
 from ..storage import load_arrays, save_arrays
-from .cohort import Cohort
+from .cohort import Cohort, part_of
+from .device import robots_on_device
 
 CHECKPOINTS = "checkpoints"
 
@@ -44,10 +47,20 @@ def save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
     save_arrays(checkpoint_file(directory, key), arrays, **identity, **notes)
 
 
-def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> tuple[Cohort, str]:
-    """Returns a cohort from its checkpoint, or a new one, and a message about a damaged file."""
+def restored_cohort(
+    directory: Path, experiment: Experiment, key: CohortKey, batch: Robots | None = None
+) -> tuple[Cohort, str]:
+    """Returns a cohort from its checkpoint, or a new one, and a message about a damaged file.
+
+    Args:
+      directory: Folder of the run.
+      experiment: Experiment that decides the robots' lives.
+      key: Condition and number of the cohort.
+      batch: Robots that have not moved yet; None makes them.
+    """
     path = checkpoint_file(directory, key)
-    cohort = Cohort(experiment, key)
+    unmoved = {} if batch is None else batch.get_state()
+    cohort = Cohort(experiment, key, batch)
     try:
         arrays, notes = load_arrays(path, cohort.check_shapes)
         _check_identity(path, notes, experiment, key)
@@ -55,11 +68,54 @@ def restored_cohort(directory: Path, experiment: Experiment, key: CohortKey) -> 
     except FileNotFoundError:
         return cohort, ""
     except DamagedFileError as error:
-        return Cohort(experiment, key), set_aside(path, key, error)
+        damage = error
     except (ValueError, KeyError) as error:
         damage = DamagedFileError(f"{path} is damaged ({error})")
-        return Cohort(experiment, key), set_aside(path, key, damage)
-    return cohort, ""
+    else:
+        return cohort, ""
+    if batch is not None:
+        batch.set_state(unmoved)
+    return Cohort(experiment, key, batch), set_aside(path, key, damage)
+
+
+def restored_cohorts(
+    directory: Path, experiment: Experiment, keys: Sequence[CohortKey]
+) -> tuple[list[Cohort], str]:
+    """Returns cohorts at equal steps, and a message about damaged files.
+
+    Args:
+      directory: Folder of the run.
+      experiment: Experiment that decides the robots' lives.
+      keys: Keys of the cohorts, of one task; several for robots on tensors only.
+    """
+    if len(keys) == 1:
+        cohort, message = restored_cohort(directory, experiment, keys[0])
+        return [cohort], message
+    batches = robots_on_device(experiment, keys[0].condition.task, len(keys))
+    found = [
+        restored_cohort(directory, experiment, key, batch)
+        for key, batch in zip(keys, batches, strict=True)
+    ]
+    cohorts = [cohort for cohort, _ in found]
+    # A process that was killed may have saved some of the cohorts only.
+    latest = max(cohort.step for cohort in cohorts)
+    for cohort in cohorts:
+        _catch_up(cohort, latest, [other for other in cohorts if other is not cohort])
+    return cohorts, "; ".join(message for _, message in found if message)
+
+
+def _catch_up(cohort: Cohort, step: int, others: Sequence[Cohort]) -> None:
+    """Simulates a cohort up to a step, while the others keep their states."""
+    if cohort.step == step:
+        return
+    kept = [other.batch.get_state() for other in others]
+    part = part_of(cohort)
+    for motors in cohort.stepping(step - cohort.step):
+        padded = torch.zeros(part.whole.robots, 2, dtype=motors.dtype, device=motors.device)
+        padded[part.rows] = motors
+        part.whole.step(padded)
+    for other, state in zip(others, kept, strict=True):
+        other.batch.set_state(state)
 
 
 def read_minutes(

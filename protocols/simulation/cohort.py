@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import torch
 from array_api_compat import array_namespace
 
+from ...tasks.batch import Robots
+from ...tasks.tensors.parts import Part
 from ..agents.factory import make_agent
 from ..errors import InputError
 from ..experiment.budget import check_memory
@@ -19,7 +22,7 @@ from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.checks import check_events, check_networks, check_same_shapes
 from ..results.results import Lives, Results
 from ..storage import Shapes
-from .device import on_host, robots_on_device
+from .device import agent_on_device, on_host, robots_on_device
 from .placement import legs, place
 
 _MINUTE = control_steps(1)
@@ -43,18 +46,20 @@ class Cohort:
       steps: Number of control steps of a whole life.
     """
 
-    def __init__(self, experiment: Experiment, key: CohortKey) -> None:
+    def __init__(self, experiment: Experiment, key: CohortKey, batch: Robots | None = None) -> None:
         """Makes robots at the start of their lives.
 
         Args:
           experiment: Experiment that decides the robots' lives.
           key: Condition and number of the cohort.
+          batch: Robots that have not moved yet; None makes them.
         """
         robots, task = experiment.cohort_size, key.condition.task
         self.experiment, self.key = experiment, key
         seed, self._random = random_streams(experiment.seed, key)
-        self.batch, self.agent = robots_on_device(
-            experiment, task, lambda: make_agent(experiment, key.condition, robots, seed)
+        self.batch = robots_on_device(experiment, task)[0] if batch is None else batch
+        self.agent = agent_on_device(
+            experiment, lambda: make_agent(experiment, key.condition, robots, seed)
         )
         self.rules = self.batch.rules
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
@@ -77,6 +82,15 @@ class Cohort:
 
     def advance(self, steps: int) -> None:
         """Simulates the given number of control steps, or fewer if the life ends before."""
+        for motors in self.stepping(steps):
+            self.batch.step(motors)
+
+    def stepping(self, steps: int) -> Iterator[Any]:
+        """Yields motor values, shape (B, 2), before each of the physics' next control steps.
+
+        Args:
+          steps: Number of control steps; fewer if the life ends before.
+        """
         until = min(self.step + steps, self.steps)
         for leg in self._legs:
             if leg.stop <= self.step:
@@ -85,21 +99,21 @@ class Cohort:
                 break
             if leg.start == self.step:
                 self._place(leg.phase)
-            self._simulate(leg.phase, min(leg.stop, until))
+            yield from self._simulate(leg.phase, min(leg.stop, until))
 
     def _place(self, phase: Phase) -> None:
         place(self.batch, phase, self._random)
         if phase.robot is not None:
             self.agent.reset()
 
-    def _simulate(self, phase: Phase, until: int) -> None:
+    def _simulate(self, phase: Phase, until: int) -> Iterator[Any]:
         batch, rules, agent = self.batch, self.rules, self.agent
         part, tally = PARTS.index(phase.part), 0
         while self.step < until:
             motors = agent.act(_single(rules.state(batch.sensordata)), phase.learning)
             if phase.learning:
                 agent.learn(_single(rules.reward(batch.sensordata)))
-            batch.step(motors)
+            yield motors  # the physics' step
             tally = tally + rules.event(batch.sensordata)
             self.step += 1
             over = self.step % _MINUTE == 0 or self.finished
@@ -207,6 +221,22 @@ class Cohort:
             raise ValueError(f"its random stream is damaged ({error!r:.100})") from error
         if generator.state != state:
             raise ValueError("its random stream is damaged")
+
+
+def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
+    """Simulates control steps of cohorts at equal steps, whose robots may be parts of one batch."""
+    if len(cohorts) == 1:
+        cohorts[0].advance(steps)
+        return
+    whole = part_of(cohorts[0]).whole
+    for motors in zip(*(cohort.stepping(steps) for cohort in cohorts), strict=True):
+        whole.step(torch.cat(motors))
+
+
+def part_of(cohort: Cohort) -> Part:
+    """Returns the robots of a cohort that shares its physics."""
+    assert isinstance(cohort.batch, Part)  # `checkpoints.restored_cohorts` makes them
+    return cohort.batch
 
 
 def _single(values: Any) -> Any:

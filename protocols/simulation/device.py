@@ -10,28 +10,38 @@ import torch
 
 from ...tasks.batch import Batch, Robots
 from ...tasks.kinematic.robots import KinematicBatch
+from ...tasks.tensors.parts import parts
+from ...tasks.tensors.robots import TensorRobots
 from ..agents.base import Agent
 from ..experiment.experiment import Experiment
 
 
-def robots_on_device(
-    experiment: Experiment, task: str, make_agent: Callable[[], Agent]
-) -> tuple[Robots, Agent]:
-    """Returns the robots of a cohort and their new agent on the experiment's device.
+def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
+    """Returns the robots of some cohorts, at the origin, on the experiment's device.
 
     Args:
       experiment: Experiment that decides the robots' lives.
       task: Task of the protocol.
-      make_agent: Function that makes the agent.
+      cohorts: Number of cohorts; several are parts of one batch (see `tasks.tensors.parts`), for
+        robots on tensors only.
     """
-    batch = experiment.batch(task, experiment.cohort_size)
+    batch = experiment.batch(task, cohorts * experiment.cohort_size)
     if not experiment.on_tensors:
-        return batch, make_agent()
+        return [batch]
     with torch.device(experiment.device):
-        return on_tensors(batch), make_agent()
+        tensors = on_tensors(batch)
+    return [tensors] if cohorts == 1 else [*parts(tensors, cohorts)]
 
 
-def on_tensors(batch: Robots) -> Robots:
+def agent_on_device(experiment: Experiment, make_agent: Callable[[], Agent]) -> Agent:
+    """Returns a new agent whose tensors are on the experiment's device."""
+    if not experiment.on_tensors:
+        return make_agent()
+    with torch.device(experiment.device):
+        return make_agent()
+
+
+def on_tensors(batch: Robots) -> TensorRobots:
     """Returns the robots of a batch as tensors on the default device; from MuJoCo, in Warp."""
     if isinstance(batch, KinematicBatch):
         from ...tasks.tensors.kinematic import KinematicTensors

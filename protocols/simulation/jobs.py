@@ -19,10 +19,11 @@ from ..terminal import JobProgress
 from .checkpoints import (
     checkpoint_file,
     finished_file,
-    restored_cohort,
+    restored_cohorts,
     save_checkpoint,
     save_lives,
 )
+from .cohort import Cohort, advance_together
 
 Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
@@ -86,15 +87,23 @@ class CohortJob:
       experiment: Experiment that decides the robots' lives.
       key: Condition and number of the cohort.
       save_every: Wall-clock seconds between two checkpoints.
+      beside: Keys of further cohorts of the task, whose robots share the physics with the first's.
+        They are simulated by the same job, which writes a file for each.
     """
 
     directory: Path
     experiment: Experiment
     key: CohortKey
     save_every: float
+    beside: tuple[CohortKey, ...] = ()
 
     def __str__(self) -> str:
-        return f"{self.directory.name}/{self.key}"
+        return " with ".join(f"{self.directory.name}/{key}" for key in self.keys)
+
+    @property
+    def keys(self) -> tuple[CohortKey, ...]:
+        """Keys of all cohorts of the job."""
+        return (self.key, *self.beside)
 
     @property
     def path(self) -> Path:
@@ -108,7 +117,7 @@ class CohortJob:
 
     def done(self) -> bool:
         """See `Job.done`."""
-        return self.path.exists()
+        return all(finished_file(self.directory, key).exists() for key in self.keys)
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; also reports robots whose simulation becomes unstable."""
@@ -117,43 +126,56 @@ class CohortJob:
         if self.done():  # by a node that was lost before it could report
             report(self.cost, "")
             return True
-        trust(self.key.condition.proposer)  # checked by `UnfinishedRun.read`
-        cohort, message = restored_cohort(self.directory, self.experiment, self.key)
-        report(self._seconds(cohort.step), message)
+        for key in self.keys:
+            trust(key.condition.proposer)  # checked by `UnfinishedRun.read`
+        cohorts, message = restored_cohorts(self.directory, self.experiment, self.keys)
+        first = cohorts[0]
+        report(self._seconds(first.step), message)
         saved = reported = time.monotonic()
-        broken = int((~cohort.valid).sum())
+        broken = [_broken(cohort) for cohort in cohorts]
         # Robots on tensors are looked at once a simulated minute.
         chunk = control_steps(1) if self.experiment.on_tensors else _CHUNK
-        while not cohort.finished:
+        while not first.finished:
             if stop():
-                save_checkpoint(self.directory, self.key, cohort)
+                self._save(cohorts)
                 return False
             try:
-                cohort.advance(chunk)
+                advance_together(cohorts, chunk)
             except (InputError, RunError) as error:  # of an agent
-                raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
-            message = ""
-            if (count := int((~cohort.valid).sum())) > broken:
-                robots = (~cohort.valid).nonzero()[0].tolist()
-                message = (
-                    f"unstable simulation in {self}: robots {robots} stopped by step {cohort.step}"
-                )
-                broken = count
+                raise type(error)(f"{error}, in {self} at step {first.step}") from error
             now = time.monotonic()
-            if message or now - reported > 0.5:
-                report(self._seconds(cohort.step), message)
+            for number, cohort in enumerate(cohorts):
+                if len(robots := _broken(cohort)) > len(broken[number]):
+                    broken[number] = robots
+                    where = f"{self.directory.name}/{cohort.key}"
+                    message = f"robots {robots} stopped by step {cohort.step}"
+                    report(self._seconds(first.step), f"unstable simulation in {where}: {message}")
+                    reported = now
+            if now - reported > 0.5:
+                report(self._seconds(first.step), "")
                 reported = now
             if now - saved > self.save_every:
-                save_checkpoint(self.directory, self.key, cohort)
+                self._save(cohorts)
                 saved = now
-        save_lives(self.path, cohort.lives(), self.experiment, self.key)
-        checkpoint = checkpoint_file(self.directory, self.key)
-        remove_files(checkpoint.parent, checkpoint.name.__eq__)
-        report(self._seconds(cohort.step), "")
+        for cohort in reversed(cohorts):
+            path = finished_file(self.directory, cohort.key)
+            save_lives(path, cohort.lives(), self.experiment, cohort.key)
+        ours = {checkpoint_file(self.directory, key) for key in self.keys}
+        remove_files(self.path.parent, {path.name for path in ours}.__contains__)
+        report(self._seconds(first.step), "")
         return True
 
+    def _save(self, cohorts: Sequence[Cohort]) -> None:
+        for cohort in cohorts:
+            save_checkpoint(self.directory, cohort.key, cohort)
+
     def _seconds(self, steps: int) -> float:
-        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
+        return steps * self.experiment.cohort_size * len(self.keys) * CONTROL_TIMESTEP
+
+
+def _broken(cohort: Cohort) -> list[int]:
+    """Returns the robots of a cohort that were stopped."""
+    return (~cohort.valid).nonzero()[0].tolist()
 
 
 def execute(
@@ -180,7 +202,9 @@ def execute(
     """
     if not jobs:
         return
-    robots = [job.experiment.cohort_size for job in jobs if isinstance(job, CohortJob)]
+    robots = [
+        job.experiment.cohort_size * len(job.keys) for job in jobs if isinstance(job, CohortJob)
+    ]
     robots = robots if len(robots) == len(jobs) else []
     with JobProgress(what, [job.cost for job in jobs], quiet, robots) as progress:
         for sentence in messages:

@@ -106,10 +106,14 @@ def check_device(plan: Plan) -> None:
         found = f"there are {count}" if count else "there is no GPU that PyTorch can use"
         raise InputError(f"there is no device {device}: {found}")
     free, _ = torch.cuda.mem_get_info(number)
-    needed = max(cohort_bytes(plan.experiment, condition) for condition in plan.conditions)
+    # Cohorts of a task are on the device together.
+    needs = dict.fromkeys((condition.task for condition in plan.conditions), 0)
+    for condition in plan.conditions:
+        needs[condition.task] += cohort_bytes(plan.experiment, condition)
+    needed = max(needs.values())
     if needed > free:
         raise InputError(
-            f"a cohort of {plan.experiment.cohort_size} robots would need about "
+            f"cohorts of {plan.experiment.cohort_size} robots would need about "
             f"{needed / 2**30:.1f} GiB of memory on {device}, which has {free / 2**30:.1f} GiB free"
         )
 
@@ -215,14 +219,24 @@ class UnfinishedRun:
         return messages
 
     def jobs(self, save_every: float) -> list[Job]:
-        """Returns the jobs of the cohorts that are left."""
-        experiment = self.plan.experiment
-        return [CohortJob(self.directory, experiment, key, save_every) for key in self.left]
+        """Returns the jobs of the cohorts that are left.
+
+        On tensors, cohorts of a task with the same number share their physics.
+        """
+        experiment, groups = self.plan.experiment, {}
+        for key in self.left:
+            same = (key.condition.task, key.index) if experiment.on_tensors else key
+            groups.setdefault(same, []).append(key)
+        return [
+            CohortJob(self.directory, experiment, first, save_every, tuple(beside))
+            for first, *beside in groups.values()
+        ]
 
     def finished(self, job: Job) -> None:
-        """Reads a finished cohort; after the last one, writes the results of all."""
+        """Reads finished cohorts; after the last one, writes the results of all."""
         assert isinstance(job, CohortJob)
-        self._add(job.key, read_lives(job.path, job.experiment, job.key))
+        for key in job.keys:
+            self._add(key, read_lives(finished_file(self.directory, key), job.experiment, key))
 
     def _add(self, key: CohortKey, lives: Lives) -> None:
         self.lives[key] = lives

@@ -23,15 +23,7 @@ class KinematicTensors(TensorRobots):
         self._gains = self._constant(np.array(batch.dimensions.gains, dtype=np.float32))
 
     def step(self, motors: Any) -> None:
-        """Simulates a control step of 0.1 s.
-
-        Args:
-          motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
-            clipped; a robot whose values are not finite becomes invalid.
-
-        Raises:
-          ValueError: the motors have another shape.
-        """
+        """See `TensorRobots.step`."""
         own = self._tensors
         motors = self._commanded(motors) * self._gains
         poses, wheels, contact = after_control_step(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Mapping
 from typing import Any
 
@@ -62,6 +63,18 @@ class TensorRobots(Robots):
             self._fetch()
             self._host.stop(robots)
             self._send()
+
+    @abc.abstractmethod
+    def step(self, motors: Any) -> None:
+        """Simulates a control step of 0.1 s.
+
+        Args:
+          motors: Motor values, left and right, a tensor of shape (B, 2). Values beyond [-0.5, 0.5]
+            are clipped; a robot whose values are not finite becomes invalid.
+
+        Raises:
+          ValueError: the motors have another shape.
+        """
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`; copies on the host."""

@@ -23,15 +23,7 @@ class WarpTensors(TensorRobots):
         self._rest = self._constant(batch.arrays()["state"][0])
 
     def step(self, motors: Any) -> None:
-        """Simulates a control step of 0.1 s.
-
-        Args:
-          motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
-            clipped; a robot whose values are not finite becomes invalid.
-
-        Raises:
-          ValueError: the motors have another shape.
-        """
+        """See `TensorRobots.step`."""
         state = self._tensors["state"]
         self._motors.copy_(self._commanded(motors))
         self.sensordata.copy_(self._warp.simulate(state, self._tensors["control"]))

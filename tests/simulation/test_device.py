@@ -1,6 +1,7 @@
 """Cohorts on another device: their loop, their checkpoints, and what is refused before work."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.overrides import named_brain
 from musebot.protocols.experiment.plan import Plan
-from musebot.protocols.simulation import cohort as module
+from musebot.protocols.simulation.checkpoints import checkpoint_file, finished_file, read_lives
 from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.simulation.device import robots_on_device
 from musebot.protocols.simulation.jobs import CohortJob
-from musebot.protocols.simulation.runs import check_device
+from musebot.protocols.simulation.runs import UnfinishedRun, check_device
+from musebot.protocols.storage import load_arrays
 from musebot.tasks.tensors.kinematic import KinematicTensors
+from musebot.tasks.tensors.parts import parts
 
 SPOT, WALLS = (Condition(task, "creative") for task in ("spot_finding", "wall_avoidance"))
 SHORT = Experiment(
@@ -28,14 +32,7 @@ CUDA = Experiment(cohort_size=4, body="kinematic", device="cuda:1")
 @pytest.fixture
 def tensors(monkeypatch):
     """Cohorts whose robots are tensors, on the host, as there may be no GPU."""
-    monkeypatch.setattr(
-        module,
-        "robots_on_device",
-        lambda experiment, task, make: (
-            KinematicTensors(experiment.batch(task, experiment.cohort_size)),
-            make(),
-        ),
-    )
+    monkeypatch.setattr(Experiment, "on_tensors", True)
 
 
 def lived(experiment=SHORT, condition=WALLS, steps=None):
@@ -72,7 +69,7 @@ def test_a_cohort_on_tensors_continues_bit_exactly(tensors):
 
 
 def test_a_job_on_another_device_looks_at_its_robots_once_a_minute(tensors, tmp_path, monkeypatch):
-    experiment = Experiment(cohort_size=2, time_scale=0.01, body="kinematic", device="cuda")
+    experiment = Experiment(cohort_size=2, time_scale=0.01, body="kinematic")
     chunks = []
     advance = Cohort.advance
 
@@ -116,6 +113,98 @@ def test_a_life_in_mujoco_warp_begins_as_in_c_mujoco_and_continues_bit_exactly(t
     second.advance(900 - 617)
     for name, array in second.checkpoint()[0].items():
         assert np.array_equal(array, whole.checkpoint()[0][name]), name
+
+
+# ---- Cohorts that share their physics ----
+
+PROPOSERS = ("fixed", "random", "creative")
+KEYS = [CohortKey(Condition("wall_avoidance", proposer), 0) for proposer in PROPOSERS]
+TRIO = Experiment(seed=5, cohort_size=3, time_scale=0.03, body="kinematic")
+
+
+def finished(folder, *groups, stop=lambda: False):
+    (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
+    for first, *beside in groups:
+        job = CohortJob(folder, TRIO, first, 60.0, tuple(beside))
+        job.run(stop, lambda done, message: None)
+    return {key: read_lives(finished_file(folder, key), TRIO, key) for key in KEYS}
+
+
+def assert_equal_lives(ours, theirs):
+    for key in KEYS:
+        for name in ("events", "minutes", "valid"):
+            one, other = getattr(ours[key], name), getattr(theirs[key], name)
+            assert np.array_equal(one, other), (key, name)
+        for name, weights in ours[key].after.items():
+            assert np.array_equal(weights, theirs[key].after[name]), (key, name)
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Experiment, "on_tensors", True)
+        return finished(tmp_path_factory.mktemp("alone"), *([key] for key in KEYS))
+
+
+def test_cohorts_live_together_as_they_live_alone(tensors, tmp_path, alone):
+    assert_equal_lives(finished(tmp_path, KEYS), alone)
+    assert {path.suffixes[0] for path in (tmp_path / "checkpoints").iterdir()} == {".finished"}
+
+
+def test_cohorts_that_were_saved_at_different_steps_catch_up(tensors, tmp_path, alone):
+    """A process may be killed after it has saved one of the cohorts."""
+    chunks = iter([False, False, False, True])
+    with pytest.raises(FileNotFoundError):
+        finished(tmp_path, KEYS, stop=lambda: next(chunks))
+    middle = checkpoint_file(tmp_path, KEYS[1]).read_bytes()
+    chunks = iter([False, False, True])
+    with pytest.raises(FileNotFoundError):
+        finished(tmp_path, KEYS, stop=lambda: next(chunks))
+    late = load_arrays(checkpoint_file(tmp_path, KEYS[1]))[1]["step"]
+    checkpoint_file(tmp_path, KEYS[1]).write_bytes(middle)
+    assert load_arrays(checkpoint_file(tmp_path, KEYS[1]))[1]["step"] < late
+    assert_equal_lives(finished(tmp_path, KEYS), alone)
+
+
+def test_a_damaged_checkpoint_starts_its_cohort_anew_beside_the_others(tensors, tmp_path, alone):
+    chunks = iter([False, False, True])
+    with pytest.raises(FileNotFoundError):
+        finished(tmp_path, KEYS, stop=lambda: next(chunks))
+    checkpoint_file(tmp_path, KEYS[2]).write_bytes(b"damaged")
+    assert_equal_lives(finished(tmp_path, KEYS), alone)
+
+
+def test_conditions_of_a_task_are_one_job(tensors, tmp_path):
+    plan = Plan.of(TRIO, [*(key.condition for key in KEYS), SPOT], 6)
+    jobs = UnfinishedRun.read(tmp_path, plan).jobs(60.0)
+    assert [len(job.keys) for job in jobs] == [1, 1, 3, 3]
+    assert str(jobs[2]).count(" with ") == 2
+    assert jobs[2].cost == 3 * dataclasses.replace(jobs[2], beside=()).cost
+
+
+def test_a_part_takes_no_step_of_its_own(tensors):
+    first, second = robots_on_device(TRIO, "wall_avoidance", 2)
+    with pytest.raises(TypeError, match="a part takes no step of its own"):
+        first.step(torch.zeros(3, 2))
+    second.place(np.array([0]), np.array([[0.1, 0.2, 0.3]]))
+    assert second.pose[0].tolist() == pytest.approx([0.1, 0.2, 0.3]) and not first.pose.any()
+    second.stop(np.array([2]))
+    assert first.valid.tolist() == [True] * 3 and second.valid.tolist() == [True, True, False]
+    with pytest.raises(ValueError, match=r"robots must lie in \[0, 2\]"):
+        first.place(np.array([3]), np.zeros((1, 3)))
+    with pytest.raises(ValueError, match="6 robots cannot be 4 equal parts"):
+        parts(first.whole, 4)
+
+
+def test_a_run_in_mujoco_warp_simulates_all_conditions_of_a_task_together(tmp_path, capsys):
+    pytest.importorskip("mujoco_warp")
+    words = ["--physics", "warp", "--robots", "3", "--time-scale", "0.002"]
+    assert cli.main(["run", str(tmp_path / "out"), *words, "--task", "spot_finding"]) == 0
+    assert "1 cohorts" not in capsys.readouterr().out
+    rows = (tmp_path / "out" / "robots.csv").read_text().splitlines()
+    assert len(rows) == 10
+    manifest = json.loads((tmp_path / "out" / "experiment.json").read_text())
+    assert manifest["experiment"]["physics"] == "warp"
 
 
 # ---- What is refused ----
@@ -162,7 +251,7 @@ def test_a_gpu_that_is_missing_or_too_small_is_refused(monkeypatch):
         check_device(plan)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda number: (1000, 10**9))
-    with pytest.raises(InputError, match="a cohort of 4 robots would need about"):
+    with pytest.raises(InputError, match="cohorts of 4 robots would need about"):
         check_device(plan)
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda number: (10**10, 10**11))
     check_device(plan)

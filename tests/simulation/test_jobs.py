@@ -120,7 +120,9 @@ def test_an_unstable_robot_is_reported_once(tmp_path):
                 self.batch.stop([1])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jobs, "restored_cohort", lambda *which: (Unstable(*which[1:]), ""))
+        patch.setattr(
+            jobs, "restored_cohorts", lambda folder, what, keys: ([Unstable(what, keys[0])], "")
+        )
         job_in(tmp_path).run(never, lambda done, message: messages.append(message))
     assert [message for message in messages if message] == [
         f"unstable simulation in {tmp_path.name}/{KEY}: robots [1] stopped by step 100"
