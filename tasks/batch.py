@@ -52,6 +52,18 @@ def silence_warnings() -> None:
     mujoco.set_mju_user_warning(lambda message: None)
 
 
+class CapacityError(RuntimeError):
+    """A simulator had no room for all contacts or constraints of some robots.
+
+    Attributes:
+      robots: Indices of the robots.
+    """
+
+    def __init__(self, text: str, robots: list[int]) -> None:
+        super().__init__(text)
+        self.robots = robots
+
+
 class Robots(abc.ABC):
     """B robots in lockstep, each alone in its arena: the interface of every simulator.
 

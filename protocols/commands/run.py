@@ -156,7 +156,7 @@ class RunCommand:
                 "settings and raw signals change agents only, and this run has none; a brain is "
                 "changed with --set, for example --set raw_signals=true"
             )
-        executor = self.workers.executor()
+        executor = self.workers.executor(plan.experiment.device)
         return simulate(self.out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
 
     def _plan(self, held: Plan | None, config: Config) -> Plan:

@@ -24,7 +24,7 @@ _COPIES = 3  # of the results, while they are joined and written
 
 
 def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
-    """Returns about how many bytes a process needs for a cohort, beyond an empty one's.
+    """Returns about how many bytes a job needs for a cohort, beyond an empty process's.
 
     Measured with 1 to 1000 ideas and hidden neurons: right within a factor of 2.
     """
@@ -40,6 +40,18 @@ def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
     of_robot = actions * (connections + 3 * hidden) + 4 * sum(sizes.values())
     patterns = 4 * NoisePatterns.POOL * connections
     return experiment.cohort_size * (physics + _FLOAT * of_robot) + _FLOAT * patterns
+
+
+def job_bytes(plan: Plan) -> list[tuple[str, int]]:
+    """Returns for each kind of job in a plan what it simulates, and about how many bytes it needs.
+
+    On tensors a job has the cohorts of all conditions of a task.
+    """
+    needs: dict[str, int] = {}
+    for condition in plan.conditions:
+        cohorts = condition.task if plan.experiment.on_tensors else str(condition)
+        needs[cohorts] = needs.get(cohorts, 0) + cohort_bytes(plan.experiment, condition)
+    return [(f"a cohort of {cohorts}", needed) for cohorts, needed in needs.items()]
 
 
 def results_bytes(plan: Plan) -> int:
@@ -66,8 +78,10 @@ def machine_bytes() -> int:
 def check_memory(plan: Plan) -> None:
     """Raises InputError where a plan needs more memory than the machine has."""
     most = machine_bytes()
-    needs = [(f"a cohort of {c}", cohort_bytes(plan.experiment, c)) for c in plan.conditions]
-    for what, needed in [*needs, (f"{sum(plan.robots.values())} robots", results_bytes(plan))]:
+    for what, needed in [
+        *job_bytes(plan),
+        (f"{sum(plan.robots.values())} robots", results_bytes(plan)),
+    ]:
         if needed > most:
             raise InputError(
                 f"{what} would need about {needed / 2**30:.1f} GiB of memory; this machine has "

@@ -102,6 +102,9 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
             f"{directory} was simulated in another physics than this version's, in which its "
             "brains now run"
         )
+    if replay and experiment.physics != "c":
+        notice(f"{directory} was simulated in MuJoCo Warp; its brains now run in C MuJoCo")
+        experiment = dataclasses.replace(experiment, physics="c", device="cpu")
     return Run(name or resolved(directory).name, experiment, results)
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from ...tasks.batch import Robots
 from ..errors import DamagedFileError, InputError
@@ -20,7 +19,7 @@ from ..experiment.schedules import control_steps
 from ..results.checks import check_lives, check_lives_shapes
 from ..results.results import WHEN, Lives
 from ..storage import load_arrays, save_arrays
-from .cohort import Cohort, part_of
+from .cohort import Cohort
 from .device import robots_on_device
 
 CHECKPOINTS = "checkpoints"
@@ -81,7 +80,7 @@ def restored_cohort(
 def restored_cohorts(
     directory: Path, experiment: Experiment, keys: Sequence[CohortKey]
 ) -> tuple[list[Cohort], str]:
-    """Returns cohorts at equal steps, and a message about damaged files.
+    """Returns cohorts that share their physics, and a message about damaged files.
 
     Args:
       directory: Folder of the run.
@@ -96,26 +95,7 @@ def restored_cohorts(
         restored_cohort(directory, experiment, key, batch)
         for key, batch in zip(keys, batches, strict=True)
     ]
-    cohorts = [cohort for cohort, _ in found]
-    # A process that was killed may have saved some of the cohorts only.
-    latest = max(cohort.step for cohort in cohorts)
-    for cohort in cohorts:
-        _catch_up(cohort, latest, [other for other in cohorts if other is not cohort])
-    return cohorts, "; ".join(message for _, message in found if message)
-
-
-def _catch_up(cohort: Cohort, step: int, others: Sequence[Cohort]) -> None:
-    """Simulates a cohort up to a step, while the others keep their states."""
-    if cohort.step == step:
-        return
-    kept = [other.batch.get_state() for other in others]
-    part = part_of(cohort)
-    for motors in cohort.stepping(step - cohort.step):
-        padded = torch.zeros(part.whole.robots, 2, dtype=motors.dtype, device=motors.device)
-        padded[part.rows] = motors
-        part.whole.step(padded)
-    for other, state in zip(others, kept, strict=True):
-        other.batch.set_state(state)
+    return [cohort for cohort, _ in found], "; ".join(message for _, message in found if message)
 
 
 def read_minutes(

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import torch
 from array_api_compat import array_namespace
 
 from ...tasks.batch import Robots
@@ -224,19 +223,32 @@ class Cohort:
 
 
 def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
-    """Simulates control steps of cohorts at equal steps, whose robots may be parts of one batch."""
+    """Simulates control steps of cohorts whose robots are parts of one batch.
+
+    A process that was killed may have saved some of the cohorts only: those at the earliest step go
+    first, while the others keep their states.
+
+    Args:
+      cohorts: Cohorts, one of them not finished.
+      steps: Number of control steps; fewer if a life ends or others are reached before.
+    """
     if len(cohorts) == 1:
         cohorts[0].advance(steps)
         return
-    whole = part_of(cohorts[0]).whole
-    for motors in zip(*(cohort.stepping(steps) for cohort in cohorts), strict=True):
-        whole.step(torch.cat(motors))
-
-
-def part_of(cohort: Cohort) -> Part:
-    """Returns the robots of a cohort that shares its physics."""
-    assert isinstance(cohort.batch, Part)  # `checkpoints.restored_cohorts` makes them
-    return cohort.batch
+    earliest = min(cohort.step for cohort in cohorts)
+    moving = [cohort for cohort in cohorts if cohort.step == earliest]
+    resting = [cohort for cohort in cohorts if cohort.step > earliest]
+    states = [cohort.batch.get_state() for cohort in resting]
+    steps = min(steps, *(cohort.step - earliest for cohort in resting)) if resting else steps
+    parts = [cohort.batch for cohort in moving if isinstance(cohort.batch, Part)]
+    whole = parts[0].whole
+    for commands in zip(*(cohort.stepping(steps) for cohort in moving), strict=True):
+        motors = commands[0].new_zeros(whole.robots, 2)
+        for part, own in zip(parts, commands, strict=True):
+            motors[part.rows] = own
+        whole.step(motors)
+    for cohort, state in zip(resting, states, strict=True):
+        cohort.batch.set_state(state)
 
 
 def _single(values: Any) -> Any:

@@ -15,6 +15,8 @@ from ...tasks.tensors.robots import TensorRobots
 from ..agents.base import Agent
 from ..experiment.experiment import Experiment
 
+HOST = "cpu"
+
 
 def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
     """Returns the robots of some cohorts, at the origin, on the experiment's device.

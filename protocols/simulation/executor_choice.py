@@ -28,21 +28,28 @@ class Workers:
     address: str = "auto"
     """address of the Ray cluster, as host:port"""
 
-    def executor(self) -> Executor:
+    def executor(self, device: str = "cpu") -> Executor:
         """Returns the executor; with Ray, it is connected to the cluster.
 
+        Args:
+          device: Device of the experiment. On a GPU one job runs at a time, because jobs would
+            share its memory.
+
         Raises:
-          InputError: a value is invalid, there is no such cluster, or Ray is not installed.
+          InputError: a value is invalid, there is no such cluster, or Ray is not installed or
+            cannot be used with the device.
         """
         if self.processes < 1:
             raise InputError(f"processes must be at least 1, got {self.processes}")
+        if self.engine == "ray" and device != "cpu":
+            raise InputError(f"the device {device} is this machine's: Ray cannot be used with it")
         if self.engine == "ray":
             from . import ray_cluster
 
             return ray_cluster.RayCluster(self.address)
         from .local import Local
 
-        return Local(self.processes)
+        return Local(self.processes if device == "cpu" else 1)
 
 
 HERE = Workers()  # as many processes as this machine has cores

@@ -1,4 +1,4 @@
-"""Jobs: pieces of work that write one file each, and can stop and continue at any moment."""
+"""Jobs: pieces of work that write files, and can stop and continue at any moment."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.batch import CapacityError
 from ..agents.trust import trust
 from ..errors import InputError, RunError
 from ..experiment.conditions import CohortKey
@@ -24,6 +25,7 @@ from .checkpoints import (
     save_lives,
 )
 from .cohort import Cohort, advance_together
+from .device import HOST
 
 Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
@@ -32,11 +34,11 @@ _CHUNK = 50  # control steps between two looks at the clock
 
 
 class Job(Protocol):
-    """A piece of work that runs in a process of its own and writes exactly one file."""
+    """A piece of work that runs in a process of its own and writes a file, or a few."""
 
     @property
     def path(self) -> Path:
-        """The file that the job writes, in an existing folder."""
+        """The file that the job writes last, in an existing folder."""
         ...
 
     @property
@@ -45,7 +47,7 @@ class Job(Protocol):
         ...
 
     def done(self) -> bool:
-        """Returns whether the job's file exists."""
+        """Returns whether the job's files exist."""
         ...
 
     def run(self, stop: Stop, report: Report) -> bool:
@@ -80,7 +82,7 @@ class Executor(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class CohortJob:
-    """Simulates a cohort from its last checkpoint to the end of its life.
+    """Simulates a cohort, or several, from the last checkpoint to the end of their lives.
 
     Attributes:
       directory: Folder of the run, an absolute path.
@@ -98,7 +100,7 @@ class CohortJob:
     beside: tuple[CohortKey, ...] = ()
 
     def __str__(self) -> str:
-        return " with ".join(f"{self.directory.name}/{key}" for key in self.keys)
+        return " with ".join(map(self._name, self.keys))
 
     @property
     def keys(self) -> tuple[CohortKey, ...]:
@@ -113,7 +115,8 @@ class CohortJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        return self._seconds(sum(self.experiment.schedule(self.key.condition.task).steps()))
+        steps = len(self.keys) * sum(self.experiment.schedule(self.key.condition.task).steps())
+        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -129,30 +132,37 @@ class CohortJob:
         for key in self.keys:
             trust(key.condition.proposer)  # checked by `UnfinishedRun.read`
         cohorts, message = restored_cohorts(self.directory, self.experiment, self.keys)
-        first = cohorts[0]
-        report(self._seconds(first.step), message)
+        report(self._seconds(cohorts), message)
         saved = reported = time.monotonic()
         broken = [_broken(cohort) for cohort in cohorts]
-        # Robots on tensors are looked at once a simulated minute.
-        chunk = control_steps(1) if self.experiment.on_tensors else _CHUNK
-        while not first.finished:
+        # On a GPU robots are looked at once a simulated minute.
+        chunk = _CHUNK if self.experiment.device == HOST else control_steps(1)
+        while not all(cohort.finished for cohort in cohorts):
             if stop():
                 self._save(cohorts)
                 return False
             try:
                 advance_together(cohorts, chunk)
             except (InputError, RunError) as error:  # of an agent
-                raise type(error)(f"{error}, in {self} at step {first.step}") from error
+                step = min(cohort.step for cohort in cohorts)
+                raise type(error)(f"{error}, in {self} at step {step}") from error
+            except CapacityError as error:
+                number, robot = divmod(error.robots[0], self.experiment.cohort_size)
+                raise RunError(
+                    f"{error}; in {self._name(self.keys[number])} this is robot {robot}"
+                ) from error
             now = time.monotonic()
             for number, cohort in enumerate(cohorts):
                 if len(robots := _broken(cohort)) > len(broken[number]):
                     broken[number] = robots
-                    where = f"{self.directory.name}/{cohort.key}"
-                    message = f"robots {robots} stopped by step {cohort.step}"
-                    report(self._seconds(first.step), f"unstable simulation in {where}: {message}")
+                    where, step = self._name(cohort.key), cohort.step
+                    message = (
+                        f"unstable simulation in {where}: robots {robots} stopped by step {step}"
+                    )
+                    report(self._seconds(cohorts), message)
                     reported = now
             if now - reported > 0.5:
-                report(self._seconds(first.step), "")
+                report(self._seconds(cohorts), "")
                 reported = now
             if now - saved > self.save_every:
                 self._save(cohorts)
@@ -162,15 +172,19 @@ class CohortJob:
             save_lives(path, cohort.lives(), self.experiment, cohort.key)
         ours = {checkpoint_file(self.directory, key) for key in self.keys}
         remove_files(self.path.parent, {path.name for path in ours}.__contains__)
-        report(self._seconds(first.step), "")
+        report(self._seconds(cohorts), "")
         return True
 
     def _save(self, cohorts: Sequence[Cohort]) -> None:
         for cohort in cohorts:
             save_checkpoint(self.directory, cohort.key, cohort)
 
-    def _seconds(self, steps: int) -> float:
-        return steps * self.experiment.cohort_size * len(self.keys) * CONTROL_TIMESTEP
+    def _name(self, key: CohortKey) -> str:
+        return f"{self.directory.name}/{key}"
+
+    def _seconds(self, cohorts: Sequence[Cohort]) -> float:
+        steps = sum(cohort.step for cohort in cohorts)
+        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
 
 
 def _broken(cohort: Cohort) -> list[int]:

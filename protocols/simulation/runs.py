@@ -12,7 +12,7 @@ import torch
 
 from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, InputError, RunError
-from ..experiment.budget import check_memory, cohort_bytes
+from ..experiment.budget import check_memory, job_bytes
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from ..experiment.plan import Plan
@@ -30,6 +30,7 @@ from .checkpoints import (
     set_aside,
 )
 from .cohort import check_agents
+from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
 from .tensorboard_log import FOLDER, TensorBoardLog
 
@@ -73,7 +74,7 @@ def simulate(
         run = UnfinishedRun.read(directory, plan)
         messages = run.begin()
         jobs = run.jobs(save_every)
-        cost = f"{len(jobs)} cohorts"
+        cost = f"{sum(len(job.keys) for job in jobs)} cohorts"
         with contextlib.ExitStack() as stack:
             if log:
                 book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)
@@ -98,7 +99,7 @@ def check_device(plan: Plan) -> None:
             )
     if warp and not importlib.util.find_spec("mujoco_warp"):
         raise InputError("MuJoCo Warp is not installed; pip install 'musebot[warp]' gets it")
-    if device == "cpu":
+    if device == HOST:
         return
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     number = int(device.partition(":")[2] or 0)
@@ -106,11 +107,7 @@ def check_device(plan: Plan) -> None:
         found = f"there are {count}" if count else "there is no GPU that PyTorch can use"
         raise InputError(f"there is no device {device}: {found}")
     free, _ = torch.cuda.mem_get_info(number)
-    # Cohorts of a task are on the device together.
-    needs = dict.fromkeys((condition.task for condition in plan.conditions), 0)
-    for condition in plan.conditions:
-        needs[condition.task] += cohort_bytes(plan.experiment, condition)
-    needed = max(needs.values())
+    needed = max(needed for _, needed in job_bytes(plan))
     if needed > free:
         raise InputError(
             f"cohorts of {plan.experiment.cohort_size} robots would need about "
@@ -218,7 +215,7 @@ class UnfinishedRun:
                 self._add(key, lives)
         return messages
 
-    def jobs(self, save_every: float) -> list[Job]:
+    def jobs(self, save_every: float) -> list[CohortJob]:
         """Returns the jobs of the cohorts that are left.
 
         On tensors, cohorts of a task with the same number share their physics.

@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from ...models.physics import Physics
+from ..batch import CapacityError
 from ..episode import (
     Lifecycle,
     check_state,
@@ -31,6 +32,8 @@ from .common import FPS, INFO, PICTURE, check_render_mode, checked_task, picture
 
 class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     """A batch of B robots, each with its own seed, bit-exactly equal to B instances of `ArenaEnv`.
+
+    With `backend="warp"` they are equal up to rounding in single precision.
 
     Actions beyond the limits are clipped; an action that is not finite raises ValueError.
     """
@@ -80,6 +83,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         definition = checked_task(task, kwargs)
         if backend not in ("mujoco", "warp"):
             raise ValueError(f"backend must be 'mujoco' or 'warp', got {backend!r:.60}")
+        if backend == "warp" and threads:
+            raise ValueError(f"threads are of the backend 'mujoco' only, got {threads!r:.60}")
         check_render_mode(render_mode, self.metadata["render_modes"])
         steps = steps_of(max_episode_steps)
         self.num_envs = whole_number("num_envs", num_envs, 1)
@@ -191,7 +196,11 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         if spot_steps:
             due = (self._steps > 0) & (self._steps % spot_steps == 0) & ~self._over
             self._jump(np.flatnonzero(due))
-        batch.step(motors)
+        try:
+            batch.step(motors)
+        except CapacityError as error:
+            self._lifecycle.become("failed")
+            raise PhysicsError(str(error)) from error
         if not batch.valid.all():
             self._lifecycle.become("failed")
             broken = np.flatnonzero(~batch.valid).tolist()

@@ -35,7 +35,7 @@ class WarpTensors(TensorRobots):
         """See `Robots.stop`.
 
         Raises:
-          RuntimeError: See `WarpEngine.check_capacity`.
+          CapacityError: See `WarpEngine.check_capacity`.
         """
         self._warp.check_capacity()
         super().stop(robots)

@@ -10,6 +10,8 @@ import mujoco
 import torch
 from torch import Tensor
 
+from ..batch import CapacityError
+
 try:
     import mujoco_warp as mjw
     import warp as wp
@@ -22,6 +24,13 @@ except ModuleNotFoundError as error:
 _CONTACTS, _ROWS = 32, 128
 # Limits of iterations are not overflows: C MuJoCo stops there too.
 _OVERFLOW = mjw.OverflowType.ALL & ~(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
+
+
+def _start(quiet: bool) -> None:
+    """Starts Warp without its greeting, and without its warning that there is no GPU."""
+    wp.config.log_level = wp.LOG_ERROR if quiet else wp.LOG_WARNING
+    wp.init()
+    wp.config.log_level = wp.LOG_WARNING
 
 
 class WarpEngine:
@@ -41,9 +50,8 @@ class WarpEngine:
           robots: Number of robots, B.
           substeps: Number of physics steps in a control step.
         """
-        wp.config.log_level = wp.LOG_WARNING  # no greeting on the standard output
-        wp.init()
         self.device = torch.get_default_device()
+        _start(quiet=self.device.type == "cpu")
         self._wp_device = wp.device_from_torch(self.device)
         # Sensors are read once per control step, at the start of its last substep, as in `Batch`.
         flags = mujoco.mjtDisableBit
@@ -95,15 +103,16 @@ class WarpEngine:
         """Waits for the device.
 
         Raises:
-          RuntimeError: A robot had more contacts or constraints than there was room for, so that
+          CapacityError: Robots had more contacts or constraints than there was room for, so that
             some were dropped since the last check.
         """
-        full = (self._overflow & int(_OVERFLOW)).nonzero().flatten()
-        if len(full):
+        full = (self._overflow & int(_OVERFLOW)).nonzero().flatten().tolist()
+        if full:
             self._overflow.zero_()
-            raise RuntimeError(
+            raise CapacityError(
                 f"MuJoCo Warp dropped contacts or constraints of {len(full)} robots, the first is "
-                f"robot {int(full[0])}: room is for {_CONTACTS} contacts and {_ROWS} rows a robot"
+                f"robot {full[0]}: room is for {_CONTACTS} contacts and {_ROWS} rows a robot",
+                full,
             )
 
     def _run(self) -> None:

@@ -8,17 +8,25 @@ import pytest
 import torch
 
 from musebot.protocols import cli
-from musebot.protocols.errors import InputError
+from musebot.protocols.errors import InputError, RunError
+from musebot.protocols.experiment import budget
+from musebot.protocols.experiment.budget import cohort_bytes
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import same_physics
 from musebot.protocols.experiment.overrides import named_brain
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.results.run_files import read_run
+from musebot.protocols.simulation import cohort as module
 from musebot.protocols.simulation.checkpoints import checkpoint_file, finished_file, read_lives
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.device import robots_on_device
+from musebot.protocols.simulation.device import on_tensors, robots_on_device
+from musebot.protocols.simulation.executor_choice import Workers
 from musebot.protocols.simulation.jobs import CohortJob
+from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import UnfinishedRun, check_device
 from musebot.protocols.storage import load_arrays
+from musebot.tasks.batch import CapacityError
 from musebot.tasks.tensors.kinematic import KinematicTensors
 from musebot.tasks.tensors.parts import parts
 
@@ -69,7 +77,10 @@ def test_a_cohort_on_tensors_continues_bit_exactly(tensors):
 
 
 def test_a_job_on_another_device_looks_at_its_robots_once_a_minute(tensors, tmp_path, monkeypatch):
-    experiment = Experiment(cohort_size=2, time_scale=0.01, body="kinematic")
+    experiment = Experiment(cohort_size=2, time_scale=0.01, body="kinematic", device="cuda")
+    whole = on_tensors(experiment.batch("wall_avoidance", 2))
+    monkeypatch.setattr(module, "robots_on_device", lambda *of: [whole])
+    monkeypatch.setattr(module, "agent_on_device", lambda experiment, make: make())
     chunks = []
     advance = Cohort.advance
 
@@ -153,11 +164,11 @@ def test_cohorts_live_together_as_they_live_alone(tensors, tmp_path, alone):
 
 def test_cohorts_that_were_saved_at_different_steps_catch_up(tensors, tmp_path, alone):
     """A process may be killed after it has saved one of the cohorts."""
-    chunks = iter([False, False, False, True])
+    chunks = iter([False] * 20 + [True])
     with pytest.raises(FileNotFoundError):
         finished(tmp_path, KEYS, stop=lambda: next(chunks))
     middle = checkpoint_file(tmp_path, KEYS[1]).read_bytes()
-    chunks = iter([False, False, True])
+    chunks = iter([False] * 20 + [True])
     with pytest.raises(FileNotFoundError):
         finished(tmp_path, KEYS, stop=lambda: next(chunks))
     late = load_arrays(checkpoint_file(tmp_path, KEYS[1]))[1]["step"]
@@ -167,11 +178,56 @@ def test_cohorts_that_were_saved_at_different_steps_catch_up(tensors, tmp_path, 
 
 
 def test_a_damaged_checkpoint_starts_its_cohort_anew_beside_the_others(tensors, tmp_path, alone):
-    chunks = iter([False, False, True])
+    chunks = iter([False] * 20 + [True])
     with pytest.raises(FileNotFoundError):
         finished(tmp_path, KEYS, stop=lambda: next(chunks))
     checkpoint_file(tmp_path, KEYS[2]).write_bytes(b"damaged")
     assert_equal_lives(finished(tmp_path, KEYS), alone)
+
+
+def test_a_cohort_that_catches_up_can_be_stopped(tensors, tmp_path, alone):
+    chunks = iter([False] * 40 + [True])
+    with pytest.raises(FileNotFoundError):
+        finished(tmp_path, KEYS, stop=lambda: next(chunks))
+    checkpoint_file(tmp_path, KEYS[1]).unlink()
+    chunks = iter([False] * 4 + [True])
+    with pytest.raises(FileNotFoundError):
+        finished(tmp_path, KEYS, stop=lambda: next(chunks))
+    steps = [load_arrays(checkpoint_file(tmp_path, key))[1]["step"] for key in KEYS]
+    assert 0 < steps[1] < steps[0] == steps[2]
+    assert_equal_lives(finished(tmp_path, KEYS), alone)
+
+
+def test_in_mujoco_warp_cohorts_live_together_as_they_live_alone(tmp_path):
+    pytest.importorskip("mujoco_warp")
+    warp = Experiment(seed=5, cohort_size=2, time_scale=0.004, physics="warp")
+    lives = []
+    for name, groups in (("alone", [[key] for key in KEYS]), ("together", [KEYS])):
+        folder = tmp_path / name
+        (folder / "checkpoints").mkdir(parents=True)
+        for first, *beside in groups:
+            job = CohortJob(folder, warp, first, 60.0, tuple(beside))
+            assert job.run(lambda: False, lambda done, message: None)
+        lives.append([read_lives(finished_file(folder, key), warp, key) for key in KEYS])
+    for one, other in zip(*lives, strict=True):
+        assert np.array_equal(one.minutes, other.minutes)
+        for name, weights in one.after.items():
+            assert np.array_equal(weights, other.after[name]), name
+
+
+def test_dropped_contacts_end_a_run_with_a_sentence_that_names_the_robot(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco_warp")
+    from musebot.tasks.tensors.warp import WarpTensors
+
+    def full(self, motors):
+        raise CapacityError("MuJoCo Warp dropped contacts", [5])
+
+    warp = Experiment(cohort_size=2, time_scale=0.004, physics="warp")
+    monkeypatch.setattr(WarpTensors, "step", full)
+    (tmp_path / "checkpoints").mkdir()
+    job = CohortJob(tmp_path, warp, KEYS[0], 60.0, tuple(KEYS[1:]))
+    with pytest.raises(RunError, match=f"in .*{KEYS[2]} this is robot 1"):
+        job.run(lambda: False, lambda done, message: None)
 
 
 def test_conditions_of_a_task_are_one_job(tensors, tmp_path):
@@ -200,7 +256,7 @@ def test_a_run_in_mujoco_warp_simulates_all_conditions_of_a_task_together(tmp_pa
     pytest.importorskip("mujoco_warp")
     words = ["--physics", "warp", "--robots", "3", "--time-scale", "0.002"]
     assert cli.main(["run", str(tmp_path / "out"), *words, "--task", "spot_finding"]) == 0
-    assert "1 cohorts" not in capsys.readouterr().out
+    assert "3 cohorts" in capsys.readouterr().err
     rows = (tmp_path / "out" / "robots.csv").read_text().splitlines()
     assert len(rows) == 10
     manifest = json.loads((tmp_path / "out" / "experiment.json").read_text())
@@ -260,6 +316,46 @@ def test_a_gpu_that_is_missing_or_too_small_is_refused(monkeypatch):
         check_device(agents)
 
 
+def test_cohorts_that_share_a_device_need_its_memory_together(monkeypatch):
+    conditions = [key.condition for key in KEYS]
+    plan = Plan.of(dataclasses.replace(CUDA, cohort_size=1000), conditions, 1000)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    largest = max(cohort_bytes(plan.experiment, condition) for condition in conditions)
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda number: (largest + 10, 10**11))
+    with pytest.raises(InputError, match="would need about"):
+        check_device(plan)
+    monkeypatch.setattr(budget, "machine_bytes", lambda: largest + 10)
+    with pytest.raises(InputError, match="a cohort of wall_avoidance would need about"):
+        budget.check_memory(plan)
+
+
+def test_a_run_of_another_version_of_mujoco_warp_has_another_physics(short_warp):
+    assert same_physics(short_warp)
+    manifest = short_warp / "experiment.json"
+    content = json.loads(manifest.read_text())
+    del content["files"], content["digest"]  # as an older version wrote it
+    content["made_with"][0]["warp-lang"] = "1.18.0"
+    manifest.write_text(json.dumps(content))
+    assert not same_physics(short_warp)
+
+
+def test_brains_of_a_run_in_mujoco_warp_are_replayed_in_c_mujoco_which_is_said(short_warp, capsys):
+    assert read_run(short_warp).experiment.physics == "warp"
+    assert read_run(short_warp, replay=True).experiment.physics == "c"
+    assert "its brains now run in C MuJoCo" in capsys.readouterr().err
+
+
+@pytest.fixture
+def short_warp(tmp_path):
+    """A short run in MuJoCo Warp."""
+    pytest.importorskip("mujoco_warp")
+    words = ["run", str(tmp_path / "out"), "--physics", "warp", "--robots", "2"]
+    words += ["--time-scale", "0.002", "--task", "wall_avoidance", "--proposer", "fixed"]
+    assert cli.main(words) == 0
+    return tmp_path / "out"
+
+
 def test_a_run_is_not_continued_on_another_device(tmp_path, capsys):
     out = tmp_path / "out"
     words = ["run", str(out), "--robots", "2", "--time-scale", "0.002", "--body", "kinematic"]
@@ -268,3 +364,10 @@ def test_a_run_is_not_continued_on_another_device(tmp_path, capsys):
     assert cli.main(["run", str(out), "--device", "cuda"]) == 2
     assert "device" in capsys.readouterr().err
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+
+def test_on_a_gpu_one_job_runs_at_a_time_and_ray_is_refused():
+    assert Workers(processes=4).executor() == Local(4)
+    assert Workers(processes=4).executor("cuda") == Local(1)
+    with pytest.raises(InputError, match="the device cuda is this machine's"):
+        Workers(engine="ray").executor("cuda")
