@@ -74,11 +74,17 @@ def study_of(page):
     if "runs" not in fields:
         return kind()
     manifest = json.loads(page.with_name("study.json").read_text())
-    options = {"runs": tuple(RESULTS / name for name in manifest["experiments"])}
+    options = {"runs": tuple(map(run_named, manifest["experiments"]))}
     if "proposer" in fields:  # of the evaluated conditions
         conditions = [c for robots in manifest["details"]["robots"].values() for c in robots]
         options["proposer"] = tuple({c.partition("/")[2]: None for c in conditions})
     return kind(**options)
+
+
+def run_named(name):
+    """Returns a kept run's folder, which may be a study's."""
+    own = RESULTS / name
+    return own if own.is_dir() else next(RESULTS.glob(f"*/{name}"))
 
 
 def made_again(page, capsys):
