@@ -20,6 +20,7 @@ from .extensions.encoding import InputEncoding, RawReward
 from .extensions.exploration import PersistentExploration
 from .extensions.memory_targets import best_action
 from .extensions.rewards import AdvantageLearning, RememberedReward, RewardDifference
+from .extensions.separation import separated
 from .extensions.step import DetailedStep
 from .extensions.stopping import StoppingExploration, StoppingRule, StoppingTarget
 from .extensions.td_error import LimitedTDError
@@ -187,6 +188,10 @@ def assemble(
         context = EchoContext(robots, encoding.inputs, p.context_neurons, generator)
     inputs = encoding.inputs + p.context_neurons
     evaluation = EvaluationNetwork(p, robots, inputs, generator, optimizer, limited)
+    if p.separate_smell and isinstance(encoding, InputEncoding):  # it needs senses
+        shape = p.evaluation_hidden, inputs, encoding.smell, inputs + 2
+        if (connected := separated(*shape)) is not None:
+            evaluation.networks.disconnect(connected)
     memory = None
     if proposer == "creative":
         # Adam normalises the step size and would discard the magnitude of the TD error.

@@ -41,6 +41,8 @@ class Networks:
       output_weights: Weights from hidden to output neurons, shape (B, O, H).
       output_biases: Biases of the output neurons, shape (B, O).
       activation: Activation function of the hidden neurons; logistic unless replaced.
+      connected: 1 where a hidden neuron receives an input, else 0, shape (H, I); None if each
+        receives all.
     """
 
     NAMES = ("hidden_weights", "hidden_biases", "output_weights", "output_biases")
@@ -73,6 +75,16 @@ class Networks:
         self.hidden_biases = draw(hidden)
         self.output_weights = draw(outputs, hidden)
         self.output_biases = draw(outputs)
+        self.connected: Tensor | None = None
+
+    def disconnect(self, connected: Tensor) -> None:
+        """Removes connections from inputs to hidden neurons, for good: their weights stay 0.
+
+        Args:
+          connected: 1 for a connection that stays, else 0, shape (H, I).
+        """
+        self.connected = connected
+        self.hidden_weights *= connected
 
     def forward(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Evaluates each robot's network at one input.
@@ -99,7 +111,10 @@ class Networks:
         back = self._back(hidden, steps)
         self.output_weights.baddbmm_(steps[..., None], hidden[:, None])
         self.output_biases += steps
-        self.hidden_weights.baddbmm_(back[..., None], inputs[:, None])
+        if self.connected is None:
+            self.hidden_weights.baddbmm_(back[..., None], inputs[:, None])
+        else:
+            self.hidden_weights += back[..., None] * inputs[:, None] * self.connected
         self.hidden_biases += back
 
     def gradient(self, inputs: Tensor, hidden: Tensor, steps: Tensor) -> Tensor:
@@ -114,7 +129,10 @@ class Networks:
           The gradient with respect to the P weights and biases of a robot, shape (B, P).
         """
         back = self._back(hidden, steps)
-        to_hidden = (back[..., None] * inputs[:, None]).flatten(1)
+        to_hidden = back[..., None] * inputs[:, None]
+        if self.connected is not None:
+            to_hidden *= self.connected
+        to_hidden = to_hidden.flatten(1)
         to_output = (steps[..., None] * hidden[:, None]).flatten(1)
         return torch.cat([to_hidden, back, to_output, steps], dim=1)
 

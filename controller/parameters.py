@@ -157,6 +157,10 @@ class Parameters:
       memory_learns: Whether the memory learns; if not, it stays as it was drawn.
       noise_adaptation: Rate per step at which the one-fifth success rule adapts the noise during
         training, from `noise`; 0 for constant noise.
+      separate_smell: Whether no hidden neuron of the evaluation network receives both the smell and
+        other signals: one half of them receive the smell, the other half the other signals, all of
+        them the motor values. So the value is a sum, and what is learned about the smell in the
+        open holds at a wall. No effect where there is no smell, or nothing else.
       context_neurons: Number of units of a recurrent context, an echo state network, that are
         further inputs of both networks; 0 for none.
     """
@@ -198,6 +202,7 @@ class Parameters:
     novelty: Novelty = choice("connections", Novelty)
     memory_learns: bool = flag(True)
     noise_adaptation: float = number(0.0, 0, 1)
+    separate_smell: bool = flag(False)
     context_neurons: int = whole(0, 0, 100)
 
     def __post_init__(self) -> None:
@@ -256,4 +261,5 @@ class Parameters:
     @property
     def needs_senses(self) -> bool:
         """Whether the brain must know the raw signal at maximal smell."""
-        return self.raw_signals or self.raw_reward or self.stopping_steps > 0
+        smell = self.raw_signals or self.raw_reward or self.separate_smell
+        return smell or self.stopping_steps > 0

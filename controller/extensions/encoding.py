@@ -28,6 +28,7 @@ class InputEncoding:
 
     Attributes:
       inputs: Number I of network inputs for the state.
+      smell: Indices of the inputs that are a saturating signal, or its raw value.
     """
 
     def __init__(self, senses: Senses, centred: bool, raw_signals: bool) -> None:
@@ -45,6 +46,7 @@ class InputEncoding:
         self._raw = raw_signals and len(self._maximal) > 0
         further = len(self._maximal) * self._raw
         self.inputs = len(senses.state) + further
+        self.smell = [*columns, *range(len(senses.state), self.inputs)]
         bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further
         low, high = torch.tensor(bounds).T
         self._middle, self._half = (high + low) / 2, (high - low) / 2

@@ -157,3 +157,21 @@ def test_load_refuses_a_missing_or_misshapen_tensor_by_name_and_changes_nothing(
     with pytest.raises(ValueError, match=f"{name} must have shape"):
         networks.load(tensors | {name: tensors[name][:1]})
     assert all(torch.equal(before[k], tensor) for k, tensor in networks.tensors().items())
+
+
+def test_a_removed_connection_stays_removed_and_the_others_follow_the_gradient():
+    shape = {"robots": 2, "inputs": 3, "hidden": 4, "outputs": 1, "seed": 7}
+    connected = torch.tensor([[1.0, 0, 1], [1, 1, 0], [0, 0, 0], [1, 1, 1]])
+    (one, x, steps), (other, _, _), (whole, _, _) = (drawn(**shape) for _ in range(3))
+    for networks in (one, other):
+        networks.disconnect(connected)
+    whole.hidden_weights *= connected
+    for _ in range(3):
+        one.ascend(x, one.forward(x)[0], steps)
+        other.add(other.gradient(x, other.forward(x)[0], steps))
+        whole.ascend(x, whole.forward(x)[0], steps)
+        whole.hidden_weights *= connected
+    assert not one.hidden_weights[:, connected == 0].any()
+    for name, tensor in one.tensors().items():
+        torch.testing.assert_close(tensor, other.tensors()[name], atol=1e-6, rtol=1e-6)
+        torch.testing.assert_close(tensor, whole.tensors()[name], atol=1e-6, rtol=1e-6)

@@ -24,6 +24,7 @@ def test_the_defaults_are_the_papers_parameters():
         "memory_learns": True,
         "noise_adaptation": 0.0,
         "context_neurons": 0,
+        "separate_smell": False,
         "noise_on_biases": False,
         "keep_main_idea": False,
         "initial_range": 1.0,  # "from the interval [-1.0, 1.0]"
