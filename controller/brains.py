@@ -16,11 +16,10 @@ from .extensions.adam import Adam
 from .extensions.bootstraps import ClippedBootstrap, max_value
 from .extensions.context import EchoContext
 from .extensions.decay import Decay
-from .extensions.encoding import InputEncoding, RawReward
+from .extensions.encoding import InputEncoding, RawReward, separated
 from .extensions.exploration import PersistentExploration
 from .extensions.memory_targets import best_action
 from .extensions.rewards import AdvantageLearning, RememberedReward, RewardDifference
-from .extensions.separation import separated
 from .extensions.step import DetailedStep
 from .extensions.stopping import StoppingExploration, StoppingRule, StoppingTarget
 from .extensions.td_error import LimitedTDError

@@ -1,6 +1,8 @@
-"""Encoding of inputs and reward: centred inputs, raw signals, raw reward."""
+"""Encoding of inputs and reward: centred inputs, raw signals, separate smell, raw reward."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -61,6 +63,27 @@ class InputEncoding:
     def motors(self, actions: Tensor) -> Tensor:
         """See `Encoding.motors`."""
         return actions * 2 if self._centred else actions
+
+
+def separated(hidden: int, state: int, smell: Sequence[int], inputs: int) -> Tensor | None:
+    """Returns which hidden neurons receive which inputs: 1 or 0, shape (H, I).
+
+    Args:
+      hidden: Number H of hidden neurons; the first half of them receives the smell.
+      state: Number of inputs for the state, which come first; all neurons receive the others.
+      smell: Indices of the inputs that are the smell.
+      inputs: Number I of inputs.
+
+    Returns:
+      The connections; None where the smell is no input, or the only one.
+    """
+    others = [number for number in range(state) if number not in smell]
+    if not smell or not others:
+        return None
+    connected = torch.ones(hidden, inputs)
+    connected[: hidden // 2, others] = 0
+    connected[hidden // 2 :, list(smell)] = 0
+    return connected
 
 
 class RawReward:

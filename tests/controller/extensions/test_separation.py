@@ -5,7 +5,7 @@ import torch
 
 from musebot.controller import Neurocontroller, Parameters
 from musebot.controller.brains import BRAINS
-from musebot.controller.extensions.separation import separated
+from musebot.controller.extensions.encoding import separated
 from musebot.controller.senses import Senses, Signal
 
 SMELL, DISTANCE, TOUCH = Signal(0, 1, maximal=10.0), Signal(0, 1), Signal(-1, 0)
