@@ -263,8 +263,10 @@ class FrozenTest:
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; a test that was stopped starts from the beginning."""
         progress = self.life.progress()
+        brains = progress.robots * (TIMES + 1)
+        groups = -(-brains // _TOGETHER)
         try:
-            tick = MinuteTick(self, progress.robots * (TIMES + 1), stop, report)
+            tick = MinuteTick(self, brains / groups, stop, report)
             shares = evaluate(progress, self.seed, tick)
         except StoppedError:
             return False

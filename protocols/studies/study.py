@@ -186,13 +186,13 @@ class MinuteTick:
     """Reports a job's progress every simulated minute, and stops it when asked."""
 
     def __init__(
-        self, job: Job, robots: int, stop: Stop, report: Report, done: float = 0.0
+        self, job: Job, robots: float, stop: Stop, report: Report, done: float = 0.0
     ) -> None:
         """Starts the count.
 
         Args:
           job: Job whose progress is reported.
-          robots: Number of robots in lockstep.
+          robots: Number of robots in lockstep, or its mean over several groups.
           stop: Function that returns whether to stop.
           report: Function called with the simulated robot-seconds so far and a message.
           done: Robot-seconds simulated before, by a job that continues.

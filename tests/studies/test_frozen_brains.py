@@ -15,6 +15,7 @@ from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies import frozen_brains
 from musebot.protocols.studies.frozen_brains import TIMES, FrozenTest, LifeJob
+from musebot.protocols.studies.study import MinuteTick
 
 STEADY = BRAINS["steady"]
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic", brain=STEADY)
@@ -132,6 +133,20 @@ def test_shares_that_are_none_are_refused(copy):
         save_arrays(test.path, {"shares": shares}, **test._notes(progress))
         with pytest.raises(InputError, match="test-steady-0.safetensors is damaged"):
             test.shares(progress)
+
+
+def test_a_simulated_minute_counts_for_the_brains_of_a_group(copy, monkeypatch):
+    monkeypatch.setattr(frozen_brains, "_TOGETHER", 10)  # 27 brains: three groups
+    counted = []
+
+    class Tick(MinuteTick):
+        def __init__(self, job, robots, stop, report):
+            counted.append(robots)
+            super().__init__(job, robots, stop, report)
+
+    monkeypatch.setattr(frozen_brains, "MinuteTick", Tick)
+    assert FrozenTest(copy, 0).run(lambda: False, lambda done, message: None)
+    assert counted == [9]
 
 
 def test_frozen_brains_are_those_of_their_time_and_robot(progress):
