@@ -89,7 +89,7 @@ class CohortJob:
       experiment: Experiment that decides the robots' lives.
       key: Condition and number of the cohort.
       save_every: Wall-clock seconds between two checkpoints.
-      beside: Keys of further cohorts of the task, whose robots share the physics with the first's.
+      others: Keys of further cohorts of the task, whose robots share the physics with the first's.
         They are simulated by the same job, which writes a file for each.
     """
 
@@ -97,7 +97,7 @@ class CohortJob:
     experiment: Experiment
     key: CohortKey
     save_every: float
-    beside: tuple[CohortKey, ...] = ()
+    others: tuple[CohortKey, ...] = ()
 
     def __str__(self) -> str:
         return " with ".join(map(self._name, self.keys))
@@ -105,7 +105,7 @@ class CohortJob:
     @property
     def keys(self) -> tuple[CohortKey, ...]:
         """Keys of all cohorts of the job."""
-        return (self.key, *self.beside)
+        return (self.key, *self.others)
 
     @property
     def path(self) -> Path:

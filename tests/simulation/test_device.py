@@ -135,8 +135,8 @@ TRIO = Experiment(seed=5, cohort_size=3, time_scale=0.03, body="kinematic")
 
 def finished(folder, *groups, stop=lambda: False):
     (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
-    for first, *beside in groups:
-        job = CohortJob(folder, TRIO, first, 60.0, tuple(beside))
+    for first, *others in groups:
+        job = CohortJob(folder, TRIO, first, 60.0, tuple(others))
         job.run(stop, lambda done, message: None)
     return {key: read_lives(finished_file(folder, key), TRIO, key) for key in KEYS}
 
@@ -177,7 +177,9 @@ def test_cohorts_that_were_saved_at_different_steps_catch_up(tensors, tmp_path, 
     assert_equal_lives(finished(tmp_path, KEYS), alone)
 
 
-def test_a_damaged_checkpoint_starts_its_cohort_anew_beside_the_others(tensors, tmp_path, alone):
+def test_a_damaged_checkpoint_starts_its_cohort_anew_and_the_others_continue(
+    tensors, tmp_path, alone
+):
     chunks = iter([False] * 20 + [True])
     with pytest.raises(FileNotFoundError):
         finished(tmp_path, KEYS, stop=lambda: next(chunks))
@@ -205,8 +207,8 @@ def test_in_mujoco_warp_cohorts_live_together_as_they_live_alone(tmp_path):
     for name, groups in (("alone", [[key] for key in KEYS]), ("together", [KEYS])):
         folder = tmp_path / name
         (folder / "checkpoints").mkdir(parents=True)
-        for first, *beside in groups:
-            job = CohortJob(folder, warp, first, 60.0, tuple(beside))
+        for first, *others in groups:
+            job = CohortJob(folder, warp, first, 60.0, tuple(others))
             assert job.run(lambda: False, lambda done, message: None)
         lives.append([read_lives(finished_file(folder, key), warp, key) for key in KEYS])
     for one, other in zip(*lives, strict=True):
@@ -235,7 +237,7 @@ def test_conditions_of_a_task_are_one_job(tensors, tmp_path):
     jobs = UnfinishedRun.read(tmp_path, plan).jobs(60.0)
     assert [len(job.keys) for job in jobs] == [1, 1, 3, 3]
     assert str(jobs[2]).count(" with ") == 2
-    assert jobs[2].cost == 3 * dataclasses.replace(jobs[2], beside=()).cost
+    assert jobs[2].cost == 3 * dataclasses.replace(jobs[2], others=()).cost
 
 
 def test_a_part_takes_no_step_of_its_own(tensors):
