@@ -167,8 +167,8 @@ PARTS: Mapping[PartName, Part] = MappingProxyType(
     {
         "first": Part(
             "all ways",
-            125,
-            125,
+            250,
+            250,
             31010,
             _distinct(
                 cell
@@ -180,7 +180,7 @@ PARTS: Mapping[PartName, Part] = MappingProxyType(
         "rule": Part(
             "the one-fifth rule against constant noise and no noise",
             1000,
-            125,
+            500,
             31030,
             _cells(("connections", "copies", "success-rule"), IDEAS, True),
         ),
