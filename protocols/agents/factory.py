@@ -79,9 +79,8 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
     check_proposer(proposer)
     factory = factory_of(proposer)
-    settings = settings_from(experiment.settings)
-    if settings:
-        settings = checked_settings(short_name(proposer), factory, settings)
+    words = settings_from(experiment.settings, several=True)
+    settings = checked_settings(short_name(proposer), factory, words, robots) if words else {}
 
     def make(sensed: Senses) -> Agent:
         agent = functools.partial(factory, robots, sensed, seed, **settings)

@@ -9,10 +9,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
+
 from ...controller.parameters import shown
 from ..errors import InputError
 
 _SETTINGS = "agent_settings"
+Number = float | np.ndarray  # of all robots, or of each, shape (B,)
 Factory = TypeVar("Factory", bound=Callable[..., Any])
 
 
@@ -29,6 +32,9 @@ class Setting:
       tuned: Whether `musebot study tune` changes it.
       duration: Whether it counts steps of a life, so that shorter lives need fewer of them; then it
         is not tuned.
+      each: Whether robots of a cohort may differ in it: the factory then receives an array of shape
+        (B,). If all tuned settings may, `musebot study tune` simulates its trials together, which
+        is several times as fast.
     """
 
     default: float
@@ -38,6 +44,7 @@ class Setting:
     log: bool = False
     tuned: bool = True
     duration: bool = False
+    each: bool = False
 
     def __post_init__(self) -> None:
         """Raises ValueError if the default lies outside, or the range is none for its kind."""
@@ -97,43 +104,50 @@ def settings_of(factory: Callable[..., Any]) -> Mapping[str, Setting]:
     return getattr(factory, _SETTINGS, {})
 
 
-def settings_from(words: Sequence[str]) -> dict[str, float]:
+def settings_from(words: Sequence[str], several: bool = False) -> dict[str, list[float]]:
     """Reads settings as NAME=VALUE.
 
+    Args:
+      words: The settings.
+      several: Whether VALUE may be several numbers with commas between them, for equal shares of a
+        cohort's robots.
+
     Raises:
-      InputError: a word has another form, its value is no finite number, or a name occurs twice.
+      InputError: a word has another form, a value is no finite number, or a name occurs twice.
     """
-    settings: dict[str, float] = {}
+    settings: dict[str, list[float]] = {}
     for word in words:
         name, _, text = word.partition("=")
         try:
-            value = float(text)
+            values = [float(one) for one in (text.split(",") if several else [text])]
         except ValueError:
-            value = math.nan
-        if not name.isidentifier() or not math.isfinite(value):
+            values = [math.nan]
+        if not name.isidentifier() or not all(map(math.isfinite, values)):
             raise InputError(f"a setting must be NAME=VALUE with a number, got {shown(word)}")
         if name in settings:
             raise InputError(f"the setting {name} is given twice")
-        settings[name] = int(value) if value.is_integer() else value
+        settings[name] = values
     return settings
 
 
 def checked_settings(
-    agent: str, factory: Callable[..., Any], settings: Mapping[str, float]
-) -> dict[str, float]:
+    agent: str, factory: Callable[..., Any], settings: Mapping[str, Sequence[float]], robots: int
+) -> dict[str, Number]:
     """Returns settings as a factory takes them.
 
     Args:
       agent: Name of the agent.
       factory: Factory that takes the settings.
-      settings: Values by name.
+      settings: Values by name; several belong to equal shares of the robots in turn.
+      robots: Number of robots, B.
 
     Raises:
-      InputError: the agent has no such setting, or the value lies outside of its range.
+      InputError: the agent has no such setting, a value lies outside of its range, or robots cannot
+        differ in it.
     """
     known = settings_of(factory)
-    checked: dict[str, float] = {}
-    for name, value in settings.items():
+    checked: dict[str, Number] = {}
+    for name, values in settings.items():
         if name not in known:
             near = difflib.get_close_matches(name, known, 1)
             hint = (
@@ -141,11 +155,17 @@ def checked_settings(
             )
             raise InputError(f"{agent} has no setting {name}{hint}")
         setting = known[name]
-        if not setting.low <= value <= setting.high or setting.whole and value != int(value):
-            kind = "be a whole number" if setting.whole else "lie"
-            raise InputError(
-                f"the setting {name} of {agent} must {kind} in "
-                f"[{setting.low:g}, {setting.high:g}], got {shown(value)}"
-            )
-        checked[name] = int(value) if setting.whole else float(value)
+        for value in values:
+            if not setting.low <= value <= setting.high or setting.whole and value != int(value):
+                kind = "be a whole number" if setting.whole else "lie"
+                raise InputError(
+                    f"the setting {name} of {agent} must {kind} in "
+                    f"[{setting.low:g}, {setting.high:g}], got {shown(value)}"
+                )
+        if len(values) == 1:
+            checked[name] = int(values[0]) if setting.whole else float(values[0])
+        elif not setting.each or robots % len(values):
+            raise InputError(f"{robots} robots cannot have {len(values)} values of {name}")
+        else:
+            checked[name] = np.repeat(np.array(values), robots // len(values))
     return checked

@@ -17,7 +17,7 @@ from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.results.run_files import planned
 
 
-@tunable(rate=Setting(0.1, 0.01, 1.0, log=True), tiles=Setting(4, 2, 8))
+@tunable(rate=Setting(0.1, 0.01, 1.0, log=True, each=True), tiles=Setting(4, 2, 8))
 def made(robots, senses, seed, *, rate, tiles):
     """Makes nothing."""
     return robots, senses, seed, rate, tiles
@@ -58,9 +58,21 @@ def test_half_of_a_logarithmic_range_is_its_geometric_mean():
 
 
 def test_settings_are_read_as_numbers():
-    assert settings_from(["rate=0.5", "tiles=3"]) == {"rate": 0.5, "tiles": 3}
-    checked = checked_settings("mine", made, {"rate": 1, "tiles": 3.0})
+    assert settings_from(["rate=0.5", "tiles=3"]) == {"rate": [0.5], "tiles": [3]}
+    checked = checked_settings("mine", made, {"rate": [1], "tiles": [3.0]}, 5)
     assert checked == {"rate": 1.0, "tiles": 3} and type(checked["tiles"]) is int
+
+
+def test_several_values_belong_to_equal_shares_of_the_robots():
+    words = settings_from(["rate=0.5,0.1", "tiles=3"], several=True)
+    checked = checked_settings("mine", made, words, 4)
+    assert checked["rate"].tolist() == [0.5, 0.5, 0.1, 0.1] and checked["tiles"] == 3
+    with pytest.raises(InputError, match="5 robots cannot have 2 values of rate"):
+        checked_settings("mine", made, words, 5)
+    with pytest.raises(InputError, match="4 robots cannot have 2 values of tiles"):
+        checked_settings("mine", made, {"tiles": [3, 4]}, 4)
+    with pytest.raises(InputError, match=r"must lie in \[0.01, 1\], got 2"):
+        checked_settings("mine", made, {"rate": [0.5, 2]}, 4)
 
 
 @pytest.mark.parametrize(
@@ -69,6 +81,7 @@ def test_settings_are_read_as_numbers():
         (["rate"], "a setting must be NAME=VALUE with a number, got 'rate'"),
         (["rate=nan"], "with a number"),
         (["rate=1e999"], "with a number"),
+        (["rate=0.1,0.2"], "with a number"),
         (["=1"], "must be NAME=VALUE"),
         (["rate=0.1", "rate=0.2"], "the setting rate is given twice"),
         (["rats=0.1"], r"mine has no setting rats: did you mean rate\?"),
@@ -79,7 +92,7 @@ def test_settings_are_read_as_numbers():
 )
 def test_other_settings_are_refused_in_a_sentence(words, sentence):
     with pytest.raises(InputError, match=sentence):
-        checked_settings("mine", made, settings_from(words))
+        checked_settings("mine", made, settings_from(words), 4)
 
 
 def test_a_default_outside_of_its_range_is_an_error_of_the_agents_author():

@@ -13,13 +13,19 @@ from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.errors import InputError
-from musebot.protocols.studies.learners.tune import Tune
+from musebot.protocols.studies.learners.tune import Trial, Tune
 
 
 @tunable(goodness=Setting(0.2, 0.0, 1.0, "share of the time in which it acts well"))
 def graded(robots, senses, seed, *, goodness):
     """Drives well for a share of the time, and else straight on."""
     return Graded(senses, goodness)
+
+
+@tunable(goodness=Setting(0.2, 0.0, 1.0, "share of the time in which it acts well", each=True))
+def each(robots, senses, seed, *, goodness):
+    """The same, where robots may differ."""
+    return Graded(senses, np.broadcast_to(goodness, robots))
 
 
 class Graded(HandCoded):
@@ -29,8 +35,8 @@ class Graded(HandCoded):
 
     def act(self, state, learning):
         self.step += 1
-        good = (self.step * 0.618) % 1 < self.goodness
-        return super().act(state, learning) if good else np.full((len(state), 2), 0.5)
+        good = np.broadcast_to((self.step * 0.618) % 1 < self.goodness, len(state))
+        return np.where(good[:, None], super().act(state, learning), 0.5)
 
 
 def plain(robots, senses, seed):
@@ -40,7 +46,7 @@ def plain(robots, senses, seed):
 @pytest.fixture(autouse=True)
 def module(monkeypatch):
     mine = types.ModuleType("mine")
-    mine.graded, mine.plain = graded, plain
+    mine.graded, mine.each, mine.plain = graded, each, plain
     monkeypatch.setitem(sys.modules, "mine", mine)
     monkeypatch.setattr(trust, "_TRUSTED", set())
 
@@ -60,9 +66,43 @@ def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
 
 def test_settings_that_count_steps_are_shorter_in_the_shorter_first_round():
     study = Tune(agent="dqn", trials=1, kept=1, robots=2, time_scale=0.1)
-    first, whole = (study._round(number, ("rate=0.01",)) for number in (0, 1))
+    first, whole = (study._round(number, [Trial(1, ("rate=0.01",))]) for number in (0, 1))
     assert first.settings == ("rate=0.01", "epsilon_steps=1800") and first.time_scale == 0.025
     assert whole.settings == ("rate=0.01",) and whole.time_scale == 0.1
+
+
+def test_trials_live_in_one_cohort_where_robots_may_differ_in_all_settings():
+    study = Tune(agent="sarsa_lambda", trials=3, kept=2, robots=4)
+    trials = study.drawn()
+    assert study._cohorts(trials) == [trials]
+    both = study._round(1, trials[:2])
+    assert both.cohort_size == 8
+    values = [trial.values(study.settings) for trial in trials[:2]]
+    assert values[0]["rate"] == "0.1" and len(values[0]) == len(both.settings) == 5
+    for word in both.settings:
+        name, _, text = word.partition("=")
+        assert text == f"{values[0][name]},{values[1][name]}"
+    assert study._round(0, trials[:1]).settings == ()
+    assert len(TINY._cohorts(TINY.drawn())) == 6
+
+
+def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
+    """An agent that drives well for the share of time it is given: so are its values."""
+    words = "--trials 4 --kept 2 --robots 3 --time-scale 0.01 --processes 1".split()
+    for name in ("graded", "each"):
+        command = ["study", "tune", str(tmp_path / name), "--agent", f"mine:{name}", *words]
+        assert cli.main(command) == 0
+    studies = (
+        Tune(agent=f"mine:{name}", trials=4, kept=2, robots=3, time_scale=0.01)
+        for name in ("graded", "each")
+    )
+    alone, together = (
+        {one[0]: one[1].mean() for one in study.ranked(tmp_path / study.agent[5:])}
+        for study in studies
+    )
+    assert alone.keys() == together.keys()
+    assert np.corrcoef([*alone.values()], [together[trial] for trial in alone])[0, 1] > 0.9
+    assert len([*(tmp_path / "each" / "trials").iterdir()]) == 2 + 2
 
 
 @pytest.mark.parametrize(

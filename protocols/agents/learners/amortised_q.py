@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -11,9 +9,9 @@ from torch.distributions import Normal
 
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Setting, tunable
-from .base import LARGEST, OnlineLearner
-from .networks import LayeredNetworks, adam, descend, moments
+from ..settings import Number, Setting, tunable
+from .base import LARGEST, OnlineLearner, for_each
+from .networks import Adam, LayeredNetworks
 
 
 class AmortisedQ(OnlineLearner):
@@ -29,23 +27,24 @@ class AmortisedQ(OnlineLearner):
     OWN, UNIFORM = 17, 8  # in all 25, the paper's number of actions
     SPREADS = 0.1, 1.0  # smallest and largest standard deviation
 
-    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `amortised_q` for the settings."""
         super().__init__(robots, senses, seed)
-        self._discount, self._epsilon = settings["discount"], settings["epsilon"]
-        self._entropy, width = settings["entropy"], int(settings["hidden"])
+        setting = for_each(settings)
+        self._discount, self._epsilon = setting["discount"], setting["epsilon"]
+        self._entropy, width = setting["entropy"], int(setting["hidden"])
         sizes = (self.inputs + 2, width, width, 1), (self.inputs, width, width, 4)
         self.values, self.proposer = (
             LayeredNetworks(robots, shape, self.generator, F.tanh) for shape in sizes
         )
         self._adams = []
         for name, networks, rate in (
-            ("values", self.values, settings["rate"]),
-            ("proposer", self.proposer, settings["proposer_rate"]),
+            ("values", self.values, setting["rate"]),
+            ("proposer", self.proposer, setting["proposer_rate"]),
         ):
             self.keep_list(name, networks.tensors, learned=True)
-            self._adams.append(adam(networks.tensors, rate))
-            self.keep_list(f"{name}.adam", moments(self._adams[-1]))
+            self._adams.append(Adam(networks, rate))
+            self.keep_list(f"{name}.adam", self._adams[-1].tensors)
         for name in ("action", "best"):
             self.pair(name, torch.zeros(robots, 2))
         self.pair("value_of_best", torch.zeros(robots))
@@ -74,18 +73,18 @@ class AmortisedQ(OnlineLearner):
         taken = torch.cat([inputs, self.before["action"]], dim=1)
         target = reward + self._discount * self.now["value_of_best"]
 
-        def loss(tensors: Sequence[Tensor]) -> Tensor:
-            return 0.5 * (target - self.values(taken, tensors)[:, 0]).square()
+        def loss(flat: Tensor) -> Tensor:
+            return 0.5 * (target - self.values(taken, flat)[:, 0]).square()
 
-        def cost(tensors: Sequence[Tensor]) -> Tensor:
-            distribution = self._distribution(self.proposer(inputs, tensors))
+        def cost(flat: Tensor) -> Tensor:
+            distribution = self._distribution(self.proposer(inputs, flat))
             proposals = Normal(*distribution, validate_args=False)
             gain = proposals.log_prob(self.before["best"]) + self._entropy * proposals.entropy()
             return -gain.sum(dim=1)
 
-        gradients = self.values.gradients(loss), self.proposer.gradients(cost)
-        for optimizer, gradient in zip(self._adams, gradients, strict=True):
-            descend(optimizer, gradient)
+        gradients = self.values.gradient(loss), self.proposer.gradient(cost)
+        for adam, gradient in zip(self._adams, gradients, strict=True):
+            adam.descend(gradient)
 
     def _distribution(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
         """Returns mean and standard deviation of both motors, each of shape (B, 2)."""
@@ -95,14 +94,14 @@ class AmortisedQ(OnlineLearner):
 
 
 @tunable(
-    rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the values", log=True),
-    proposer_rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the proposals", log=True),
-    discount=Setting(0.9, 0.8, 0.99, "discount of the next value"),
-    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
+    rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the values", log=True, each=True),
+    proposer_rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the proposals", log=True, each=True),
+    discount=Setting(0.9, 0.8, 0.99, "discount of the next value", each=True),
+    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True, each=True),
     entropy=Setting(0.1, 0.0, 1.0, "weight of the proposals' entropy", tuned=False),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
 )
-def amortised_q(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+def amortised_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Amortised Q-learning: a learned distribution proposes actions (Van de Wiele et al. 2020).
 
     Args:

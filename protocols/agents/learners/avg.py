@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
@@ -11,10 +10,10 @@ from torch import Tensor
 
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Setting, tunable
-from .base import LARGEST, OnlineLearner
+from ..settings import Number, Setting, tunable
+from .base import LARGEST, OnlineLearner, for_each
 from .moments import Moments
-from .networks import LayeredNetworks, adam, descend, moments, of_unit_length
+from .networks import Adam, LayeredNetworks, of_unit_length
 
 _LOG_SPREAD = -20.0, 2.0
 
@@ -33,11 +32,12 @@ class AVG(OnlineLearner):
     action a' is the one that the robot takes; the authors' program draws another.
     """
 
-    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `avg` for the settings."""
         super().__init__(robots, senses, seed)
-        self._discount, self._entropy = settings["discount"], settings["entropy"]
-        width = int(settings["hidden"])
+        setting = for_each(settings)
+        self._discount, self._entropy = setting["discount"], setting["entropy"]
+        width = int(setting["hidden"])
         self.actor, self.critic = (
             LayeredNetworks(
                 robots, (fan_in, width, width, fan_out), self.generator,
@@ -50,8 +50,8 @@ class AVG(OnlineLearner):
             for weights in networks.tensors[::2]:
                 make_orthogonal(weights, self.generator)
             self.keep_list(name, networks.tensors, learned=True)
-            self._adams.append(adam(networks.tensors, settings[f"{name}_rate"], mean_decay=0.0))
-            self.keep_list(f"{name}.adam", moments(self._adams[-1]))
+            self._adams.append(Adam(networks, setting[f"{name}_rate"], mean_decay=0.0))
+            self.keep_list(f"{name}.adam", self._adams[-1].tensors)
         self._signals, self._rewards = Moments(robots, self.inputs), Moments(robots)
         self.keep_list("signals", self._signals.tensors(), learned=True)
         self.keep_list("rewards", self._rewards.tensors())
@@ -82,17 +82,17 @@ class AVG(OnlineLearner):
         soft = self.critic(following)[:, 0] - self._entropy * self.now["log_density"]
         target = reward + self._discount * soft
 
-        def loss(tensors: Sequence[Tensor]) -> Tensor:
-            return ((target - self.critic(taken, tensors)[:, 0]) / sigma).square()
+        def loss(flat: Tensor) -> Tensor:
+            return ((target - self.critic(taken, flat)[:, 0]) / sigma).square()
 
-        def cost(tensors: Sequence[Tensor]) -> Tensor:
-            action, log_density = _squashed(self.actor(inputs, tensors), noise)
+        def cost(flat: Tensor) -> Tensor:
+            action, log_density = _squashed(self.actor(inputs, flat), noise)
             value = self.critic(torch.cat([inputs, action], dim=1))[:, 0]
             return self._entropy * log_density - value
 
-        gradients = self.actor.gradients(cost), self.critic.gradients(loss)
-        for optimizer, gradient in zip(self._adams, gradients, strict=True):
-            descend(optimizer, gradient)
+        gradients = self.actor.gradient(cost), self.critic.gradient(loss)
+        for adam, gradient in zip(self._adams, gradients, strict=True):
+            adam.descend(gradient)
 
 
 def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
@@ -121,13 +121,13 @@ def make_orthogonal(weights: Tensor, generator: torch.Generator) -> None:
 
 
 @tunable(
-    discount=Setting(0.99, 0.8, 0.995, "discount of the next value"),
-    actor_rate=Setting(0.0063, 1e-4, 1e-2, "learn rate of the actor", log=True),
-    critic_rate=Setting(0.0087, 1e-4, 1e-2, "learn rate of the critic", log=True),
-    entropy=Setting(0.07, 0.001, 0.2, "weight of the policy's entropy", log=True),
+    discount=Setting(0.99, 0.8, 0.995, "discount of the next value", each=True),
+    actor_rate=Setting(0.0063, 1e-4, 1e-2, "learn rate of the actor", log=True, each=True),
+    critic_rate=Setting(0.0087, 1e-4, 1e-2, "learn rate of the critic", log=True, each=True),
+    entropy=Setting(0.07, 0.001, 0.2, "weight of the policy's entropy", log=True, each=True),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 256", tuned=False),
 )
-def avg(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+def avg(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Action Value Gradient: an incremental soft actor-critic (Vasan et al. 2024).
 
     Args:

@@ -12,6 +12,7 @@ from torch import Tensor
 from ....controller.networks import load_into
 from ....controller.senses import Senses
 from ..base import Agent
+from ..settings import Number
 
 LARGEST = 0.5  # motor value
 
@@ -22,9 +23,17 @@ def grid_of_actions() -> Tensor:
     return torch.cartesian_prod(motors, motors)
 
 
-def falling(last: float, age: float, steps: float) -> float:
+def for_each(settings: Mapping[str, Number]) -> dict[str, float | Tensor]:
+    """Returns settings as numbers, or, where robots differ, as tensors of shape (B,)."""
+    return {
+        name: torch.from_numpy(value).float() if isinstance(value, np.ndarray) else value
+        for name, value in settings.items()
+    }
+
+
+def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | Tensor:
     """Returns a probability that falls linearly from 1 to its last value within some steps."""
-    return max(1 - (1 - last) * age / steps, last)
+    return last + (1 - last) * (1 - age / steps if age < steps else 0.0)
 
 
 class OnlineLearner(Agent):
@@ -137,7 +146,7 @@ class OnlineLearner(Agent):
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Agent.state`."""
-        return {name: tensor.numpy() for name, tensor in self._tensors().items()}
+        return {name: tensor.contiguous().numpy() for name, tensor in self._tensors().items()}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_state`."""
@@ -147,18 +156,18 @@ class OnlineLearner(Agent):
 
     def weights(self) -> dict[str, np.ndarray]:
         """See `Agent.weights`."""
-        return {name: tensor.numpy() for name, tensor in self._learned.items()}
+        return {name: tensor.contiguous().numpy() for name, tensor in self._learned.items()}
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_weights`."""
         load_into(self._learned, {name: torch.from_numpy(a) for name, a in arrays.items()})
 
-    def epsilon_greedy(self, values: Tensor, epsilon: float, learning: bool) -> Tensor:
+    def epsilon_greedy(self, values: Tensor, epsilon: float | Tensor, learning: bool) -> Tensor:
         """Returns the index of the best action, or in training of a random one at times.
 
         Args:
           values: Values of A actions, shape (B, A).
-          epsilon: Probability of a random action.
+          epsilon: Probability of a random action, a number or one for each robot.
           learning: False in the tests.
 
         Returns:

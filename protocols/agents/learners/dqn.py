@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Setting, tunable
-from .base import OnlineLearner, falling, grid_of_actions
-from .networks import LayeredNetworks, adam, descend, moments
+from ..settings import Number, Setting, tunable
+from .base import OnlineLearner, falling, for_each, grid_of_actions
+from .networks import Adam, LayeredNetworks, column
 
 
 class DQN(OnlineLearner):
@@ -25,20 +23,20 @@ class DQN(OnlineLearner):
 
     REPLAY, BATCH, COPY = 10_000, 32, 500
 
-    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `dqn` for the settings."""
         super().__init__(robots, senses, seed)
-        self._discount, self._epsilon = settings["discount"], settings["epsilon"]
-        self._fall = settings["epsilon_steps"]
+        setting = for_each(settings)
+        self._discount, self._epsilon = setting["discount"], setting["epsilon"]
+        self._fall = setting["epsilon_steps"]
         self._actions = grid_of_actions()
-        width, outputs = int(settings["hidden"]), len(self._actions)
+        width, outputs = int(setting["hidden"]), len(self._actions)
         sizes = (self.inputs, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, F.relu)
-        self._optimizer = adam(self.networks.tensors, settings["rate"])
-        self._targets = [tensor.clone() for tensor in self.networks.tensors]
+        self._adam = Adam(self.networks, setting["rate"])
         self.keep_list("values", self.networks.tensors, learned=True)
-        self.keep_list("values.adam", moments(self._optimizer))
-        self.keep_list("target", self._targets)
+        self.keep_list("values.adam", self._adam.tensors)
+        self._target = self.keep("target", self.networks.flat.clone())
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         # Inputs, next inputs and reward of each transition, and its action.
         columns = 2 * self.inputs + 1
@@ -69,27 +67,28 @@ class DQN(OnlineLearner):
             [self.inputs, self.inputs, 1], dim=2
         )
         acted = self._acted[rows, drawn][..., None]
-        best = self.networks(following, self._targets).amax(dim=2)
-        target = rewards[..., 0] + self._discount * best
+        best = self.networks(following, self._target).amax(dim=2)
+        target = rewards[..., 0] + column(self._discount) * best
 
-        def loss(tensors: Sequence[Tensor]) -> Tensor:
-            values = self.networks(inputs, tensors).gather(2, acted)[..., 0]
+        def loss(flat: Tensor) -> Tensor:
+            values = self.networks(inputs, flat).gather(2, acted)[..., 0]
             return F.smooth_l1_loss(values, target, reduction="none").mean(dim=1)
 
-        descend(self._optimizer, self.networks.gradients(loss))
+        self._adam.descend(self.networks.gradient(loss))
         if (count + 1) % self.COPY == 0:
-            for target_tensor, tensor in zip(self._targets, self.networks.tensors, strict=True):
-                target_tensor.copy_(tensor)
+            self._target.copy_(self.networks.flat)
 
 
 @tunable(
-    rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True),
-    discount=Setting(0.95, 0.8, 0.99, "discount of the next value"),
-    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action in the end", log=True),
+    rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True, each=True),
+    discount=Setting(0.95, 0.8, 0.99, "discount of the next value", each=True),
+    epsilon=Setting(
+        0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+    ),
     epsilon_steps=Setting(7200.0, 1, 1e6, "training steps until then", tuned=False, duration=True),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
 )
-def dqn(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """DQN: Q-learning from a memory of the last 10,000 transitions (Mnih et al. 2015).
 
     Args:

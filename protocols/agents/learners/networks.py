@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import torch
 import torch.nn.functional as F
@@ -16,7 +17,8 @@ class LayeredNetworks:
     """B fully connected networks of equal shape; the last layer is linear.
 
     Attributes:
-      tensors: Weights (B, O, I) and biases (B, O) of each layer in turn.
+      flat: All weights and biases of each robot, shape (B, W); they change in place.
+      tensors: Weights (B, O, I) and biases (B, O) of each layer in turn: views of `flat`.
     """
 
     def __init__(
@@ -37,22 +39,25 @@ class LayeredNetworks:
           last_hidden: Function of the sums of the last hidden layer; None for `hidden`.
         """
         self._hidden = [hidden] * (len(sizes) - 3) + [last_hidden or hidden]
-        self.tensors: list[Tensor] = []
-        for fan_in, fan_out in zip(sizes, sizes[1:], strict=False):
-            uniform = torch.rand(robots, fan_out, fan_in, generator=generator) * 2 - 1
-            self.tensors += [uniform / math.sqrt(fan_in), torch.zeros(robots, fan_out)]
+        self._shapes = [shape for i, o in pairwise(sizes) for shape in ((o, i), (o,))]
+        self._counts = [math.prod(shape) for shape in self._shapes]
+        self.flat = torch.zeros(robots, sum(self._counts))
+        self.tensors = self._views(self.flat)
+        for weights in self.tensors[::2]:
+            uniform = torch.rand(weights.shape, generator=generator) * 2 - 1
+            weights.copy_(uniform / math.sqrt(weights.shape[-1]))
 
-    def __call__(self, inputs: Tensor, tensors: Sequence[Tensor] | None = None) -> Tensor:
+    def __call__(self, inputs: Tensor, flat: Tensor | None = None) -> Tensor:
         """Evaluates each robot's network.
 
         Args:
           inputs: Inputs, shape (B, I), or (B, N, I) for N inputs a robot.
-          tensors: Weights and biases in place of the networks' own.
+          flat: Weights and biases in place of the networks' own, shape (B, W).
 
         Returns:
           Outputs, shape (B, O) or (B, N, O).
         """
-        tensors = self.tensors if tensors is None else tensors
+        tensors = self.tensors if flat is None else self._views(flat)
         several = inputs.dim() == 3
         x = inputs if several else inputs[:, None]
         for layer, (weights, biases) in enumerate(zip(tensors[::2], tensors[1::2], strict=True)):
@@ -61,15 +66,19 @@ class LayeredNetworks:
                 x = self._hidden[layer](x)
         return x if several else x[:, 0]
 
-    def gradients(self, objective: Callable[[Sequence[Tensor]], Tensor]) -> list[Tensor]:
-        """Returns the gradient of each robot's objective with respect to its own weights.
+    def gradient(self, objective: Callable[[Tensor], Tensor]) -> Tensor:
+        """Returns the gradient of each robot's objective with respect to its weights, (B, W).
 
         Args:
-          objective: Function of weights and biases that returns one number a robot, shape (B,).
+          objective: Function of weights and biases (B, W) that returns one number a robot, (B,).
         """
         with torch.enable_grad():
-            leaves = [tensor.detach().requires_grad_() for tensor in self.tensors]
-            return [*torch.autograd.grad(objective(leaves).sum(), leaves)]
+            leaf = self.flat.detach().requires_grad_()
+            return torch.autograd.grad(objective(leaf).sum(), leaf)[0]
+
+    def _views(self, flat: Tensor) -> list[Tensor]:
+        parts = flat.split(self._counts, dim=1)
+        return [part.view(-1, *shape) for part, shape in zip(parts, self._shapes, strict=True)]
 
 
 def normalised(x: Tensor) -> Tensor:
@@ -83,26 +92,42 @@ def of_unit_length(x: Tensor) -> Tensor:
     return x / x.norm(dim=-1, keepdim=True).clamp(min=1e-12)
 
 
-def adam(tensors: Sequence[Tensor], rate: float, mean_decay: float = 0.9) -> torch.optim.Adam:
-    """Returns PyTorch's Adam, whose moments exist already, so that checkpoints can hold them."""
-    optimizer = torch.optim.Adam(tensors, lr=rate, betas=(mean_decay, 0.999))
-    for tensor in tensors:
-        optimizer.state[tensor] = {
+class Adam:
+    """PyTorch's Adam on the weights of B networks, with a learn rate for each robot.
+
+    Attributes:
+      tensors: All that it keeps from step to step.
+    """
+
+    def __init__(
+        self, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float = 0.9
+    ) -> None:
+        """Begins with empty moments.
+
+        Args:
+          networks: Networks whose weights it changes.
+          rate: Learn rate, a number or one for each robot.
+          mean_decay: Decay of the mean of the gradients.
+        """
+        self._flat, self._rate = networks.flat, column(rate)
+        self._move = torch.zeros_like(self._flat)  # of learn rate 1
+        self._optimizer = torch.optim.Adam([self._move], lr=1.0, betas=(mean_decay, 0.999))
+        # PyTorch makes these in the first step, which is too late for a checkpoint before it.
+        kept = {
             "step": torch.zeros(()),
-            "exp_avg": torch.zeros_like(tensor),
-            "exp_avg_sq": torch.zeros_like(tensor),
+            "exp_avg": torch.zeros_like(self._flat),
+            "exp_avg_sq": torch.zeros_like(self._flat),
         }
-    return optimizer
+        self._optimizer.state[self._move] = kept
+        self.tensors = [*kept.values()]
+
+    def descend(self, gradient: Tensor) -> None:
+        """Makes a step against a gradient of shape (B, W)."""
+        self._move.zero_().grad = gradient
+        self._optimizer.step()
+        self._flat += self._rate * self._move
 
 
-def moments(optimizer: torch.optim.Adam) -> list[Tensor]:
-    """Returns all that an optimizer of `adam` keeps from step to step."""
-    tensors = optimizer.param_groups[0]["params"]
-    return [kept for tensor in tensors for kept in optimizer.state[tensor].values()]
-
-
-def descend(optimizer: torch.optim.Adam, gradients: Sequence[Tensor]) -> None:
-    """Makes a step of an optimizer of `adam` against the given gradients."""
-    for tensor, gradient in zip(optimizer.param_groups[0]["params"], gradients, strict=True):
-        tensor.grad = gradient
-    optimizer.step()
+def column(value: float | Tensor) -> float | Tensor:
+    """Returns a number as it is, and one for each robot, shape (B,), as a column (B, 1)."""
+    return value[:, None] if isinstance(value, Tensor) else value

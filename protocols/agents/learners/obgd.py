@@ -14,6 +14,7 @@ from torch import Tensor
 
 from .base import OnlineLearner
 from .moments import Moments
+from .networks import LayeredNetworks, column
 
 
 class ObGD:
@@ -26,42 +27,40 @@ class ObGD:
     where the sum is over all weights of a robot.
 
     Attributes:
-      traces: Trace of each tensor.
+      traces: Trace of each weight, shape (B, W).
     """
 
     RATE = 1.0
 
-    def __init__(self, tensors: Sequence[Tensor], decay: float, kappa: float) -> None:
+    def __init__(
+        self, networks: LayeredNetworks, decay: float | Tensor, kappa: float | Tensor
+    ) -> None:
         """Begins with empty traces.
 
         Args:
-          tensors: Weights and biases, each of shape (B, ...); they change in place.
-          decay: Factor of the traces in each step: discount times trace.
-          kappa: Factor by which steps are smaller than the bound.
+          networks: Networks whose weights change.
+          decay: Factor of the traces in each step, discount times trace, a number or one for each
+            robot.
+          kappa: Factor by which steps are smaller than the bound, likewise.
         """
-        self._tensors, self._decay, self._kappa = tensors, decay, kappa
-        self.traces = [torch.zeros_like(tensor) for tensor in tensors]
+        self._flat, self._decay, self._kappa = networks.flat, column(decay), kappa
+        self.traces = torch.zeros_like(self._flat)
 
-    def step(self, gradients: Sequence[Tensor], error: Tensor) -> None:
+    def step(self, gradient: Tensor, error: Tensor) -> None:
         """Moves each robot's weights along its trace.
 
         Args:
-          gradients: Gradients of what is to increase with a positive error.
+          gradient: Gradient of what is to increase with a positive error, shape (B, W).
           error: TD error of each robot, shape (B,).
         """
-        length = torch.zeros_like(error)
-        for trace, gradient in zip(self.traces, gradients, strict=True):
-            trace.mul_(self._decay).add_(gradient)
-            length += trace.abs().flatten(1).sum(dim=1)
+        self.traces.mul_(self._decay).add_(gradient)
+        length = self.traces.abs().sum(dim=1)
         bound = self.RATE * self._kappa * error.abs().clamp(min=1) * length
-        move = self.RATE / bound.clamp(min=1) * error
-        for tensor, trace in zip(self._tensors, self.traces, strict=True):
-            tensor += move.view(-1, *[1] * (tensor.dim() - 1)) * trace
+        self._flat += (self.RATE / bound.clamp(min=1) * error)[:, None] * self.traces
 
     def forget(self, robots: Tensor | None = None) -> None:
         """Empties the traces of the robots for which a mask is true, or of all."""
-        for trace in self.traces:
-            trace[slice(None) if robots is None else robots] = 0
+        self.traces[slice(None) if robots is None else robots] = 0
 
 
 def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: float = 0.9) -> None:
@@ -90,7 +89,7 @@ class StreamLearner(OnlineLearner):
     episodes, and robots sense no clock.
     """
 
-    def prepare(self, discount: float) -> None:
+    def prepare(self, discount: float | Tensor) -> None:
         """Begins the moments.
 
         Args:

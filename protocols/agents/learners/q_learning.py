@@ -9,8 +9,8 @@ from torch import Tensor
 from ....controller.networks import Networks
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Setting, tunable
-from .base import OnlineLearner, grid_of_actions
+from ..settings import Number, Setting, tunable
+from .base import OnlineLearner, for_each, grid_of_actions
 
 
 class QLearner(OnlineLearner):
@@ -25,11 +25,12 @@ class QLearner(OnlineLearner):
 
     HIDDEN = 16
 
-    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `q_learner` for the settings."""
         super().__init__(robots, senses, seed)
-        self._rate, self._discount = settings["rate"], settings["discount"]
-        self._epsilon = settings["epsilon"]
+        setting = for_each(settings)
+        self._rate, self._discount = setting["rate"], setting["discount"]
+        self._epsilon = setting["epsilon"]
         self._actions = grid_of_actions()
         count = len(self._actions)
         self._networks = Networks(robots, self.inputs, self.HIDDEN, count, 0.1, self.generator)
@@ -60,11 +61,11 @@ class QLearner(OnlineLearner):
 
 
 @tunable(
-    rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True),
-    discount=Setting(0.9, 0.8, 0.95, "discount of the next value"),
-    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
+    rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True, each=True),
+    discount=Setting(0.9, 0.8, 0.95, "discount of the next value", each=True),
+    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True, each=True),
 )
-def q_learner(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+def q_learner(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Online Q-learning with a network of 16 hidden neurons, values of the 25 fixed actions.
 
     Args:

@@ -7,8 +7,9 @@ from torch import Tensor
 
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Setting, tunable
-from .base import OnlineLearner, grid_of_actions
+from ..settings import Number, Setting, tunable
+from .base import OnlineLearner, for_each, grid_of_actions
+from .networks import column
 
 _PRIMES = 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967, 86_028_121, 32_452_843
 _MIXER = 0x85EBCA6B
@@ -21,26 +22,30 @@ class SarsaLambda(OnlineLearner):
     (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda)). Q(s, a) is the sum of
     one weight a tiling. The trace holds the last `MEMORY` steps; what is left out has decayed
     below 0.0001 with the largest settings, below 0.00001 with the defaults. Up to `CELLS` tiles a
-    tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight.
+    tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight, in all
+    robots if in one.
     """
 
     TILINGS, CELLS, MEMORY = 8, 512, 48
 
-    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Begins with weights of 0; see `sarsa_lambda` for the settings."""
         super().__init__(robots, senses, seed)
-        self._rate, self._discount = settings["rate"] / self.TILINGS, settings["discount"]
-        self._epsilon, self._tiles = settings["epsilon"], int(settings["tiles"])
+        setting = for_each(settings)
+        self._rate, self._discount = setting["rate"] / self.TILINGS, setting["discount"]
+        self._epsilon = setting["epsilon"]
+        # Tiles that cover a signal, for each robot, tiling and signal.
+        self._tiles = torch.as_tensor(setting["tiles"]).view(-1, 1, 1)
         self._actions = grid_of_actions()
         count, cells = len(self._actions), self.TILINGS * self.CELLS
         self.values = self.keep("values", torch.zeros(robots, count * cells), learned=True)
         self._rows = torch.arange(robots)
         offsets = torch.arange(self.TILINGS)[:, None] * (2 * torch.arange(self.inputs) + 1)
         self._offsets = (offsets % self.TILINGS) / self.TILINGS
-        width = self._tiles + 1
-        self._dense = width**self.inputs <= self.CELLS
+        width = self._tiles.long() + 1
+        self._dense = bool((width**self.inputs <= self.CELLS).all())
         self._factors = (
-            torch.tensor([width**k for k in range(self.inputs)])
+            width ** torch.arange(self.inputs)
             if self._dense
             else torch.tensor(_PRIMES)[: self.inputs]
         )
@@ -51,7 +56,7 @@ class SarsaLambda(OnlineLearner):
         )
         self._steps = self.keep("steps", torch.zeros(1, dtype=torch.int64))
         ages = torch.arange(self.MEMORY, dtype=torch.float32)
-        self._decay = (settings["discount"] * settings["trace"]) ** ages
+        self._decay = column(setting["discount"] * setting["trace"]) ** ages
 
     def placed_anew(self) -> None:
         """See `OnlineLearner.placed_anew`."""
@@ -64,7 +69,7 @@ class SarsaLambda(OnlineLearner):
           inputs: Signals scaled to [-1, 1], shape (B, I).
         """
         places = (inputs[:, None] + 1) / 2 * self._tiles + self._offsets
-        numbers = places.clamp(0, self._tiles + 0.999).long()
+        numbers = places.clamp(min=0).minimum(self._tiles + 0.999).long()
         cells = (numbers * self._factors).sum(dim=2)
         if not self._dense:  # mixed, so that neighbours in two signals do not share a cell
             cells = cells + _PRIMES[-1] * torch.arange(self.TILINGS)
@@ -93,19 +98,19 @@ class SarsaLambda(OnlineLearner):
         self._past[:, 0] = self.before["weights_of"]
         self._steps.add_(1).clamp_(max=self.MEMORY)
         known = torch.arange(self.MEMORY) < self._steps
-        moves = self._rate * error[:, None] * (self._decay * known)
+        moves = (self._rate * error)[:, None] * (self._decay * known)
         moves = moves[:, :, None].expand(-1, -1, self.TILINGS)
         self.values.scatter_add_(1, self._past.flatten(1), moves.flatten(1))
 
 
 @tunable(
-    rate=Setting(0.1, 0.01, 0.2, "learn rate of the sum of the tilings", log=True),
-    discount=Setting(0.9, 0.8, 0.95, "discount of the next value"),
-    trace=Setting(0.8, 0.0, 0.8, "lambda: decay of the traces beside the discount"),
-    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True),
-    tiles=Setting(7, 4, 12, "tiles that cover the range of a signal"),
+    rate=Setting(0.1, 0.01, 0.2, "learn rate of the sum of the tilings", log=True, each=True),
+    discount=Setting(0.9, 0.8, 0.95, "discount of the next value", each=True),
+    trace=Setting(0.8, 0.0, 0.8, "lambda: decay of the traces beside the discount", each=True),
+    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True, each=True),
+    tiles=Setting(7, 4, 12, "tiles that cover the range of a signal", each=True),
 )
-def sarsa_lambda(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+def sarsa_lambda(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """SARSA(lambda) with tile coding and the paper's 25 fixed actions (Sutton and Barto 2018).
 
     Args:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -11,8 +9,8 @@ from torch.distributions import Normal
 
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Setting, tunable
-from .base import LARGEST
+from ..settings import Number, Setting, tunable
+from .base import LARGEST, for_each
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -28,12 +26,13 @@ class StreamAC(StreamLearner):
 
     KAPPA_OF_ACTOR = 1.5  # times the critic's, as published (3 and 2)
 
-    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `stream_ac` for the settings."""
         super().__init__(robots, senses, seed)
-        self._entropy = settings["entropy"]
-        self.prepare(settings["discount"])
-        width, decay = int(settings["hidden"]), settings["discount"] * settings["trace"]
+        setting = for_each(settings)
+        self._entropy = setting["entropy"]
+        self.prepare(setting["discount"])
+        width, decay = int(setting["hidden"]), setting["discount"] * setting["trace"]
         self.critic, self.actor = (
             LayeredNetworks(
                 robots, (self.inputs, width, width, outputs), self.generator, normalised
@@ -42,15 +41,15 @@ class StreamAC(StreamLearner):
         )
         for networks in (self.critic, self.actor):
             make_sparse(networks.tensors, self.generator)
-        self.critics_descent = ObGD(self.critic.tensors, decay, settings["kappa"])
-        kappa = self.KAPPA_OF_ACTOR * settings["kappa"]
-        self.actors_descent = ObGD(self.actor.tensors, decay, kappa)
+        self.critics_descent = ObGD(self.critic, decay, setting["kappa"])
+        kappa = self.KAPPA_OF_ACTOR * setting["kappa"]
+        self.actors_descent = ObGD(self.actor, decay, kappa)
         for name, networks, descent in (
             ("critic", self.critic, self.critics_descent),
             ("actor", self.actor, self.actors_descent),
         ):
             self.keep_list(name, networks.tensors, learned=True)
-            self.keep_list(f"{name}.traces", descent.traces)
+            self.keep(f"{name}.traces", descent.traces)
         self.pair("action", torch.zeros(robots, 2))
 
     def placed_anew(self) -> None:
@@ -73,13 +72,13 @@ class StreamAC(StreamLearner):
         value, following = (self.critic(x)[:, 0] for x in (inputs, self.now["inputs"]))
         error = self.scaled_reward(reward) + self._discount * following - value
 
-        def objective(tensors: Sequence[Tensor]) -> Tensor:
-            policy = Normal(*_distribution(self.actor(inputs, tensors)), validate_args=False)
+        def objective(flat: Tensor) -> Tensor:
+            policy = Normal(*_distribution(self.actor(inputs, flat)), validate_args=False)
             bonus = self._entropy * error.sign() * policy.entropy().sum(dim=1)
             return policy.log_prob(action).sum(dim=1) + bonus
 
-        actors = self.actor.gradients(objective)
-        critics = self.critic.gradients(lambda tensors: self.critic(inputs, tensors)[:, 0])
+        actors = self.actor.gradient(objective)
+        critics = self.critic.gradient(lambda flat: self.critic(inputs, flat)[:, 0])
         self.actors_descent.step(actors, error)
         self.critics_descent.step(critics, error)
 
@@ -91,19 +90,20 @@ def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
 
 
 @tunable(
-    discount=Setting(0.99, 0.8, 0.995, "discount of the next value"),
-    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount"),
+    discount=Setting(0.99, 0.8, 0.995, "discount of the next value", each=True),
+    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount", each=True),
     kappa=Setting(
         2.0,
         1.0,
         10.0,
         "factor by which the critic's steps are smaller than the bound; the actor's 1.5 times",
         log=True,
+        each=True,
     ),
-    entropy=Setting(0.01, 0.001, 0.1, "weight of the policy's entropy", log=True),
+    entropy=Setting(0.01, 0.001, 0.1, "weight of the policy's entropy", log=True, each=True),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
 )
-def stream_ac(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+def stream_ac(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Stream AC(lambda): an actor-critic with traces and bounded steps (Elsayed 2024).
 
     Args:

@@ -7,8 +7,8 @@ from torch import Tensor
 
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Setting, tunable
-from .base import falling, grid_of_actions
+from ..settings import Number, Setting, tunable
+from .base import falling, for_each, grid_of_actions
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -20,21 +20,20 @@ class StreamQ(StreamLearner):
     after an exploratory action (Watkins). Epsilon falls linearly from 1.
     """
 
-    def __init__(self, robots: int, senses: Senses, seed: int, **settings: float) -> None:
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `stream_q` for the settings."""
         super().__init__(robots, senses, seed)
-        self._epsilon, self._fall = settings["epsilon"], settings["epsilon_steps"]
-        self.prepare(settings["discount"])
+        setting = for_each(settings)
+        self._epsilon, self._fall = setting["epsilon"], setting["epsilon_steps"]
+        self.prepare(setting["discount"])
         self._actions = grid_of_actions()
-        width, outputs = int(settings["hidden"]), len(self._actions)
+        width, outputs = int(setting["hidden"]), len(self._actions)
         sizes = (self.inputs, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, normalised)
         make_sparse(self.networks.tensors, self.generator)
-        self.descent = ObGD(
-            self.networks.tensors, settings["discount"] * settings["trace"], settings["kappa"]
-        )
+        self.descent = ObGD(self.networks, setting["discount"] * setting["trace"], setting["kappa"])
         self.keep_list("values", self.networks.tensors, learned=True)
-        self.keep_list("traces", self.descent.traces)
+        self.keep("traces", self.descent.traces)
         self._age = self.keep("age", torch.zeros(1))
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         self.pair("exploratory", torch.zeros(robots, dtype=torch.bool))
@@ -58,18 +57,22 @@ class StreamQ(StreamLearner):
         best = self.networks(self.now["inputs"]).amax(dim=1)
         value = self.networks(inputs).gather(1, chosen)[:, 0]
         error = self.scaled_reward(reward) + self._discount * best - value
-        gradients = self.networks.gradients(
-            lambda tensors: self.networks(inputs, tensors).gather(1, chosen)[:, 0]
+        gradient = self.networks.gradient(
+            lambda flat: self.networks(inputs, flat).gather(1, chosen)[:, 0]
         )
-        self.descent.step(gradients, error)
+        self.descent.step(gradient, error)
         self.descent.forget(self.before["exploratory"])
 
 
 @tunable(
-    discount=Setting(0.99, 0.8, 0.995, "discount of the next value"),
-    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount"),
-    kappa=Setting(2.0, 1.0, 10.0, "factor by which steps are smaller than the bound", log=True),
-    epsilon=Setting(0.01, 0.01, 0.2, "probability of a random action in the end", log=True),
+    discount=Setting(0.99, 0.8, 0.995, "discount of the next value", each=True),
+    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount", each=True),
+    kappa=Setting(
+        2.0, 1.0, 10.0, "factor by which steps are smaller than the bound", log=True, each=True
+    ),
+    epsilon=Setting(
+        0.01, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+    ),
     epsilon_steps=Setting(
         7200.0,
         1,
@@ -80,7 +83,7 @@ class StreamQ(StreamLearner):
     ),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
 )
-def stream_q(robots: int, senses: Senses, seed: int, **settings: float) -> Agent:
+def stream_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Stream Q(lambda): Q-learning with traces and bounded steps, no replay (Elsayed 2024).
 
     Args:

@@ -37,6 +37,7 @@ from ..study import Page, Study, check_positive
 FOLDER = "trials"
 _EARLY = 0.25  # factor on the durations of the first round
 _MOST = 1024  # trials
+_TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +52,11 @@ class Trial:
     number: int
     settings: tuple[str, ...]
 
+    def values(self, tuned: Mapping[str, Setting]) -> dict[str, str]:
+        """Returns the value of each tuned setting, as it is written."""
+        chosen = dict(word.split("=") for word in self.settings)
+        return {name: chosen.get(name, str(setting.default)) for name, setting in tuned.items()}
+
 
 @dataclasses.dataclass
 class Tune(Study):
@@ -59,7 +65,8 @@ class Tune(Study):
     The first trial has the defaults, the others a Sobol sequence over the ranges. All live a
     quarter of the paper's durations, and settings that count steps of a life are a quarter too; the
     best live whole lives on a fresh seed. A trial's value is the mean over both tasks of the share
-    of time in the spot, or without contact, after training.
+    of time in the spot, or without contact, after training. Trials are simulated in one cohort if
+    robots may differ in all settings (`Setting.each`).
     """
 
     name: ClassVar[str] = "tune"
@@ -84,9 +91,10 @@ class Tune(Study):
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`: the experiment of whole lives."""
         _ = self.settings
-        whole = self._round(1, ())
-        check_memory(Plan.of(whole, self._conditions, self.robots))
-        return {"whole": whole}
+        for trials in self._cohorts(self.drawn()):
+            experiment = self._round(0, trials)
+            check_memory(Plan.of(experiment, self._conditions, experiment.cohort_size))
+        return {"whole": self._round(1, [Trial(0, ())])}
 
     @functools.cached_property
     def settings(self) -> Mapping[str, Setting]:
@@ -138,19 +146,17 @@ class Tune(Study):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all trials for a quarter of the time, then the best."""
-        yield [job for trial in self.drawn() for job in self._jobs(out, 0, trial)]
-        yield [job for trial in self._best(out) for job in self._jobs(out, 1, trial)]
+        yield self._all_jobs(out, 0, self.drawn())
+        yield self._all_jobs(out, 1, self._best(out))
 
     def ranked(self, out: Path) -> list[tuple[Trial, np.ndarray, np.ndarray | None]]:
         """Returns the finished trials, best first, with each robot's values in both rounds.
 
         Values have the shape (tasks, robots); None where a trial has no second round yet.
         """
-        found = []
-        for trial in self.drawn():
-            early = self._values(self._jobs(out, 0, trial))
-            if early is not None:
-                found.append((trial, early, self._values(self._jobs(out, 1, trial))))
+        early = self._values(out, 0, self.drawn())
+        whole = self._values(out, 1, self._best(out))
+        found = [(trial, values, whole.get(trial)) for trial, values in early.items()]
         return sorted(
             found,
             key=lambda one: (-_mean_or_least(one[2]), -float(one[1].mean()), one[0].number),
@@ -161,12 +167,10 @@ class Tune(Study):
         ranked = self.ranked(out)
         rows = [["trial", *self.settings, "a quarter", "whole lives", *PAPER_TASKS]]
         for trial, early, whole in ranked:
-            values = {n: s.default for n, s in self.settings.items()}
-            values |= {word.partition("=")[0]: word.partition("=")[2] for word in trial.settings}
             rows.append(
                 [
                     str(trial.number),
-                    *map(str, values.values()),
+                    *trial.values(self.settings).values(),
                     f"{early.mean():.3f}",
                     *_cells(whole),
                 ]
@@ -193,52 +197,69 @@ class Tune(Study):
     def _conditions(self) -> list[Condition]:
         return [Condition(task, recorded_name(self.agent)) for task in PAPER_TASKS]
 
-    def _round(self, number: int, settings: tuple[str, ...]) -> Experiment:
+    def _cohorts(self, trials: Sequence[Trial]) -> list[Sequence[Trial]]:
+        size = _TOGETHER if all(setting.each for setting in self.settings.values()) else 1
+        return [trials[start : start + size] for start in range(0, len(trials), size)]
+
+    def _round(self, number: int, trials: Sequence[Trial]) -> Experiment:
+        """Returns the experiment of the trials of a cohort, with equal shares of its robots."""
+        factory = factory_of(recorded_name(self.agent))
+        words = trials[0].settings
+        if len(trials) > 1:
+            values = [trial.values(self.settings) for trial in trials]
+            words = tuple(
+                f"{name}={','.join(one[name] for one in values)}" for name in self.settings
+            )
         if number == 0:
-            factory = factory_of(recorded_name(self.agent))
-            settings += tuple(
+            words += tuple(
                 f"{name}={setting.shortened(_EARLY):g}"
                 for name, setting in settings_of(factory).items()
                 if setting.duration
             )
         return Experiment(
             seed=self.seed + number,
-            cohort_size=self.robots,
+            cohort_size=self.robots * len(trials),
             time_scale=self.time_scale * (1.0 if number else _EARLY),
             body="kinematic",
             kinematics=with_overrides(Kinematics(), self.kinematics),
             signals=self.signals,
-            settings=settings,
+            settings=words,
         )
 
-    def _jobs(self, out: Path, number: int, trial: Trial) -> list[EvaluationJob]:
-        experiment = self._round(number, trial.settings)
+    def _all_jobs(self, out: Path, number: int, trials: Sequence[Trial]) -> list[EvaluationJob]:
+        return [job for some in self._cohorts(trials) for job in self._jobs(out, number, some)]
+
+    def _jobs(self, out: Path, number: int, trials: Sequence[Trial]) -> list[EvaluationJob]:
+        experiment = self._round(number, trials)
+        name = "-".join(f"{trial.number:04}" for trial in trials)
         return [
             EvaluationJob(
-                resolved(out) / FOLDER / f"{trial.number:04}-{number}-{c.task}.safetensors",
-                experiment,
-                c,
+                resolved(out) / FOLDER / f"{name}-{number}-{c.task}.safetensors", experiment, c
             )
             for c in self._conditions
         ]
 
     def _best(self, out: Path) -> list[Trial]:
-        early = [
-            (float(values.mean()), trial)
-            for trial in self.drawn()
-            if (values := self._values(self._jobs(out, 0, trial))) is not None
-        ]
-        return [trial for _, trial in sorted(early, key=lambda one: -one[0])[: self.kept]]
+        early = self._values(out, 0, self.drawn())
+        return sorted(early, key=lambda trial: -float(early[trial].mean()))[: self.kept]
 
-    def _values(self, jobs: Sequence[EvaluationJob]) -> np.ndarray | None:
-        """Returns the value of each robot, shape (tasks, robots); None if a job is not done."""
-        if not all(job.done() for job in jobs):
-            return None
-        values = []
-        for job in jobs:
-            wanted = job.experiment.schedule(job.condition.task).wanted
-            values.append(job.shares() if wanted else 1 - job.shares())
-        return np.array(values)
+    def _values(self, out: Path, number: int, trials: Sequence[Trial]) -> dict[Trial, np.ndarray]:
+        """Returns the values of each finished trial's robots, shape (tasks, robots)."""
+        found = {}
+        for some in self._cohorts(trials):
+            jobs = self._jobs(out, number, some)
+            if not all(job.done() for job in jobs):
+                continue
+            shares = np.array(
+                [
+                    job.shares()
+                    if job.experiment.schedule(job.condition.task).wanted
+                    else 1 - job.shares()
+                    for job in jobs
+                ]
+            )
+            found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
+        return found
 
 
 def _mean_or_least(values: np.ndarray | None) -> float:

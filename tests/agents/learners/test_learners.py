@@ -140,6 +140,36 @@ def test_robots_share_no_weights(name):
         np.testing.assert_allclose(weights[0], others[0], rtol=1e-4, atol=1e-5)
 
 
+def each_of(name):
+    return {word: one for word, one in settings_of(factory_of(name)).items() if one.each}
+
+
+def test_settings_may_be_given_for_each_robot(name):
+    """A value for each robot, all equal, is one value; another robot's value changes nothing."""
+    one = {word: setting.at(0.4) for word, setting in each_of(name).items()}
+    all_equal = {word: np.full(3, value) for word, value in one.items()}
+    at_once = {"epsilon_steps": 1.0} if "epsilon_steps" in settings_of(factory_of(name)) else {}
+    agents = [made(name, **settings, **at_once) for settings in (one, all_equal)]
+    for agent in agents:
+        agent.reset()
+        lived(agent, 40)
+    for weights, others in zip(*(agent.weights().values() for agent in agents), strict=True):
+        np.testing.assert_allclose(weights, others, rtol=1e-4, atol=1e-5)
+    for word, setting in each_of(name).items():
+        values = all_equal[word].copy()
+        values[1] = setting.at(1.0)
+        agent = made(name, **all_equal | at_once | {word: values})
+        agent.reset()
+        lived(agent, 40)
+        changed = []
+        for key, weights in agent.weights().items():
+            np.testing.assert_allclose(
+                weights[[0, 2]], agents[1].weights()[key][[0, 2]], rtol=1e-4, atol=1e-5
+            )
+            changed.append(not np.array_equal(weights[1], agents[1].weights()[key][1]))
+        assert any(changed), f"{word} changes nothing"
+
+
 def test_weights_have_a_row_a_robot_and_seeds_decide_them(name):
     same, equal, other = made(name, seed=1), made(name, seed=1), made(name, seed=2)
     assert {len(weights) for weights in same.weights().values()} == {3}
