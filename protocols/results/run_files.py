@@ -8,7 +8,6 @@ import dataclasses
 import io
 import os
 import re
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,8 +42,8 @@ from .checks import (
     check_network_shapes,
     check_networks,
     check_rows,
-    minutes_of_life,
 )
+from .curves_file import read_curves
 from .results import WHEN, ConditionResults, NetworkArrays, Results, Robot, When
 from .run import Run
 
@@ -53,7 +52,7 @@ _IN_ORDER = (BRAINS_FILE, CURVES_FILE, ROBOTS_FILE)  # of writing
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
 _WHOLE = re.compile(r"(0|[1-9][0-9]{0,60})")
 _DECIMAL = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?(e[-+]?[0-9]{1,4})?")
-_MOST_BYTES_OF_ROW, _MOST_BYTES_OF_HEADER = 4096, 4096
+_MOST_BYTES_OF_ROW = 4096
 
 
 def planned(directory: Path) -> Plan | None:
@@ -89,9 +88,7 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
         raise InputError(f"{directory} holds no experiment of musebot's")
     experiment, results = read_manifest(directory).experiment, read_results(directory)
     if not results:
-        raise InputError(
-            f"{directory} holds no finished robots yet; `musebot run {directory}` continues it"
-        )
+        raise InputError(_unfinished(directory))
     if not recorded_files(directory):
         notice(
             f"{directory} has no digests of its files, as an older version wrote it: a changed "
@@ -108,8 +105,19 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
     return Run(name or resolved(directory).name, experiment, results)
 
 
-def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]:
+def _unfinished(directory: Path) -> str:
+    return f"{directory} holds no finished robots yet; `musebot run {directory}` continues it"
+
+
+def read_runs(
+    directories: Sequence[Path], *, replay: bool = False, brains: bool = True
+) -> list[Run]:
     """Reads several runs, with distinct names.
+
+    Args:
+      directories: Folders of the runs.
+      replay: See `read_run`.
+      brains: Whether the brains are read; if not, the runs may be kept without them.
 
     Raises:
       InputError: there is none, one is given twice, or see `read_run`.
@@ -119,7 +127,14 @@ def read_runs(directories: Sequence[Path], *, replay: bool = False) -> list[Run]
     if len({resolved(directory) for directory in directories}) < len(directories):
         raise InputError("a run is given twice")
     names = run_names(directories)
-    return [read_run(d, n, replay=replay) for n, d in zip(names, directories, strict=True)]
+    pairs = zip(names, directories, strict=True)
+    if brains:
+        return [read_run(d, n, replay=replay) for n, d in pairs]
+    runs = [dataclasses.replace(read_rows(d, curves=True), name=n) for n, d in pairs]
+    for directory, run in zip(directories, runs, strict=True):
+        if not run.results:
+            raise InputError(_unfinished(directory))
+    return runs
 
 
 def run_names(directories: Sequence[Path]) -> list[str]:
@@ -195,7 +210,7 @@ def read_results(directory: Path) -> Results:
     try:
         plan = read_manifest(directory)
         rows = read_robots(directory / ROBOTS_FILE, plan)
-        curves = _read_curves(directory / CURVES_FILE, plan)
+        curves = read_curves(directory / CURVES_FILE, plan)
         brains = _read_brains(directory / BRAINS_FILE, plan)
     except FileNotFoundError as error:
         raise DamagedFileError(f"{directory} lacks a file ({error})") from error
@@ -206,10 +221,15 @@ def read_results(directory: Path) -> Results:
     }
 
 
-def read_rows(directory: Path) -> Run:
-    """Reads a run's robots.csv alone, for runs that are kept without curves and brains.
+def read_rows(directory: Path, *, curves: bool = False) -> Run:
+    """Reads a run that may be kept without its brains, or as robots.csv alone.
 
-    The curves of the run have no minutes, and there are no networks.
+    The run has no networks, and without curves these have no minutes. A run without robots.csv has
+    no robots.
+
+    Args:
+      directory: Folder of the run.
+      curves: Whether the curves are read, too.
 
     Raises:
       InputError: the folder holds no such run, or what it holds is damaged.
@@ -217,26 +237,43 @@ def read_rows(directory: Path) -> Run:
     if not (directory / MANIFEST).is_file():
         raise InputError(f"{directory} holds no experiment of musebot's")
     plan, path = read_manifest(directory), directory / ROBOTS_FILE
-    rows = read_robots(path, plan) if os.path.lexists(path) else {}
-    states = recorded_files(directory)
-    if rows and states and digest_of_file(path) not in {own.get(ROBOTS_FILE) for own in states}:
-        raise DamagedFileError(_changed(path))
+    if not os.path.lexists(path):
+        return Run(resolved(directory).name, plan.experiment, {})
+    rows = read_robots(path, plan)
+    try:
+        arrays = read_curves(directory / CURVES_FILE, plan) if curves else None
+    except FileNotFoundError as error:
+        raise DamagedFileError(f"{directory} lacks a file ({error})") from error
+    _check_digests(directory, (CURVES_FILE, ROBOTS_FILE) if curves else (ROBOTS_FILE,))
     none: Mapping[When, NetworkArrays] = {when: {} for when in WHEN}
     results = {
-        condition: ConditionResults(rows[condition], np.empty((len(rows[condition]), 0)), none)
+        condition: ConditionResults(
+            rows[condition],
+            np.empty((len(rows[condition]), 0))
+            if arrays is None
+            else _own_curves(directory, plan, (condition, rows[condition]), arrays),
+            none,
+        )
         for condition in sorted(rows)
     }
     return Run(resolved(directory).name, plan.experiment, results)
 
 
-def holds_rows_alone(directory: Path, plan: Plan) -> bool:
-    """Returns whether a folder has all robots of a plan in robots.csv, and neither other file.
+def is_kept_without_brains(directory: Path, plan: Plan, *, curves: bool) -> bool:
+    """Returns whether a folder has all robots of a plan, but not their brains.
+
+    Args:
+      directory: Folder of the run.
+      plan: Robots that are wanted.
+      curves: Whether their curves are wanted, too.
 
     Raises:
       DamagedFileError: robots.csv is damaged.
     """
-    others = any(os.path.lexists(directory / name) for name in (CURVES_FILE, BRAINS_FILE))
-    return not others and has_all_rows(directory, plan)
+    has_curves, has_brains = (
+        os.path.lexists(directory / name) for name in (CURVES_FILE, BRAINS_FILE)
+    )
+    return not has_brains and (has_curves or not curves) and has_all_rows(directory, plan)
 
 
 def has_all_rows(directory: Path, plan: Plan) -> bool:
@@ -258,13 +295,13 @@ def _changed(path: Path) -> str:
     )
 
 
-def _check_digests(directory: Path) -> None:
+def _check_digests(directory: Path, names: Sequence[str] = _IN_ORDER) -> None:
     """Raises DamagedFileError where a file is not one that was written for this run."""
-    found = {name: digest_of_file(directory / name) for name in _IN_ORDER}
+    found = {name: digest_of_file(directory / name) for name in names}
     # Read after the files: a run that is enlarged meanwhile has recorded them before.
     if not (states := recorded_files(directory)):
         return
-    for name in reversed(_IN_ORDER):  # a file is of the same state as robots.csv, or a later one
+    for name in reversed(names):  # a file is of the same state as robots.csv, or a later one
         known = [n for n, state in enumerate(states) if state.get(name) == found[name]]
         if not known:
             raise DamagedFileError(_changed(directory / name))
@@ -280,31 +317,42 @@ def _condition_results(
 ) -> ConditionResults:
     """Cuts curves and networks to the rows of robots.csv, which is written last."""
     condition, robots = rows
-    if str(condition) not in curves:
-        raise DamagedFileError(f"{directory / CURVES_FILE} lacks {condition}")
-
-    def cut(name: str, array: np.ndarray) -> np.ndarray:
-        if len(array) < len(robots):
-            raise DamagedFileError(f"{directory} has fewer robots in {name} than rows")
-        return array[: len(robots)]
-
+    own_curves = _own_curves(directory, plan, rows, curves)
     networks: dict[When, NetworkArrays] = {}
     for when in WHEN:
         prefix = f"{condition}/{when}/"
         networks[when] = {
-            name.removeprefix(prefix): cut(name, array)
+            name.removeprefix(prefix): _cut(directory, name, array, len(robots))
             for name, array in brains.items()
             if name.startswith(prefix)
         }
     if condition.has_brain and not networks["after"]:
         raise DamagedFileError(f"{directory / BRAINS_FILE} lacks {condition}")
-    part = ConditionResults(robots, cut(str(condition), curves[str(condition)]), networks)
-    with _damage(directory / CURVES_FILE, f"{condition}, "):
-        check_curves(plan.experiment.schedule(condition.task), part.curves, robots)
     with _damage(directory / BRAINS_FILE):
         valid = np.array([robot.valid for robot in robots])
         check_networks(plan.experiment, condition, networks, valid)
-    return part
+    return ConditionResults(robots, own_curves, networks)
+
+
+def _own_curves(
+    directory: Path,
+    plan: Plan,
+    rows: tuple[Condition, list[Robot]],
+    curves: Mapping[str, np.ndarray],
+) -> np.ndarray:
+    condition, robots = rows
+    if str(condition) not in curves:
+        raise DamagedFileError(f"{directory / CURVES_FILE} lacks {condition}")
+    own = _cut(directory, str(condition), curves[str(condition)], len(robots))
+    with _damage(directory / CURVES_FILE, f"{condition}, "):
+        check_curves(plan.experiment.schedule(condition.task), own, robots)
+    return own
+
+
+def _cut(directory: Path, name: str, array: np.ndarray, robots: int) -> np.ndarray:
+    if len(array) < robots:
+        raise DamagedFileError(f"{directory} has fewer robots in {name} than rows")
+    return array[:robots]
 
 
 @contextlib.contextmanager
@@ -363,48 +411,6 @@ def _robot(row: Mapping[str, str]) -> Robot:
         else:
             values[column] = float(text)
     return Robot(**values)
-
-
-def _read_curves(path: Path, plan: Plan) -> dict[str, np.ndarray]:
-    """Reads the curves; sizes are compared with the plan's before anything is unpacked."""
-    planned = {f"{condition}.npy": condition for condition in plan.conditions}
-    minutes = {c: len(minutes_of_life(plan.experiment.schedule(c.task))) for c in plan.conditions}
-    sizes = [4 * n * minutes[c] + 2 * _MOST_BYTES_OF_HEADER for c, n in plan.robots.items()]
-    content = read_whole(path, sum(sizes) + _MOST_BYTES_OF_HEADER)
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            members = archive.infolist()
-            if len({member.filename for member in members}) < len(members):
-                raise ValueError("an array is in it twice")
-            curves = {}
-            for member in members:
-                if (condition := planned.get(member.filename)) is None:
-                    raise ValueError(f"it has {member.filename}, which is not planned")
-                most = (plan.robots[condition], minutes[condition])
-                curves[str(condition)] = _curves(archive, member, most)
-        return curves
-    except Exception as error:  # zipfile, zlib and numpy each have many exceptions for damage
-        raise DamagedFileError(f"{path} is damaged ({error})") from error
-
-
-def _curves(archive: zipfile.ZipFile, member: zipfile.ZipInfo, most: tuple[int, int]) -> np.ndarray:
-    """Returns the curves of a condition, of at most so many robots and exactly so many minutes."""
-    robots, minutes = most
-    name = member.filename.removesuffix(".npy")
-    if member.file_size > robots * minutes * 4 + _MOST_BYTES_OF_HEADER:
-        raise ValueError(f"{name} is larger than the curves of {robots} robots")
-    with archive.open(member) as file:
-        if np.lib.format.read_magic(file) != (1, 0):
-            raise ValueError(f"{name} is of another version of numpy's format")
-        shape, in_columns, dtype = np.lib.format.read_array_header_1_0(file)
-        if dtype != np.float32 or len(shape) != 2 or shape[1] != minutes or shape[0] > robots:
-            raise ValueError(
-                f"{name} must be float32 of shape (N, {minutes}) with N up to {robots}, got "
-                f"{dtype} of shape {shape}"
-            )
-        content = file.read()  # to the end, where zipfile compares the checksum
-    array = np.frombuffer(content, dtype=np.float32).copy()
-    return array.reshape(shape, order="F" if in_columns else "C")
 
 
 def _read_brains(path: Path, plan: Plan) -> NetworkArrays:

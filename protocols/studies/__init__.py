@@ -54,6 +54,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Tune",
             "Tune an agent's settings in the kinematic simulator, with equal effort for each.",
         ),
+        "benchmark": (
+            "learners.benchmark",
+            "Benchmark",
+            "Simulate learners in the same lives, each with its tuned settings, and rank them.",
+        ),
         "leaderboard": (
             "learners.leaderboard",
             "Leaderboard",

@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from ...controller import PROPOSERS
 from ..errors import InputError
@@ -17,7 +17,7 @@ from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
 from ..experiment.plan import Plan
 from ..results.run import Run
-from ..results.run_files import holds_rows_alone, planned, read_run
+from ..results.run_files import is_kept_without_brains, planned, read_run
 from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
 from ..storage import locked, resolved
@@ -65,8 +65,8 @@ class VariantStudy(Study):
     """
 
     robots: int
-    # Whether the page needs robots.csv alone, so that a run may be kept without its other files.
-    rows_suffice: ClassVar[bool] = False
+    # What the page needs of a run beside robots.csv; a run may be kept without the other files.
+    needs: ClassVar[Literal["brains", "curves", "rows"]] = "brains"
 
     @abc.abstractmethod
     def baseline(self) -> Experiment:
@@ -132,10 +132,15 @@ class VariantStudy(Study):
     def runs(self, out: Path, plans: Mapping[str, Plan]) -> Iterator[Sequence[Job]]:
         """Yields one group: the cohorts of some runs, which are given by name.
 
-        A finished run that is kept as robots.csv alone needs no cohorts, if the page needs no more.
+        A finished run that is kept without its brains needs no cohorts, if the page needs none.
         """
-        if self.rows_suffice:
-            plans = {n: plan for n, plan in plans.items() if not holds_rows_alone(out / n, plan)}
+        if self.needs != "brains":
+            curves = self.needs == "curves"
+            plans = {
+                name: plan
+                for name, plan in plans.items()
+                if not is_kept_without_brains(out / name, plan, curves=curves)
+            }
         with contextlib.ExitStack() as stack:
             for name in plans:
                 stack.enter_context(locked(out / name))

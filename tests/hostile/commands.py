@@ -164,6 +164,15 @@ VERBS = {
         },
     ),
     "study continual": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
+    "study benchmark": (
+        ["OUT", "--agent", "q_learner", "--robots", "2", "--time-scale", "0.002", "--body",
+         "kinematic", "--signals", "raw", "--board", "walls"],
+        {
+            "--tuned": _PLACES, "--agent": TEXTS, "--signals": TEXTS, "--board": TEXTS,
+            "--robots": NUMBERS, "--seed": NUMBERS, "--body": TEXTS, "--time-scale": NUMBERS,
+            **_WORKERS,
+        },
+    ),
     "study leaderboard": (
         ["OUT", "--runs", "RUN"],
         {"--runs": _PLACES, "--tuned": _PLACES, **_WORKERS},

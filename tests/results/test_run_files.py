@@ -35,7 +35,7 @@ from musebot.protocols.results.run_files import (
     ROBOTS_FILE,
     adopt_files,
     flat_networks,
-    holds_rows_alone,
+    is_kept_without_brains,
     planned,
     read_results,
     read_robots,
@@ -569,15 +569,37 @@ def test_a_file_or_a_foreign_folder_cannot_hold_a_run(tmp_path):
             planned(out)
 
 
-def test_a_run_is_kept_as_rows_alone_only_if_it_has_all_rows_and_no_other_file(folder, results):
+def test_curves_are_read_without_brains(folder, results):
+    (folder / BRAINS_FILE).unlink()
+    with pytest.raises(DamagedFileError, match="lacks a file"):
+        read_run(folder)
+    (run,) = read_runs([folder], brains=False)
+    for condition, part in results.items():
+        assert np.array_equal(run.results[condition].curves, part.curves)
+        assert run.networks(condition, "after") == {}
+    (folder / CURVES_FILE).unlink()
+    with pytest.raises(DamagedFileError, match="lacks a file"):
+        read_runs([folder], brains=False)
+
+
+def test_curves_of_another_run_are_refused(folder):
+    content = (folder / CURVES_FILE).read_bytes()
+    (folder / CURVES_FILE).write_bytes(content + b"0")
+    with pytest.raises(DamagedFileError):
+        read_rows(folder, curves=True)
+    assert read_rows(folder).results
+
+
+def test_a_run_without_brains_is_whole_only_if_it_has_all_rows_and_what_is_needed(folder, results):
     counts = {condition: len(part.robots) for condition, part in results.items()}
     plan = dataclasses.replace(planned(folder), robots=counts)
-    assert not holds_rows_alone(folder, plan)  # has all files
-    (folder / CURVES_FILE).unlink()
-    assert not holds_rows_alone(folder, plan)
+    assert not is_kept_without_brains(folder, plan, curves=False)  # has all files
     (folder / BRAINS_FILE).unlink()
-    assert holds_rows_alone(folder, plan)
+    assert is_kept_without_brains(folder, plan, curves=True)
+    (folder / CURVES_FILE).unlink()
+    assert is_kept_without_brains(folder, plan, curves=False)
+    assert not is_kept_without_brains(folder, plan, curves=True)
     more = {condition: 2 * robots for condition, robots in counts.items()}
-    assert not holds_rows_alone(folder, dataclasses.replace(plan, robots=more))
+    assert not is_kept_without_brains(folder, dataclasses.replace(plan, robots=more), curves=False)
     (folder / ROBOTS_FILE).unlink()
-    assert not holds_rows_alone(folder, plan)
+    assert not is_kept_without_brains(folder, plan, curves=False)

@@ -1,6 +1,7 @@
 """Learners are ranked between a newborn and a hand-coded robot."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -12,17 +13,17 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.results.run_files import read_runs
-from musebot.protocols.studies.learners.leaderboard import (
+from musebot.protocols.studies.learners.boards import (
+    Board,
     Entry,
-    Leaderboard,
     behind_the_first,
     boards,
-    draw,
     interquartile_mean,
-    markdown,
     ranked,
     scores,
 )
+from musebot.protocols.studies.learners.leaderboard import Leaderboard
+from musebot.protocols.studies.learners.ranking import draw, markdown
 
 
 def entry(name, after, training, robots=20, spread=0.0):
@@ -72,8 +73,9 @@ def test_learners_are_ranked_and_tested_against_the_first():
 
 
 def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
-    text = "\n".join(markdown("paper spot_finding", BOARD, {}, {}))
-    assert text.startswith("## Spot finding, protocol paper")
+    board = Board("raw", "paper", "spot_finding")
+    text = "\n".join(markdown(board, BOARD, {}, {}))
+    assert text.startswith("## Spot finding, protocol paper, raw signals\n")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert [row.split("|")[1].strip() for row in rows[2:7]] == [
         "*hand_coded*", "good", "alike", "slow", "*newborn*",
@@ -107,35 +109,44 @@ def runs(tmp_path_factory):
 
 def test_runs_become_boards_whose_rows_name_their_commands(runs, tmp_path):
     found = boards(read_runs(runs))
-    assert [*found] == ["paper wall_avoidance", "paper spot_finding"]
-    by_name = {one.name: one for one in found["paper spot_finding"]}
-    assert [*by_name] == [
-        "hand_coded", "newborn", "sarsa_lambda, raw signals", "steady, creative",
-    ]  # fmt: skip
-    assert by_name["sarsa_lambda, raw signals"].command == (
-        "--agent sarsa_lambda --signals raw --agent-set rate=0.2"
+    # Nothing saturates in wall avoidance, so that `steady` stands in both tracks.
+    assert [*found] == [
+        Board("paper", "paper", "wall_avoidance"),
+        Board("raw", "paper", "spot_finding"),
+        Board("raw", "paper", "wall_avoidance"),
+    ]
+    by_name = {one.name: one for one in found[Board("raw", "paper", "spot_finding")]}
+    assert [*by_name] == ["hand_coded", "newborn", "sarsa_lambda", "steady, creative"]
+    assert by_name["sarsa_lambda"].command == (
+        "--agent sarsa_lambda --signals raw --agent-set rate=0.2 --seed 1"
     )
-    walls = found["paper wall_avoidance"][0]
+    walls = found[Board("raw", "paper", "wall_avoidance")][0]
     assert walls.after.mean() > 0.9  # the share of time without contact
+    assert "sarsa_lambda" not in {
+        one.name for one in found[Board("paper", "paper", walls.condition.task)]
+    }
     words = ["study", "leaderboard", str(tmp_path / "out"), "--runs", *map(str, runs)]
     assert cli.main(words) == 0
     page = (tmp_path / "out" / "leaderboard.md").read_text()
     own = next(
         line
         for line in page.splitlines()
-        if line.startswith("| sarsa_lambda, raw") and "KiB" not in line and "--agent" in line
+        if line.startswith("| sarsa_lambda |") and "--agent" in line
     )
     _, _, times, size, tuned, module, _, _ = (cell.strip() for cell in own.split("|"))
     assert float(times) > 0 and float(size) > 1 and tuned == "defaults"
     assert module == "`musebot.protocols.agents.learners.sarsa`"
     measured = {path: path.read_bytes() for path in (tmp_path / "out" / "costs").iterdir()}
-    assert len(measured) == 8
+    assert len(measured) == 4 + 4 + 3
     assert cli.main(words) == 0  # measures nothing again
     assert {path: path.read_bytes() for path in (tmp_path / "out" / "costs").iterdir()} == measured
     assert (tmp_path / "out" / "leaderboard.md").read_text() == page
-    assert "## Wall avoidance, protocol paper" in page and "| steady, creative |" in page
+    assert (
+        "## Wall avoidance, protocol paper, raw signals" in page and "| steady, creative |" in page
+    )
     assert {path.name for path in (tmp_path / "out").glob("*.svg")} == {
-        "paper-wall_avoidance.svg", "paper-spot_finding.svg",
+        "paper-signals-paper-wall_avoidance.svg", "raw-signals-paper-wall_avoidance.svg",
+        "raw-signals-paper-spot_finding.svg",
     }  # fmt: skip
 
 
@@ -161,12 +172,24 @@ def test_runs_in_a_larger_arena_are_a_board_of_their_own(runs):
         for run in read_runs(runs)
     ]
     together = boards([*read_runs(runs), *larger])
-    ordinary = [name for name in together if not name.endswith(" 1.5")]
-    assert [*together] == [*ordinary, *(f"{name} 1.5" for name in ordinary)]
-    for name in ordinary:
-        text = "\n".join(markdown(f"{name} 1.5", together[f"{name} 1.5"], {}, {}))
-        assert ", arena 1.5 times as large" in text.splitlines()[0]
-        assert text.count("--arena-scale 1.5`") == len(together[name])
+    ordinary = [board for board in together if board.arena_scale == 1]
+    assert {*together} - {*ordinary} == {
+        dataclasses.replace(board, arena_scale=1.5) for board in ordinary
+    }
+    for board in {*together} - {*ordinary}:
+        text = "\n".join(markdown(board, together[board], {}, {}))
+        assert ", arena 1.5 times as large, " in text.splitlines()[0]
+        assert text.count("--arena-scale 1.5`") == len(together[board])
+
+
+def test_runs_may_be_kept_without_their_brains(runs, tmp_path):
+    kept = [shutil.copytree(run, tmp_path / run.name) for run in runs]
+    pages = []
+    for folders in (runs, kept):
+        pages.append(Leaderboard(runs=tuple(folders)).page(tmp_path).markdown)
+        for folder in kept:
+            (folder / "brains.safetensors").unlink(missing_ok=True)
+    assert pages[0] == pages[1]
 
 
 def test_a_board_without_bounds_and_a_learner_twice_are_refused(runs):
@@ -174,5 +197,5 @@ def test_a_board_without_bounds_and_a_learner_twice_are_refused(runs):
         Leaderboard(runs=tuple(runs[1:])).experiments()
     again = read_runs(runs)
     again.append(dataclasses.replace(again[1], name="other"))
-    with pytest.raises(InputError, match="sarsa_lambda, raw signals stands in two runs"):
+    with pytest.raises(InputError, match="sarsa_lambda stands in two runs"):
         boards(again)

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from scipy.stats import qmc
@@ -25,14 +25,15 @@ from ...errors import InputError
 from ...experiment.budget import check_memory
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment, Signals
-from ...experiment.overrides import with_overrides
+from ...experiment.manifest import UNREADABLE, experiment_from
+from ...experiment.overrides import overrides_of, with_overrides
 from ...experiment.plan import Plan
 from ...reporting.markdown import bracket, table
 from ...shared_options import KinematicsOption, option
 from ...simulation.jobs import Job
-from ...storage import resolved
+from ...storage import read_json, resolved
 from ..evolve.evaluation import EvaluationJob
-from ..study import Page, Study, check_positive
+from ..study import STUDY_FILE, Page, Study, check_positive
 
 FOLDER = "trials"
 _EARLY = 0.25  # factor on the durations of the first round
@@ -87,6 +88,41 @@ class Tune(Study):
     """parameters of the kinematic simulator"""
     time_scale: float = 1.0
     """factor on every duration, in (0, 1]; below 1 for rehearsals"""
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Returns the study that a folder holds.
+
+        Raises:
+          InputError: the folder holds no study that tunes.
+        """
+        path = folder / STUDY_FILE
+        try:
+            held = read_json(path)
+            details, whole = held["details"], experiment_from(held["experiments"]["whole"])
+            return cls(
+                agent=details["agent"],
+                signals=whole.signals,
+                trials=len(details["trials"]),
+                kept=details["kept"],
+                robots=whole.cohort_size,
+                seed=whole.seed - 1,
+                kinematics=tuple(overrides_of(whole.kinematics, Kinematics())),
+                time_scale=whole.time_scale,
+            )
+        except (*UNREADABLE, OSError) as error:
+            raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
+
+    def best(self, out: Path) -> Trial:
+        """Returns the best trial of a finished study.
+
+        Raises:
+          InputError: it is not finished, or a file is damaged.
+        """
+        ranked = self.ranked(out)
+        if not ranked or ranked[0][2] is None:
+            raise InputError(f"{out} is not finished: `musebot study tune` continues it")
+        return ranked[0][0]
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`: the experiment of whole lives."""
@@ -260,6 +296,20 @@ class Tune(Study):
             )
             found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
         return found
+
+
+def efforts(folders: Sequence[Path]) -> dict[str, str]:
+    """Returns the effort of each study that tunes, in words, by "agent, signals".
+
+    Raises:
+      InputError: a folder holds no such study.
+    """
+    studies = map(Tune.read, folders)
+    return {
+        f"{recorded_name(one.agent)}, {one.signals}": f"{one.trials} settings, {one.kept} in whole "
+        f"lives, {one.robots} robots"
+        for one in studies
+    }
 
 
 def _mean_or_least(values: np.ndarray | None) -> float:

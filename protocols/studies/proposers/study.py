@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from ...experiment.experiment import Experiment
 from ...experiment.plan import Plan, default_cohort_size
@@ -31,7 +31,7 @@ class Proposers(VariantStudy):
     """
 
     name: ClassVar[str] = "proposers"
-    rows_suffice: ClassVar[bool] = True
+    needs: ClassVar[Literal["brains", "curves", "rows"]] = "rows"
 
     part: PartName = "first"
     """part of the study"""

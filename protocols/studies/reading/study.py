@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from ....controller import PROPOSERS
 from ...errors import InputError
@@ -36,7 +36,7 @@ class Reading(VariantStudy):
     """
 
     name: ClassVar[str] = "reading"
-    rows_suffice: ClassVar[bool] = True
+    needs: ClassVar[Literal["brains", "curves", "rows"]] = "rows"
 
     robots: int = 500
     """number of robots in each condition of stage 0"""

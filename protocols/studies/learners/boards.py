@@ -1,0 +1,214 @@
+"""Boards: the learners of kept runs, between a newborn and a hand-coded robot, and their ranks.
+
+R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville and M. G. Bellemare, "Deep Reinforcement
+Learning at the Edge of the Statistical Precipice", NeurIPS 2021: interquartile means.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from ...agents.names import short_name
+from ...analysis.hypothesis_tests import holm, same_statistic
+from ...errors import InputError
+from ...experiment.conditions import Condition
+from ...experiment.experiment import Experiment, Signals
+from ...experiment.networks import senses_of
+from ...experiment.schedules import TASK_NAMES
+from ...results.run import Run
+
+LOWER, UPPER = "newborn", "hand_coded"
+_RESAMPLES, _SEED = 2000, 1
+_BOTH: tuple[Signals, ...] = ("paper", "raw")
+
+
+@dataclasses.dataclass(frozen=True)
+class Board:
+    """What learners are compared in.
+
+    Attributes:
+      signals: Track: the signals and the reward that learners receive.
+      protocol: Protocol of their lives.
+      task: Task of their lives.
+      arena_scale: Scale of the arena.
+    """
+
+    signals: Signals
+    protocol: str
+    task: str
+    arena_scale: float = 1.0
+
+    @property
+    def title(self) -> str:
+        """Title of the board."""
+        arena = f", arena {self.arena_scale:g} times as large" if self.arena_scale != 1 else ""
+        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}{arena}, {self.signals} signals"
+
+    @property
+    def name(self) -> str:
+        """Name of the board's figure."""
+        arena = f"-{self.arena_scale:g}" if self.arena_scale != 1 else ""
+        return f"{self.signals}-signals-{self.protocol}-{self.task}{arena}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """A learner on a board.
+
+    Attributes:
+      name: Name of the learner, or of its brain and proposer.
+      command: Words of `musebot run` that simulate it.
+      experiment: Experiment of its run.
+      condition: Condition of its robots.
+      after: Value of each valid robot in the test after training, shape (n,): share of the time in
+        the spot, or without contact.
+      training: The same over all of training.
+      curve: Mean value in each minute of training, shape (M,).
+      abilities: Learn Ability of each robot; NaN without one.
+    """
+
+    name: str
+    command: str
+    experiment: Experiment
+    condition: Condition
+    after: np.ndarray
+    training: np.ndarray
+    curve: np.ndarray
+    abilities: np.ndarray
+
+
+def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
+    """Returns the entries of each board.
+
+    Raises:
+      InputError: a learner stands twice on a board, has no valid robot, or a board lacks a bound.
+    """
+    found: dict[Board, list[Entry]] = {}
+    for run in runs:
+        experiment = run.experiment
+        for condition in run.conditions():
+            entry = _entry(run, condition)
+            if not len(entry.after):
+                raise InputError(f"{run.name} has no valid robot of {entry.name}")
+            for signals in tracks(experiment, condition):
+                board = Board(signals, experiment.protocol, condition.task, experiment.arena_scale)
+                entries = found.setdefault(board, [])
+                if any(entry.name == other.name for other in entries):
+                    raise InputError(f"{entry.name} stands in two runs with {condition.task}")
+                entries.append(entry)
+    # Bounds stand in both tracks, but make no board.
+    found = {b: es for b, es in found.items() if {e.name for e in es} - {LOWER, UPPER}}
+    for board, entries in found.items():
+        for bound in (LOWER, UPPER):
+            if bound not in {entry.name for entry in entries}:
+                raise InputError(f"the runs of {board.title} hold no robots of {bound}, a bound")
+    return dict(sorted(found.items(), key=lambda one: dataclasses.astuple(one[0])))
+
+
+def tracks(experiment: Experiment, condition: Condition) -> tuple[Signals, ...]:
+    """Returns the tracks in which robots stand: in both, if these give them the same."""
+    if not condition.has_brain:
+        bound = short_name(condition.proposer) in (LOWER, UPPER)
+        return _BOTH if bound else (experiment.signals,)
+    if not saturates(experiment, condition.task):
+        return _BOTH
+    brain = experiment.brain
+    return ("raw",) if brain.raw_signals or brain.raw_reward else ("paper",)
+
+
+def saturates(experiment: Experiment, task: str) -> bool:
+    """Returns whether a task has signals that saturate, so that its tracks differ."""
+    senses = senses_of(experiment.arena_task(task))
+    return any(signal.maximal for signal in (*senses.state, senses.reward))
+
+
+def _entry(run: Run, condition: Condition) -> Entry:
+    experiment = run.experiment
+    schedule = experiment.schedule(condition.task)
+    curves = run.curves(condition)[:, schedule.minutes_of("training")].astype(float)
+    after = run.shares(condition, "post")
+    if not schedule.wanted:
+        curves, after = 1 - curves, 1 - after
+    if condition.has_brain:
+        name = f"{experiment.brain_name}, {condition.proposer}"
+        command = f"--brain {experiment.brain_name} --proposer {condition.proposer}"
+    else:
+        short = short_name(condition.proposer)
+        name, command = short, f"--agent {short}"
+        if experiment.signals == "raw":
+            command += " --signals raw"
+        if experiment.settings:
+            command += f" --agent-set {' '.join(experiment.settings)}"
+    command += f" --seed {experiment.seed}"
+    if experiment.protocol != "paper":
+        command += f" --protocol {experiment.protocol}"
+    if experiment.arena_scale != 1:
+        command += f" --arena-scale {experiment.arena_scale:g}"
+    return Entry(
+        name,
+        command,
+        experiment,
+        condition,
+        after,
+        curves.mean(axis=1),
+        curves.mean(axis=0),
+        run.abilities(condition),
+    )
+
+
+def scores(entry: Entry, lower: Entry, upper: Entry) -> np.ndarray:
+    """Returns each robot's score: the mean of both values, 0 like a newborn and 1 like hand-coded.
+
+    NaN where the bounds do not differ.
+    """
+    parts = []
+    for own, low, high in (
+        (entry.after, lower.after, upper.after),
+        (entry.training, lower.training, upper.training),
+    ):
+        span = high.mean() - low.mean()
+        parts.append((own - low.mean()) / span if span > 0 else np.full(len(own), math.nan))
+    return np.mean(parts, axis=0)
+
+
+def interquartile_mean(values: np.ndarray) -> tuple[float, tuple[float, float]]:
+    """Returns the mean without the lowest and highest quarter, and its 95 % bootstrap interval."""
+    random = np.random.default_rng(_SEED)
+    draws = values[random.integers(len(values), size=(_RESAMPLES, len(values)))]
+    means = stats.trim_mean(draws, 0.25, axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(stats.trim_mean(values, 0.25)), (float(low), float(high))
+
+
+def ranked(entries: Sequence[Entry]) -> list[tuple[Entry, np.ndarray]]:
+    """Returns the entries with their robots' scores, the highest interquartile mean first."""
+    by_name = {entry.name: entry for entry in entries}
+    lower, upper = by_name[LOWER], by_name[UPPER]
+    found = [(entry, scores(entry, lower, upper)) for entry in entries]
+    return sorted(
+        found, key=lambda one: (-np.nan_to_num(interquartile_mean(one[1])[0]), one[0].name)
+    )
+
+
+def behind_the_first(ranking: Sequence[tuple[Entry, np.ndarray]]) -> list[float]:
+    """Returns p of each learner against the first, Holm over all pairs of learners.
+
+    Bounds have NaN, and so has the first learner. Permutation tests of the mean score.
+    """
+    learners = [n for n, (entry, _) in enumerate(ranking) if entry.name not in (LOWER, UPPER)]
+    pairs = list(itertools.combinations(learners, 2))
+    values = [
+        same_statistic(ranking[a][1], ranking[b][1], np.nanmean, False, max(2000, 200 * len(pairs)))
+        for a, b in pairs
+    ]
+    found = dict(zip(pairs, holm(np.array(values)), strict=True))
+    return [
+        float(found.get((learners[0], n), math.nan)) if learners else math.nan
+        for n in range(len(ranking))
+    ]

@@ -1,0 +1,106 @@
+"""All learners live the same lives in both tracks, with their tuned settings."""
+
+import dataclasses
+
+import pytest
+
+from musebot.protocols import cli
+from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.studies.learners.benchmark import LEARNERS, Benchmark
+
+TINY = "--robots 3 --time-scale 0.002 --body kinematic --processes 1".split()
+
+
+def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
+    plans = Benchmark().plans()
+    for board in ("paper", "walls"):
+        names = {n.removeprefix(f"{board}-") for n in plans if n.startswith(f"{board}-")}
+        wanted = {f"{name}-{track}" for name in (*LEARNERS, "steady") for track in ("paper", "raw")}
+        assert names == wanted | {"bounds", "paper-paper"}
+    spot = Condition("spot_finding", "creative")
+    assert plans["paper-steady-raw"].robots == {
+        Condition("wall_avoidance", "creative"): 60,
+        spot: 60,
+    }
+    # Where nothing saturates, both tracks are the same life.
+    assert plans["paper-steady-paper"].robots == {spot: 60}
+    brain = plans["paper-steady-paper"].experiment.brain
+    assert not brain.raw_signals and not brain.raw_reward
+    assert plans["walls-dqn-raw"].experiment.signals == "raw"
+    assert plans["walls-dqn-raw"].experiment.protocol == "walls"
+    assert {plan.experiment.seed for plan in plans.values()} == {32010}
+
+
+def test_the_held_out_boards_have_seeds_of_their_own():
+    chosen = Benchmark(agent=("dqn",), board=("continual", "larger"), signals=("raw",))
+    found = {name: plan.experiment for name, plan in chosen.plans().items()}
+    assert {*found} == {
+        "continual-bounds", "continual-dqn-raw", "larger-bounds", "larger-dqn-raw",
+    }  # fmt: skip
+    assert found["continual-dqn-raw"].seed == 32011
+    assert (found["larger-dqn-raw"].seed, found["larger-dqn-raw"].arena_scale) == (32012, 1.3333)
+    assert {c.task for c in chosen.plans()["larger-bounds"].robots} == {"spot_finding"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"robots": 0}, "robots must be at least 1"),
+        ({"agent": ()}, "at least one agent"),
+        ({"agent": ("dqm",)}, "did you mean dqn"),
+        ({"board": ("chess",)}, "the board must be one of paper, walls, continual, larger"),
+        ({"signals": ("salty",)}, "the signals must be one of paper, raw"),
+    ],
+)
+def test_bad_input_is_refused_in_a_sentence(changes, sentence):
+    with pytest.raises(InputError, match=sentence):
+        dataclasses.replace(Benchmark(), **changes).experiments()
+
+
+def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
+    tmp_path, commands_in_process, capsys
+):
+    tuned, out = tmp_path / "tuned", tmp_path / "out"
+    words = "--trials 4 --kept 2 --robots 2 --time-scale 0.004 --processes 1".split()
+    tune = ["study", "tune", str(tuned), "--agent", "sarsa_lambda", "--signals", "raw", *words]
+    assert cli.main(tune) == 0
+    command = ["study", "benchmark", str(out), "--tuned", str(tuned), *TINY]
+    first = [*command, "--agent", "sarsa_lambda", "--board", "paper", "--signals", "raw"]
+    assert cli.main(first) == 0
+    page = (out / "benchmark.md").read_text()
+    best = (tuned / "tune.md").read_text().partition("--agent-set ")[2].partition(" --signals")[0]
+    assert f"--agent sarsa_lambda --signals raw{' --agent-set ' * bool(best)}{best}" in page
+    assert "4 settings, 2 in whole lives, 2 robots" in page
+    assert "paper signals" not in page
+    # More learners and tracks are added; what is there is kept, without its brains.
+    (brains,) = (out / "paper-sarsa_lambda-raw").glob("brains.safetensors")
+    brains.unlink()
+    assert (
+        cli.main([*command, "--agent", "sarsa_lambda", "paper", "steady", "--board", "paper"]) == 0
+    )
+    page = (out / "benchmark.md").read_text()
+    assert not brains.exists()
+    for title in ("Wall avoidance, protocol paper, ", "Spot finding, protocol paper, "):
+        assert f"## {title}paper signals" in page and f"## {title}raw signals" in page
+    rows = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")]
+    assert rows.count("paper, creative") == 2 * 3  # walls in both tracks, two tables a board
+    assert rows.count("sarsa_lambda") == 2 * 4
+    capsys.readouterr()
+    assert cli.main([*first[:-4], "--board", "walls"]) == 2
+    assert "holds a study of" in capsys.readouterr().err
+
+
+def test_an_unfinished_tuning_is_refused_and_another_agents_is_not_read(
+    tmp_path, commands_in_process, capsys
+):
+    tuned, out = tmp_path / "tuned", tmp_path / "out"
+    words = "--trials 2 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
+    assert cli.main(["study", "tune", str(tuned), "--agent", "dqn", *words]) == 0
+    for file in (tuned / "trials").glob("*-1-*"):
+        file.unlink()
+    command = ["study", "benchmark", str(out), "--tuned", str(tuned), *TINY]
+    assert cli.main([*command, "--agent", "dqn"]) == 2
+    assert "is not finished: `musebot study tune` continues it" in capsys.readouterr().err
+    assert not out.exists()
+    assert "sarsa_lambda" in Benchmark(tuned=(tuned,), agent=("sarsa_lambda",)).plans().__repr__()
