@@ -23,7 +23,7 @@ from .base import Agent
 LAYERS = 3  # two hidden layers of 64 tanh neurons, and the mean action
 
 # Tasks on which the policies of `ppo` are trained, by the number of sensor signals.
-TRAINED_ON = {5: "wall_avoidance_unit", 1: "spot_finding_unit"}
+TRAINED_ON = {5: "wall_avoidance_unit", 1: "spot_finding_unit", 6: "spot_finding_walls"}
 FOLDER = Path("policies")
 POLICIES_FILE = "policies.safetensors"
 
@@ -161,7 +161,7 @@ def ppo(robots: int, senses: Senses, seed: int) -> Agent:
 
     Args:
       robots: Number of robots, B.
-      senses: What the robots sense: 5 signals or 1.
+      senses: What the robots sense: 5, 1 or 6 signals.
       seed: Seed; unused, since the mean action is not random.
 
     Raises:

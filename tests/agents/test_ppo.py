@@ -12,6 +12,7 @@ from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.networks import senses_of
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import save_arrays
 from musebot.tasks.suite import TASKS
@@ -22,7 +23,7 @@ AGENT = "musebot.protocols.ppo:ppo"
 def newborn(task, robots, seed=0):
     """Policies with weights drawn at random."""
     random = np.random.default_rng(seed)
-    sensors = {"wall_avoidance_unit": 5, "spot_finding_unit": 1}[task]
+    sensors = next(count for count, known in ppo.TRAINED_ON.items() if known == task)
     arrays = {}
     for when in ("before", "after"):
         for layer, (outputs, inputs) in enumerate([(64, sensors), (64, 64), (2, 64)]):
@@ -56,6 +57,13 @@ def test_every_policy_drives_its_own_robot():
         np.testing.assert_allclose(alone[0], together[robot], atol=1e-6)
     with pytest.raises(InputError, match="the policies are 0 to 2, got 3"):
         three.one(3)
+
+
+def test_policies_are_trained_on_the_signals_that_robots_sense():
+    for sensors, task in ppo.TRAINED_ON.items():
+        assert len(senses_of(task).state) == sensors
+    walls = Experiment(protocol="walls").arena_task("spot_finding")
+    assert ppo.TRAINED_ON[len(senses_of(walls).state)] == walls
 
 
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
@@ -99,7 +107,7 @@ def test_missing_and_unfit_policies_are_refused(folder):
 
     with pytest.raises(InputError, match="has 3 policies, too few for 4 robots"):
         make(4)
-    with pytest.raises(InputError, match=r"for \[1, 5\] signals, got 2"):
+    with pytest.raises(InputError, match=r"for \[1, 5, 6\] signals, got 2"):
         ppo.ppo(robots=3, senses=Senses((Signal(0, 1),) * 2, Signal(0, 1)), seed=0)
     path = file_of("wall_avoidance_unit")
     file_of("spot_finding_unit").replace(path)
