@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,8 @@ from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from ..experiment.networks import senses_of
 from .base import Agent
-from .factory import make_agent
+from .factory import factory_of, make_agent
+from .settings import Setting, settings_of
 
 ROBOTS = 8
 _STEPS = 300
@@ -95,6 +97,10 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     yield _robots_are_apart(task, made)
     yield _placement(stream, made)
     yield _taken_over(stream, agent, made)
+    if several := {
+        n: one for n, one in settings_of(factory_of(condition.proposer)).items() if one.each
+    }:
+        yield _settings_of_each(stream, experiment, condition, several)
     yield from _costs(experiment, condition)
 
 
@@ -198,6 +204,34 @@ def _taken_over(stream: Stream, agent: Agent, made: Callable[..., Agent]) -> Che
     if np.allclose(ours, again, atol=1e-5):
         return Check(name, True, "equal actions in 50 steps of a test")
     return Check(name, None, "other actions: random numbers, or weights() misses something")
+
+
+def _settings_of_each(
+    stream: Stream, experiment: Experiment, condition: Condition, several: Mapping[str, Setting]
+) -> Check:
+    """Gives one value of each setting to all robots, then to each, then the first another one."""
+    name = "robots may differ in their settings"
+    chosen = {word.partition("=")[0]: word for word in experiment.settings}
+    others = tuple(word for own, word in chosen.items() if own not in several)
+
+    def lived(first: float, rest: float, each: bool) -> np.ndarray:
+        words = tuple(
+            f"{own}={','.join([f'{one.at(first):g}'] + [f'{one.at(rest):g}'] * (ROBOTS - 1))}"
+            if each
+            else f"{own}={one.at(first):g}"
+            for own, one in several.items()
+        )
+        changed = dataclasses.replace(experiment, settings=(*others, *words))
+        agent = make_agent(changed, condition, ROBOTS, 1)
+        agent.reset()
+        return stream.feed(agent, 0, 100)
+
+    together, alone, differing = lived(0.5, 0.5, False), lived(0.5, 0.5, True), lived(1, 0.5, True)
+    if not np.allclose(together, alone, atol=1e-3):
+        return Check(name, False, "the same value for each robot gives other actions")
+    if not np.allclose(alone[:, 1:], differing[:, 1:], atol=1e-3):
+        return Check(name, False, "another value of one robot changes the actions of others")
+    return Check(name, True, ", ".join(several))
 
 
 def _costs(experiment: Experiment, condition: Condition) -> Iterator[Check]:

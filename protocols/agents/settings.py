@@ -33,8 +33,8 @@ class Setting:
       duration: Whether it counts steps of a life, so that shorter lives need fewer of them; then it
         is not tuned.
       each: Whether robots of a cohort may differ in it: the factory then receives an array of shape
-        (B,). If all tuned settings may, `musebot study tune` simulates its trials together, which
-        is several times as fast.
+        (B,), int64 for whole numbers, else float64. If all tuned settings may, `musebot study tune`
+        simulates several trials together, which takes less time.
     """
 
     default: float
@@ -167,5 +167,6 @@ def checked_settings(
         elif not setting.each or robots % len(values):
             raise InputError(f"{robots} robots cannot have {len(values)} values of {name}")
         else:
-            checked[name] = np.repeat(np.array(values), robots // len(values))
+            kind = np.int64 if setting.whole else np.float64
+            checked[name] = np.repeat(np.array(values, kind), robots // len(values))
     return checked

@@ -11,6 +11,7 @@ from musebot.protocols.agents import agent_check, trust
 from musebot.protocols.agents.agent_check import checks
 from musebot.protocols.agents.base import Agent
 from musebot.protocols.agents.names import recorded_name
+from musebot.protocols.agents.settings import Setting, tunable
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 
@@ -162,6 +163,49 @@ def test_each_fault_fails_its_own_check(cls):
     failed = {check.name for check in found if check.passed is False}
     assert failed == FAULTS[cls]
     assert len(found) == (10 if cls is KeepsNothing else 11) and all(check.says for check in found)
+
+
+class Rated(Mean):
+    """Learns at a rate that may differ between robots."""
+
+    def __init__(self, robots, senses, seed, rate):
+        super().__init__(robots, senses, seed)
+        self.rate = rate
+
+    def learn(self, reward):
+        if not self.placed[0]:
+            self.mean += self.rate * (reward - self.mean)
+        self.placed[:] = 0
+
+
+def sound(robots, senses, seed, *, rate):
+    return Rated(robots, senses, seed, rate)
+
+
+def of_the_first(robots, senses, seed, *, rate):
+    return Rated(robots, senses, seed, np.ravel(rate)[0])
+
+
+def of_none(robots, senses, seed, *, rate):
+    return Rated(robots, senses, seed, rate if np.isscalar(rate) else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("factory", "says"),
+    [
+        (sound, "rate"),
+        (of_the_first, "another value of one robot changes the actions of others"),
+        (of_none, "the same value for each robot gives other actions"),
+    ],
+)
+def test_robots_may_differ_in_the_settings_that_say_so(factory, says, monkeypatch):
+    setting = Setting(0.1, 0.01, 1.0, each=True)
+    name = f"mine:{factory.__name__}"
+    setattr(sys.modules["mine"], factory.__name__, tunable(rate=setting)(factory))
+    trust.trust(name)
+    found = [*checks(Experiment(), Condition("spot_finding", name))]
+    (check,) = (one for one in found if one.name == "robots may differ in their settings")
+    assert check.passed is (factory is sound) and check.says == says
 
 
 def test_kept_weights_drive_an_agent_again_only_if_it_can_take_them_over():

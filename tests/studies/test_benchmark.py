@@ -1,6 +1,8 @@
 """All learners live the same lives in both tracks, with their tuned settings."""
 
 import dataclasses
+import re
+from pathlib import Path
 
 import pytest
 
@@ -49,6 +51,10 @@ def test_the_held_out_boards_have_seeds_of_their_own():
         ({"robots": 0}, "robots must be at least 1"),
         ({"agent": ()}, "at least one agent"),
         ({"agent": ("dqm",)}, "did you mean dqn"),
+        ({"agent": ("newborn",)}, "newborn is no learner of the benchmark"),
+        ({"agent": ("creative",)}, "creative is no learner of the benchmark"),
+        ({"agent": ("paper", "ppo"), "signals": ("raw",)}, "paper, ppo has no raw signals"),
+        ({"tuned": (Path("nowhere"),), "agent": ("steady",)}, "is no study `tune` of musebot's"),
         ({"board": ("chess",)}, "the board must be one of paper, walls, continual, larger"),
         ({"signals": ("salty",)}, "the signals must be one of paper, raw"),
     ],
@@ -56,6 +62,42 @@ def test_the_held_out_boards_have_seeds_of_their_own():
 def test_bad_input_is_refused_in_a_sentence(changes, sentence):
     with pytest.raises(InputError, match=sentence):
         dataclasses.replace(Benchmark(), **changes).experiments()
+
+
+def test_an_agent_named_twice_has_one_run():
+    both = ("dqn", "musebot.protocols.agents.learners.dqn:dqn")
+    assert Benchmark(agent=both).plans().keys() == Benchmark(agent=both[:1]).plans().keys()
+
+
+def test_an_agent_that_fails_is_refused_before_anything_is_written(
+    tmp_path, commands_in_process, capsys, monkeypatch
+):
+    (tmp_path / "broken_agent.py").write_text("def broken(robots, senses, seed): 1 / 0")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    command = ["study", "benchmark", "out", "--agent", "broken_agent:broken", *TINY]
+    assert cli.main(command) == 2
+    assert "the factory broken_agent:broken" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_board_is_simulated_and_its_command_can_be_given_again(tmp_path, commands_in_process):
+    out = tmp_path / "out"
+    words = ["--agent", "q_learner", "steady", "--board", "walls", "continual", "larger", *TINY]
+    assert cli.main(["study", "benchmark", str(out), *words]) == 0
+    page = (out / "benchmark.md").read_text()
+    for title in (
+        "protocol walls, paper signals", "protocol continual, raw signals",
+        "protocol paper, arena 1.3333 times as large, raw signals",
+    ):  # fmt: skip
+        assert title in page
+    commands = re.findall(r"`(--(?:agent|brain) [^`]*)`", page)
+    assert len(commands) == 3 * 2 * 4
+    (saturated,) = (c for c in commands if "raw_reward=false" in c and "walls" in c)
+    again = tmp_path / "again"
+    assert cli.main(["run", str(again), *saturated.split(), "--processes", "1"]) == 0
+    kept = (out / "walls-steady-paper" / "robots.csv").read_bytes()
+    assert (again / "robots.csv").read_bytes() == kept
 
 
 def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
@@ -97,8 +139,7 @@ def test_an_unfinished_tuning_is_refused_and_another_agents_is_not_read(
     tuned, out = tmp_path / "tuned", tmp_path / "out"
     words = "--trials 2 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
     assert cli.main(["study", "tune", str(tuned), "--agent", "dqn", *words]) == 0
-    for file in (tuned / "trials").glob("*-1-*"):
-        file.unlink()
+    next((tuned / "trials").glob("*-1-*")).unlink()
     command = ["study", "benchmark", str(out), "--tuned", str(tuned), *TINY]
     assert cli.main([*command, "--agent", "dqn"]) == 2
     assert "is not finished: `musebot study tune` continues it" in capsys.readouterr().err

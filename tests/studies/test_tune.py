@@ -13,6 +13,7 @@ from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.errors import InputError
+from musebot.protocols.storage import write_json
 from musebot.protocols.studies.learners.tune import Trial, Tune
 
 
@@ -55,6 +56,7 @@ TINY = Tune(agent="mine:graded", trials=6, kept=2, robots=4, time_scale=0.05)
 
 
 def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
+    trust.trust(TINY.agent)
     trials = TINY.drawn()
     assert trials[0].settings == () and len({*trials}) == 6
     for trial in trials[1:]:
@@ -72,6 +74,7 @@ def test_settings_that_count_steps_are_shorter_in_the_shorter_first_round():
 
 
 def test_trials_live_in_one_cohort_where_robots_may_differ_in_all_settings():
+    trust.trust(TINY.agent)
     study = Tune(agent="sarsa_lambda", trials=3, kept=2, robots=4)
     trials = study.drawn()
     assert study._cohorts(trials) == [trials]
@@ -115,6 +118,7 @@ def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
         ({"trials": 0}, "trials must be at least 1"),
         ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
         ({"robots": 0}, "robots must be at least 1"),
+        ({"seed": -5}, "the seed must not be negative, got -5"),
         ({"time_scale": 2}, "the time scale must lie in"),
         ({"signals": "salty"}, "the signals must be one of"),
     ],
@@ -122,6 +126,54 @@ def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
 def test_bad_input_is_refused_in_a_sentence(changes, sentence):
     with pytest.raises(InputError, match=sentence):
         dataclasses.replace(TINY, **changes).experiments()
+
+
+def held(folder, **changes):
+    """Writes a folder that holds a study, with some details changed; returns it."""
+    study = Tune(agent="mine:each", trials=4, kept=2, robots=4, time_scale=0.5)
+    trust.trust("mine:each")
+    content = {
+        "study": "tune",
+        "experiments": {"whole": dataclasses.asdict(study.experiments()["whole"])},
+        "details": dict(study.details()),
+    }
+    for name, value in changes.items():
+        (content if name == "study" else content["details"])[name] = value
+    folder.mkdir()
+    write_json(folder / "study.json", content)
+    return folder
+
+
+def test_a_study_is_read_from_its_folder(tmp_path):
+    study = Tune(agent="mine:each", trials=4, kept=2, robots=4, time_scale=0.5)
+    read = Tune.read(held(tmp_path / "a"))
+    assert read.experiments() == study.experiments() and read.details() == study.details()
+    assert dataclasses.replace(read, kinematics=study.kinematics) == study
+    assert study.effort == "4 settings, 2 in whole lives, 4 robots, durations times 0.5"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"agent": 5},
+        {"agent": "**x** | y"},
+        {"kept": "3"},
+        {"kept": 2.5},
+        {"trials": 3},
+        {"study": "evolve"},
+    ],
+)
+def test_what_is_no_study_that_tunes_is_refused_in_a_sentence(changes, tmp_path):
+    with pytest.raises(InputError, match="study.json is no study `tune` of musebot's"):
+        Tune.read(held(tmp_path / "a", **changes))
+
+
+def test_a_folder_runs_no_code_that_only_it_names(tmp_path, monkeypatch):
+    folder = held(tmp_path / "a", agent="foreign:agent")
+    study = Tune.read(folder)
+    with pytest.raises(InputError, match="trust"):
+        study.best(folder)
+    assert "foreign" not in sys.modules
 
 
 def test_every_learner_of_ours_can_be_tuned():

@@ -31,7 +31,7 @@ def for_each(settings: Mapping[str, Number]) -> dict[str, float | Tensor]:
     }
 
 
-def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | Tensor:
+def falling(last: float | Tensor, age: float, steps: float) -> float | Tensor:
     """Returns a probability that falls linearly from 1 to its last value within some steps."""
     return last + (1 - last) * (1 - age / steps if age < steps else 0.0)
 

@@ -28,7 +28,7 @@ class DQN(OnlineLearner):
         super().__init__(robots, senses, seed)
         setting = for_each(settings)
         self._discount, self._epsilon = setting["discount"], setting["epsilon"]
-        self._fall = setting["epsilon_steps"]
+        self._fall = float(setting["epsilon_steps"])
         self._actions = grid_of_actions()
         width, outputs = int(setting["hidden"]), len(self._actions)
         sizes = (self.inputs, width, width, outputs)

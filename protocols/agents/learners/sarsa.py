@@ -22,8 +22,7 @@ class SarsaLambda(OnlineLearner):
     (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda)). Q(s, a) is the sum of
     one weight a tiling. The trace holds the last `MEMORY` steps; what is left out has decayed
     below 0.0001 with the largest settings, below 0.00001 with the defaults. Up to `CELLS` tiles a
-    tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight, in all
-    robots if in one.
+    tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight.
     """
 
     TILINGS, CELLS, MEMORY = 8, 512, 48
@@ -43,12 +42,10 @@ class SarsaLambda(OnlineLearner):
         offsets = torch.arange(self.TILINGS)[:, None] * (2 * torch.arange(self.inputs) + 1)
         self._offsets = (offsets % self.TILINGS) / self.TILINGS
         width = self._tiles.long() + 1
-        self._dense = bool((width**self.inputs <= self.CELLS).all())
-        self._factors = (
-            width ** torch.arange(self.inputs)
-            if self._dense
-            else torch.tensor(_PRIMES)[: self.inputs]
-        )
+        dense = width**self.inputs <= self.CELLS
+        primes = torch.tensor(_PRIMES)[: self.inputs]
+        self._factors = torch.where(dense, width ** torch.arange(self.inputs), primes)
+        self._hashed = ~dense[:, 0]
         self.pair("weights_of", torch.zeros(robots, self.TILINGS, dtype=torch.int64))
         # The weights of the last steps, the latest first, and how many of these steps there are.
         self._past = self.keep(
@@ -71,10 +68,10 @@ class SarsaLambda(OnlineLearner):
         places = (inputs[:, None] + 1) / 2 * self._tiles + self._offsets
         numbers = places.clamp(min=0).minimum(self._tiles + 0.999).long()
         cells = (numbers * self._factors).sum(dim=2)
-        if not self._dense:  # mixed, so that neighbours in two signals do not share a cell
-            cells = cells + _PRIMES[-1] * torch.arange(self.TILINGS)
-            cells = (cells ^ (cells >> 15)) * _MIXER & 0xFFFFFFFF
-            cells = cells ^ (cells >> 13)
+        if self._hashed.any():  # mixed, so that neighbours in two signals do not share a cell
+            mixed = cells + _PRIMES[-1] * torch.arange(self.TILINGS)
+            mixed = (mixed ^ (mixed >> 15)) * _MIXER & 0xFFFFFFFF
+            cells = torch.where(self._hashed, mixed ^ (mixed >> 13), cells)
         return cells % self.CELLS
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:

@@ -24,7 +24,7 @@ class StreamQ(StreamLearner):
         """Draws the initial networks; see `stream_q` for the settings."""
         super().__init__(robots, senses, seed)
         setting = for_each(settings)
-        self._epsilon, self._fall = setting["epsilon"], setting["epsilon_steps"]
+        self._epsilon, self._fall = setting["epsilon"], float(setting["epsilon_steps"])
         self.prepare(setting["discount"])
         self._actions = grid_of_actions()
         width, outputs = int(setting["hidden"]), len(self._actions)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -19,15 +20,17 @@ from ...experiment.overrides import named_brain, with_overrides
 from ...results.run import Run
 from ...results.run_files import has_all_rows, read_runs
 from ...shared_options import option
+from ...simulation.cohort import check_agents
 from ...simulation.jobs import CohortJob, Job
 from ..study import Page, check_positive
 from ..variants import Variant, VariantStudy
 from .boards import LOWER, UPPER, saturates
-from .ranking import FOLDER, cost_jobs, ranking
+from .ranking import FOLDER, cost_jobs, measured, ranking
 from .tune import Tune, efforts
 
 LEARNERS = ("q_learner", "sarsa_lambda", "stream_q", "stream_ac", "avg", "amortised_q", "dqn")
 _BRAINS = ("paper", "steady")
+_PAPER_ALONE = ("paper", recorded_name("ppo"))  # have no raw signals
 _SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
 
 BoardName = Literal["paper", "walls", "continual", "larger"]
@@ -45,9 +48,10 @@ BOARDS: Mapping[BoardName, Mapping[str, Any]] = MappingProxyType(
 class Benchmark(VariantStudy):
     """Simulate learners in the same lives, each with its tuned settings, and rank them.
 
-    Each learner has a run of its own in each track, and so have both bounds, the paper's robots and
-    `steady`. The page shows the runs that are finished, and needs no brains. More learners, tracks
-    and boards may be added later.
+    Each learner has a run of its own on each board and in each track, and so have both bounds. The
+    page needs no brains. More learners, tracks or boards can be added to those that OUT has.
+    Boards: paper, both tasks; walls, spot finding with walls sensed; continual, 24 hours in which
+    the spot jumps; larger, spot finding in an arena a third larger.
     """
 
     name: ClassVar[str] = "benchmark"
@@ -66,8 +70,7 @@ class Benchmark(VariantStudy):
         "paper",
         "walls",
     )
-    """paper: both tasks; walls: spot finding with walls sensed; continual: a day; larger: spot
-    finding in an arena a third larger"""
+    """protocols and tasks in which they are compared"""
     robots: int = 60
     """number of robots of each learner, one cohort"""
     seed: int = 32010
@@ -94,49 +97,66 @@ class Benchmark(VariantStudy):
         for signals in self.signals:
             if signals not in get_args(Signals):
                 raise InputError(f"the signals must be one of paper, raw, got {signals!r:.60}")
-        found = []
+        found, learners = [], self._learners
         for board in dict.fromkeys(self.board):
             if board not in BOARDS:
                 raise InputError(f"the board must be one of {', '.join(BOARDS)}, got {board!r:.60}")
-            fields = BOARDS[board]
-            tasks = tuple(dataclasses.replace(self.baseline(), **fields).tasks)
-            if board == "larger":
-                tasks = tasks[-1:]
             bounds = tuple(map(recorded_name, (LOWER, UPPER)))
-            found.append(Variant(f"{board}-bounds", "the bounds", fields, tasks, bounds))
-            found += self._rows(board, fields, tasks)
+            tasks = self._tasks(board)
+            found.append(Variant(f"{board}-bounds", "the bounds", BOARDS[board], tasks, bounds))
+            pairs = itertools.product(learners, dict.fromkeys(self.signals))
+            rows = [row for pair in pairs if (row := self._row(board, *pair))]
+            if not rows:
+                raise InputError(
+                    f"{', '.join(self.agent)} has no {' or '.join(self.signals)} signals"
+                )
+            found += rows
         return found
 
-    def _rows(
-        self, board: str, fields: Mapping[str, Any], tasks: tuple[str, ...]
-    ) -> Iterator[Variant]:
-        for name in dict.fromkeys(self.agent):
-            for signals in dict.fromkeys(self.signals):
-                row = f"{board}-{short_name(name).replace(':', '-')}-{signals}"
-                if name not in _BRAINS:
-                    recorded = recorded_name(name)
-                    settings = self._settings.get((recorded, signals), ())
-                    chosen = {"signals": signals, "settings": settings}
-                    yield Variant(row, name, {**fields, **chosen}, tasks, (recorded,))
-                elif name == "paper" and signals == "paper":
-                    yield Variant(row, name, fields, tasks, PROPOSERS)
-                elif name == "steady":
-                    brain = named_brain(name)
-                    # Where nothing saturates, both tracks are the same.
-                    start = dataclasses.replace(self.baseline(), **fields)
-                    own = tuple(t for t in tasks if signals == "raw" or saturates(start, t))
-                    if signals == "paper":
-                        brain = with_overrides(brain, _SATURATED)
-                    if own:
-                        yield Variant(row, name, {**fields, "brain": brain}, own, ("creative",))
+    def _tasks(self, board: BoardName) -> tuple[str, ...]:
+        tasks = dataclasses.replace(self.baseline(), **BOARDS[board]).tasks
+        return tasks[-1:] if board == "larger" else tasks
+
+    def _row(self, board: BoardName, name: str, track: Signals) -> Variant | None:
+        """Returns the run of a learner in a track of a board; None if it has none there."""
+        if track == "raw" and name in _PAPER_ALONE:
+            return None
+        fields, tasks = dict(BOARDS[board]), self._tasks(board)
+        proposers = ("creative",)
+        if name == "paper":
+            proposers = PROPOSERS
+        elif name == "steady" and track == "raw":
+            fields["brain"] = named_brain(name)
+        elif name == "steady":
+            fields["brain"] = with_overrides(named_brain(name), _SATURATED)
+            # Where nothing saturates, both tracks are the same.
+            start = dataclasses.replace(self.baseline(), **BOARDS[board])
+            tasks = tuple(task for task in tasks if saturates(start, task))
+        else:
+            fields |= {"signals": track, "settings": self._settings.get((name, track), ())}
+            proposers = (name,)
+        row = f"{board}-{short_name(name).replace(':', '-')}-{track}"
+        return Variant(row, name, fields, tasks, proposers)
+
+    @functools.cached_property
+    def _learners(self) -> tuple[str, ...]:
+        """The brains, and the agents as runs record them; their code may run from now on."""
+        names = tuple(
+            dict.fromkeys(name if name in _BRAINS else recorded_name(name) for name in self.agent)
+        )
+        for name in names:
+            if short_name(name) in (LOWER, UPPER, *PROPOSERS):
+                raise InputError(f"{short_name(name)} is no learner of the benchmark")
+            if name not in _BRAINS:
+                trust(name)
+                factory_of(name)
+        _ = self._settings
+        return names
 
     @functools.cached_property
     def _settings(self) -> Mapping[tuple[str, str], tuple[str, ...]]:
         """The best settings of each tuned agent of the command, by its name and track."""
         named = {recorded_name(name) for name in self.agent if name not in _BRAINS}
-        for name in named:
-            trust(name)
-            factory_of(name)
         found: dict[tuple[str, str], tuple[str, ...]] = {}
         for folder in self.tuned:
             study = Tune.read(folder)
@@ -151,10 +171,17 @@ class Benchmark(VariantStudy):
         """See `Study.folders`."""
         return [*super().folders(out), out / FOLDER]
 
+    def check(self, out: Path) -> None:
+        """See `VariantStudy.check`; every agent acts once, before anything is written."""
+        super().check(out)
+        for name, plan in self.plans().items():
+            if not has_all_rows(out / name, plan):
+                check_agents(plan)
+
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all lives, then what each learner costs."""
         yield from super().stages(out)
-        yield cost_jobs(out, self._finished(out))
+        yield cost_jobs(out, self._runs(out))
 
     def finished(self, job: Job) -> None:
         """See `Study.finished`."""
@@ -162,14 +189,13 @@ class Benchmark(VariantStudy):
             super().finished(job)
 
     def page(self, out: Path) -> Page:
-        """See `Study.page`: what is finished."""
-        runs = self._finished(out)
-        return self.report({run.name: run for run in runs}, out)
+        """See `Study.page`."""
+        runs = self._runs(out)
+        return ranking(runs, measured(out, runs), efforts(self.tuned))
 
-    def report(self, runs: Mapping[str, Run], out: Path = Path()) -> Page:
-        """See `VariantStudy.report`; costs are read in the folder OUT."""
-        return ranking(out, [*runs.values()], efforts(self.tuned))
+    def report(self, runs: Mapping[str, Run]) -> Page:
+        """See `VariantStudy.report`: the page without costs."""
+        return ranking([*runs.values()], {}, efforts(self.tuned))
 
-    def _finished(self, out: Path) -> list[Run]:
-        done = [out / n for n, plan in self.plans().items() if has_all_rows(out / n, plan)]
-        return read_runs(done, brains=False)
+    def _runs(self, out: Path) -> list[Run]:
+        return read_runs([out / name for name in self.plans()], brains=False)

@@ -14,12 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from ....models import Kinematics
 from ...agents.names import short_name
 from ...analysis.hypothesis_tests import holm, same_statistic
 from ...errors import InputError
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment, Signals
 from ...experiment.networks import senses_of
+from ...experiment.overrides import overrides_of
 from ...experiment.schedules import TASK_NAMES
 from ...results.run import Run
 
@@ -136,23 +138,21 @@ def _entry(run: Run, condition: Condition) -> Entry:
     if not schedule.wanted:
         curves, after = 1 - curves, 1 - after
     if condition.has_brain:
+        brain, *changes = experiment.brain_name.split()
         name = f"{experiment.brain_name}, {condition.proposer}"
-        command = f"--brain {experiment.brain_name} --proposer {condition.proposer}"
+        command = f"--brain {brain} --proposer {condition.proposer}"
+        if changes:
+            command += f" --set {' '.join(changes)}"
     else:
-        short = short_name(condition.proposer)
-        name, command = short, f"--agent {short}"
+        name = short_name(condition.proposer)
+        command = f"--agent {name}"
         if experiment.signals == "raw":
             command += " --signals raw"
         if experiment.settings:
             command += f" --agent-set {' '.join(experiment.settings)}"
-    command += f" --seed {experiment.seed}"
-    if experiment.protocol != "paper":
-        command += f" --protocol {experiment.protocol}"
-    if experiment.arena_scale != 1:
-        command += f" --arena-scale {experiment.arena_scale:g}"
     return Entry(
         name,
-        command,
+        f"{command} {_lives(experiment, condition, len(run.robots(condition)))}",
         experiment,
         condition,
         after,
@@ -160,6 +160,25 @@ def _entry(run: Run, condition: Condition) -> Entry:
         curves.mean(axis=0),
         run.abilities(condition),
     )
+
+
+def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
+    """Returns the words of `musebot run` that say which lives robots live."""
+    words = [
+        f"--task {condition.task}",
+        f"--robots {robots} --cohort-size {experiment.cohort_size}",
+    ]
+    words.append(f"--seed {experiment.seed}")
+    for option, value, default in (
+        ("protocol", experiment.protocol, "paper"),
+        ("arena-scale", experiment.arena_scale, 1.0),
+        ("body", experiment.body, "mujoco"),
+        ("time-scale", experiment.time_scale, 1.0),
+    ):
+        if value != default:
+            words.append(f"--{option} {value}")
+    kinematics = overrides_of(experiment.kinematics, Kinematics())
+    return " ".join([*words, *(["--kinematics", *kinematics] if kinematics else [])])
 
 
 def scores(entry: Entry, lower: Entry, upper: Entry) -> np.ndarray:

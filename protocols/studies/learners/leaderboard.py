@@ -15,7 +15,7 @@ from ...shared_options import Runs, option
 from ...simulation.jobs import Job
 from ..study import Page, Study
 from .boards import boards
-from .ranking import FOLDER, cost_jobs, ranking
+from .ranking import FOLDER, cost_jobs, measured, ranking
 from .tune import efforts
 
 
@@ -61,4 +61,4 @@ class Leaderboard(Study):
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
-        return ranking(out, self._read, self._effort)
+        return ranking(self._read, measured(out, self._read), self._effort)

@@ -35,12 +35,28 @@ def cost_jobs(out: Path, runs: Sequence[Run]) -> list[CostJob]:
     return [*jobs]
 
 
-def ranking(out: Path, runs: Sequence[Run], efforts: Mapping[str, str]) -> Page:
+def measured(out: Path, runs: Sequence[Run]) -> dict[tuple[Board, str], Costs]:
+    """Returns what was measured of each learner, by its board and its name.
+
+    Raises:
+      DamagedFileError: a file is damaged, or another learner's.
+    """
+    jobs = {
+        (board, entry.name): _cost_job(out, board, entry)
+        for board, entries in boards(runs).items()
+        for entry in entries
+    }
+    return {key: job.costs() for key, job in jobs.items() if job.done()}
+
+
+def ranking(
+    runs: Sequence[Run], costs: Mapping[tuple[Board, str], Costs], efforts: Mapping[str, str]
+) -> Page:
     """Returns the page of all boards.
 
     Args:
-      out: Folder of the costs that are measured.
       runs: Runs of the learners and of both bounds.
+      costs: What learners cost, by board and name.
       efforts: Effort of tuning, by "agent, signals".
 
     Raises:
@@ -49,9 +65,8 @@ def ranking(out: Path, runs: Sequence[Run], efforts: Mapping[str, str]) -> Page:
     parts, figures = [], {}
     with style.styled():
         for board, entries in boards(runs).items():
-            jobs = {entry.name: _cost_job(out, board, entry) for entry in entries}
-            costs = {name: job.costs() for name, job in jobs.items() if job.done()}
-            parts += markdown(board, entries, costs, efforts)
+            own = {name: one for (where, name), one in costs.items() if where == board}
+            parts += markdown(board, entries, own, efforts)
             figures[board.name] = draw(entries)
     return Page("\n".join(parts), figures)
 

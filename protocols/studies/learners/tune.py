@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from scipy.stats import qmc
 
+from ....controller.parameters import shown
 from ....models import Kinematics
 from ...agents.factory import factory_of
 from ...agents.names import recorded_name, short_name
@@ -23,7 +24,7 @@ from ...agents.trust import trust
 from ...analysis import intervals
 from ...errors import InputError
 from ...experiment.budget import check_memory
-from ...experiment.conditions import PAPER_TASKS, Condition
+from ...experiment.conditions import PAPER_TASKS, Condition, check_proposer
 from ...experiment.experiment import Experiment, Signals
 from ...experiment.manifest import UNREADABLE, experiment_from
 from ...experiment.overrides import overrides_of, with_overrides
@@ -38,7 +39,9 @@ from ..study import STUDY_FILE, Page, Study, check_positive
 FOLDER = "trials"
 _EARLY = 0.25  # factor on the durations of the first round
 _MOST = 1024  # trials
-_TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
+# Trials in a cohort, where robots may differ in all tuned settings: more are faster by the trial,
+# but keep fewer cores busy, and more is lost when one is killed.
+_TOGETHER = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,8 +69,8 @@ class Tune(Study):
     The first trial has the defaults, the others a Sobol sequence over the ranges. All live a
     quarter of the paper's durations, and settings that count steps of a life are a quarter too; the
     best live whole lives on a fresh seed. A trial's value is the mean over both tasks of the share
-    of time in the spot, or without contact, after training. Trials are simulated in one cohort if
-    robots may differ in all settings (`Setting.each`).
+    of time in the spot, or without contact, after training. Eight trials share a cohort if robots
+    may differ in all settings (`Setting.each`).
     """
 
     name: ClassVar[str] = "tune"
@@ -91,7 +94,7 @@ class Tune(Study):
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Returns the study that a folder holds.
+        """Returns the study that a folder holds; imports nothing that the folder names.
 
         Raises:
           InputError: the folder holds no study that tunes.
@@ -100,32 +103,44 @@ class Tune(Study):
         try:
             held = read_json(path)
             details, whole = held["details"], experiment_from(held["experiments"]["whole"])
-            return cls(
-                agent=details["agent"],
-                signals=whole.signals,
-                trials=len(details["trials"]),
-                kept=details["kept"],
-                robots=whole.cohort_size,
-                seed=whole.seed - 1,
-                kinematics=tuple(overrides_of(whole.kinematics, Kinematics())),
-                time_scale=whole.time_scale,
-            )
-        except (*UNREADABLE, OSError) as error:
+            agent, kept, trials = details["agent"], details["kept"], len(details["trials"])
+            if held["study"] != cls.name or type(agent) is not str or type(kept) is not int:
+                raise ValueError("it holds another study, or is damaged")
+            check_proposer(agent)
+        except (*UNREADABLE, InputError, OSError) as error:
             raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
+        return cls(
+            agent=agent,
+            signals=whole.signals,
+            trials=trials,
+            kept=kept,
+            robots=whole.cohort_size,
+            seed=whole.seed - 1,
+            kinematics=tuple(overrides_of(whole.kinematics, Kinematics())),
+            time_scale=whole.time_scale,
+        )
 
     def best(self, out: Path) -> Trial:
         """Returns the best trial of a finished study.
 
         Raises:
-          InputError: it is not finished, or a file is damaged.
+          InputError: it is not finished, a file is damaged, or its agent is not trusted.
         """
-        ranked = self.ranked(out)
-        if not ranked or ranked[0][2] is None:
-            raise InputError(f"{out} is not finished: `musebot study tune` continues it")
-        return ranked[0][0]
+        for number, trials in enumerate((self.drawn, functools.partial(self._best, out))):
+            if not all(job.done() for job in self._all_jobs(out, number, trials())):
+                raise InputError(f"{out} is not finished: `musebot study tune` continues it")
+        return self.ranked(out)[0][0]
+
+    @property
+    def effort(self) -> str:
+        """What was tried, in words."""
+        scale = f", durations times {self.time_scale:g}" if self.time_scale != 1 else ""
+        return f"{self.trials} settings, {self.kept} in whole lives, {self.robots} robots{scale}"
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`: the experiment of whole lives."""
+        if self.agent:
+            trust(recorded_name(self.agent))  # the command names it
         _ = self.settings
         for trials in self._cohorts(self.drawn()):
             experiment = self._round(0, trials)
@@ -145,8 +160,9 @@ class Tune(Study):
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
         if not self.agent:
             raise InputError("the study needs the name of an agent: --agent AGENT")
+        if self.seed < 0:
+            raise InputError(f"the seed must not be negative, got {shown(self.seed)}")
         name = recorded_name(self.agent)
-        trust(name)
         if Condition(PAPER_TASKS[0], name).has_brain:
             raise InputError(f"{name} is a proposer of the brain: `musebot study evolve` tunes it")
         tuned = {n: s for n, s in settings_of(factory_of(name)).items() if s.tuned}
@@ -304,11 +320,8 @@ def efforts(folders: Sequence[Path]) -> dict[str, str]:
     Raises:
       InputError: a folder holds no such study.
     """
-    studies = map(Tune.read, folders)
     return {
-        f"{recorded_name(one.agent)}, {one.signals}": f"{one.trials} settings, {one.kept} in whole "
-        f"lives, {one.robots} robots"
-        for one in studies
+        f"{recorded_name(one.agent)}, {one.signals}": one.effort for one in map(Tune.read, folders)
     }
 
 
