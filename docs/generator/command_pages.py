@@ -62,17 +62,23 @@ def _help(prog: str, command: type) -> str:
 
 
 def _options(text: str) -> Iterator[tuple[str, str, str]]:
-    """Yields the name, the values and the meaning of each option."""
-    name = ""
+    """Yields the name, the values and the meaning of each option.
+
+    A line of an option begins at the frame; its meaning may go on in indented lines.
+    """
+    found: list[tuple[str, str]] = []
     for line in text.splitlines():
-        line = re.sub(r"^[│ ]+|[│ ]+$", "", line)
-        if line in ("", "options", "positional arguments") or re.match("[╭╰]|[-─]{3}", line):
+        inner = re.sub(r"^│|[│ ]+$", "", line)
+        words = inner.strip()
+        if words in ("", "options", "positional arguments") or re.match("[╭╰]|[-─]{3}", words):
             continue
-        first, _, meaning = re.sub(" {2,}", "\n", line, count=1).partition("\n")
-        if not name and not meaning:  # the meaning is in the next line
-            name = line
-            continue
-        option, _, values = (name or first).partition(" ")
-        yield option, values, line if name else meaning
-        name = ""
-    assert not name, f"{name} has no meaning"
+        if len(inner) - len(inner.lstrip()) > 2:
+            name, meaning = found.pop()
+            found.append((name, f"{meaning} {words}".strip()))
+        else:
+            name, _, meaning = re.sub(" {2,}", "\n", words, count=1).partition("\n")
+            found.append((name, meaning))
+    for name, meaning in found:
+        assert meaning, f"{name} has no meaning"
+        option, _, values = name.partition(" ")
+        yield option, values, meaning
