@@ -68,6 +68,11 @@ class VariantStudy(Study):
     # What the page needs of a run beside robots.csv; a run may be kept without the other files.
     needs: ClassVar[Literal["brains", "curves", "rows"]] = "brains"
 
+    @property
+    def count(self) -> int:
+        """Number of robots in each condition of each run."""
+        return self.robots
+
     @abc.abstractmethod
     def baseline(self) -> Experiment:
         """Returns the experiment from which each run differs in one thing.
@@ -94,10 +99,10 @@ class VariantStudy(Study):
         Raises:
           InputError: an option is invalid.
         """
-        check_positive(robots=self.robots)
+        check_positive(robots=self.count)
         baseline = self.baseline()
         return {
-            variant.name: Plan.of(variant.experiment(baseline), variant.conditions, self.robots)
+            variant.name: Plan.of(variant.experiment(baseline), variant.conditions, self.count)
             for variant in self.variants()
         }
 

@@ -81,9 +81,23 @@ def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
         "*hand_coded*", "good", "alike", "slow", "*newborn*",
     ]  # fmt: skip
     assert "| 100% |" in rows[5]
-    assert rows[12].startswith("| slow | - | - | defaults | `musebot` | `--agent slow` |")
+    assert rows[12].startswith("| slow | - | - | - | defaults | `musebot` | `--agent slow` |")
     (axis,) = draw(BOARD).axes
     assert sorted(text.get_text() for text in axis.texts) == sorted(one.name for one in BOARD)
+
+
+def test_wall_avoidance_reports_robots_that_touch_a_wall_and_ranks_none():
+    def walls(name, touching):
+        after = np.where(np.arange(20) < touching, 0.9, 1.0)
+        return dataclasses.replace(entry(name, 1.0, 1.0), after=after)
+
+    board = Board("paper", "paper", "wall_avoidance")
+    entries = [walls("newborn", 20), walls("good", 1), walls("perfect", 0), walls("hand_coded", 0)]
+    text = "\n".join(markdown(board, entries, {}, {}))
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("| ")][2:6]
+    assert [row[1].strip() for row in rows] == ["*hand_coded*", "perfect", "good", "*newborn*"]
+    assert [row[3].split()[0] for row in rows] == ["0", "0", "1", "20"]
+    assert "p against" not in text and "score" not in text
 
 
 def test_a_short_rehearsal_can_be_drawn():
@@ -134,8 +148,8 @@ def test_runs_become_boards_whose_rows_name_their_commands(runs, tmp_path):
         for line in page.splitlines()
         if line.startswith("| sarsa_lambda |") and "--agent" in line
     )
-    _, _, times, size, tuned, module, _, _ = (cell.strip() for cell in own.split("|"))
-    assert float(times) > 0 and float(size) > 1 and tuned == "defaults"
+    _, _, us, ratio, size, tuned, module, _, _ = (cell.strip() for cell in own.split("|"))
+    assert float(us) > float(ratio) > 0 and float(size) > 1 and tuned == "defaults"
     assert module == "`musebot.protocols.agents.learners.sarsa`"
     measured = {path: path.read_bytes() for path in (tmp_path / "out" / "costs").iterdir()}
     assert len(measured) == 4 + 4 + 3

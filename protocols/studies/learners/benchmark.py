@@ -25,7 +25,7 @@ from ...simulation.jobs import CohortJob, Job
 from ..study import Page, check_positive
 from ..variants import Variant, VariantStudy
 from .boards import LOWER, UPPER, saturates
-from .ranking import FOLDER, cost_jobs, measured, ranking
+from .ranking import FOLDER, Measured, cost_jobs, measured, ranking
 from .tune import Tune, efforts
 
 LEARNERS = ("q_learner", "sarsa_lambda", "stream_q", "stream_ac", "avg", "amortised_q", "dqn")
@@ -191,11 +191,11 @@ class Benchmark(VariantStudy):
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
         runs = self._runs(out)
-        return ranking(runs, measured(out, runs), efforts(self.tuned))
+        return self.report({run.name: run for run in runs}, measured(out, runs))
 
-    def report(self, runs: Mapping[str, Run]) -> Page:
-        """See `VariantStudy.report`: the page without costs."""
-        return ranking([*runs.values()], {}, efforts(self.tuned))
+    def report(self, runs: Mapping[str, Run], costs: Measured = MappingProxyType({})) -> Page:
+        """See `VariantStudy.report`; with what learners cost, see `measured`."""
+        return ranking([*runs.values()], costs, efforts(self.tuned))
 
     def _runs(self, out: Path) -> list[Run]:
         return read_runs([out / name for name in self.plans()], brains=False)

@@ -21,6 +21,12 @@ from .boards import LOWER, UPPER, Board, Entry, behind_the_first, boards, interq
 from .costs import CostJob
 
 FOLDER = "costs"
+Ranking = Sequence[tuple[Entry, np.ndarray]]
+"""Entries with their robots' scores, the best first."""
+
+Measured = Mapping[tuple[Board, str], Costs]
+"""What learners cost, by board and name."""
+
 _LINE_STYLES = ("-", "--")
 
 
@@ -35,7 +41,7 @@ def cost_jobs(out: Path, runs: Sequence[Run]) -> list[CostJob]:
     return [*jobs]
 
 
-def measured(out: Path, runs: Sequence[Run]) -> dict[tuple[Board, str], Costs]:
+def measured(out: Path, runs: Sequence[Run]) -> Measured:
     """Returns what was measured of each learner, by its board and its name.
 
     Raises:
@@ -49,9 +55,7 @@ def measured(out: Path, runs: Sequence[Run]) -> dict[tuple[Board, str], Costs]:
     return {key: job.costs() for key, job in jobs.items() if job.done()}
 
 
-def ranking(
-    runs: Sequence[Run], costs: Mapping[tuple[Board, str], Costs], efforts: Mapping[str, str]
-) -> Page:
+def ranking(runs: Sequence[Run], costs: Measured, efforts: Mapping[str, str]) -> Page:
     """Returns the page of all boards.
 
     Args:
@@ -93,31 +97,8 @@ def markdown(
       efforts: Effort of tuning, by "agent, signals".
     """
     ranking = ranked(entries)
-    what = "in the spot" if board.task == "spot_finding" else "without contact"
-    rows = [
-        [
-            "learner", "robots", "score", f"{what} after training", "during training",
-            "worst tenth", "fail", "mean L", "p against the first",
-        ]
-    ]  # fmt: skip
-    for (entry, values), p in zip(ranking, behind_the_first(ranking), strict=True):
-        middle, interval = interquartile_mean(values)
-        worst = np.sort(entry.after)[: math.ceil(len(entry.after) / 10)].mean()
-        abilities = entry.abilities[~np.isnan(entry.abilities)]
-        rows.append(
-            [
-                f"*{entry.name}*" if entry.name in (LOWER, UPPER) else entry.name,
-                str(len(values)),
-                "-" if math.isnan(middle) else f"{middle:.3f} {bracket(interval)}".strip(),
-                mean_cell(entry.after, intervals.SHARE),
-                mean_cell(entry.training, intervals.SHARE),
-                f"{worst:.3f}",
-                f"{(values < 0.5).mean():.0%}",
-                f"{abilities.mean():.2f}" if len(abilities) else "-",
-                "" if math.isnan(p) else f"{p:.4f}",
-            ]
-        )
-    made = [["learner", "time", "KiB", "tuned", "module", "`musebot run OUT` with"]]
+    result = _contacts(ranking) if board.task == "wall_avoidance" else _scores(ranking)
+    made = [["learner", "us", "ratio", "KiB", "tuned", "module", "`musebot run OUT` with"]]
     made += [
         [
             entry.name,
@@ -131,33 +112,101 @@ def markdown(
     return [
         f"## {board.title}",
         "",
-        *table(rows),
-        "",
-        "Score: mean of the time after training and of that during all of training, each 0 for "
-        "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
-        "its 95 % bootstrap interval. Fail: share of robots with a score below 0.5. p: permutation "
-        "test of the mean score, Holm over all pairs of learners. In italics the bounds.",
+        *result,
         "",
         *table(made),
         "",
-        "Time: of a robot-step without the simulation, as a multiple of the paper's creative "
-        "brain's, measured right after; KiB: a robot's in a checkpoint. Tuned: settings that were "
-        "tried for a quarter of the time, then in whole lives.",
+        "us: time of a robot-step without the simulation, in microseconds; ratio: the same divided "
+        "by that of the paper's creative brain, measured right after; KiB: a robot's in a "
+        "checkpoint. Tuned: settings that were tried for a quarter of the time, then in whole "
+        "lives.",
         "",
     ]
 
 
+def _scores(ranking: Ranking) -> list[str]:
+    rows = [
+        [
+            "learner", "robots", "score", "in the spot after training", "during training",
+            "worst tenth", "fail", "mean L", "p against the first",
+        ]
+    ]  # fmt: skip
+    for (entry, values), p in zip(ranking, behind_the_first(ranking), strict=True):
+        middle, interval = interquartile_mean(values)
+        rows.append(
+            [
+                *_name(entry),
+                "-" if math.isnan(middle) else f"{middle:.3f} {bracket(interval)}".strip(),
+                *_times(entry),
+                f"{(values < 0.5).mean():.0%}",
+                _mean_ability(entry),
+                "" if math.isnan(p) else f"{p:.4f}",
+            ]
+        )
+    return [
+        *table(rows),
+        "",
+        "Score: mean of the time after training and of that during all of training, each 0 for "
+        "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
+        "its 95 % bootstrap interval. Fail: share of robots with a score below 0.5. Mean L rewards "
+        "bad newborns, so it does not rank. p: permutation test of the mean score, Holm over all "
+        "pairs of learners. In italics the bounds.",
+    ]
+
+
+def _contacts(ranking: Ranking) -> list[str]:
+    rows = [
+        [
+            "learner", "robots", "touch a wall", "without contact after training",
+            "during training", "worst tenth", "mean L",
+        ]
+    ]  # fmt: skip
+    entries = sorted((entry for entry, _ in ranking), key=lambda entry: (entry.after < 1).mean())
+    for entry in entries:
+        count = int((entry.after < 1).sum())
+        share = intervals.share(count, len(entry.after))
+        touching = f"{count} {bracket(share, percent=True)}".strip()
+        rows.append([*_name(entry), touching, *_times(entry), _mean_ability(entry)])
+    return [
+        *table(rows),
+        "",
+        "Most learners are at the ceiling of this task: they are not ranked. Touch a wall: robots "
+        "with any contact in the test after training, with Wilson's 95 % interval. In italics the "
+        "bounds.",
+    ]
+
+
+def _name(entry: Entry) -> list[str]:
+    name = f"*{entry.name}*" if entry.name in (LOWER, UPPER) else entry.name
+    return [name, str(len(entry.after))]
+
+
+def _times(entry: Entry) -> list[str]:
+    worst = np.sort(entry.after)[: math.ceil(len(entry.after) / 10)].mean()
+    means = (mean_cell(values, intervals.SHARE) for values in (entry.after, entry.training))
+    return [*means, f"{worst:.3f}"]
+
+
+def _mean_ability(entry: Entry) -> str:
+    abilities = entry.abilities[~np.isnan(entry.abilities)]
+    return f"{abilities.mean():.2f}" if len(abilities) else "-"
+
+
 def _costs(found: Costs | None) -> list[str]:
     if found is None:
-        return ["-", "-"]
-    return [f"{found.microseconds / found.papers:.1f}", f"{found.bytes / 1024:.1f}"]
+        return ["-", "-", "-"]
+    ratio = found.microseconds / found.papers
+    return [f"{found.microseconds:.1f}", f"{ratio:.1f}", f"{found.bytes / 1024:.1f}"]
 
 
 def _tuned(entry: Entry, efforts: Mapping[str, str]) -> str:
     if entry.name in (LOWER, UPPER):
         return ""
     if entry.condition.has_brain:
-        return "by hand" if entry.experiment.brain_name.startswith("steady") else "as published"
+        steady = entry.experiment.brain_name.startswith("steady")
+        return "by hand, hundreds of settings" if steady else "as published"
+    if entry.name == "ppo":
+        return f"{len(entry.after)} policies, trained beforehand"
     key = f"{entry.condition.proposer}, {entry.experiment.signals}"
     return efforts.get(key, "defaults")
 

@@ -162,7 +162,7 @@ class Part:
         return [Condition(task, WAYS[cell.way].proposer) for task in self.tasks]
 
 
-PartName = Literal["first", "rule", "mujoco", "paper", "context"]
+PartName = Literal["first", "outside", "rule", "mujoco", "paper", "context"]
 PARTS: Mapping[PartName, Part] = MappingProxyType(
     {
         "first": Part(
@@ -176,6 +176,13 @@ PARTS: Mapping[PartName, Part] = MappingProxyType(
                 for cells in (_cells(_ALL, [count], False), _cells(_MIXED, [count], True))
                 for cell in cells
             ),
+        ),
+        "outside": Part(
+            "the other ways with outside ideas",
+            250,
+            250,
+            31010,
+            _cells(("connections", "action", "sobol", "cross-entropy", "learned"), IDEAS, True),
         ),
         "rule": Part(
             "the one-fifth rule against constant noise and no noise",

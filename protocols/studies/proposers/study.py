@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from ...experiment.experiment import Experiment
-from ...experiment.plan import Plan, default_cohort_size
+from ...experiment.plan import default_cohort_size
 from ...results.run import Run
 from ...results.run_files import has_all_rows, read_rows
 from ...simulation.jobs import CohortJob, Job
 from ...storage import resolved
-from ..study import Page, check_positive
+from ..study import Page
 from ..variants import Variant, VariantStudy
 from . import page
-from .cells import PARTS, Part, PartName
+from .cells import PARTS, WAYS, Part, PartName
 from .page import Outcome
 from .seats import FOLDER, SeatJob, seats
 
@@ -25,9 +25,10 @@ from .seats import FOLDER, SeatJob, seats
 class Proposers(VariantStudy):
     """Compare ways to propose equally many actions to the same evaluation network.
 
-    Each part has a folder of its own (docs/plans/proposers.md): `first` has all ways, `rule` the
-    one-fifth rule, `mujoco` six cells in MuJoCo, `paper` the paper's brain, `context` a
-    recurrent context. The page shows the cells that are finished, and needs only robots.csv.
+    Each part has a folder of its own (docs/plans/proposers.md): `first` has all ways, `outside`
+    further ones with outside ideas, `rule` the one-fifth rule, `mujoco` six cells in MuJoCo,
+    `paper` the paper's brain, `context` a recurrent context. The page shows the cells that are
+    finished, and needs only robots.csv.
     """
 
     name: ClassVar[str] = "proposers"
@@ -41,13 +42,18 @@ class Proposers(VariantStudy):
     """factor on every duration, in (0, 1]; below 1 for rehearsals"""
 
     @property
+    def count(self) -> int:
+        """See `VariantStudy.count`."""
+        return self.robots or self.chosen.robots
+
+    @property
     def chosen(self) -> Part:
         """The part of the study."""
         return PARTS[self.part]
 
     def baseline(self) -> Experiment:
         """See `VariantStudy.baseline`."""
-        size = default_cohort_size(self._count, self.chosen.cohort)
+        size = default_cohort_size(self.count, self.chosen.cohort)
         return self.chosen.start(size, self.time_scale)
 
     def variants(self) -> Sequence[Variant]:
@@ -59,19 +65,10 @@ class Proposers(VariantStudy):
                 cell.name,
                 {"brain": cell.experiment(start).brain},
                 tuple(self.chosen.tasks),
-                tuple({condition.proposer for condition in self.chosen.conditions(cell)}),
+                (WAYS[cell.way].proposer,),
             )
             for cell in self.chosen.cells
         ]
-
-    def plans(self) -> Mapping[str, Plan]:
-        """See `VariantStudy.plans`."""
-        check_positive(robots=self._count)
-        start = self.baseline()
-        return {
-            cell.name: Plan.of(cell.experiment(start), self.chosen.conditions(cell), self._count)
-            for cell in self.chosen.cells
-        }
 
     def folders(self, out: Path) -> Sequence[Path]:
         """See `Study.folders`."""
@@ -109,10 +106,6 @@ class Proposers(VariantStudy):
         ]
         tested = {(job.trained, job.test): job.shares() for job in seats if job.done()}
         return page.page(self.part, self.chosen, found, tested)
-
-    @property
-    def _count(self) -> int:
-        return self.robots or self.chosen.robots
 
     def _seats(self, out: Path) -> list[SeatJob]:
         if self.part != "first":
