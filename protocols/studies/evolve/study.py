@@ -48,8 +48,9 @@ _FINALS = 4  # cohorts of the start and of the winner, on seeds that no generati
 class Evolve(Study):
     """Evolve parameters of a brain in the kinematic simulator.
 
-    A generation's brains live on the same seeds, each generation on new ones. In the end the mean
-    of the search, the winner, and the brain from which it started live on fresh seeds.
+    A generation's brains live on the same seeds, each generation on new ones. The winner is the
+    mean of the search in the end; it and the brain from which the search started live on fresh
+    seeds.
     """
 
     name: ClassVar[str] = "evolve"
