@@ -160,6 +160,13 @@ def run(tmp_path, **faults):
             "mine:make failed in act: it called for an exit (status 0), in",
         ),
         ({"late": "1 / 0"}, 1, "mine.py line 11), in out/wall_avoidance-mine.make-0000 at step 29"),
+        (
+            {"late": "return np.full((len(state), 2), np.nan)"},
+            1,
+            "motor values that are finite, got [nan, nan] for robot 0, in "
+            "out/wall_avoidance-mine.make-0000 at step 29",
+        ),
+        ({"late": "return np.zeros(3)"}, 2, "of shape (2, 2), got (3,), in out/wall_avoidance"),
         ({"late": "os._exit(0)"}, 1, "a process died"),
     ],
 )

@@ -176,6 +176,21 @@ def test_a_folder_runs_no_code_that_only_it_names(tmp_path, monkeypatch):
     assert "foreign" not in sys.modules
 
 
+def test_an_agents_fault_is_one_sentence_with_its_step(
+    tmp_path, commands_in_process, capsys, monkeypatch
+):
+    def act(self, state, learning):
+        self.step += 1
+        return np.full((len(state), 2), 0.5) if self.step < 30 else 1 / 0
+
+    monkeypatch.setattr(Graded, "act", act)
+    words = "--trials 2 --kept 1 --robots 2 --time-scale 0.01 --processes 1".split()
+    command = ["study", "tune", str(tmp_path / "out"), "--agent", "mine:graded", *words]
+    assert cli.main(command) == 1
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "mine:graded failed in act (ZeroDivisionError" in last and "at step 29" in last
+
+
 def test_every_learner_of_ours_can_be_tuned():
     for name in ("q_learner", "sarsa_lambda", "stream_q", "stream_ac", "avg", "amortised_q", "dqn"):
         study = Tune(agent=name)

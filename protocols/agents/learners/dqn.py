@@ -16,9 +16,10 @@ from .networks import Adam, LayeredNetworks, column
 class DQN(OnlineLearner):
     """DQN (Mnih et al., "Human-level control through deep reinforcement learning", Nature 2015).
 
-    A robot keeps its last `REPLAY` transitions and learns from `BATCH` of them in each step, drawn
-    evenly, with the Huber loss and a target network that is copied every `COPY` steps. It shows
-    what replay buys in a life; all other learners see each transition once.
+    Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
+    transitions and learns from `BATCH` of them in each step, drawn evenly, with the Huber loss and
+    a target network that is copied every `COPY` steps. It shows what replay buys in a life; all
+    other learners see each transition once.
     """
 
     REPLAY, BATCH, COPY = 10_000, 32, 500

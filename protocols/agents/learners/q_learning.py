@@ -16,11 +16,12 @@ from .base import OnlineLearner, for_each, grid_of_actions
 class QLearner(OnlineLearner):
     """Q-learning with one network per robot that outputs the values of 25 fixed actions.
 
-    The update of Watkins, Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], follows the gradient
-    of one hidden layer, one step at a time, without replay and without a target network. Actions,
-    discount and number of updates are those of the paper's fixed proposer. Two things differ: the
-    target contains the best next action, and actions are outputs, not inputs. The inputs are the
-    signals themselves, as in the paper.
+    The update of Watkins (PhD thesis, Cambridge, 1989; Watkins and Dayan, "Q-learning", Machine
+    Learning 8, 1992, equation 1), Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], follows the
+    gradient of one hidden layer, one step at a time, without replay and without a target network.
+    Actions, discount and number of updates are those of the paper's fixed proposer. Two things
+    differ: the target contains the best next action, and actions are outputs, not inputs. The
+    inputs are the signals themselves, as in the paper.
     """
 
     HIDDEN = 16

@@ -10,6 +10,7 @@ import numpy as np
 
 from ....tasks import CONTROL_TIMESTEP
 from ...agents.trust import trust
+from ...errors import InputError, RunError
 from ...experiment.conditions import CohortKey, Condition
 from ...experiment.experiment import Experiment
 from ...simulation.cohort import Cohort
@@ -56,6 +57,8 @@ class EvaluationJob:
                 tick()
         except StoppedError:
             return False
+        except (InputError, RunError) as error:  # of an agent
+            raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
         lives = cohort.lives()
         arrays = {"events": lives.events[:, 2].astype(np.int32), "valid": lives.valid}
         save_arrays(self.path, arrays, **self._identity)
