@@ -12,37 +12,26 @@ from ..errors import InputError
 
 GROUP = "musebot.agents"  # entry points by which other packages register agents
 
-# Short names of our own agents, and the names that runs record: a cohort's random streams depend
-# on the recorded name, which must not change when the code is moved.
-RECORDED_NAMES = {
-    "q_learner": "musebot.protocols.baselines:q_learner",
-    "sarsa_lambda": "musebot:sarsa_lambda",
-    "stream_q": "musebot:stream_q",
-    "stream_ac": "musebot:stream_ac",
-    "avg": "musebot:avg",
-    "amortised_q": "musebot:amortised_q",
-    "dqn": "musebot:dqn",
-    "ppo": "musebot.protocols.ppo:ppo",
-    "hand_coded": "musebot.protocols.baselines:hand_coded",
-    "newborn": "musebot:newborn",
+# Our own agents by their short names: the module that runs record, and the one in which the code is
+# now, in this folder. A cohort's random streams depend on the recorded name, which must not change
+# when the code is moved.
+_OWN = {
+    "q_learner": ("musebot.protocols.baselines", "learners.q_learning"),
+    "sarsa_lambda": ("musebot", "learners.sarsa"),
+    "stream_q": ("musebot", "learners.stream_q"),
+    "stream_ac": ("musebot", "learners.stream_ac"),
+    "avg": ("musebot", "learners.avg"),
+    "amortised_q": ("musebot", "learners.amortised_q"),
+    "dqn": ("musebot", "learners.dqn"),
+    "ppo": ("musebot.protocols.ppo", "ppo"),
+    "hand_coded": ("musebot.protocols.baselines", "bounds"),
+    "newborn": ("musebot", "bounds"),
+}
+RECORDED_NAMES = {name: f"{recorded}:{name}" for name, (recorded, _) in _OWN.items()}
+MOVED = {
+    RECORDED_NAMES[name]: f"{__package__}.{module}:{name}" for name, (_, module) in _OWN.items()
 }
 OWN_ENCODING = {RECORDED_NAMES["newborn"]}  # a brain that reads raw signals by itself
-_MODULES = {
-    "q_learner": "learners.q_learning",
-    "sarsa_lambda": "learners.sarsa",
-    "stream_q": "learners.stream_q",
-    "stream_ac": "learners.stream_ac",
-    "avg": "learners.avg",
-    "amortised_q": "learners.amortised_q",
-    "dqn": "learners.dqn",
-    "ppo": "ppo",
-    "hand_coded": "bounds",
-    "newborn": "bounds",
-}
-MOVED = {
-    recorded: f"musebot.protocols.agents.{_MODULES[name]}:{recorded.partition(':')[2]}"
-    for name, recorded in RECORDED_NAMES.items()
-}
 
 
 def is_own(name: str) -> bool:
