@@ -19,8 +19,8 @@ from musebot.protocols import cli, shared_options
 from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import BODIES, Experiment, NosePlace, Physics
-from musebot.protocols.experiment.manifest import MANIFEST, read_manifest
-from musebot.protocols.experiment.overrides import READINGS
+from musebot.protocols.experiment.manifest import MANIFEST, experiment_from, read_manifest
+from musebot.protocols.experiment.overrides import READINGS, overrides_of
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import PROTOCOLS
 from musebot.protocols.results.run_files import read_results
@@ -71,9 +71,13 @@ def study_of(page):
     """Returns the study whose page is kept, with the runs that it read, in their order."""
     kind = study_class(page.stem)
     fields = {field.name for field in dataclasses.fields(kind)}
+    manifest = json.loads(page.with_name("study.json").read_text())
+    if {"seed", "body", "kinematics"} <= fields and "runs" not in fields:
+        one = experiment_from(next(iter(manifest["experiments"].values())))
+        words = tuple(overrides_of(one.kinematics, Kinematics()))
+        return kind(seed=one.seed, body=one.body, kinematics=words)
     if "runs" not in fields:
         return kind()
-    manifest = json.loads(page.with_name("study.json").read_text())
     options = {"runs": tuple(map(run_named, manifest["experiments"]))}
     if "proposer" in fields:  # of the evaluated conditions
         conditions = [c for robots in manifest["details"]["robots"].values() for c in robots]
