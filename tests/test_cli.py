@@ -28,6 +28,7 @@ from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies import STUDIES, study_class
+from musebot.protocols.studies.proposers.cells import PartName
 from musebot.tasks.sensors import NoseForm
 from musebot.tasks.suite import TASKS
 
@@ -76,6 +77,9 @@ def study_of(page):
         one = experiment_from(next(iter(manifest["experiments"].values())))
         words = tuple(overrides_of(one.kinematics, Kinematics()))
         return kind(seed=one.seed, body=one.body, kinematics=words)
+    if "part" in fields:  # that with these cells
+        parts = (kind(part=part) for part in get_args(PartName))
+        return next(one for one in parts if one.plans().keys() == manifest["experiments"].keys())
     if "runs" not in fields:
         return kind()
     options = {"runs": tuple(map(run_named, manifest["experiments"]))}
@@ -131,7 +135,10 @@ def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
     folders = [path.parent for path in RESULTS.rglob("robots.csv")]
     assert folders
     for folder in folders:
-        pages = [folder.parent / f"{study}.md" for study in ("sensitivity", "ablation", "reading")]
+        pages = [
+            folder.parent / f"{study}.md"
+            for study in ("sensitivity", "ablation", "reading", "proposers")
+        ]
         assert (folder / "tables.md").exists() or any(page.exists() for page in pages)
 
 
