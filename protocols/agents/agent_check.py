@@ -211,14 +211,12 @@ def _settings_of_each(
 ) -> Check:
     """Gives one value of each setting to all robots, then to each, then the first another one."""
     name = "robots may differ in their settings"
-    chosen = {word.partition("=")[0]: word for word in experiment.settings}
-    others = tuple(word for own, word in chosen.items() if own not in several)
+    others = tuple(word for word in experiment.settings if word.partition("=")[0] not in several)
 
-    def lived(first: float, rest: float, each: bool) -> np.ndarray:
+    def lived(*shares: float) -> np.ndarray:
+        """Returns the actions with these shares of each range, of all robots or of each."""
         words = tuple(
-            f"{own}={','.join([f'{one.at(first):g}'] + [f'{one.at(rest):g}'] * (ROBOTS - 1))}"
-            if each
-            else f"{own}={one.at(first):g}"
+            f"{own}={','.join(f'{one.at(share):g}' for share in shares)}"
             for own, one in several.items()
         )
         changed = dataclasses.replace(experiment, settings=(*others, *words))
@@ -226,7 +224,8 @@ def _settings_of_each(
         agent.reset()
         return stream.feed(agent, 0, 100)
 
-    together, alone, differing = lived(0.5, 0.5, False), lived(0.5, 0.5, True), lived(1, 0.5, True)
+    together, alone = lived(0.5), lived(*[0.5] * ROBOTS)
+    differing = lived(1.0, *[0.5] * (ROBOTS - 1))
     if not np.allclose(together, alone, atol=1e-3):
         return Check(name, False, "the same value for each robot gives other actions")
     if not np.allclose(alone[:, 1:], differing[:, 1:], atol=1e-3):

@@ -24,6 +24,9 @@ from ..storage import locked, resolved
 from ..terminal import notice
 from .study import Page, Study, check_positive
 
+Needs = Literal["brains", "curves", "rows"]
+"""All files of a run; its robots.csv and its curves; or robots.csv alone."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
@@ -65,8 +68,8 @@ class VariantStudy(Study):
     """
 
     robots: int
-    # What the page needs of a run beside robots.csv; a run may be kept without the other files.
-    needs: ClassVar[Literal["brains", "curves", "rows"]] = "brains"
+    # What the page needs of a run; a finished run may be kept without the other files.
+    needs: ClassVar[Needs] = "brains"
 
     @property
     def count(self) -> int:

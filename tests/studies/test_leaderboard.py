@@ -74,7 +74,7 @@ def test_learners_are_ranked_and_tested_against_the_first():
 
 def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
     board = Board("raw", "paper", "spot_finding")
-    text = "\n".join(markdown(board, BOARD, {}, {}))
+    text = "\n".join(markdown(board, ranked(BOARD), {}, {}))
     assert text.startswith("## Spot finding, protocol paper, raw signals\n")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert [row.split("|")[1].strip() for row in rows[2:7]] == [
@@ -82,7 +82,7 @@ def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
     ]  # fmt: skip
     assert "| 100% |" in rows[5]
     assert rows[12].startswith("| slow | - | - | - | defaults | `musebot` | `--agent slow` |")
-    (axis,) = draw(BOARD).axes
+    (axis,) = draw(ranked(BOARD)).axes
     assert sorted(text.get_text() for text in axis.texts) == sorted(one.name for one in BOARD)
 
 
@@ -93,7 +93,7 @@ def test_wall_avoidance_reports_robots_that_touch_a_wall_and_ranks_none():
 
     board = Board("paper", "paper", "wall_avoidance")
     entries = [walls("newborn", 20), walls("good", 1), walls("perfect", 0), walls("hand_coded", 0)]
-    text = "\n".join(markdown(board, entries, {}, {}))
+    text = "\n".join(markdown(board, ranked(entries), {}, {}))
     rows = [line.split("|") for line in text.splitlines() if line.startswith("| ")][2:6]
     assert [row[1].strip() for row in rows] == ["*hand_coded*", "perfect", "good", "*newborn*"]
     assert [row[3].split()[0] for row in rows] == ["0", "0", "1", "20"]
@@ -102,7 +102,7 @@ def test_wall_avoidance_reports_robots_that_touch_a_wall_and_ranks_none():
 
 def test_a_short_rehearsal_can_be_drawn():
     short = [dataclasses.replace(one, curve=one.curve[:1]) for one in BOARD]
-    assert len(draw(short).axes[0].lines) == 5
+    assert len(draw(ranked(short)).axes[0].lines) == 5
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +198,7 @@ def test_runs_in_a_larger_arena_are_a_board_of_their_own(runs):
         dataclasses.replace(board, arena_scale=1.5) for board in ordinary
     }
     for board in {*together} - {*ordinary}:
-        text = "\n".join(markdown(board, together[board], {}, {}))
+        text = "\n".join(markdown(board, ranked(together[board]), {}, {}))
         assert ", arena 1.5 times as large, " in text.splitlines()[0]
         assert text.count(" --arena-scale 1.5 ") == len(together[board])
 

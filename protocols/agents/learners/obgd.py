@@ -41,7 +41,7 @@ class ObGD:
           networks: Networks whose weights change.
           decay: Factor of the traces in each step, discount times trace, a number or one for each
             robot.
-          kappa: Factor by which steps are smaller than the bound, likewise.
+          kappa: Factor by which steps are smaller than the bound, a number or one for each robot.
         """
         self._flat, self._decay, self._kappa = networks.flat, column(decay), kappa
         self.traces = torch.zeros_like(self._flat)

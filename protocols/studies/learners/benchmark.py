@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from ....controller import PROPOSERS
 from ...agents.factory import factory_of
-from ...agents.names import recorded_name, short_name
+from ...agents.names import RECORDED_NAMES, recorded_name, short_name
 from ...agents.trust import trust
 from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
@@ -23,12 +23,12 @@ from ...shared_options import option
 from ...simulation.cohort import check_agents
 from ...simulation.jobs import CohortJob, Job
 from ..study import Page, check_positive
-from ..variants import Variant, VariantStudy
-from .boards import LOWER, UPPER, saturates
-from .ranking import FOLDER, Measured, cost_jobs, measured, ranking
+from ..variants import Needs, Variant, VariantStudy
+from .boards import LOWER, UPPER, Board, Entry, boards, saturates
+from .ranking import FOLDER, cost_jobs, measured, ranking
 from .tune import Tune, efforts
 
-LEARNERS = ("q_learner", "sarsa_lambda", "stream_q", "stream_ac", "avg", "amortised_q", "dqn")
+LEARNERS = tuple(name for name in RECORDED_NAMES if name not in ("ppo", LOWER, UPPER))
 _BRAINS = ("paper", "steady")
 _PAPER_ALONE = ("paper", recorded_name("ppo"))  # have no raw signals
 _SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
@@ -55,7 +55,7 @@ class Benchmark(VariantStudy):
     """
 
     name: ClassVar[str] = "benchmark"
-    needs: ClassVar[Literal["brains", "curves", "rows"]] = "curves"
+    needs: ClassVar[Needs] = "curves"
 
     tuned: Annotated[tuple[Path, ...], option("OUT ..", "none")] = ()
     """folders of `musebot study tune`; other learners have their default settings"""
@@ -121,6 +121,7 @@ class Benchmark(VariantStudy):
         """Returns the run of a learner in a track of a board; None if it has none there."""
         if track == "raw" and name in _PAPER_ALONE:
             return None
+        settings = self._settings.get((name, track), ())
         fields, tasks = dict(BOARDS[board]), self._tasks(board)
         proposers = ("creative",)
         if name == "paper":
@@ -133,7 +134,7 @@ class Benchmark(VariantStudy):
             start = dataclasses.replace(self.baseline(), **BOARDS[board])
             tasks = tuple(task for task in tasks if saturates(start, task))
         else:
-            fields |= {"signals": track, "settings": self._settings.get((name, track), ())}
+            fields |= {"signals": track, "settings": settings}
             proposers = (name,)
         row = f"{board}-{short_name(name).replace(':', '-')}-{track}"
         return Variant(row, name, fields, tasks, proposers)
@@ -150,20 +151,18 @@ class Benchmark(VariantStudy):
             if name not in _BRAINS:
                 trust(name)
                 factory_of(name)
-        _ = self._settings
         return names
 
     @functools.cached_property
     def _settings(self) -> Mapping[tuple[str, str], tuple[str, ...]]:
         """The best settings of each tuned agent of the command, by its name and track."""
-        named = {recorded_name(name) for name in self.agent if name not in _BRAINS}
         found: dict[tuple[str, str], tuple[str, ...]] = {}
         for folder in self.tuned:
             study = Tune.read(folder)
             key = recorded_name(study.agent), study.signals
             if key in found:
                 raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
-            if key[0] in named:  # no other agent's code may run
+            if key[0] in self._learners:  # no other agent's code may run
                 found[key] = study.best(folder).settings
         return found
 
@@ -181,7 +180,7 @@ class Benchmark(VariantStudy):
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all lives, then what each learner costs."""
         yield from super().stages(out)
-        yield cost_jobs(out, self._runs(out))
+        yield cost_jobs(out, self._boards(out))
 
     def finished(self, job: Job) -> None:
         """See `Study.finished`."""
@@ -190,12 +189,12 @@ class Benchmark(VariantStudy):
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
-        runs = self._runs(out)
-        return self.report({run.name: run for run in runs}, measured(out, runs))
+        found = self._boards(out)
+        return ranking(found, measured(out, found), efforts(self.tuned))
 
-    def report(self, runs: Mapping[str, Run], costs: Measured = MappingProxyType({})) -> Page:
-        """See `VariantStudy.report`; with what learners cost, see `measured`."""
-        return ranking([*runs.values()], costs, efforts(self.tuned))
+    def report(self, runs: Mapping[str, Run]) -> Page:
+        """See `VariantStudy.report`: the page without what learners cost."""
+        return ranking(boards([*runs.values()]), {}, efforts(self.tuned))
 
-    def _runs(self, out: Path) -> list[Run]:
-        return read_runs([out / name for name in self.plans()], brains=False)
+    def _boards(self, out: Path) -> dict[Board, list[Entry]]:
+        return boards(read_runs([out / name for name in self.plans()], brains=False))

@@ -167,8 +167,8 @@ def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
     words = [
         f"--task {condition.task}",
         f"--robots {robots} --cohort-size {experiment.cohort_size}",
+        f"--seed {experiment.seed}",
     ]
-    words.append(f"--seed {experiment.seed}")
     for option, value, default in (
         ("protocol", experiment.protocol, "paper"),
         ("arena-scale", experiment.arena_scale, 1.0),
@@ -211,7 +211,7 @@ def ranked(entries: Sequence[Entry]) -> list[tuple[Entry, np.ndarray]]:
     lower, upper = by_name[LOWER], by_name[UPPER]
     found = [(entry, scores(entry, lower, upper)) for entry in entries]
     return sorted(
-        found, key=lambda one: (-np.nan_to_num(interquartile_mean(one[1])[0]), one[0].name)
+        found, key=lambda one: (-np.nan_to_num(stats.trim_mean(one[1], 0.25)), one[0].name)
     )
 
 

@@ -14,7 +14,7 @@ from ...results.run_files import read_runs
 from ...shared_options import Runs, option
 from ...simulation.jobs import Job
 from ..study import Page, Study
-from .boards import boards
+from .boards import Board, Entry, boards
 from .ranking import FOLDER, cost_jobs, measured, ranking
 from .tune import efforts
 
@@ -38,9 +38,13 @@ class Leaderboard(Study):
     def _read(self) -> list[Run]:
         return read_runs(self.runs, brains=False)
 
+    @functools.cached_property
+    def _boards(self) -> dict[Board, list[Entry]]:
+        return boards(self._read)
+
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`."""
-        boards(self._read)
+        _ = self._boards  # refuses runs that make none
         return {run.name: run.experiment for run in self._read}
 
     def details(self) -> Mapping[str, Any]:
@@ -53,7 +57,7 @@ class Leaderboard(Study):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: measures each learner once on each board."""
-        yield cost_jobs(out, self._read)
+        yield cost_jobs(out, self._boards)
 
     @functools.cached_property
     def _effort(self) -> dict[str, str]:
@@ -61,4 +65,4 @@ class Leaderboard(Study):
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
-        return ranking(self._read, measured(out, self._read), self._effort)
+        return ranking(self._boards, measured(out, self._boards), self._effort)

@@ -14,64 +14,62 @@ from ...agents.names import MOVED, is_own
 from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import bracket, mean_cell, table
-from ...results.run import Run
 from ...storage import resolved
 from ..study import Page
-from .boards import LOWER, UPPER, Board, Entry, behind_the_first, boards, interquartile_mean, ranked
+from .boards import LOWER, UPPER, Board, Entry, behind_the_first, interquartile_mean, ranked
 from .costs import CostJob
 
 FOLDER = "costs"
+Boards = Mapping[Board, Sequence[Entry]]
 Ranking = Sequence[tuple[Entry, np.ndarray]]
 """Entries with their robots' scores, the best first."""
 
-Measured = Mapping[tuple[Board, str], Costs]
+Measured = Mapping[Board, Mapping[str, Costs]]
 """What learners cost, by board and name."""
 
 _LINE_STYLES = ("-", "--")
 
 
-def cost_jobs(out: Path, runs: Sequence[Run]) -> list[CostJob]:
-    """Returns the jobs that measure what the learners of some runs cost; only our own agents."""
-    jobs = (
+def cost_jobs(out: Path, found: Boards) -> list[CostJob]:
+    """Returns the jobs that measure what the learners of boards cost; only our own agents."""
+    return [
         _cost_job(out, board, entry)
-        for board, entries in boards(runs).items()
+        for board, entries in found.items()
         for entry in entries
         if is_own(entry.condition.proposer)
-    )
-    return [*jobs]
+    ]
 
 
-def measured(out: Path, runs: Sequence[Run]) -> Measured:
+def measured(out: Path, found: Boards) -> Measured:
     """Returns what was measured of each learner, by its board and its name.
 
     Raises:
       DamagedFileError: a file is damaged, or another learner's.
     """
     jobs = {
-        (board, entry.name): _cost_job(out, board, entry)
-        for board, entries in boards(runs).items()
-        for entry in entries
+        board: {entry.name: _cost_job(out, board, entry) for entry in entries}
+        for board, entries in found.items()
     }
-    return {key: job.costs() for key, job in jobs.items() if job.done()}
+    return {
+        board: {name: job.costs() for name, job in own.items() if job.done()}
+        for board, own in jobs.items()
+    }
 
 
-def ranking(runs: Sequence[Run], costs: Measured, efforts: Mapping[str, str]) -> Page:
+def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
     """Returns the page of all boards.
 
     Args:
-      runs: Runs of the learners and of both bounds.
+      found: Learners and bounds of each board.
       costs: What learners cost, by board and name.
       efforts: Effort of tuning, by "agent, signals".
-
-    Raises:
-      InputError: see `boards`.
     """
     parts, figures = [], {}
     with style.styled():
-        for board, entries in boards(runs).items():
-            own = {name: one for (where, name), one in costs.items() if where == board}
-            parts += markdown(board, entries, own, efforts)
-            figures[board.name] = draw(entries)
+        for board, entries in found.items():
+            order = ranked(entries)
+            parts += markdown(board, order, costs.get(board, {}), efforts)
+            figures[board.name] = draw(order)
     return Page("\n".join(parts), figures)
 
 
@@ -84,7 +82,7 @@ def _cost_job(out: Path, board: Board, entry: Entry) -> CostJob:
 
 def markdown(
     board: Board,
-    entries: Sequence[Entry],
+    ranking: Ranking,
     costs: Mapping[str, Costs],
     efforts: Mapping[str, str],
 ) -> list[str]:
@@ -92,11 +90,10 @@ def markdown(
 
     Args:
       board: What the learners are compared in.
-      entries: Learners and bounds.
+      ranking: Learners and bounds, see `ranked`.
       costs: What each costs, by its name.
       efforts: Effort of tuning, by "agent, signals".
     """
-    ranking = ranked(entries)
     result = _contacts(ranking) if board.task == "wall_avoidance" else _scores(ranking)
     made = [["learner", "us", "ratio", "KiB", "tuned", "module", "`musebot run OUT` with"]]
     made += [
@@ -217,12 +214,12 @@ def module_of(proposer: str) -> str:
     return name.partition(":")[0] if ":" in name else "musebot.controller"
 
 
-def draw(entries: Sequence[Entry]) -> Figure:
+def draw(ranking: Ranking) -> Figure:
     """Draws the learning curve of each entry, ten minutes a point, named at its end."""
     figure, axes = style.canvas(3.2, 1, 1)
     axis = axes.flat[0]
     ends = {}
-    for number, (entry, _) in enumerate(ranked(entries)):
+    for number, (entry, _) in enumerate(ranking):
         whole = max(len(entry.curve) // 10 * 10, 1)
         width = min(10, whole)
         points = entry.curve[: whole // width * width].reshape(-1, width).mean(axis=1)

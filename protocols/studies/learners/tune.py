@@ -126,9 +126,8 @@ class Tune(Study):
         Raises:
           InputError: it is not finished, a file is damaged, or its agent is not trusted.
         """
-        for number, trials in enumerate((self.drawn, functools.partial(self._best, out))):
-            if not all(job.done() for job in self._all_jobs(out, number, trials())):
-                raise InputError(f"{out} is not finished: `musebot study tune` continues it")
+        if not all(job.done() for jobs in self.stages(out) for job in jobs):
+            raise InputError(f"{out} is not finished: `musebot study tune` continues it")
         return self.ranked(out)[0][0]
 
     @property
@@ -141,7 +140,6 @@ class Tune(Study):
         """See `Study.experiments`: the experiment of whole lives."""
         if self.agent:
             trust(recorded_name(self.agent))  # the command names it
-        _ = self.settings
         for trials in self._cohorts(self.drawn()):
             experiment = self._round(0, trials)
             check_memory(Plan.of(experiment, self._conditions, experiment.cohort_size))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from ...experiment.experiment import Experiment
 from ...experiment.plan import default_cohort_size
@@ -14,7 +14,7 @@ from ...results.run_files import has_all_rows, read_rows
 from ...simulation.jobs import CohortJob, Job
 from ...storage import resolved
 from ..study import Page
-from ..variants import Variant, VariantStudy
+from ..variants import Needs, Variant, VariantStudy
 from . import page
 from .cells import PARTS, WAYS, Part, PartName
 from .page import Outcome
@@ -32,7 +32,7 @@ class Proposers(VariantStudy):
     """
 
     name: ClassVar[str] = "proposers"
-    needs: ClassVar[Literal["brains", "curves", "rows"]] = "rows"
+    needs: ClassVar[Needs] = "rows"
 
     part: PartName = "first"
     """part of the study"""

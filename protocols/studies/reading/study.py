@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from ....controller import PROPOSERS
 from ...errors import InputError
@@ -18,7 +18,7 @@ from ...results.run_files import read_rows
 from ...simulation.jobs import CohortJob, Job
 from ...storage import resolved
 from ..study import Page, check_positive
-from ..variants import Variant, VariantStudy
+from ..variants import Needs, Variant, VariantStudy
 from . import page
 from .choices import DESIGN, FINALISTS, PLAIN, SEEDS, SPEEDS, WALLS, changed, combined, plain
 from .newborns import NewbornJob
@@ -36,7 +36,7 @@ class Reading(VariantStudy):
     """
 
     name: ClassVar[str] = "reading"
-    needs: ClassVar[Literal["brains", "curves", "rows"]] = "rows"
+    needs: ClassVar[Needs] = "rows"
 
     robots: int = 500
     """number of robots in each condition of stage 0"""
