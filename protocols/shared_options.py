@@ -32,3 +32,6 @@ Runs = Annotated[
     tuple[Path, ...], tyro.conf.arg(metavar="RUN [RUN ..]", help_behavior_hint="(required)")
 ]
 KinematicsOption = Annotated[tuple[str, ...], option(*KINEMATICS)]
+# Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
+BODY_EFFECTS = "felt=pushed", "wall=turns", "lag=0.08"
+BodyKinematicsOption = Annotated[tuple[str, ...], option(KINEMATICS[0], " ".join(BODY_EFFECTS))]

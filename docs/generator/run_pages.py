@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tables import table
 
-from musebot.protocols.reporting.labels import short_name
+from musebot.protocols.reporting.labels import particulars, short_name
 from musebot.protocols.results.run_files import read_rows
 
 
@@ -17,10 +17,10 @@ def pages(docs: Path) -> dict[str, str]:
     studies = sorted(
         path
         for path in results.rglob("*.md")
-        if path.stem == path.parent.name and path.name != "tables.md"
+        if path.name != "tables.md" and not path.name.startswith("compare-")
     )
     listed = "".join(
-        f"- [{path.stem}](../results/{path.relative_to(results)})\n" for path in studies
+        f"- [{path.parent.name}](../results/{path.relative_to(results)})\n" for path in studies
     )
     return {
         "runs.md": f"""# Kept runs
@@ -29,9 +29,10 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 [results.md](../results.md#files-and-commands) explains the files.
 `musebot tables docs/results/NAME` prints the tables again,
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
-The screening and the finalists of the reading are kept as `robots.csv` alone.
+*Rows only*: only `robots.csv` is kept. The column *experiment* names all that differs from the
+defaults: brain `paper`, body `mujoco`, protocol `paper`.
 
-{table(("run", "brain", "body", "protocol", "seed:", "robots"), runs)}
+{table(("run", "experiment", "seed:", "robots"), runs)}
 ## Pages of studies
 
 {listed}"""
@@ -41,8 +42,9 @@ The screening and the finalists of the reading are kept as `robots.csv` alone.
 def _run(folder: Path, results: Path) -> tuple[str, ...]:
     run, name = read_rows(folder), str(folder.relative_to(results))
     experiment = run.experiment
+    shown = name if (folder / "brains.safetensors").exists() else f"{name} (rows only)"
     links = (
-        [f"[{name}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [name]
+        [f"[{shown}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [shown]
     )
     links += [
         f"[{path.stem.replace('compare-', 'compared with ')}](../results/{name}/{path.name})"
@@ -53,12 +55,9 @@ def _run(folder: Path, results: Path) -> tuple[str, ...]:
         robots = f"{len(run.robots(condition))} {short_name(condition.proposer)}"
         counts.setdefault(condition.task, []).append(robots)
     robots = "; ".join(f"{task}: {', '.join(parts)}" for task, parts in counts.items())
-    body = experiment.body
     return (
         "<br>".join(links),
-        experiment.brain_name,
-        body,
-        experiment.protocol,
+        ", ".join(particulars(experiment)),
         str(experiment.seed),
         robots,
     )

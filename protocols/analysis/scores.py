@@ -14,7 +14,7 @@ from ..results.learn_ability import CATEGORIES, Summary
 from ..results.run import Run
 from .paper_numbers import PAPER
 
-Support = Literal["supported", "opposed", "cannot be told"]
+Support = Literal["supported", "opposed", "undecided"]
 
 # Standard deviations of what every reading misses: four shares, mean L, its deviation, the time.
 DISCREPANCY = (0.03, 0.03, 0.03, 0.03, 0.05, 0.05, 0.02)
@@ -108,7 +108,7 @@ def verdict(differences: Mapping[Condition, float], error: float) -> Support:
     if len(differences) > len(tasks):  # at least one task has several columns
         sums += [total - difference for difference in differences.values()]
     if abs(total) <= 2 * error or not all(math.copysign(1, total) * one > 0 for one in sums):
-        return "cannot be told"
+        return "undecided"
     return "supported" if total > 0 else "opposed"
 
 

@@ -68,9 +68,9 @@ COLUMNS = [Condition(t, p) for t in ("wall_avoidance", "spot_finding") for p in 
     [
         ([2, 2, 2, 2], 1, "supported"),
         ([-2, -2, -2, -2], 1, "opposed"),
-        ([2, 2, 2, 2], 5, "cannot be told"),  # within two standard errors
-        ([9, 2, -1, -1], 1, "cannot be told"),  # the tasks disagree
-        ([9, -4, 1, 1], 1, "cannot be told"),  # one column decides
+        ([2, 2, 2, 2], 5, "undecided"),  # within two standard errors
+        ([9, 2, -1, -1], 1, "undecided"),  # the tasks disagree
+        ([9, -4, 1, 1], 1, "undecided"),  # one column decides
     ],
 )
 def test_a_verdict_needs_both_tasks_and_no_single_column(differences, error, expected):
@@ -78,7 +78,7 @@ def test_a_verdict_needs_both_tasks_and_no_single_column(differences, error, exp
 
 
 def test_a_verdict_needs_more_than_twice_the_error():
-    assert verdict({WALLS: 2.0}, 1) == "cannot be told"
+    assert verdict({WALLS: 2.0}, 1) == "undecided"
     assert verdict({WALLS: 2.001}, 1) == "supported"
     assert verdict({WALLS: -0.5}, 0.1) == "opposed"
 

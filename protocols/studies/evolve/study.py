@@ -25,7 +25,7 @@ from ...experiment.experiment import Experiment
 from ...experiment.overrides import named_brain, overrides_of, with_overrides
 from ...experiment.plan import Plan
 from ...experiment.schedules import Schedule
-from ...shared_options import KinematicsOption, option
+from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
 from ...simulation.jobs import Job
 from ...storage import resolved
 from ...terminal import notice
@@ -82,8 +82,8 @@ class Evolve(Study):
     """protocol of the lives, as in `musebot run`"""
     time_scale: float = 0.25
     """factor on every duration, in (0, 1]"""
-    kinematics: KinematicsOption = ("felt=pushed", "wall=turns", "lag=0.08")
-    """parameters of the kinematic simulator; by default the MuJoCo body's effects"""
+    kinematics: BodyKinematicsOption = BODY_EFFECTS
+    """parameters of the kinematic simulator"""
     seed: int = 1
     """seed of the search and of the first generation's robots; each generation has the next one"""
 

@@ -30,7 +30,7 @@ from ...experiment.manifest import UNREADABLE, experiment_from
 from ...experiment.overrides import overrides_of, with_overrides
 from ...experiment.plan import Plan
 from ...reporting.markdown import bracket, table
-from ...shared_options import KinematicsOption, option
+from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
 from ...simulation.jobs import Job
 from ...storage import read_json, resolved
 from ..evolve.evaluation import EvaluationJob
@@ -82,12 +82,12 @@ class Tune(Study):
     trials: int = 16
     """number of settings that are tried"""
     kept: int = 4
-    """number of settings that live whole lives"""
+    """number of settings that are simulated at full length"""
     robots: int = 20
     """number of robots of a trial in each task"""
     seed: int = 32001
     """seed of the first round; the second round has the next one"""
-    kinematics: KinematicsOption = ("felt=pushed", "wall=turns", "lag=0.08")
+    kinematics: BodyKinematicsOption = BODY_EFFECTS
     """parameters of the kinematic simulator"""
     time_scale: float = 1.0
     """factor on every duration, in (0, 1]; below 1 for rehearsals"""
