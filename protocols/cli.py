@@ -41,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]
     if words == ["--version"]:
         return exit_status(lambda: say(f"musebot {__version__}"), check=False)
-    given = [word.partition("=")[0] for word in words if word.startswith("--")]
+    options = [word.partition("=")[0] for word in words if word.startswith("--")]
+    given = [name.replace("_", "-") for name in options]  # tyro takes both
     for name in given:
         if given.count(name) > 1:  # tyro would use the last one only
             return complain(f"{name} is given twice: give it once, followed by all its values", 2)

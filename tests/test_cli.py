@@ -182,6 +182,7 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding, got 'dancing'"),
         (["--proposer", "magic"], "there is no agent 'magic'"),
         (["--proposer", "fixed", "--proposer=random"], "--proposer is given twice"),
+        (["--time-scale", "0.1", "--time_scale", "0.2"], "--time-scale is given twice"),
         (["--robots", "0"], "robots must be at least 1, got 0"),
         (["--robots", "-3"], "robots must be at least 1, got -3"),
         (["--robots", "5", "--cohort-size", "2"], "multiple of the cohort size, 2, got 5"),

@@ -41,6 +41,8 @@ class Workers:
         """
         if self.processes < 1:
             raise InputError(f"processes must be at least 1, got {self.processes}")
+        if self.engine not in ("local", "ray"):
+            raise InputError(f"engine must be local or ray, got {self.engine!r:.60}")
         if self.engine == "ray" and device != "cpu":
             raise InputError(f"the device {device} is this machine's: Ray cannot be used with it")
         if self.engine == "ray":

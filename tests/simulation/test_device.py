@@ -90,7 +90,7 @@ def test_a_job_on_another_device_looks_at_its_robots_once_a_minute(tensors, tmp_
 
     monkeypatch.setattr(Cohort, "advance", spy)
     (tmp_path / "checkpoints").mkdir()
-    job = CohortJob(tmp_path, experiment, CohortKey(WALLS, 0), 60.0)
+    job = CohortJob(tmp_path, experiment, (CohortKey(WALLS, 0),), 60.0)
     assert job.run(lambda: False, lambda cost, message: None)
     assert {*chunks} == {600} and job.done()
 
@@ -135,8 +135,8 @@ TRIO = Experiment(seed=5, cohort_size=3, time_scale=0.03, body="kinematic")
 
 def finished(folder, *groups, stop=lambda: False):
     (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
-    for first, *others in groups:
-        job = CohortJob(folder, TRIO, first, 60.0, tuple(others))
+    for keys in groups:
+        job = CohortJob(folder, TRIO, tuple(keys), 60.0)
         job.run(stop, lambda done, message: None)
     return {key: read_lives(finished_file(folder, key), TRIO, key) for key in KEYS}
 
@@ -207,8 +207,8 @@ def test_in_mujoco_warp_cohorts_live_together_as_they_live_alone(tmp_path):
     for name, groups in (("alone", [[key] for key in KEYS]), ("together", [KEYS])):
         folder = tmp_path / name
         (folder / "checkpoints").mkdir(parents=True)
-        for first, *others in groups:
-            job = CohortJob(folder, warp, first, 60.0, tuple(others))
+        for keys in groups:
+            job = CohortJob(folder, warp, tuple(keys), 60.0)
             assert job.run(lambda: False, lambda done, message: None)
         lives.append([read_lives(finished_file(folder, key), warp, key) for key in KEYS])
     for one, other in zip(*lives, strict=True):
@@ -227,7 +227,7 @@ def test_dropped_contacts_end_a_run_with_a_sentence_that_names_the_robot(tmp_pat
     warp = Experiment(cohort_size=2, time_scale=0.004, physics="warp")
     monkeypatch.setattr(WarpTensors, "step", full)
     (tmp_path / "checkpoints").mkdir()
-    job = CohortJob(tmp_path, warp, KEYS[0], 60.0, tuple(KEYS[1:]))
+    job = CohortJob(tmp_path, warp, tuple(KEYS), 60.0)
     with pytest.raises(RunError, match=f"in .*{KEYS[2]} this is robot 1"):
         job.run(lambda: False, lambda done, message: None)
 
@@ -237,7 +237,7 @@ def test_conditions_of_a_task_are_one_job(tensors, tmp_path):
     jobs = UnfinishedRun.read(tmp_path, plan).jobs(60.0)
     assert [len(job.keys) for job in jobs] == [1, 1, 3, 3]
     assert str(jobs[2]).count(" with ") == 2
-    assert jobs[2].cost == 3 * dataclasses.replace(jobs[2], others=()).cost
+    assert jobs[2].cost == 3 * dataclasses.replace(jobs[2], keys=jobs[2].keys[:1]).cost
 
 
 def test_a_part_takes_no_step_of_its_own(tensors):
@@ -373,3 +373,5 @@ def test_on_a_gpu_one_job_runs_at_a_time_and_ray_is_refused():
     assert Workers(processes=4).executor("cuda") == Local(1)
     with pytest.raises(InputError, match="the device cuda is this machine's"):
         Workers(engine="ray").executor("cuda")
+    with pytest.raises(InputError, match="engine must be local or ray, got 'Ray'"):
+        Workers(engine="Ray").executor()  # type: ignore[arg-type]

@@ -75,6 +75,22 @@ def test_a_parameter_that_cannot_be_searched_is_refused(names, sentence):
         check_names(names, STEADY)
 
 
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("noise", "noise cannot be evolved: at 0, noise_adaptation needs a noise above 0"),
+        (
+            "random_share",
+            "random_share cannot be evolved: at 0.9, noise_adaptation needs at least 2",
+        ),
+    ],
+)
+def test_a_range_that_another_parameter_excludes_is_refused_before_the_search(name, sentence):
+    adapted = dataclasses.replace(STEADY, ideas=3, keep_main_idea=True, noise_adaptation=0.01)
+    with pytest.raises(InputError, match=sentence):
+        check_names([name], adapted)
+
+
 # ---- The course ----
 
 

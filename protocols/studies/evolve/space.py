@@ -72,18 +72,27 @@ RANGES: Mapping[str, Range] = MappingProxyType(
 
 
 def check_names(names: Sequence[str], brain: Parameters) -> None:
-    """Raises InputError if a parameter cannot be searched, or the brain does not use it."""
+    """Raises InputError if a parameter cannot be searched, in its whole range, with the brain."""
     if not names:
         raise InputError(f"over needs at least one of {', '.join(RANGES)}")
     for name in names:
         if name not in RANGES:
             near = difflib.get_close_matches(name, RANGES, 3, 0.4)
-            known = " or ".join(near) if near else ", ".join(RANGES)
-            raise InputError(f"there is no parameter {name!r} to search; did you mean {known}?")
+            hint = (
+                f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(RANGES)}"
+            )
+            raise InputError(f"there is no parameter {name!r:.60} to search; {hint}")
         if getattr(brain, name) is None:
             raise InputError(f"the brain has no {name}: give it a value first, by --set")
     if len({*names}) < len(names):
         raise InputError(f"the parameters must differ, got {', '.join(names)}")
+    for name in names:
+        for end in (0.0, 1.0):
+            try:
+                brain_at(np.array([end]), [name], brain)
+            except ValueError as error:
+                value = RANGES[name].value(end)
+                raise InputError(f"{name} cannot be evolved: at {value:g}, {error}") from error
 
 
 def point_of(brain: Parameters, names: Sequence[str]) -> np.ndarray:

@@ -19,7 +19,7 @@ from ...agents.names import short_name
 from ...analysis.hypothesis_tests import holm, same_statistic
 from ...errors import InputError
 from ...experiment.conditions import Condition
-from ...experiment.experiment import Experiment, Signals
+from ...experiment.experiment import Experiment, Signals, differing
 from ...experiment.networks import senses_of
 from ...experiment.overrides import overrides_of
 from ...experiment.schedules import TASK_NAMES
@@ -28,6 +28,12 @@ from ...results.run import Run
 LOWER, UPPER = "newborn", "hand_coded"
 _RESAMPLES, _SEED = 2000, 1
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
+_MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
+
+_OPTIONS = (
+    "protocol", "arena_scale", "body", "physics", "nose", "nose_place", "motor_speed",
+    "motor_torque", "time_scale",
+)  # of `musebot run`, printed where they are not the default  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +95,8 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
     """Returns the entries of each board.
 
     Raises:
-      InputError: a learner stands twice on a board, has no valid robot, or a board lacks a bound.
+      InputError: a learner stands twice on a board, has no valid robot, or lived in another world
+        than the others; or a board lacks a bound.
     """
     found: dict[Board, list[Entry]] = {}
     for run in runs:
@@ -101,6 +108,8 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
             for signals in tracks(experiment, condition):
                 board = Board(signals, experiment.protocol, condition.task, experiment.arena_scale)
                 entries = found.setdefault(board, [])
+                if entries:
+                    _check_same_world(board, entries[0].experiment, experiment)
                 if any(entry.name == other.name for other in entries):
                     raise InputError(f"{entry.name} stands in two runs with {condition.task}")
                 entries.append(entry)
@@ -111,6 +120,13 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
             if bound not in {entry.name for entry in entries}:
                 raise InputError(f"the runs of {board.title} hold no robots of {bound}, a bound")
     return dict(sorted(found.items(), key=lambda one: dataclasses.astuple(one[0])))
+
+
+def _check_same_world(board: Board, first: Experiment, other: Experiment) -> None:
+    """Raises InputError where robots of a board differ in more than what drives them."""
+    for field, (a, b) in differing(first, other).items():
+        if field.partition(".")[0] not in _MAY_DIFFER:
+            raise InputError(f"the runs of {board.title} differ in {field}: {a} and {b}")
 
 
 def tracks(experiment: Experiment, condition: Condition) -> tuple[Signals, ...]:
@@ -169,14 +185,10 @@ def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
         f"--robots {robots} --cohort-size {experiment.cohort_size}",
         f"--seed {experiment.seed}",
     ]
-    for option, value, default in (
-        ("protocol", experiment.protocol, "paper"),
-        ("arena-scale", experiment.arena_scale, 1.0),
-        ("body", experiment.body, "mujoco"),
-        ("time-scale", experiment.time_scale, 1.0),
-    ):
-        if value != default:
-            words.append(f"--{option} {value}")
+    for name in _OPTIONS:
+        value = getattr(experiment, name)
+        if value != getattr(Experiment, name):
+            words.append(f"--{name.replace('_', '-')} {value}")
     kinematics = overrides_of(experiment.kinematics, Kinematics())
     return " ".join([*words, *(["--kinematics", *kinematics] if kinematics else [])])
 
