@@ -25,7 +25,8 @@ from safetensors.numpy import save
 
 from .errors import DamagedFileError, InputError
 
-# Of OUT, so that the paths of its files are within the system's 4,096; folders that are made.
+# Longest path of OUT, so that the paths of its files stay within the system's 4,096 bytes; and how
+# many missing folders of that path are made.
 _MOST_BYTES_OF_PATH, _MOST_MISSING = 3800, 100
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 

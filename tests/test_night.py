@@ -20,7 +20,7 @@ from musebot.protocols.simulation.worker import prepare_process
 prepare_process()
 experiment = Experiment(cohort_size=50, time_scale=float(sys.argv[2]))
 key = CohortKey(Condition("spot_finding", "creative"), 0)
-job = CohortJob(pathlib.Path(sys.argv[1]), experiment, key, save_every=10.0)
+job = CohortJob(pathlib.Path(sys.argv[1]), experiment, (key,), save_every=10.0)
 peaks = {}
 
 def report(done, message):

@@ -38,7 +38,7 @@ class Check(NamedTuple):
 
 
 class Stream:
-    """Signals and rewards drawn evenly from their ranges, the same for every agent."""
+    """Signals and rewards drawn uniformly from their ranges, the same for every agent."""
 
     def __init__(self, task: str, robots: int, steps: int, seed: int = 0) -> None:
         """Draws a stream for a task of the domain "arena"."""

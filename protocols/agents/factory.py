@@ -14,12 +14,12 @@ from typing import Any, cast
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.proposers import PROPOSERS
 from ...controller.senses import Senses
-from ..errors import InputError, RunError
-from ..experiment.conditions import Condition, check_proposer
+from ..errors import InputError
+from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from ..experiment.networks import senses_of
 from .base import Agent
-from .checked_agent import CheckedAgent, ending_in_a_sentence, fault
+from .checked_agent import CheckedAgent, ending_in_a_sentence
 from .names import MOVED, OWN_ENCODING, RECORDED_NAMES, is_own, short_name
 from .neurocontroller import NeurocontrollerAgent
 from .raw_signals import RawSignals
@@ -42,15 +42,12 @@ def factory_of(name: str) -> Callable[..., Agent]:
     check_trusted(name, "the experiment")
     module, _, attribute = MOVED.get(name, name).partition(":")
     factory: Any
+    passed = ImportError, AttributeError
     try:
-        with ending_in_a_sentence(f"{module} cannot be imported", passed=(Exception,)):
+        with ending_in_a_sentence(f"{module} cannot be imported", InputError, passed):
             factory = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
+    except passed as error:
         raise InputError(f"there is no agent {name} ({error})") from error
-    except (InputError, RunError):
-        raise
-    except Exception as error:  # any fault in a user's module
-        raise InputError(f"{module} cannot be imported ({fault(error)})") from error
     if not callable(factory):
         raise InputError(f"{name} must be a factory of agents, got {type(factory).__name__}")
     return cast(Callable[..., Agent], factory)
@@ -77,7 +74,6 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
             experiment.brain, proposer, robots, len(senses.state), seed, senses
         )
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
-    check_proposer(proposer)
     factory = factory_of(proposer)
     words = settings_from(experiment.settings, several=True)
     settings = checked_settings(short_name(proposer), factory, words, robots) if words else {}

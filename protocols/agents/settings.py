@@ -28,7 +28,7 @@ class Setting:
       low: Smallest value.
       high: Largest value.
       says: What it is.
-      log: Whether `musebot study tune` draws its logarithm evenly, not the value itself.
+      log: Whether `musebot study tune` draws its logarithm uniformly, not the value itself.
       tuned: Whether `musebot study tune` changes it.
       duration: Whether it counts steps of a life, so that shorter lives need fewer of them; then it
         is not tuned.
@@ -47,7 +47,7 @@ class Setting:
     each: bool = False
 
     def __post_init__(self) -> None:
-        """Raises ValueError if the default lies outside, or the range is none for its kind."""
+        """Raises ValueError if the default lies outside, or the range does not suit its kind."""
         if self.log and not self.low > 0:
             raise ValueError(f"a logarithmic range must be above 0, got {self.low}")
         if self.log and self.whole and self.low < 1:

@@ -229,11 +229,26 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
     Raises:
       InputError: the runs share no condition, or their schedules differ.
     """
-    conditions = shared_conditions(ours, other)
+    matches = [Match(ours, other, condition) for condition in shared_conditions(ours, other)]
+    return compare_all(matches, resamples_for(CELLS * len(matches)))
+
+
+def compare_all(
+    matches: Sequence[Match],
+    resamples: int,
+    only: Callable[[Match], Container[str] | None] = lambda match: None,
+) -> list[Cell]:
+    """Compares the cells of all matches, corrected together, and shows the progress.
+
+    Args:
+      matches: Robots to compare.
+      resamples: Number of resamples of each test.
+      only: Function that returns the names of a match's cells to compare, or None for all.
+    """
     found: list[Cell] = []
     with bar() as progress:
-        for condition in progress.track(conditions, description="comparing"):
-            found += compare(Match(ours, other, condition), resamples_for(CELLS * len(conditions)))
+        for match in progress.track(matches, description="comparing"):
+            found += compare(match, resamples, only(match))
     return corrected(found)
 
 
@@ -248,12 +263,10 @@ def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
       test after training.
     """
     resamples = max(_RESAMPLES, resamples_for(2 * len(matches)))
-    cells: list[Cell] = []
-    with bar() as progress:
-        for match in progress.track(matches, description="comparing"):
-            only = "mean L", row_names(match.condition.task)[-1]
-            cells += compare(match, resamples, only)
-    found = iter(corrected(cells))
+    cells = compare_all(
+        matches, resamples, lambda match: ("mean L", row_names(match.condition.task)[-1])
+    )
+    found = iter(cells)
     return list(zip(found, found, strict=True))
 
 

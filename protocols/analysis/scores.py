@@ -88,7 +88,7 @@ def newborn_score(share: float, robots: int, condition: Condition) -> float:
       robots: Number of simulated newborns.
       condition: Their condition.
     """
-    nearest = min(max(share, (ends := unmet_before(condition))[0]), ends[1])
+    nearest = float(np.clip(share, *unmet_before(condition)))
     sampling = nearest * (1 - nearest) * (1 / robots + 1 / PAPER[condition].robots)
     return -((share - nearest) ** 2) / (2 * (sampling + DISCREPANCY[0] ** 2))
 
@@ -113,13 +113,11 @@ def verdict(differences: Mapping[Condition, float], error: float) -> Support:
 
 
 def main_effect(values: Sequence[float], signs: Sequence[int]) -> float:
-    """Returns the mean of values at +1 minus the mean of values at -1; NaN if one is missing.
+    """Returns the mean of values at +1 minus the mean of values at -1.
 
     Args:
       values: Score of each combination of a design.
       signs: Value of a choice in each combination, +1 or -1.
     """
     scores, levels = np.asarray(values, dtype=float), np.asarray(signs)
-    if not ((levels > 0).any() and (levels < 0).any()):
-        return math.nan
     return float(scores[levels > 0].mean() - scores[levels < 0].mean())

@@ -93,7 +93,8 @@ def restricted(durations: Durations, until: float) -> np.ndarray:
     """Returns each robot's time up to a limit, whose mean is the restricted mean time.
 
     Args:
-      durations: Times of N robots; none is censored before the limit but by a broken simulation.
+      durations: Times of N robots; none is censored before the limit, except where a
+        simulation became unstable.
       until: Limit; a robot without the event counts as this.
 
     Returns:

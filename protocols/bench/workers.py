@@ -1,4 +1,4 @@
-"""Measures in worker processes: parallel throughput, the cost of MuJoCo's timers, and memory."""
+"""Measures in worker processes: parallel throughput, and the cost of MuJoCo's timers."""
 
 from __future__ import annotations
 

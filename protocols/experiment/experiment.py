@@ -30,11 +30,9 @@ Signals = Literal["paper", "raw"]
 Physics = Literal["c", "warp"]
 BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 MOST_IN_COHORT = 100_000
-# Turn in degrees.
-_SEEDS, _LARGEST_TURN, _LARGEST_ARENA = 2**128, 360, 10
-# Number, [s], [m].
+_SEEDS, _LARGEST_TURN, _LARGEST_ARENA = 2**128, 360, 10  # turn in [deg]
+_MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}  # number, [s], [m]
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]{1,2})?")
-_MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}
 
 
 @dataclasses.dataclass(frozen=True)

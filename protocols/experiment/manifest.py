@@ -26,7 +26,7 @@ from .provenance import machine
 MANIFEST = "experiment.json"
 _FILES = "files"
 
-# What fields of JSON that are not those of an experiment raise.
+# Exceptions of reading JSON whose fields are not those of an experiment.
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 
 
@@ -151,8 +151,7 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
       wanted: Values that the user asked for; the keys are names of the experiment's fields.
 
     Raises:
-      UNREADABLE: the fields are not those of an experiment.
-      InputError: a value is invalid.
+      InputError: a value differs from the stored one.
     """
     for name, value in wanted.items():
         if value == (own := getattr(held, name)):

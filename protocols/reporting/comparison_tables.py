@@ -79,12 +79,12 @@ def table(first: str, second: str, cells: Sequence[Cell]) -> list[str]:
     """
     rows = [["", "", first, second, "difference", "p", "Holm"]]
     for cell in cells:
-        holm = probability(cell.corrected)
+        holm = md.probability(cell.corrected)
         values = [
             number(cell, cell.ours),
             number(cell, cell.other),
             difference(cell),
-            probability(cell.p),
+            md.probability(cell.p),
         ]
         rows.append([cell.proposer, cell.name, *values, f"**{holm}**" if cell.differs else holm])
     return md.table(rows, "llrrrrr")
@@ -109,11 +109,6 @@ def difference(cell: Cell) -> str:
     text = f"{cell.difference:{form}}"
     low, high = cell.interval
     return text if math.isnan(low) or math.isnan(high) else f"{text} [{low:{form}}, {high:{form}}]"
-
-
-def probability(value: float) -> str:
-    """Returns a p-value as text; a dash for NaN."""
-    return "< 0.0001" if value < 1e-4 else md.number(value)
 
 
 def as_json(ours: Run, other: Run, cells: Sequence[Cell]) -> dict[str, Any]:

@@ -45,6 +45,16 @@ def bracket(interval: Interval, percent: bool = False) -> str:
     return f"[{low:.0%}, {high:.0%}]" if percent else f"[{low:.3f}, {high:.3f}]"
 
 
+def with_interval(value: str, interval: Interval, percent: bool = False) -> str:
+    """Returns a value with its interval in brackets, if the interval is known."""
+    return f"{value} {bracket(interval, percent)}".strip()
+
+
+def probability(value: float) -> str:
+    """Returns a p-value as text; a dash for NaN."""
+    return "< 0.0001" if value < 1e-4 else number(value)
+
+
 def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
     """Returns the mean of some values, with its 95 % interval in brackets if it is known.
 
@@ -52,4 +62,4 @@ def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
       values: One value for each robot, shape (n,).
       span: Lowest and highest value that a robot can have; None if not known.
     """
-    return f"{values.mean():.3f} {bracket(intervals.mean(values, span))}".strip()
+    return with_interval(f"{values.mean():.3f}", intervals.mean(values, span))

@@ -7,7 +7,6 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Protocol
 
 from matplotlib.figure import Figure
 
@@ -18,7 +17,6 @@ from ..experiment.conditions import Condition
 from ..experiment.schedules import SCHEDULES, TASK_NAMES
 from ..playback import film as films
 from ..playback import measured_behaviour
-from ..playback.episode import Episode
 from ..playback.rollout import SEED, Tick
 from ..playback.stored_brains import StoredRobot
 from ..results.run import Run
@@ -40,14 +38,6 @@ _FILM_SECONDS = 10.0
 _FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
 
 
-class Film(Protocol):
-    """Function that writes a film (`playback.film.film`)."""
-
-    def __call__(self, episode: Episode, output: Path, *, seconds: float, speed: float) -> None:
-        """Writes the film of an episode; raises InputError where it cannot be rendered."""
-        ...
-
-
 @dataclasses.dataclass(frozen=True)
 class PlannedFigure:
     """A figure of the page that is still to be drawn.
@@ -65,14 +55,13 @@ class PlannedFigure:
     draw: Callable[[], Figure | None]
 
 
-def report(run: Run, out: Path, output: Path | None, film: Film = films.film) -> Path:
+def report(run: Run, out: Path, output: Path | None) -> Path:
     """Writes the figures into OUT/figures/, the page, and missing films if they can be rendered.
 
     Args:
       run: The run.
       out: Folder of the run.
       output: File of the page to write, an .html; None for `report.html` in `out`.
-      film: Function that writes a film.
 
     Returns:
       Path of the page.
@@ -89,11 +78,11 @@ def report(run: Run, out: Path, output: Path | None, film: Film = films.film) ->
         for folder in (out / "figures", out / "films"):
             remove_drafts(folder)
         remove_drafts(page_file.parent, page_file.name)
-        _write(run, out, page_file, film)
+        _write(run, out, page_file)
     return output
 
 
-def _write(run: Run, out: Path, page_file: Path, film: Film) -> None:
+def _write(run: Run, out: Path, page_file: Path) -> None:
     drawn: list[Medium] = []
     total = measured_behaviour.ticks(run) + robot_figures.ticks(run)
     with _progress(total) as tick, style.styled():
@@ -103,7 +92,7 @@ def _write(run: Run, out: Path, page_file: Path, film: Film) -> None:
                 paths = style.save(figure, out / "figures", planned.name)
                 png = next(path for path in paths if path.suffix == ".png")
                 drawn.append(Medium(png, planned.title, planned.caption))
-    shown, missing = _films(run, out / "films", film)
+    shown, missing = _films(run, out / "films")
     page = html_page.page(run, judge_all(run, behaviour), drawn, shown, missing)
     write_text(page_file, page)
 
@@ -200,7 +189,7 @@ def _values(run: Run, task: str) -> PlannedFigure:
 # ---- Films ----
 
 
-def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
+def _films(run: Run, folder: Path) -> tuple[list[Medium], str]:
     """Renders a film for each task that has none in the folder.
 
     Returns:
@@ -213,7 +202,7 @@ def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
             continue
         example = example_robots.favourite(run, task)
         if example is None:
-            missing.append(f"{TASK_NAMES[task]} has no valid robot to film.")
+            missing.append(f"{TASK_NAMES[task]} has no robot with a brain to film.")
             continue
         condition = Condition(task, example_robots.proposer_of(run, task))
         speed, kind = _FILM_SPEEDS[task], f"{example.kind}_{condition.proposer}_{example.robot}"
@@ -222,7 +211,7 @@ def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
         try:
             episode = StoredRobot(run, condition, example.robot, "post", SEED).episode()
             path = folder / f"{task}_{kind}_after_training_x{speed:g}.mp4"
-            film(episode, path, seconds=_FILM_SECONDS, speed=speed)
+            films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed:
                 folder.rmdir()
@@ -232,5 +221,5 @@ def _films(run: Run, folder: Path, film: Film) -> tuple[list[Medium], str]:
 
 def _kept(folder: Path) -> list[Path]:
     """Returns the films of a folder; a link could lead to any file of the reader's."""
-    films = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
-    return sorted(path for path in films if path.is_file() and not path.is_symlink())
+    found = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
+    return sorted(path for path in found if path.is_file() and not path.is_symlink())

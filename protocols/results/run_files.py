@@ -224,8 +224,8 @@ def read_results(directory: Path) -> Results:
 def read_rows(directory: Path, *, curves: bool = False) -> Run:
     """Reads a run that may be kept without its brains, or as robots.csv alone.
 
-    The run has no networks, and without curves these have no minutes. A run without robots.csv has
-    no robots.
+    Networks are empty; without `curves`, curves have the shape (n, 0). A run without robots.csv
+    has no robots.
 
     Args:
       directory: Folder of the run.

@@ -87,35 +87,29 @@ class CohortJob:
     Attributes:
       directory: Folder of the run, an absolute path.
       experiment: Experiment that decides the robots' lives.
-      key: Condition and number of the cohort.
+      keys: Condition and number of each cohort: one, or several of a task whose robots share the
+        physics.
       save_every: Wall-clock seconds between two checkpoints.
-      others: Keys of further cohorts of the task, whose robots share the physics with the first's.
-        They are simulated by the same job, which writes a file for each.
     """
 
     directory: Path
     experiment: Experiment
-    key: CohortKey
+    keys: tuple[CohortKey, ...]
     save_every: float
-    others: tuple[CohortKey, ...] = ()
 
     def __str__(self) -> str:
         return " with ".join(map(self._name, self.keys))
 
     @property
-    def keys(self) -> tuple[CohortKey, ...]:
-        """Keys of all cohorts of the job."""
-        return (self.key, *self.others)
-
-    @property
     def path(self) -> Path:
         """See `Job.path`."""
-        return finished_file(self.directory, self.key)
+        return finished_file(self.directory, self.keys[0])
 
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        steps = len(self.keys) * sum(self.experiment.schedule(self.key.condition.task).steps())
+        task = self.keys[0].condition.task
+        steps = len(self.keys) * sum(self.experiment.schedule(task).steps())
         return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
 
     def done(self) -> bool:

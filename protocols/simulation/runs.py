@@ -225,8 +225,8 @@ class UnfinishedRun:
             same = (key.condition.task, key.index) if experiment.on_tensors else key
             groups.setdefault(same, []).append(key)
         return [
-            CohortJob(self.directory, experiment, first, save_every, tuple(others))
-            for first, *others in groups.values()
+            CohortJob(self.directory, experiment, tuple(keys), save_every)
+            for keys in groups.values()
         ]
 
     def finished(self, job: Job) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, ClassVar
 
 from ...controller import BRAINS, INGREDIENTS
@@ -17,7 +18,7 @@ from ..experiment.plan import default_cohort_size
 from ..experiment.schedules import TASK_NAMES
 from ..reporting import comparison_tables
 from ..reporting.labels import described, title
-from ..reporting.markdown import line
+from ..reporting.markdown import probability, table
 from ..results.run import Run
 from ..shared_options import COHORT_SIZE, TASK_CHOICES, KinematicsOption, option
 from .study import Page
@@ -72,18 +73,18 @@ class Ablation(VariantStudy):
         if not self.task:
             raise InputError("at least one task is needed")
         tasks = tuple(sorted(set(self.task), key=[*PAPER_TASKS, *self.task].index))
-        whole = Variant(WHOLE, "the whole brain", {"brain": BRAINS[WHOLE]}, tasks, (_PROPOSER,))
+        whole = Variant(WHOLE, {"brain": BRAINS[WHOLE]}, tasks, (_PROPOSER,))
         found = [whole]
         for ingredient in self.ingredients:
             name = f"{WHOLE}-{ingredient}"
             if affected := tuple(task for task in tasks if matters(ingredient, task)):
                 brain = {"brain": BRAINS[name]}
-                found.append(Variant(name, ingredient, brain, affected, (_PROPOSER,)))
+                found.append(Variant(name, brain, affected, (_PROPOSER,)))
         return found
 
-    def report(self, runs: Mapping[str, Run]) -> Page:
-        """See `VariantStudy.report`."""
-        return Page(markdown(runs, self.ingredients))
+    def page(self, out: Path) -> Page:
+        """See `Study.page`."""
+        return Page(markdown(self.read(out), self.ingredients))
 
 
 def matters(ingredient: str, task: str) -> bool:
@@ -124,18 +125,18 @@ def markdown(runs: Mapping[str, Run], ingredients: Sequence[str] = tuple(INGREDI
     """
     comparisons = compared(runs, ingredients)
     tasks = list(dict.fromkeys(task for task, _ in comparisons))
-    rows = [["ingredient", *(TASK_NAMES[task] for task in tasks)], ["---"] * (1 + len(tasks))]
+    rows = [["ingredient", *(TASK_NAMES[task] for task in tasks)]]
     for ingredient in ingredients:
         verdicts = [_in_a_word(comparisons.get((task, ingredient), ())) for task in tasks]
         rows.append([ingredient, *verdicts])
-    lines = [*map(line, rows)]
+    lines = table(rows, "l" * (1 + len(tasks)))
     head = ["removed", "", "robots", "whole", "without", "difference", "Holm", "the ingredient"]
     for task in tasks:
-        rows = [head, ["---", "---", *["---:"] * 5, "---"]]
+        rows = [head]
         for (where, ingredient), cells in comparisons.items():
             if where == task:
                 rows += [_row(ingredient, cell) for cell in cells]
-        lines += ["", f"### {title(task, runs[WHOLE].experiment)}", "", *map(line, rows)]
+        lines += ["", f"### {title(task, runs[WHOLE].experiment)}", "", *table(rows, "llrrrrrl")]
     note = (
         "An ingredient helps in a task where the brain does worse without it in one of the two "
         "numbers, and better in none. *Robots*: how many have a value, with the whole brain and "
@@ -161,5 +162,5 @@ def _row(ingredient: str, cell: Cell) -> list[str]:
     numbers = [comparison_tables.number(cell, value) for value in (cell.ours, cell.other)]
     robots = " and ".join(map(str, cell.robots))
     difference = comparison_tables.difference(cell)
-    probability = comparison_tables.probability(cell.corrected)
-    return [ingredient, cell.name, robots, *numbers, difference, probability, _in_a_word([cell])]
+    p = probability(cell.corrected)
+    return [ingredient, cell.name, robots, *numbers, difference, p, _in_a_word([cell])]

@@ -20,7 +20,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.schedules import CONTINUAL
 from ..reporting import style
 from ..reporting.labels import described
-from ..reporting.markdown import MEANS, line, mean_cell
+from ..reporting.markdown import MEANS, mean_cell, table
 from ..results.run import Run
 from ..results.run_files import read_runs
 from ..shared_options import Runs
@@ -137,7 +137,7 @@ def markdown(found: Sequence[Training]) -> str:
     """Returns the page: a row for each condition, with the share of the time in the spot."""
     hours = [f"hours {first}-{last}" for first, last in (EARLY, MIDDLE, LATE)]
     head = ["in the spot", "robots", *hours, f"found in {_PERIOD} minutes"]
-    rows = [head, ["---", *["---:"] * (len(head) - 1)]]
+    rows = [head]
     for training in found:
         values = [*(training.share(span) for span in (EARLY, MIDDLE, LATE)), training.found()]
         cells = [mean_cell(value, SHARE) for value in values]
@@ -147,7 +147,7 @@ def markdown(found: Sequence[Training]) -> str:
         f"the robot was in it at some moment. In brackets 95 % intervals ({MEANS})."
     )
     descriptions = dict.fromkeys(training.run for training in found)
-    return "\n".join([*map(line, rows), "", note, "", *descriptions, ""])
+    return "\n".join([*table(rows), "", note, "", *descriptions, ""])
 
 
 def draw(found: Sequence[Training]) -> Figure:

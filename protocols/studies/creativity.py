@@ -23,7 +23,7 @@ from ..playback.stored_brains import stored_brains
 from ..reporting import style
 from ..reporting.comparison_tables import difference, number
 from ..reporting.labels import described
-from ..reporting.markdown import MEANS, line
+from ..reporting.markdown import MEANS, table
 from ..results.run import Run
 from ..results.run_files import read_runs
 from ..shared_options import Runs
@@ -155,7 +155,7 @@ def markdown(
       regretted: Regret of ideas for each comparison (`regrets`).
     """
     head = ["run", "ideas", "robots", "", _CREATIVE, _RANDOM, "difference", "creative is"]
-    rows = [head, ["---", "---:", "---:", "---", *["---:"] * 3, "---"]]
+    rows = [head]
     for contrast in found:
         for cell in contrast.cells:
             rows.append(
@@ -176,7 +176,7 @@ def markdown(
         f"{2 * len(found)} rows."
     )
     head = ["run", "ideas", "", "situation", "regret of their ideas", "of random ideas"]
-    reasons = [head, ["---", "---:", "---", "---", "---:", "---:"]]
+    reasons = [head]
     for contrast, shares in zip(found, regretted, strict=True):
         ideas = str(contrast.run.experiment.brain.ideas)
         for situation, (own, random) in shares.items():
@@ -188,7 +188,8 @@ def markdown(
         "are their own ideas and as many uniformly random ones."
     )
     descriptions = dict.fromkeys(described(contrast.run) for contrast in found)
-    lines = [*map(line, rows), "", note, "", *map(line, reasons), "", explained, ""]
+    lines = [*table(rows, "lrrlrrrl"), "", note, ""]
+    lines += [*table(reasons, "lrllrr"), "", explained, ""]
     return "\n".join([*lines, *descriptions, ""])
 
 

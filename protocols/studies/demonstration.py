@@ -87,7 +87,7 @@ class Demo(VariantStudy):
     def variants(self) -> Sequence[Variant]:
         """See `VariantStudy.variants`: the paper's brain and `steady`."""
         return [
-            Variant(name, f"the brain {name}", {"brain": BRAINS[name]}, proposers=(_PROPOSER,))
+            Variant(name, {"brain": BRAINS[name]}, proposers=(_PROPOSER,))
             for name in ("paper", "steady")
         ]
 
@@ -101,7 +101,7 @@ class Demo(VariantStudy):
         words = "brain steady, trained for four hours"
         self._film(kept, words, _TRAINED_SPEED, out / FILMS / f"{TRAINED}.mp4")
         yield from super().stages(out)
-        runs = {name: read_run(out / name) for name in self.plans()}
+        runs = self.read(out)
         for one in chosen(runs):
             condition = Condition(one.task, _PROPOSER)
             robot = StoredRobot(runs[one.brain], condition, one.robot, "post")
@@ -118,9 +118,9 @@ class Demo(VariantStudy):
         except InputError as error:
             notice(f"{path.name} is not filmed: {error}")
 
-    def report(self, runs: Mapping[str, Run]) -> Page:
-        """See `VariantStudy.report`."""
-        return Page(markdown(runs))
+    def page(self, out: Path) -> Page:
+        """See `Study.page`."""
+        return Page(markdown(self.read(out)))
 
 
 def chosen(runs: Mapping[str, Run]) -> list[Shown]:

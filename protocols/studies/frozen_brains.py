@@ -25,7 +25,7 @@ from ..simulation.cohort import Cohort, shapes_of
 from ..simulation.jobs import Report, Stop
 from ..simulation.placement import place
 from ..storage import digest, load_arrays, save_arrays
-from .study import MinuteTick, StoppedError, own_arrays
+from .study import MinuteTick, StoppedError, check_shares, own_arrays
 
 TIMES = 8  # of the training, besides its beginning
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
@@ -70,8 +70,7 @@ class LearningProgress:
         """
         agent = make_agent(self.experiment, CONDITION, which.shape[1], seed)
         assert isinstance(agent, NeurocontrollerAgent)
-        stored = {n: torch.from_numpy(nets[tuple(which)]) for n, nets in self.networks.items()}
-        agent.controller.load_networks(stored)
+        agent.load_weights({name: nets[tuple(which)] for name, nets in self.networks.items()})
         return agent
 
 
@@ -137,10 +136,6 @@ class LifeJob:
     def path(self) -> Path:
         """See `Job.path`; the file is also the checkpoint."""
         return self.out / f"brains-{self.name}.safetensors"
-
-    def test_file(self, seed: int) -> Path:
-        """Returns the file with the results of a test of these brains, by the test's seed."""
-        return self.out / f"test-{self.name}-{seed}.safetensors"
 
     @property
     def cost(self) -> float:
@@ -245,7 +240,7 @@ class FrozenTest:
     @property
     def path(self) -> Path:
         """See `Job.path`."""
-        return self.life.test_file(self.seed)
+        return self.life.out / f"test-{self.life.name}-{self.seed}.safetensors"
 
     @property
     def cost(self) -> float:
@@ -281,12 +276,9 @@ class FrozenTest:
         """
         if not self.path.exists():
             raise InputError(f"{self.life.out} lacks {self.path.name}")
-        if load_arrays(self.path)[1] != self._notes(progress):
-            raise InputError(f"{self.path} is of other brains than {self.life.path.name}")
         shapes = {"shares": ("F64", (TIMES + 1, progress.robots))}
-        shares = own_arrays(self.path, shapes, {})["shares"]
-        if not ((shares >= 0) & (shares <= 1) | np.isnan(shares)).all():
-            raise DamagedFileError(f"{self.path} is damaged (a share is not within [0, 1])")
+        shares = own_arrays(self.path, shapes, self._notes(progress))["shares"]
+        check_shares(self.path, shares)
         return shares
 
     def _notes(self, progress: LearningProgress) -> dict[str, Any]:

@@ -20,11 +20,11 @@ from ..experiment.experiment import Body, Experiment
 from ..experiment.overrides import named_brain, named_reading, with_overrides
 from ..experiment.plan import Plan
 from ..reporting import style
-from ..reporting.markdown import line, mean_cell
+from ..reporting.markdown import mean_cell, table
 from ..reporting.robot_figures import draw_values
 from ..shared_options import KinematicsOption, option
 from ..simulation.jobs import Job
-from ..storage import load_arrays, resolved
+from ..storage import load_arrays
 from .frozen_brains import (
     CONDITION,
     SEEDS,
@@ -98,13 +98,13 @@ class LearningProgressStudy(Study):
         """See `Study.check`."""
         for life in self.lives(out):
             life.restored()
-            for test in (life.test_file(seed) for seed in SEEDS):
+            for test in (FrozenTest(life, seed).path for seed in SEEDS):
                 if test.exists():
                     load_arrays(test)
 
     def lives(self, out: Path) -> list[LifeJob]:
         """Returns the jobs of the first stage, which train the brains."""
-        return [LifeJob(resolved(out), *named) for named in self.experiments().items()]
+        return [LifeJob(out, *named) for named in self.experiments().items()]
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: the jobs that train brains, then the tests of the stored brains."""
@@ -125,7 +125,7 @@ def markdown(found: Sequence[Evaluation]) -> str:
     """Returns the page: a row for each brain, with its test results and the regret of its ideas."""
     head = ["brain", "robots", "in the spot, at its best time", "in the end", "forgotten"]
     head += [f"regret, {smell.partition(':')[0]}" for smell in SMELLS]
-    rows = [head, ["---", *["---:"] * (len(head) - 1)]]
+    rows = [head]
     for one in found:
         sound = ~np.isnan(one.tests).any(axis=(0, 1))
         best, end = one.best[-1][sound], one.shares[-1][sound]
@@ -141,7 +141,7 @@ def markdown(found: Sequence[Evaluation]) -> str:
         "bootstrap over robots; none where all are alike. Regret, in the end: value of the best "
         "action minus value of the best idea, as a share of the range of all actions' values."
     )
-    return "\n".join([*map(line, rows), "", note, ""])
+    return "\n".join([*table(rows), "", note, ""])
 
 
 def draw(found: Sequence[Evaluation]) -> Figure:

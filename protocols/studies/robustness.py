@@ -258,8 +258,7 @@ class Robustness(Study):
         title = f"### {TASK_NAMES[task]}"
         if (scale := self.evaluated[0].run.experiment.time_scale) != 1:
             title += f", all durations times {scale:g}"
-        lines = [markdown.line(head), markdown.line(["---", *("---:" for _ in head[1:])])]
-        return "\n".join([title, "", *lines, *map(markdown.line, table), ""])
+        return "\n".join([title, "", *markdown.table([head, *table]), ""])
 
     def _note(self) -> str:
         lines = [
@@ -356,7 +355,7 @@ class EvaluationJob:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What says that a file is this job's."""
+        """Notes by which the job recognises its file."""
         weights = self.evaluated.results[self.condition].networks["after"]
         change = dataclasses.asdict(self.perturbation)
         if self.perturbation.torque == "constant":  # files made before there was a choice

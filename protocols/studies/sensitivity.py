@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 from ...controller import Parameters
 from ...models import Kinematics
-from ..analysis.comparison import CELLS, Cell, Match, compare, corrected, resamples_for
+from ..analysis.comparison import CELLS, Cell, Match, compare_all, resamples_for
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.experiment import Experiment
 from ..experiment.plan import default_cohort_size
 from ..experiment.schedules import TASK_NAMES
 from ..reporting import comparison_tables
 from ..reporting.labels import title
-from ..reporting.markdown import line
+from ..reporting.markdown import probability, table
 from ..results.run import Run
-from ..terminal import bar
 from .study import Page
 from .variants import Variant, VariantStudy
 
@@ -25,46 +25,51 @@ BASELINE, NOISE = "baseline", "another-seed"
 
 _WALLS, _SPOTS = ("wall_avoidance",), ("spot_finding",)
 
+
+def _choice(name: str, says: str, fields: Mapping[str, Any], **only: tuple[str, ...]) -> Variant:
+    return Variant(name, fields, says=says, **only)
+
+
 CHOICES = (
-    Variant(NOISE, "another seed, nothing else", {"seed": 2}),
-    Variant("radius-20mm", "robot of radius 20 mm", {"kinematics": Kinematics(radius=0.02)}),
-    Variant("radius-35mm", "robot of radius 35 mm", {"kinematics": Kinematics(radius=0.035)}),
-    Variant("speed-125mm", "motor 0.5 is 0.125 m/s", {"motor_speed": 0.125}),
-    Variant("speed-250mm", "motor 0.5 is 0.25 m/s", {"motor_speed": 0.25}),
-    Variant(
+    _choice(NOISE, "another seed, nothing else", {"seed": 2}),
+    _choice("radius-20mm", "robot of radius 20 mm", {"kinematics": Kinematics(radius=0.02)}),
+    _choice("radius-35mm", "robot of radius 35 mm", {"kinematics": Kinematics(radius=0.035)}),
+    _choice("speed-125mm", "motor 0.5 is 0.125 m/s", {"motor_speed": 0.125}),
+    _choice("speed-250mm", "motor 0.5 is 0.25 m/s", {"motor_speed": 0.25}),
+    _choice(
         "wheel-base-55mm", "wheels a diameter apart", {"kinematics": Kinematics(wheel_base=0.055)}
     ),
-    Variant("turned-45", "start turned by 45 degrees", {"turned_start": 45.0}),
-    Variant("turned-180", "start turned by 180 degrees", {"turned_start": 180.0}),
-    Variant("test-epsilon", "epsilon in the tests", {"brain": Parameters(test_epsilon=0.01)}),
-    Variant("nose-printed", "Eq. 3 as printed", {"nose": "printed"}, tasks=_SPOTS),
-    Variant(
+    _choice("turned-45", "start turned by 45 degrees", {"turned_start": 45.0}),
+    _choice("turned-180", "start turned by 180 degrees", {"turned_start": 180.0}),
+    _choice("test-epsilon", "epsilon in the tests", {"brain": Parameters(test_epsilon=0.01)}),
+    _choice("nose-printed", "Eq. 3 as printed", {"nose": "printed"}, tasks=_SPOTS),
+    _choice(
         "across-placement",
         "learning across a placement",
         {"learn_across_placement": True},
         tasks=_WALLS,  # in spot finding no robot is placed while it learns
     ),
-    Variant(
+    _choice(
         "noise-on-biases",
         "noise on biases",
         {"brain": Parameters(noise_on_biases=True)},
         proposers=("creative",),
     ),
-    Variant(
+    _choice(
         "felt-pushed",
         "contact sensed only while the robot pushes",
         {"kinematics": Kinematics(felt="pushed")},
         tasks=_WALLS,  # robots do not sense contact in spot finding
     ),
-    Variant(
+    _choice(
         "any-contact",
         "contact sensed at any instant of a control step",
         {"kinematics": Kinematics(any_contact=True)},
         tasks=_WALLS,
     ),
-    Variant("slides", "a robot slides along a wall", {"kinematics": Kinematics(wall="slides")}),
-    Variant("sticks", "a robot sticks to a wall", {"kinematics": Kinematics(wall="sticks")}),
-    Variant("lag-80ms", "wheels lag as the MuJoCo body's do", {"kinematics": Kinematics(lag=0.08)}),
+    _choice("slides", "a robot slides along a wall", {"kinematics": Kinematics(wall="slides")}),
+    _choice("sticks", "a robot sticks to a wall", {"kinematics": Kinematics(wall="sticks")}),
+    _choice("lag-80ms", "wheels lag as the MuJoCo body's do", {"kinematics": Kinematics(lag=0.08)}),
 )
 
 
@@ -91,10 +96,11 @@ class Sensitivity(VariantStudy):
 
     def variants(self) -> Sequence[Variant]:
         """See `VariantStudy.variants`."""
-        return [Variant(BASELINE, "the baseline", {}, self.tasks), *self.choices]
+        return [Variant(BASELINE, {}, self.tasks), *self.choices]
 
-    def report(self, runs: Mapping[str, Run]) -> Page:
-        """See `VariantStudy.report`."""
+    def page(self, out: Path) -> Page:
+        """See `Study.page`."""
+        runs = self.read(out)
         return Page(markdown(runs, compared(runs, self.choices)))
 
 
@@ -102,14 +108,12 @@ def compared(
     runs: Mapping[str, Run], choices: Sequence[Variant]
 ) -> list[tuple[Variant, list[Cell]]]:
     """Returns the cells of each choice compared with the baseline, corrected together."""
-    pairs = [(choice, condition) for choice in choices for condition in choice.conditions]
-    resamples = resamples_for(CELLS * len(pairs))
-    cells: list[Cell] = []
-    with bar() as progress:
-        for choice, condition in progress.track(pairs, description="comparing"):
-            match = Match(runs[choice.name], runs[BASELINE], condition)
-            cells += compare(match, resamples)
-    rest = iter(corrected(cells))
+    matches = [
+        Match(runs[choice.name], runs[BASELINE], condition)
+        for choice in choices
+        for condition in choice.conditions
+    ]
+    rest = iter(compare_all(matches, resamples_for(CELLS * len(matches))))
     return [
         (choice, [next(rest) for _ in range(CELLS * len(choice.conditions))]) for choice in choices
     ]
@@ -134,15 +138,15 @@ def markdown(runs: Mapping[str, Run], comparisons: Sequence[tuple[Variant, Seque
     ]
     if changed:
         head = ["choice", "task", "proposer", "cell", "variant", BASELINE, "difference", "Holm"]
-        rows = [[*head, "two seeds"], ["---"] * 4 + ["---:"] * 5]
+        rows = [[*head, "two seeds"]]
         for choice, cell in changed:
             values = [comparison_tables.number(cell, value) for value in (cell.ours, cell.other)]
             values.append(comparison_tables.difference(cell))
-            values.append(comparison_tables.probability(cell.corrected))
+            values.append(probability(cell.corrected))
             values.append(comparison_tables.difference(of_noise[_place(cell)]))
             place = [TASK_NAMES[cell.task], cell.proposer, cell.name]
             rows.append([choice.says, *place, *values])
-        lines += [*map(line, rows), ""]
+        lines += [*table(rows, "l" * 4 + "r" * 5), ""]
     lines += ["### The noise: two baselines with different seeds", ""]
     for task in baseline.tasks():
         own = [cell for cell in noise if cell.task == task]

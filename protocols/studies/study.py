@@ -21,8 +21,10 @@ from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.plan import MOST_ROBOTS
 from ..experiment.provenance import machine
+from ..experiment.schedules import control_steps
 from ..reporting import style
 from ..results.checks import check_same_shapes
+from ..simulation.cohort import Cohort
 from ..simulation.jobs import Executor, Job, Report, Stop, execute
 from ..storage import (
     Shapes,
@@ -132,9 +134,10 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     """
     out = resolved(out)  # links below it are not followed
     experiments = study.experiments()
-    made_with = _check(study, experiments, out)
+    _check(study, experiments, out)
     study.check(out)
     with locked(out):
+        made_with = _check(study, experiments, out)  # another command may have come before
         remove_drafts(out)
         # First: a folder that is not empty is continued only if it says which study it holds.
         _write_manifest(study, experiments, out, made_with)
@@ -153,7 +156,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
 
 
 def identity_of(experiment: Experiment, condition: Condition) -> dict[str, Any]:
-    """Returns what says of which robots a job's file is: their whole experiment and condition."""
+    """Returns the notes by which a job recognises its file: experiment and condition."""
     return flat(experiment) | {"condition": str(condition)}
 
 
@@ -213,6 +216,23 @@ class MinuteTick:
             raise StoppedError
 
 
+def advance(cohort: Cohort, until: int, tick: MinuteTick) -> None:
+    """Simulates a cohort up to a control step, and counts the minutes.
+
+    Raises:
+      StoppedError: the job is asked to stop.
+    """
+    while cohort.step < until:
+        cohort.advance(min(control_steps(1), until - cohort.step))
+        tick()
+
+
+def check_shares(path: Path, shares: np.ndarray) -> None:
+    """Raises DamagedFileError if a file's shares are not in [0, 1]; NaN is allowed."""
+    if not ((shares >= 0) & (shares <= 1) | np.isnan(shares)).all():
+        raise DamagedFileError(f"{path} is damaged (a share is not within [0, 1])")
+
+
 def check_positive(most: int = MOST_ROBOTS, /, **numbers: int) -> None:
     """Raises InputError where an option that counts something is less than 1, or too large."""
     for name, number in numbers.items():
@@ -251,7 +271,8 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
     for detail, wanted in _plain(study.details()).items():
         if details.get(detail) != wanted:
             raise InputError(
-                f"{out} holds a study with {detail} {details.get(detail)}, not {wanted}"
+                f"{out} holds a study with {detail} {details.get(detail)!r:.100}, "
+                f"not {wanted!r:.100}"
             )
     for one, probe in probes.items():
         if not is_physics_of(probe, (experiments or _DEFAULT)[one]):

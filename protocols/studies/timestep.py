@@ -127,7 +127,7 @@ class TimestepJob:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What says that a file is this job's."""
+        """Notes by which the job recognises its file."""
         return {"substeps": self.substeps, "robots": self.robots, "minutes": self.minutes}
 
     def measured(self) -> dict[str, np.ndarray]:

@@ -22,7 +22,7 @@ from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
 from ..storage import locked, resolved
 from ..terminal import notice
-from .study import Page, Study, check_positive
+from .study import Study, check_positive
 
 Needs = Literal["brains", "curves", "rows"]
 """All files of a run; its robots.csv and its curves; or robots.csv alone."""
@@ -34,19 +34,19 @@ class Variant:
 
     Attributes:
       name: Name of the run and of its folder.
-      says: Description of the difference, in words.
       fields: Fields of the experiment that differ from the baseline's.
       tasks: Tasks in which the difference can affect the robots; in other tasks, their lives would
         equal the baseline's bit-exactly.
       proposers: Proposers with which the difference can affect the robots; with other proposers,
         their lives would equal the baseline's bit-exactly.
+      says: The difference in words, for a page.
     """
 
     name: str
-    says: str
     fields: Mapping[str, Any]
     tasks: tuple[str, ...] = PAPER_TASKS
     proposers: tuple[str, ...] = PROPOSERS
+    says: str = ""
 
     @property
     def conditions(self) -> list[Condition]:
@@ -91,10 +91,6 @@ class VariantStudy(Study):
         Raises:
           InputError: an option is invalid.
         """
-
-    @abc.abstractmethod
-    def report(self, runs: Mapping[str, Run]) -> Page:
-        """Returns the page made from the finished runs, which are given by name."""
 
     def plans(self) -> Mapping[str, Plan]:
         """Returns the plan of the robots to simulate, by the name of the run.
@@ -162,14 +158,18 @@ class VariantStudy(Study):
 
     def finished(self, job: Job) -> None:
         """See `Study.finished`."""
-        assert isinstance(job, CohortJob)
-        self._unfinished[job.directory].finished(job)
+        if isinstance(job, CohortJob):  # others keep their own files
+            self._unfinished[job.directory].finished(job)
 
-    def page(self, out: Path) -> Page:
-        """See `Study.page`."""
+    def read(self, out: Path) -> dict[str, Run]:
+        """Returns the finished runs by name.
+
+        Raises:
+          InputError: a run is missing or damaged.
+        """
         runs = {}
         for name in self.plans():
             if not (out / name / MANIFEST).is_file():
                 raise InputError(f"{out} lacks the run {name}")
             runs[name] = read_run(out / name)
-        return self.report(runs)
+        return runs

@@ -12,6 +12,7 @@ import os
 import random
 import re
 import shutil
+from unittest import mock
 
 import pytest
 from matplotlib.figure import Figure
@@ -19,6 +20,7 @@ from matplotlib.figure import Figure
 from musebot.protocols.commands.run import RunCommand
 from musebot.protocols.commands.tables import TablesCommand
 from musebot.protocols.exit_status import exit_status
+from musebot.protocols.playback import film as films
 from musebot.protocols.playback import measured_behaviour
 from musebot.protocols.reporting import report, tables
 from musebot.protocols.results.run_files import ROBOTS_FILE, read_results, read_run
@@ -169,7 +171,8 @@ class Report:
 
     def work(self, out, executor):
         del executor
-        report.report(read_run(out), out, None, film=film)
+        with mock.patch.object(films, "film", film):
+            report.report(read_run(out), out, None)
 
     def prepare(self, out, executor):
         Run("kinematic", 0).work(out, executor)

@@ -17,6 +17,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.playback import film
 from musebot.protocols.reporting.report import report
 from musebot.protocols.results.run_files import read_run
 from musebot.protocols.simulation.local import Local
@@ -97,7 +98,7 @@ def test_existing_films_are_kept_and_captioned_by_their_names(out, page, tmp_pat
     assert sorted(p.name for p in (copy / "films").iterdir()) == names
 
 
-def test_a_task_without_a_film_gets_one_or_the_page_says_why(out, page, tmp_path):
+def test_a_task_without_a_film_gets_one_or_the_page_says_why(out, page, tmp_path, monkeypatch):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
@@ -105,9 +106,11 @@ def test_a_task_without_a_film_gets_one_or_the_page_says_why(out, page, tmp_path
     (copy / "films" / "wall_avoidance.mp4").write_bytes(b"film")
     made = []
     run = read_run(copy)
-    report(run, copy, None, film=lambda _, path, **__: made.append(path))
+    monkeypatch.setattr(film, "film", lambda _, path, **__: made.append(path))
+    report(run, copy, None)
     assert [path.name.startswith("spot_finding_") for path in made] == [True]
-    report(run, copy, None, film=without_egl)
+    monkeypatch.setattr(film, "film", without_egl)
+    report(run, copy, None)
     text = (copy / "report.html").read_text()
     assert "Spot finding has no film: there is no headless OpenGL" in text
     assert text.count("<video ") == 1
@@ -117,11 +120,12 @@ def without_egl(*_, **__):
     raise InputError("there is no headless OpenGL (EGL) on this machine")
 
 
-def test_without_egl_the_page_says_so_and_no_folder_is_left(out, page, tmp_path):
+def test_without_egl_the_page_says_so_and_no_folder_is_left(out, page, tmp_path, monkeypatch):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
-    report(read_run(copy), copy, None, film=without_egl)
+    monkeypatch.setattr(film, "film", without_egl)
+    report(read_run(copy), copy, None)
     assert "has no film: there is no headless OpenGL" in (copy / "report.html").read_text()
     assert not (copy / "films").exists()
 

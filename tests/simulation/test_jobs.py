@@ -19,7 +19,7 @@ SECONDS = 2 * 38.4  # two robots, 160 minutes times 0.004
 
 def job_in(directory, save_every=60.0):
     (directory / "checkpoints").mkdir(parents=True, exist_ok=True)
-    return CohortJob(directory, SHORT, KEY, save_every)
+    return CohortJob(directory, SHORT, (KEY,), save_every)
 
 
 def never():
@@ -99,7 +99,7 @@ def test_a_job_that_is_done_does_nothing_and_reports_its_cost(tmp_path):
     assert job.run(never, lambda *report: reports.append(report))
     assert reports == [(pytest.approx(SECONDS), "")]
     job.path.write_bytes(before)
-    assert read_lives(job.path, job.experiment, job.key).valid.all()
+    assert read_lives(job.path, job.experiment, job.keys[0]).valid.all()
 
 
 def test_a_damaged_checkpoint_is_reported(tmp_path):
@@ -128,7 +128,7 @@ def test_an_unstable_robot_is_reported_once(tmp_path):
         f"unstable simulation in {tmp_path.name}/{KEY}: robots [1] stopped by step 100"
     ]
     job = job_in(tmp_path)
-    assert read_lives(job.path, job.experiment, job.key).valid.tolist() == [True, False]
+    assert read_lives(job.path, job.experiment, job.keys[0]).valid.tolist() == [True, False]
 
 
 # Execution

@@ -246,7 +246,7 @@ def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_starts_anew(
 ):
     key = plan().cohorts()[0]
     looks = iter([False, False, True])  # at the start, after the first steps, then stop
-    assert not CohortJob(tmp_path, plan().experiment, key, 60).run(
+    assert not CohortJob(tmp_path, plan().experiment, (key,), 60).run(
         lambda: next(looks), lambda done, message: None
     )
     write_manifest(tmp_path, plan())
@@ -274,7 +274,7 @@ def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_starts_anew(
 
 
 def keys(executor):
-    return [job.key for job in executor.jobs]
+    return [job.keys[0] for job in executor.jobs]
 
 
 def test_a_finished_cohort_is_not_simulated_again_and_is_read_once(

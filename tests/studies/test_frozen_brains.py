@@ -196,7 +196,7 @@ def test_a_test_is_kept_for_its_seed_and_repeated_for_other_brains(copy):
     assert [test.done() for test in tests] == [False, True]
     altered(copy, {"known.memory.output_biases": 2 * progress.networks["memory.output_biases"]})
     assert [test.done() for test in tests] == [False, False]
-    with pytest.raises(InputError, match="is of other brains than brains-steady.safetensors"):
+    with pytest.raises(InputError, match="is another's: its brains"):
         tests[1].shares(copy.progress())
     tests[0].path.unlink()
     with pytest.raises(InputError, match="lacks test-steady-0.safetensors"):

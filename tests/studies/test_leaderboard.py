@@ -1,7 +1,9 @@
 """Learners are ranked between a newborn and a hand-coded robot."""
 
 import dataclasses
+import itertools
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +25,7 @@ from musebot.protocols.studies.learners.boards import (
     scores,
 )
 from musebot.protocols.studies.learners.leaderboard import Leaderboard
-from musebot.protocols.studies.learners.ranking import draw, markdown
+from musebot.protocols.studies.learners.ranking import cost_jobs, draw, markdown
 
 
 def entry(name, after, training, robots=20, spread=0.0):
@@ -211,6 +213,34 @@ def test_runs_may_be_kept_without_their_brains(runs, tmp_path):
         for folder in kept:
             (folder / "brains.safetensors").unlink(missing_ok=True)
     assert pages[0] == pages[1]
+
+
+def test_robots_of_other_worlds_are_not_ranked_together_and_commands_name_their_world(runs):
+    held = read_runs(runs)
+    world = {"nose": "printed", "nose_place": "centre", "motor_speed": 0.1}
+    elsewhere = dataclasses.replace(held[1].experiment, **world)
+    other = dataclasses.replace(held[1], experiment=elsewhere)
+    with pytest.raises(InputError, match=r"raw signals differ in nose: inverse and printed"):
+        boards([held[0], other])
+    bounds = dataclasses.replace(
+        held[0], experiment=dataclasses.replace(held[0].experiment, **world)
+    )
+    for entry in itertools.chain(*boards([bounds, other]).values()):
+        assert " --nose printed --nose-place centre --motor-speed 0.1 " in entry.command
+
+
+def test_a_brain_with_many_changes_has_a_file_of_costs(runs):
+    run = read_runs(runs)[2]
+    changes = {
+        "learn_rate": 0.00015, "initial_learn_rate": 0.00125, "epsilon": 0.045, "noise": 0.755,
+        "initial_epsilon": 0.355, "advantage_scale": 0.855, "noisy_share": 0.255,
+        "learn_rate_decay_steps": 10001.5, "epsilon_decay_steps": 10001.5, "random_share": 0.355,
+    }  # fmt: skip
+    brain = dataclasses.replace(run.experiment.brain, **changes)
+    changed = dataclasses.replace(run, experiment=dataclasses.replace(run.experiment, brain=brain))
+    jobs = cost_jobs(Path("out"), boards([read_runs(runs)[0], changed]))
+    names = [job.path.name for job in jobs]
+    assert len({*names}) == len(names) and max(map(len, names)) < 200
 
 
 def test_a_board_without_bounds_and_a_learner_twice_are_refused(runs):

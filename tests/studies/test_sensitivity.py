@@ -32,8 +32,8 @@ class Crawling(Sensitivity):
 
     tasks: ClassVar = PAPER_TASKS[:1]
     choices: ClassVar = (
-        Variant(NOISE, "another seed", {"seed": 2}, tasks),
-        Variant("crawl", "too slow for a wall", {"motor_speed": 1e-4}, tasks),
+        Variant(NOISE, {"seed": 2}, tasks, says="another seed"),
+        Variant("crawl", {"motor_speed": 1e-4}, tasks, says="too slow for a wall"),
     )
 
 

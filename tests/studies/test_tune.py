@@ -223,4 +223,4 @@ def test_the_best_trials_live_whole_lives_and_the_page_names_the_winner(
     assert files[0].read_bytes() == held
     capsys.readouterr()
     assert cli.main([*command[:3], "--agent", "q_learner", *words]) == 2
-    assert "holds a study with agent mine:graded" in capsys.readouterr().err
+    assert "holds a study with agent 'mine:graded'" in capsys.readouterr().err

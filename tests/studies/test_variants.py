@@ -15,7 +15,7 @@ from musebot.protocols.studies.study import Page, conduct
 from musebot.protocols.studies.variants import Variant, VariantStudy
 
 WALLS = ("wall_avoidance",)
-SLOW = Variant("slow", "half the speed", {"motor_speed": 0.1}, WALLS, ("fixed",))
+SLOW = Variant("slow", {"motor_speed": 0.1}, WALLS, ("fixed",))
 
 
 @dataclasses.dataclass
@@ -31,9 +31,10 @@ class TwoRuns(VariantStudy):
         return Experiment(body="kinematic", cohort_size=2, time_scale=0.001, seed=self.seed)
 
     def variants(self):
-        return [Variant("own", "the baseline", {}, WALLS, ("fixed", "random")), SLOW]
+        return [Variant("own", {}, WALLS, ("fixed", "random")), SLOW]
 
-    def report(self, runs):
+    def page(self, out):
+        runs = self.read(out)
         return Page("".join(f"{name}: {len(run.conditions())}\n" for name, run in runs.items()))
 
 
@@ -41,7 +42,7 @@ def test_a_variant_differs_from_the_baseline_in_its_fields_and_has_its_condition
     baseline = Experiment(seed=7)
     assert SLOW.experiment(baseline) == Experiment(seed=7, motor_speed=0.1)
     assert [str(condition) for condition in SLOW.conditions] == ["wall_avoidance/fixed"]
-    everywhere = Variant("own", "the baseline", {}).conditions
+    everywhere = Variant("own", {}).conditions
     assert [str(condition) for condition in everywhere[2:4]] == [
         "wall_avoidance/creative",
         "spot_finding/fixed",

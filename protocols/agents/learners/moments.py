@@ -11,10 +11,10 @@ _EPSILON = 1e-8  # added to variances
 
 
 class Moments:
-    """Mean and variance of all values so far, one a robot, by Welford's method (1962).
+    """Mean and variance of each robot's values so far, by Welford's method (1962).
 
     Attributes:
-      count: Number of values, one a robot.
+      count: Number of values of each robot.
       mean: Mean of the values; 0 before the first.
       squares: Sum of squared deviations from the mean.
     """

@@ -16,7 +16,7 @@ from ...experiment.experiment import Experiment
 from ...simulation.cohort import Cohort
 from ...simulation.jobs import Report, Stop
 from ...storage import save_arrays
-from ..study import MinuteTick, StoppedError, identity_of, own_arrays
+from ..study import MinuteTick, StoppedError, advance, identity_of, own_arrays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,9 +52,7 @@ class EvaluationJob:
         cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
         tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
         try:
-            while not cohort.finished:
-                cohort.advance(min(600, cohort.steps - cohort.step))
-                tick()
+            advance(cohort, cohort.steps, tick)
         except StoppedError:
             return False
         except (InputError, RunError) as error:  # of an agent

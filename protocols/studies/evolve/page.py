@@ -16,7 +16,7 @@ from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...experiment.schedules import TASK_NAMES, Schedule
 from ...reporting import style
-from ...reporting.markdown import MEANS, bracket, table
+from ...reporting.markdown import MEANS, mean_cell, table, with_interval
 from ..study import Page
 from .space import RANGES
 
@@ -141,15 +141,14 @@ def page(
         pairs = (("first brain", evolution.start), ("winner", evolution.winner))
         rows = [["on fresh seeds", "robots", schedule.event]]
         for name, shares in pairs:
-            cell = f"{shares.mean():.3f} {bracket(intervals.mean(shares, intervals.SHARE))}"
-            rows.append([name, str(len(shares)), cell])
+            rows.append([name, str(len(shares)), mean_cell(shares, intervals.SHARE)])
         change = evolution.winner.mean() - evolution.start.mean()
         seen = sign * max(float(one.fitness.max()) for one in evolution.generations)
         lines += [
             *table(rows),
             "",
-            f"Difference {change:+.3f} {bracket(gain)}. The best brain seen had {seen:.3f} on its "
-            "own seed. The winner is the mean of the search: "
+            f"Difference {with_interval(f'{change:+.3f}', gain)}. The best brain seen had "
+            f"{seen:.3f} on its own seed. The winner is the mean of the search: "
             f"`{' '.join(evolution.words) or 'no change'}`. In brackets 95 % intervals ({MEANS}).",
             "",
         ]

@@ -27,7 +27,6 @@ from ...experiment.plan import Plan
 from ...experiment.schedules import Schedule
 from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
 from ...simulation.jobs import Job
-from ...storage import resolved
 from ...terminal import notice
 from ..study import Page, Study, check_positive
 from . import page as pages
@@ -153,7 +152,7 @@ class Evolve(Study):
             points, jobs = self._generation(search, number, out)
             if not all(job.done() for job in jobs):
                 best = evolution.best
-                so_far = "" if best is None else f", best so far {best[1]:.3f} ({best[0]})"
+                so_far = "" if best is None else f", best so far {abs(best[1]):.3f} ({best[0]})"
                 notice(f"evolve: generation {number + 1} of {self.generations}{so_far}")
             yield jobs
             self._tell(evolution, search, points, jobs)
@@ -223,7 +222,7 @@ class Evolve(Study):
 
     def _job(self, out: Path, name: str, brain: Parameters, seed: int) -> EvaluationJob:
         experiment = dataclasses.replace(self.start, brain=brain, seed=seed)
-        path = resolved(out) / FOLDER / f"{name}.safetensors"
+        path = out / FOLDER / f"{name}.safetensors"
         return EvaluationJob(path, experiment, self._condition)
 
     def _tell(

@@ -17,11 +17,10 @@ from ...agents.trust import trust
 from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
 from ...experiment.overrides import named_brain, with_overrides
-from ...results.run import Run
 from ...results.run_files import has_all_rows, read_runs
 from ...shared_options import option
 from ...simulation.cohort import check_agents
-from ...simulation.jobs import CohortJob, Job
+from ...simulation.jobs import Job
 from ..study import Page, check_positive
 from ..variants import Needs, Variant, VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
@@ -48,8 +47,8 @@ BOARDS: Mapping[BoardName, Mapping[str, Any]] = MappingProxyType(
 class Benchmark(VariantStudy):
     """Simulate learners in the same lives, each with its tuned settings, and rank them.
 
-    Each learner has a run of its own on each board and in each track, and so have both bounds. The
-    page needs no brains. More learners, tracks or boards can be added to those that OUT has.
+    Each learner has a run of its own on each board and in each track; both bounds have one a board.
+    The page needs no brains. More learners, tracks or boards can be added to those that OUT has.
     Boards: paper, both tasks; walls, spot finding with walls sensed; continual, 24 hours in which
     the spot jumps; larger, spot finding in an arena a third larger.
     """
@@ -103,7 +102,7 @@ class Benchmark(VariantStudy):
                 raise InputError(f"the board must be one of {', '.join(BOARDS)}, got {board!r:.60}")
             bounds = tuple(map(recorded_name, (LOWER, UPPER)))
             tasks = self._tasks(board)
-            found.append(Variant(f"{board}-bounds", "the bounds", BOARDS[board], tasks, bounds))
+            found.append(Variant(f"{board}-bounds", BOARDS[board], tasks, bounds))
             pairs = itertools.product(learners, dict.fromkeys(self.signals))
             rows = [row for pair in pairs if (row := self._row(board, *pair))]
             if not rows:
@@ -137,7 +136,7 @@ class Benchmark(VariantStudy):
             fields |= {"signals": track, "settings": settings}
             proposers = (name,)
         row = f"{board}-{short_name(name).replace(':', '-')}-{track}"
-        return Variant(row, name, fields, tasks, proposers)
+        return Variant(row, fields, tasks, proposers)
 
     @functools.cached_property
     def _learners(self) -> tuple[str, ...]:
@@ -182,19 +181,10 @@ class Benchmark(VariantStudy):
         yield from super().stages(out)
         yield cost_jobs(out, self._boards(out))
 
-    def finished(self, job: Job) -> None:
-        """See `Study.finished`."""
-        if isinstance(job, CohortJob):
-            super().finished(job)
-
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
         found = self._boards(out)
         return ranking(found, measured(out, found), efforts(self.tuned))
-
-    def report(self, runs: Mapping[str, Run]) -> Page:
-        """See `VariantStudy.report`: the page without what learners cost."""
-        return ranking(boards([*runs.values()]), {}, efforts(self.tuned))
 
     def _boards(self, out: Path) -> dict[Board, list[Entry]]:
         return boards(read_runs([out / name for name in self.plans()], brains=False))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,8 +14,7 @@ from ...agents.agent_check import Costs
 from ...agents.names import MOVED, is_own
 from ...analysis import intervals
 from ...reporting import style
-from ...reporting.markdown import bracket, mean_cell, table
-from ...storage import resolved
+from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
 from .boards import LOWER, UPPER, Board, Entry, behind_the_first, interquartile_mean, ranked
 from .costs import CostJob
@@ -28,6 +28,7 @@ Measured = Mapping[Board, Mapping[str, Costs]]
 """What learners cost, by board and name."""
 
 _LINE_STYLES = ("-", "--")
+_LONGEST = 100  # characters of a learner in the name of a file
 
 
 def cost_jobs(out: Path, found: Boards) -> list[CostJob]:
@@ -74,10 +75,11 @@ def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
 
 
 def _cost_job(out: Path, board: Board, entry: Entry) -> CostJob:
-    name = f"{board.name}-{entry.name.replace(', ', '-').replace(' ', '-')}"
-    return CostJob(
-        resolved(out) / FOLDER / f"{name}.safetensors", entry.experiment, entry.condition
-    )
+    learner = entry.name.replace(", ", "-").replace(" ", "-")
+    if len(learner) > _LONGEST:  # a brain with many changes: the file's name would be too long
+        learner = f"{learner[:_LONGEST]}-{zlib.crc32(learner.encode()):08x}"
+    name = f"{board.name}-{learner}"
+    return CostJob(out / FOLDER / f"{name}.safetensors", entry.experiment, entry.condition)
 
 
 def markdown(
@@ -133,11 +135,11 @@ def _scores(ranking: Ranking) -> list[str]:
         rows.append(
             [
                 *_name(entry),
-                "-" if math.isnan(middle) else f"{middle:.3f} {bracket(interval)}".strip(),
+                "-" if math.isnan(middle) else with_interval(f"{middle:.3f}", interval),
                 *_times(entry),
                 f"{(values < 0.5).mean():.0%}",
                 _mean_ability(entry),
-                "" if math.isnan(p) else f"{p:.4f}",
+                "" if math.isnan(p) else probability(p),
             ]
         )
     return [
@@ -162,7 +164,7 @@ def _contacts(ranking: Ranking) -> list[str]:
     for entry in entries:
         count = int((entry.after < 1).sum())
         share = intervals.share(count, len(entry.after))
-        touching = f"{count} {bracket(share, percent=True)}".strip()
+        touching = with_interval(str(count), share, percent=True)
         rows.append([*_name(entry), touching, *_times(entry), _mean_ability(entry)])
     return [
         *table(rows),

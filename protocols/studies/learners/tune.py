@@ -29,18 +29,18 @@ from ...experiment.experiment import Experiment, Signals
 from ...experiment.manifest import UNREADABLE, experiment_from
 from ...experiment.overrides import overrides_of, with_overrides
 from ...experiment.plan import Plan
-from ...reporting.markdown import bracket, table
+from ...reporting.markdown import mean_cell, table
 from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
 from ...simulation.jobs import Job
-from ...storage import read_json, resolved
+from ...storage import read_json
 from ..evolve.evaluation import EvaluationJob
 from ..study import STUDY_FILE, Page, Study, check_positive
 
 FOLDER = "trials"
 _EARLY = 0.25  # factor on the durations of the first round
 _MOST = 1024  # trials
-# Trials in a cohort, where robots may differ in all tuned settings: more are faster by the trial,
-# but keep fewer cores busy, and more is lost when one is killed.
+# Trials in a cohort, where robots may differ in all tuned settings. More trials take less time
+# each, but keep fewer cores busy, and more is lost when a cohort is killed.
 _TOGETHER = 8
 
 
@@ -283,9 +283,7 @@ class Tune(Study):
         experiment = self._round(number, trials)
         name = "-".join(f"{trial.number:04}" for trial in trials)
         return [
-            EvaluationJob(
-                resolved(out) / FOLDER / f"{name}-{number}-{c.task}.safetensors", experiment, c
-            )
+            EvaluationJob(out / FOLDER / f"{name}-{number}-{c.task}.safetensors", experiment, c)
             for c in self._conditions
         ]
 
@@ -331,8 +329,5 @@ def _mean_or_least(values: np.ndarray | None) -> float:
 def _cells(whole: np.ndarray | None) -> list[str]:
     if whole is None:
         return ["-"] * (1 + len(PAPER_TASKS))
-    means = [
-        f"{task.mean():.3f} {bracket(intervals.mean(task, intervals.SHARE))}".strip()
-        for task in whole
-    ]
+    means = [mean_cell(task, intervals.SHARE) for task in whole]
     return [f"{whole.mean():.3f}", *means]

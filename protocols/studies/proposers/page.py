@@ -14,7 +14,7 @@ from ...analysis.hypothesis_tests import holm, same_share
 from ...experiment.conditions import Condition
 from ...experiment.schedules import SCHEDULES, TASK_NAMES
 from ...reporting import style
-from ...reporting.markdown import MEANS, bracket, mean_cell, table
+from ...reporting.markdown import MEANS, mean_cell, probability, table, with_interval
 from ...results.run import Run
 from ..study import Page
 from .answers import MARGIN, Answer, compared, contrasts, decisions, rule
@@ -113,8 +113,7 @@ def _cells(task: str, outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _difference(answer: Answer) -> tuple[str, str]:
-    p = "-" if math.isnan(answer.p) else f"{answer.p:.4f}"
-    return f"{answer.value:+.3f} {bracket(answer.interval)}".strip(), p
+    return with_interval(f"{answer.value:+.3f}", answer.interval), probability(answer.p)
 
 
 def _contrasts(groups: Mapping[Cell, np.ndarray]) -> list[str]:
@@ -166,7 +165,7 @@ def _rule(groups: Mapping[Cell, np.ndarray]) -> list[str]:
     tests = rule(groups)
     if not tests:
         return []
-    rows = [["test", "p"], *([one.words, f"{one.p_for:.4f}"] for one in tests)]
+    rows = [["test", "p"], *([one.words, probability(one.p_for)] for one in tests)]
     holds = all(one.p_for < 0.05 for one in tests)
     said = "is not worse" if holds else "is not shown to be not worse"
     return [
@@ -189,8 +188,13 @@ def _never(groups: Mapping[Cell, np.ndarray]) -> list[str]:
     counts = [f"{own.sum()} of {len(own)}" for own in never]
     rows = [
         ["", f"`{today.way}`", f"`{recurrent.way}`", "p (Holm)"],
-        ["time in the spot", f"{before.mean():.3f}", f"{after.mean():.3f}", f"{p_values[0]:.4f}"],
-        ["never in the spot after training", *counts, f"{p_values[1]:.4f}"],
+        [
+            "time in the spot",
+            f"{before.mean():.3f}",
+            f"{after.mean():.3f}",
+            probability(p_values[0]),
+        ],
+        ["never in the spot after training", *counts, probability(p_values[1])],
     ]
     return [
         "### Recurrent context",

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from ....tasks import CONTROL_TIMESTEP
 from ...agents.factory import make_agent
-from ...agents.neurocontroller import NeurocontrollerAgent
-from ...errors import DamagedFileError, RunError
+from ...errors import RunError
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...experiment.schedules import control_steps
@@ -23,7 +21,7 @@ from ...results.run_files import read_run
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import save_arrays
-from ..study import MinuteTick, StoppedError, own_arrays
+from ..study import MinuteTick, StoppedError, check_shares, identity_of, own_arrays
 from .cells import WAYS, Cell
 
 FOLDER = "seats"
@@ -111,8 +109,7 @@ class SeatJob:
         """
         shapes = {"shares": ("F64", (self._robots,))}
         shares = own_arrays(self.path, shapes, self._identity)["shares"]
-        if not ((shares >= 0) & (shares <= 1) | np.isnan(shares)).all():
-            raise DamagedFileError(f"{self.path} is damaged (a share is not within [0, 1])")
+        check_shares(self.path, shares)
         return shares
 
     @property
@@ -125,19 +122,19 @@ class SeatJob:
 
     @property
     def _identity(self) -> dict[str, Any]:
-        return {"trained": self.trained.name, "test": self.test.name, "seed": _SEED}
+        names = {"trained": self.trained.name, "test": self.test.name, "seed": _SEED}
+        return names | identity_of(self.experiment, _condition(self.trained))
 
     def _shares(self, run: Run, rows: Sequence[int], tick: MinuteTick) -> np.ndarray:
         before, now = _condition(self.trained), _condition(self.test)
         experiment = self.test.experiment(self.experiment)
         agent = make_agent(experiment, now, len(rows), _SEED)
-        assert isinstance(agent, NeurocontrollerAgent)
-        networks = dict(agent.controller.networks())
+        weights = agent.weights()
         for name, array in run.networks(before, "after").items():
             # A memory as born is the newly drawn one.
-            if name in networks and not (name.startswith("memory.") and self.test.way in _FREE):
-                networks[name] = torch.from_numpy(array[rows])
-        agent.controller.load_networks(networks)
+            if name in weights and not (name.startswith("memory.") and self.test.way in _FREE):
+                weights[name] = array[rows]
+        agent.load_weights(weights)
         batch = experiment.batch(now.task, len(rows))
         place(batch, experiment.schedule(now.task).phases[-1], np.random.default_rng(_SEED))
         track = watch(batch, agent, self._steps, learning=False, tick=tick)

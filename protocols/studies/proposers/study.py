@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import ClassVar
 
 from ...experiment.experiment import Experiment
 from ...experiment.plan import default_cohort_size
-from ...results.run import Run
 from ...results.run_files import has_all_rows, read_rows
-from ...simulation.jobs import CohortJob, Job
-from ...storage import resolved
+from ...simulation.jobs import Job
 from ..study import Page
 from ..variants import Needs, Variant, VariantStudy
 from . import page
@@ -62,7 +60,6 @@ class Proposers(VariantStudy):
         return [
             Variant(
                 cell.name,
-                cell.name,
                 {"brain": cell.experiment(start).brain},
                 tuple(self.chosen.tasks),
                 (WAYS[cell.way].proposer,),
@@ -86,32 +83,20 @@ class Proposers(VariantStudy):
         yield from self.runs(out, self.plans())
         yield self._seats(out)
 
-    def finished(self, job: Job) -> None:
-        """See `Study.finished`."""
-        if isinstance(job, CohortJob):
-            super().finished(job)
-
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
-        done = {n: out / n for n, plan in self.plans().items() if has_all_rows(out / n, plan)}
-        return self.report({n: read_rows(folder) for n, folder in done.items()}, self._seats(out))
-
-    def report(self, runs: Mapping[str, Run], seats: Sequence[SeatJob] = ()) -> Page:
-        """Returns the page made from the finished runs and seats."""
+        plans = self.plans()
         found = [
-            Outcome.of(cell, runs[cell.name], condition)
+            Outcome.of(cell, read_rows(folder), condition)
             for cell in self.chosen.cells
-            if cell.name in runs
+            if has_all_rows(folder := out / cell.name, plans[cell.name])
             for condition in self.chosen.conditions(cell)
         ]
-        tested = {(job.trained, job.test): job.shares() for job in seats if job.done()}
+        tested = {(job.trained, job.test): job.shares() for job in self._seats(out) if job.done()}
         return page.page(self.part, self.chosen, found, tested)
 
     def _seats(self, out: Path) -> list[SeatJob]:
         if self.part != "first":
             return []
         start = self.baseline()
-        return [
-            SeatJob(resolved(out), start, trained, test)
-            for trained, test in seats(self.chosen.cells)
-        ]
+        return [SeatJob(out, start, trained, test) for trained, test in seats(self.chosen.cells)]

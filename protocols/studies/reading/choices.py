@@ -13,7 +13,7 @@ from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.overrides import READINGS
 
-PLAIN, NEWBORNS = "plain", "newborns"
+PLAIN = "plain"
 SEEDS = (2004, 2104, 2204, 2304)  # of the four stages
 SPEEDS = (0.2, 0.25, 0.12, 0.3)  # [m/s], in the order in which newborns are simulated
 WALLS = ("refuses", "holds", "slides")
@@ -98,7 +98,7 @@ class Finalist:
       values: Values of the experiment's fields that differ, by field as in `Choice`.
       tasks: Tasks that are simulated; in the other task the robots live as in the plain reading.
       proposers: Proposers that are simulated; with the others the robots live as in the plain
-        reading, or as in the finalist that `values` names beside.
+        reading, or as in the finalist whose other values are the same.
     """
 
     says: str

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ...experiment.experiment import Experiment
 from ...simulation.cohort import Cohort
 from ...simulation.jobs import Report, Stop
 from ...storage import save_arrays
-from ..study import MinuteTick, StoppedError, own_arrays
+from ..study import MinuteTick, StoppedError, advance, identity_of, own_arrays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,9 +60,7 @@ class NewbornJob:
         cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
         tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
         try:
-            while cohort.step < self._steps:
-                cohort.advance(min(600, self._steps - cohort.step))
-                tick()
+            advance(cohort, self._steps, tick)
         except StoppedError:
             return False
         steps = cohort.lives().events[:, 0]
@@ -84,5 +83,6 @@ class NewbornJob:
         return own_arrays(self.path, shapes, self._identity)["steps"]
 
     @property
-    def _identity(self) -> dict[str, str]:
-        return {"cell": self.cell, "proposer": self.condition.proposer}
+    def _identity(self) -> dict[str, Any]:
+        names = {"cell": self.cell, "proposer": self.condition.proposer}
+        return names | identity_of(self.experiment, self.condition)

@@ -10,13 +10,12 @@ from typing import ClassVar
 
 from ....controller import PROPOSERS
 from ...errors import InputError
+from ...experiment.budget import check_memory
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.plan import Plan
-from ...results.run import Run
-from ...results.run_files import read_rows
-from ...simulation.jobs import CohortJob, Job
-from ...storage import resolved
+from ...results.run_files import ROBOTS_FILE, read_rows
+from ...simulation.jobs import Job
 from ..study import Page, check_positive
 from ..variants import Needs, Variant, VariantStudy
 from . import page
@@ -57,11 +56,13 @@ class Reading(VariantStudy):
 
     def variants(self) -> Sequence[Variant]:
         """See `VariantStudy.variants`."""
-        return [Variant(PLAIN, "the plain reading", {})]
+        return [Variant(PLAIN, {})]
 
     def check(self, out: Path) -> None:
         """See `VariantStudy.check`; the newborns' files are read, too."""
         super().check(out)
+        for experiment, task in self.cells().values():
+            check_memory(Plan.of(experiment, [Condition(task, "creative")], self.newborns))
         for job in self.newborn_jobs(out):
             if job.done():
                 job.steps()
@@ -122,9 +123,8 @@ class Reading(VariantStudy):
 
     def newborn_jobs(self, out: Path) -> list[NewbornJob]:
         """Returns the jobs of stage 1."""
-        folder = resolved(out) / NEWBORNS
         return [
-            NewbornJob(folder, name, experiment, Condition(task, proposer))
+            NewbornJob(out / NEWBORNS, name, experiment, Condition(task, proposer))
             for name, (experiment, task) in self.cells().items()
             for proposer in PROPOSERS
         ]
@@ -139,21 +139,13 @@ class Reading(VariantStudy):
         if self.stage > 2:
             yield from self.runs(out, self.finals())
 
-    def finished(self, job: Job) -> None:
-        """See `Study.finished`."""
-        if isinstance(job, CohortJob):
-            super().finished(job)
-
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
-        names = [name for name in self.plans() if (out / name / "robots.csv").is_file()]
-        return self.report({name: read_rows(out / name) for name in names}, self.newborn_jobs(out))
-
-    def report(self, runs: Mapping[str, Run], jobs: Sequence[NewbornJob] = ()) -> Page:
-        """Returns the page made from the finished runs and newborns."""
+        names = [name for name in self.plans() if (out / name / ROBOTS_FILE).is_file()]
+        runs = {name: read_rows(out / name) for name in names}
         screened = {name: runs[name] for name in self.screen() if name in runs}
         parts = [page.hypothesis(runs[PLAIN])] if PLAIN in runs else []
-        parts += page.newborns(jobs, self.newborns)
+        parts += page.newborns(self.newborn_jobs(out), self.newborns)
         parts += page.screening(screened)
         parts += page.finals(runs)
         return Page("\n".join(parts) or "Nothing is finished yet.\n")

@@ -36,9 +36,6 @@ class Arm:
     name: str
     levels: Mapping[str, str] = dataclasses.field(default_factory=dict, compare=False)
 
-    def __str__(self) -> str:
-        return self.name
-
     def with_level(self, factor: str, level: str) -> str:
         """Returns the name of the arm that differs in one factor's level."""
         return "-".join({**self.levels, factor: level}.values())

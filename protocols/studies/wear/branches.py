@@ -22,7 +22,7 @@ from ...playback.rollout import Tick, watch
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import load_arrays, save_arrays
-from ..study import MinuteTick, StoppedError
+from ..study import MinuteTick, StoppedError, check_shares
 from .arms import ARMS, FROZEN, NEWBORN, Arm
 from .lives import SAVE_EVERY, LifeJob, OldBrains
 from .probes import CONDITION, PERIODS, PERIODS_PER_SPOT, TRAINING, finite, period, probe
@@ -224,8 +224,7 @@ class BranchJob:
         if (len(shares) > PERIODS) != ("reference" in arrays) or reference.shape[1:] != (robots,):
             raise DamagedFileError(f"{self.path} is damaged (its reference is missing or foreign)")
         for values in (shares, reference):
-            if not ((values >= 0) & (values <= 1) | np.isnan(values)).all():
-                raise DamagedFileError(f"{self.path} is damaged (a share is not within [0, 1])")
+            check_shares(self.path, values)
         return arrays, notes
 
     def _restore(

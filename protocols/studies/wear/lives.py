@@ -17,7 +17,7 @@ from ...experiment.manifest import UNREADABLE, experiment_from
 from ...simulation.cohort import Cohort, shapes_of
 from ...simulation.jobs import Report, Stop
 from ...storage import digest, load_arrays, save_arrays
-from ..study import MinuteTick, StoppedError
+from ..study import MinuteTick, StoppedError, check_shares
 from .probes import CONDITION, REFERENCES, period, probe
 
 SAVE_EVERY = 60.0  # wall-clock seconds between two checkpoints
@@ -162,8 +162,7 @@ class LifeJob:
             reference = arrays.pop("reference")
             if reference.shape not in (none.shape, (REFERENCES, none.shape[1])):
                 raise ValueError(f"reference has the shape {reference.shape}")
-            if not ((reference >= 0) & (reference <= 1) | np.isnan(reference)).all():
-                raise ValueError("a share is not within [0, 1]")
+            check_shares(self.path, reference)
             cohort.check_shapes(shapes_of(arrays))
             cohort.restore(arrays, notes)
             if cohort.step > self.steps or (len(reference) and cohort.step < self.steps):

@@ -12,13 +12,12 @@ from ....models import CHANGES
 from ...analysis import intervals
 from ...analysis.survival import kaplan_meier
 from ...reporting import style
-from ...reporting.markdown import MEANS, bracket, table
+from ...reporting.markdown import MEANS, probability, table, with_interval
 from ..study import Page
 from .arms import ARMS, FROZEN, NEWBORN
 from .recovery import (
     END,
     Arms,
-    Pair,
     Recovery,
     against_newborns,
     effects,
@@ -66,10 +65,10 @@ def _arms(arms: Arms) -> list[str]:
                 f"`{name}`",
                 str(len(times)),
                 *(f"{np.nanmean(kept[k]):.3f}" if len(times) else "-" for k in (0, -1)),
-                f"{count} {bracket(intervals.share(count, len(times)), percent=True)}".strip(),
+                with_interval(str(count), intervals.share(count, len(times)), percent=True),
                 "-" if curve is None else _minutes(curve.median, curve.median_interval),
                 _plain(mean_minutes(arm)),
-                _p(tested[name]) if name in tested else "",
+                probability(tested[name].p) if name in tested else "",
             ]
         )
     one = next(iter(arms.values()))
@@ -100,7 +99,7 @@ def _pairs(arms: Arms) -> list[str]:
                 f"`{pair.second}`",
                 _plain(mean_minutes(arms[pair.second])),
                 _signed(pair.difference),
-                _p(pair),
+                probability(pair.p),
                 ("faster", "-", "slower")[pair.sign + 1],
             ]
         )
@@ -118,8 +117,7 @@ def _effects(arms: Arms) -> list[str]:
         return []
     rows = [["effect", "minutes"]]
     rows += [
-        [name, f"{_signed(value)} {bracket(interval)}".strip()]
-        for name, (value, interval) in found.items()
+        [name, with_interval(_signed(value), interval)] for name, (value, interval) in found.items()
     ]
     return [
         *table(rows),
@@ -161,10 +159,6 @@ def _plain(minutes: float) -> str:
 
 def _signed(minutes: float) -> str:
     return "-" if math.isnan(minutes) else f"{minutes:+.1f}"
-
-
-def _p(pair: Pair) -> str:
-    return "-" if math.isnan(pair.p) else f"{pair.p:.4f}"
 
 
 def draw(arms: Arms) -> Figure:

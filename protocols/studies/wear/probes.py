@@ -6,11 +6,9 @@ import zlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import torch
 
 from ....tasks.arena import Edit
 from ...agents.factory import make_agent
-from ...agents.neurocontroller import NeurocontrollerAgent
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...experiment.schedules import SPOT_FINDING, Phase, control_steps
@@ -60,8 +58,7 @@ def probe(
     agent = make_agent(
         experiment, CONDITION, robots, int(brains.generate_state(1, np.uint64)[0] >> 1)
     )
-    assert isinstance(agent, NeurocontrollerAgent)
-    agent.controller.load_networks({k: torch.from_numpy(v) for k, v in networks.items()})
+    agent.load_weights(networks)
     batch = experiment.batch(CONDITION.task, robots, edits)
     place(batch, PROBE, np.random.default_rng(world))
     track = watch(batch, agent, period(experiment), learning=False, tick=tick)

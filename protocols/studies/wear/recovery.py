@@ -56,7 +56,7 @@ class Recovery:
 
     @property
     def minutes(self) -> np.ndarray:
-        """Minutes to recovery, at most those observed; NaN where nothing was learned, (N,)."""
+        """Minutes to recovery, at most `END`; NaN where nothing was learned, shape (N,)."""
         found = np.full(len(self.reference), np.nan)
         found[self.learned] = restricted(self.durations, END)
         return found

@@ -16,7 +16,6 @@ from ...experiment.overrides import named_brain, with_overrides
 from ...experiment.plan import Plan, default_cohort_size
 from ...shared_options import KinematicsOption, option
 from ...simulation.jobs import Job
-from ...storage import resolved
 from ..study import Page, Study, check_positive
 from . import page as pages
 from .arms import ARMS
@@ -46,7 +45,7 @@ class Wear(Study):
     arm: Annotated[tuple[str, ...], option("ARM ..", "all 18")] = tuple(ARMS)
     """what is kept of the brains, such as trained-noise-random-old, newborn or frozen"""
     robots: int = 250
-    """number of robots in each arm; may be increased later"""
+    """number of robots in each arm; may be increased later, from one multiple of 250 to another"""
     seed: int = 1
     """seed from which all random streams derive"""
     body: Body = "kinematic"
@@ -106,23 +105,20 @@ class Wear(Study):
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
         found: dict[str, dict[str, Recovery]] = {change: {} for change in self.change}
-        for change in self.change:
-            for name in self.arm:
-                own = [
-                    job for job in self._branches(out) if (job.change, job.arm) == (change, name)
-                ]
-                shares = [one for job in own if (one := job.shares()) is not None]
-                if len(shares) == len(own):
-                    found[change][name] = Recovery.of(shares)
+        jobs = self._branches(out)
+        for change, arm in dict.fromkeys((job.change, job.arm) for job in jobs):
+            shares = [job.shares() for job in jobs if (job.change, job.arm) == (change, arm)]
+            if all(one is not None for one in shares):
+                found[change][arm] = Recovery.of([one for one in shares if one is not None])
         return pages.page(found, self.seed)
 
     def _lives(self, out: Path) -> list[LifeJob]:
-        folder, size = resolved(out) / LIVES, self.experiment.cohort_size
+        folder, size = out / LIVES, self.experiment.cohort_size
         return [LifeJob(folder, self.experiment, index) for index in range(self.robots // size)]
 
     def _branches(self, out: Path) -> list[BranchJob]:
         return [
-            BranchJob(resolved(out) / change, life, change, name)
+            BranchJob(out / change, life, change, name)
             for change in self.change
             for name in self.arm
             for life in self._lives(out)
