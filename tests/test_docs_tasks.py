@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tyro
 from PIL import Image
@@ -68,14 +69,26 @@ def test_the_example_of_a_policy_runs(tmp_path):
     assert "--steps 327680" in training
     command = training.replace("327680", "1").split()
     subprocess.run([sys.executable, "-m", "musebot", *command], cwd=tmp_path, check=True)
-    (example,) = EXAMPLES[5:]
+    (example,) = EXAMPLES[6:]
     assert "range(1000)" in example
     printed = run(example.replace("range(1000)", "range(20)"), tmp_path)
     assert re.fullmatch(r"0\.\d{3} \+- 0\.\d{3} a step\n", printed)
 
 
-@pytest.mark.parametrize("name", [name for _, name in musebot.BENCHMARKING])
-def test_every_variant_has_a_small_film_and_its_command(name):
+@pytest.mark.slow
+def test_the_pictures_are_made_by_the_code_of_the_page(tmp_path, egl, monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)  # draws nothing in other tests
+    run(EXAMPLES[5], tmp_path)
+    made = {path.name for path in tmp_path.glob("*.png")}
+    assert made == {path.name for path in (PAGE.parent / "images").glob("*_*.png")}
+    for name in made:
+        ours, kept = (Image.open(folder / name) for folder in (tmp_path, PAGE.parent / "images"))
+        difference = np.asarray(ours, float) - np.asarray(kept, float)
+        assert np.abs(difference).mean() < 3  # of 255; another renderer draws other edges
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_has_a_small_film_and_its_command(name):
     film = Path(re.findall(r"\((images/\w+\.gif)\)", SECTIONS[name])[0])
     with Image.open(PAGE.parent / film) as gif:
         assert gif.n_frames == 64
