@@ -9,10 +9,10 @@ NumPy, or tensors of PyTorch on any device, and return the same kind.
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
-from array_api_compat import array_namespace, is_numpy_namespace
+from array_api_compat import array_namespace
 
 from .arena import Dimensions
 
@@ -24,12 +24,19 @@ Path = Literal["arc", "euler"]
 # Motion of the MuJoCo body at a wall, by its angle from head-on in [deg]: the fraction of its speed
 # that remains, along the wall, when slow and when fast; and its turning rate towards the wall at
 # full speed, in [rad/s]. Measured by tests/models/test_kinematic.py; accuracy: docs/physics.md.
-_ANGLES = (0, 30, 40, 50, 57, 63, 69, 75, 78, 81, 84, 87, 90)
-_SLOW_SLIPS = (0, 0.004, 0.007, 0.013, 0.02, 0.035, 0.06, 0.12, 0.25, 0.57, 0.68, 0.81, 1)
-_SLIPS = (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.65, 0.74, 0.83, 0.94, 1)
-_TURNS = (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.42, 0.30, 0.10, 0.01, 0)
-_SLIPPING_SPEEDS = (0.08, 0.2)  # [m/s]: below the first the slow slip, above the second the fast
-_TURNING_SPEEDS = (0.14, 0.2)  # [m/s]: below the first no turning, above the second the full rate
+_ANGLES, _SLOW_SLIPS, _SLIPS, _TURNS = np.array(
+    [
+        (0, 30, 40, 50, 57, 63, 69, 75, 78, 81, 84, 87, 90),
+        (0, 0.004, 0.007, 0.013, 0.02, 0.035, 0.06, 0.12, 0.25, 0.57, 0.68, 0.81, 1),
+        (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.65, 0.74, 0.83, 0.94, 1),
+        (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.42, 0.30, 0.10, 0.01, 0),
+    ]
+)
+_NONE_TO_ALL = np.array([0.0, 1.0])
+_SLIPPING = np.array([0.08, 0.2])  # [m/s]: below the first the slow slip, above the second the fast
+_TURNING = np.array(
+    [0.14, 0.2]
+)  # [m/s]: below the first no turning, above the second the full rate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +107,11 @@ class Kinematics:
         )
 
 
+def namespace(array: Any) -> Any:
+    """Returns the functions for an array: NumPy itself, or those of its library in that form."""
+    return np if isinstance(array, np.ndarray) else array_namespace(array)
+
+
 def follow_motors(
     wheels: np.ndarray, motors: np.ndarray, seconds: float, lag: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -136,7 +148,7 @@ def drive(
     Returns:
       Poses at the end, shape (B, 3); and whether the wheels push a robot into a wall, shape (B,).
     """
-    xp = array_namespace(poses)
+    xp = namespace(poses)
     left, right = (motors * (2 * size.motor_speed)).T
     turn = (right - left) / size.wheel_base * seconds
     length, along = (left + right) / 2 * seconds, poses[:, 2]
@@ -185,21 +197,19 @@ def graze(
       Slip along the wall: x, y in [m], shape (2, B); and turn in [rad], counterclockwise,
       shape (B,).
     """
-    xp = array_namespace(lost)
+    xp = namespace(lost)
     ahead, along = xp.where(into, lost, 0.0), xp.where(into, 0.0, lost)
     sideways, straight = (xp.sum(xp.abs(part), axis=0) for part in (along, ahead))
     angle = xp.atan2(sideways, straight) * (180 / np.pi)
     slow, fast = (interpolated(angle, _ANGLES, kept) for kept in (_SLOW_SLIPS, _SLIPS))
-    kept = slow + (fast - slow) * interpolated(speed, _SLIPPING_SPEEDS, (0, 1))
+    kept = slow + (fast - slow) * interpolated(speed, _SLIPPING, _NONE_TO_ALL)
     slip = xp.sign(along) * xp.hypot(lost[0], lost[1]) * kept
-    rate = interpolated(angle, _ANGLES, _TURNS) * interpolated(speed, _TURNING_SPEEDS, (0, 1))
+    rate = interpolated(angle, _ANGLES, _TURNS) * interpolated(speed, _TURNING, _NONE_TO_ALL)
     towards = xp.sign(along[0] * ahead[1] - along[1] * ahead[0])
     return slip, towards * rate * seconds
 
 
-def interpolated(
-    values: np.ndarray, known: tuple[float, ...], results: tuple[float, ...]
-) -> np.ndarray:
+def interpolated(values: np.ndarray, known: np.ndarray, results: np.ndarray) -> np.ndarray:
     """Returns what `numpy.interp` returns, also for tensors of PyTorch.
 
     Args:
@@ -207,15 +217,15 @@ def interpolated(
       known: Increasing points.
       results: Results at these points.
     """
-    xp = array_namespace(values)
-    if is_numpy_namespace(xp):
+    if isinstance(values, np.ndarray):
         return np.interp(values, known, results)
     # A sum of ramps, one for each piece: no table has to be copied to the tensor's device.
-    total = xp.full_like(values, results[0])
-    for k in range(len(known) - 1):
-        width = known[k + 1] - known[k]
-        part = xp.minimum(xp.maximum(values - known[k], 0.0), float(width))
-        total = total + part * ((results[k + 1] - results[k]) / width)
+    xp, points, heights = namespace(values), known.tolist(), results.tolist()
+    total = xp.full_like(values, heights[0])
+    for k in range(len(points) - 1):
+        width = points[k + 1] - points[k]
+        part = xp.minimum(xp.maximum(values - points[k], 0.0), width)
+        total = total + part * ((heights[k + 1] - heights[k]) / width)
     return total
 
 
@@ -229,7 +239,7 @@ def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     Returns:
       Distances in [m], shape (B,).
     """
-    xp = array_namespace(poses)
+    xp = namespace(poses)
     lengthwise = size.half_length - xp.abs(poses[:, 0])
     return xp.minimum(lengthwise, size.half_width - xp.abs(poses[:, 1])) - size.radius
 
@@ -244,7 +254,7 @@ def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     Returns:
       Distances to the walls in [m]: front, back, left, right, shape (B, 4).
     """
-    xp, heading = array_namespace(poses), poses[:, 2]
+    xp, heading = namespace(poses), poses[:, 2]
     turns = (0.0, np.pi, np.pi / 2, -np.pi / 2)
     angles = xp.stack([heading + turn for turn in turns], axis=-1)
     rays = []
@@ -269,7 +279,7 @@ def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np
       Distances of the spots' centres ahead and to the left in [m], shape (B, 2).
     """
     offset = spots - poses[:, :2]
-    xp = array_namespace(poses)
+    xp = namespace(poses)
     cosine, sine = xp.cos(poses[:, 2]), xp.sin(poses[:, 2])
     ahead = cosine * offset[:, 0] + sine * offset[:, 1] - size.nose
     left = cosine * offset[:, 1] - sine * offset[:, 0]

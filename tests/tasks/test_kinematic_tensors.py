@@ -68,8 +68,8 @@ def test_robots_on_tensors_do_what_the_numpy_robots_do(how, task):
 
 @given(st.lists(st.floats(-50, 150), min_size=1, max_size=20))
 def test_interpolation_of_tensors_is_numpys(values):
-    known, results = (0, 30, 40, 57, 90), (0, 0.5, -0.2, 0.3, 1)
-    ours = interpolated(torch.tensor(values, dtype=torch.float64), known, results)  # type: ignore[arg-type]
+    known, results = np.array([0.0, 30, 40, 57, 90]), np.array([0, 0.5, -0.2, 0.3, 1])
+    ours = interpolated(torch.tensor(values, dtype=torch.float64), known, results)  # type: ignore
     np.testing.assert_allclose(ours, np.interp(values, known, results), atol=1e-12)
 
 
