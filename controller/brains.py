@@ -240,9 +240,9 @@ def _target(p: Parameters) -> Target:
 
 def _lesson(p: Parameters) -> Lesson | None:
     best = p.memory_target == "best"
-    # A memory whose own copies are the only candidates would learn from rounding errors, which Adam
+    # A memory whose main idea is the only candidate would learn from rounding errors, which Adam
     # turns into steps of full size.
-    repeats_itself = best and p.novelty == "none" and not p.random_ideas
+    repeats_itself = best and p.has_one_idea and not p.random_ideas
     if repeats_itself or not p.memory_learns:
         return None
     return best_action if best else selected_action

@@ -232,6 +232,12 @@ class Parameters:
             raise ValueError(
                 f"novelty 'learned' needs memory_target 'best', got {self.memory_target!r}"
             )
+        if self.novelty in ("sobol", "cross_entropy") and self.keep_main_idea:
+            if self.ideas - self.random_ideas < 2:
+                raise ValueError(
+                    f"novelty {self.novelty!r} with keep_main_idea needs at least 2 ideas that are "
+                    "not random, got 1"
+                )
         if self.novelty == "action" and self.noise_steps != 1:
             raise ValueError(f"novelty 'action' needs noise_steps 1, got {self.noise_steps}")
 
@@ -252,6 +258,14 @@ class Parameters:
     def random_ideas(self) -> int:
         """Number of the creative proposer's ideas that are uniformly random."""
         return min(round(self.random_share * self.ideas), self.ideas - 1)
+
+    @property
+    def has_one_idea(self) -> bool:
+        """Whether all ideas of the memory are its main idea."""
+        noisy = self.noise > 0 and self.noisy_share > 0
+        quiet = self.novelty in ("connections", "action") and not noisy
+        alone = self.keep_main_idea and self.ideas - self.random_ideas == 1
+        return self.novelty == "none" or quiet or alone
 
     @property
     def needs_memory(self) -> bool:

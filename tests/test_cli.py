@@ -24,7 +24,6 @@ from musebot.protocols.experiment.overrides import READINGS, overrides_of
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import PROTOCOLS
 from musebot.protocols.results.run_files import read_results
-from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies import STUDIES, study_class
@@ -34,11 +33,11 @@ from musebot.tasks.suite import TASKS
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory, in_process):
     directory = tmp_path_factory.mktemp("cli") / "run"
     conditions = (Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative"))
     plan = Plan.of(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
-    simulate(directory, plan, Local(2), quiet=True)
+    simulate(directory, plan, in_process(), quiet=True)
     return directory
 
 
@@ -243,7 +242,9 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_reading_of_the_paper_is_recorded_and_options_differ_from_it(tmp_path, capsys):
+def test_a_reading_of_the_paper_is_recorded_and_options_differ_from_it(
+    tmp_path, capsys, commands_in_process
+):
     scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
     plain = ["run", str(tmp_path / "plain"), "--reading", "plain"]
     assert cli.main([*plain, *scale]) == 0
@@ -279,7 +280,7 @@ def test_tables_class_exact_abilities_when_asked(tmp_path, capsys):
     assert counts == [[255, 11, 17, 22, 195], [248, 23, 2, 32, 195]]
 
 
-def test_the_kinematic_simulator_has_the_given_parameters(tmp_path, capsys):
+def test_the_kinematic_simulator_has_the_given_parameters(tmp_path, capsys, commands_in_process):
     words = "--body kinematic --kinematics wall=slides felt=pushed lag=.08 any_contact=true"
     scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
     assert cli.main(["run", str(tmp_path), *words.split(), *scale]) == 0
@@ -291,7 +292,7 @@ def test_the_kinematic_simulator_has_the_given_parameters(tmp_path, capsys):
     assert f"{held}, not lag=0.1" in capsys.readouterr().err
 
 
-def test_a_brain_is_the_named_one_with_its_overrides(tmp_path, capsys):
+def test_a_brain_is_the_named_one_with_its_overrides(tmp_path, capsys, commands_in_process):
     words = "--brain steady --set advantage_scale=0.4 fixed_motors=[0.0,0.5]".split()
     scale = "--robots 1 --time-scale 0.001 --task wall_avoidance --proposer fixed".split()
     for again in ([], words):
@@ -348,7 +349,9 @@ def test_other_parameters_than_a_folders_own_are_refused_and_nothing_changes(run
     assert listing(run) == before
 
 
-def test_a_run_of_another_brain_continues_with_it_and_names_it(tmp_path, capsys):
+def test_a_run_of_another_brain_continues_with_it_and_names_it(
+    tmp_path, capsys, commands_in_process
+):
     out = str(tmp_path / "run")
     short = ["--robots", "2", "--time-scale", "0.001", "--body", "kinematic", "--processes", "1"]
     which = ["--task", "spot_finding", "--proposer", "creative"]
@@ -465,30 +468,6 @@ def test_completion_is_that_of_the_command(shell, capsys):
     assert not stop.value.code
     text = capsys.readouterr().out
     assert "musebot" in text and "--cohort-size" in text
-
-
-@pytest.mark.parametrize("study", STUDIES)
-def test_every_study_has_a_help_text_that_begins_with_its_line(study, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "200")
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["study", study, "--help"])
-    assert stop.value.code == 0
-    text = capsys.readouterr().out
-    assert f"usage: musebot study {study}" in text
-    assert STUDIES[study][2] in " ".join(text.split())
-    assert "--processes" in text and "--engine" in text
-
-
-def test_the_studies_are_listed_with_a_line_each(capsys):
-    assert cli.main(["study"]) == 0
-    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
-    assert lines == [[name, line] for name, (_, _, line) in STUDIES.items()]
-
-
-def test_an_unknown_study_is_refused_with_all_names(capsys):
-    assert cli.main(["study", "alchemy", "out"]) == 2
-    sentence = f"musebot: the study must be one of {', '.join(STUDIES)}, got 'alchemy'\n"
-    assert capsys.readouterr().err == sentence
 
 
 def test_help_loads_neither_torch_nor_mujoco():
@@ -616,16 +595,3 @@ def test_tables_of_runs_of_two_protocols_are_not_compared(tmp_path, capsys, comm
     words = ["tables", str(tmp_path / "paper"), "--compare", str(tmp_path / "walls")]
     assert cli.main(words) == 2
     assert "protocols" in capsys.readouterr().err
-
-
-def test_importing_musebot_is_light_and_writes_nothing(tmp_path):
-    code = (
-        "import sys, os; before = dict(os.environ); import musebot; "
-        "assert not {'torch', 'OpenGL', 'mujoco', 'dm_control'} & set(sys.modules); "
-        "assert dict(os.environ) == before; print(musebot.__version__)"
-    )
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert run.stdout.strip()
-    assert list(tmp_path.iterdir()) == []

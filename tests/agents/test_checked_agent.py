@@ -61,18 +61,21 @@ def test_a_robot_with_weights_that_are_not_finite_is_stopped_by_the_simulation_i
     assert agent.act(STATE, False) is motors
 
 
-@pytest.mark.parametrize("method", ["reset", "act", "learn", "state", "weights"])
+@pytest.mark.parametrize(
+    "method", ["reset", "act", "learn", "state", "weights", "load_state", "load_weights"]
+)
 def test_a_fault_is_one_sentence_with_its_place_and_an_exit_is_an_error(method):
-    arguments = {"act": (STATE, False), "learn": (REWARD,)}.get(method, ())
+    given = {"act": (STATE, False), "learn": (REWARD,), "load_state": ({},), "load_weights": ({},)}
+    arguments = given.get(method, ())
 
     def fail(*_):
-        raise KeyError("two\nlines")
+        raise LookupError("two\nlines")
 
     with pytest.raises(RunError) as caught:
         getattr(checked(**{method: fail}), method)(*arguments)
     said = str(caught.value)
     assert said.startswith(
-        f"mine:make failed in {method} (KeyError: 'two\\nlines', test_checked_agent.py"
+        f"mine:make failed in {method} (LookupError: two lines, test_checked_agent.py"
     )
     with pytest.raises(RunError, match=rf"failed in {method}: it called for an exit \(status 0\)"):
         getattr(checked(**{method: leave}), method)(*arguments)

@@ -1,5 +1,6 @@
 """`musebot.run`: the command's options in Python."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -8,8 +9,11 @@ import pytest
 import musebot
 from musebot.controller import BRAINS
 from musebot.protocols.commands import run as module
+from musebot.protocols.commands.run import RunCommand
+from musebot.protocols.config import Config
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.results.run import Run
 
 SHORT = {"time_scale": 0.001, "body": "kinematic", "quiet": True}
@@ -26,6 +30,29 @@ def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
     assert brain.memory_hidden == BRAINS["steady"].memory_hidden
     again = musebot.run(str(tmp_path / "run"))
     assert repr(again) == repr(run)  # NaN is unequal to itself
+
+
+CHANGED = {
+    "seed": 7, "cohort_size": 2, "protocol": "walls", "time_scale": 0.5, "nose": "printed",
+    "nose_place": "centre", "body": "kinematic", "physics": "warp", "device": "cuda",
+    "signals": "raw", "arena_scale": 1.5, "motor_speed": 0.1, "motor_torque": "scaled",
+    "brain": "steady",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_every_option_of_an_experiment_reaches_it(name, tmp_path):
+    more = {"body": "kinematic"} if name == "device" else {}
+    command = RunCommand(tmp_path / "run", robots=2, **more, **{name: CHANGED[name]})
+    found = command._plan(None, Config()).experiment
+    assert getattr(found, "brain_name" if name == "brain" else name) == CHANGED[name]
+
+
+def test_the_options_above_are_all_fields_of_an_experiment_that_the_command_has():
+    options = {field.name for field in dataclasses.fields(RunCommand)}
+    fields = {field.name for field in dataclasses.fields(Experiment)}
+    # Parameters are given by words: settings, kinematics; a setting of tests is no option.
+    assert {*CHANGED} == (options & fields) - {"kinematics"} == {*module._FIELDS}
 
 
 def test_an_unknown_option_is_refused_with_all_names(tmp_path):

@@ -11,11 +11,10 @@ from musebot import __version__
 from musebot.protocols.experiment import provenance
 
 
-def test_versions_commit_and_processor_are_named():
+def test_versions_and_processor_are_named():
     made_with = provenance.machine()
     assert made_with["musebot"] == __version__
     assert made_with["numpy"] == np.__version__
-    assert made_with["commit"] == provenance._commit()
     assert made_with["cores"] == os.cpu_count()
     assert {"python", "mujoco", "dm-control", "torch", "cpu", "platform"} < made_with.keys()
 

@@ -294,3 +294,4 @@ def test_progress_is_shown_before_the_clock_has_moved(monkeypatch):
         for done in (1.0, 2.0):
             reports.put((0, done, ""))
             progress.show(reports)
+        assert progress.line().startswith("20.0 %")

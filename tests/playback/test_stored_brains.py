@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 
 import numpy as np
 import pytest
@@ -92,18 +91,21 @@ def test_spot_is_where_the_test_places_it(stored):
         np.testing.assert_array_equal(moment.spot, UPPER_RIGHT[:2])
 
 
-def test_episode_does_not_change_the_brain(stored):
-    brain = stored(robot=1).agent()
+def test_an_episode_neither_learns_nor_explores(stored, monkeypatch):
+    brain, explored = stored(robot=1).agent(), []
     before = {name: tensor.clone() for name, tensor in brain.controller.networks().items()}
-    act = functools.partial(brain.act, learning=False)
-    assert len([*dataclasses.replace(stored(robot=1).episode(), act=act).moments()]) > 1
+    act = brain.controller.act
+
+    def watched(state, explore):
+        explored.append(explore)
+        return act(state, explore)
+
+    monkeypatch.setattr(brain.controller, "act", watched)
+    monkeypatch.setattr(StoredRobot, "agent", lambda self: brain)
+    assert len(moments_of(stored(robot=1))) > 1
+    assert explored and not any(explored)
     for name, tensor in brain.controller.networks().items():
         np.testing.assert_array_equal(tensor, before[name])
-
-
-def test_act_neither_learns_nor_explores(stored):
-    act = stored(robot=1).act()
-    assert act.keywords == {"learning": False}
 
 
 def path(robot: StoredRobot) -> np.ndarray:

@@ -20,7 +20,6 @@ from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.playback import film
 from musebot.protocols.reporting.report import report
 from musebot.protocols.results.run_files import read_run
-from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
 
 pytestmark = pytest.mark.slow
@@ -33,10 +32,10 @@ CONDITIONS = (
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory):
+def out(tmp_path_factory, in_process):
     directory = tmp_path_factory.mktemp("report") / "run"
     plan = Plan.of(Experiment(cohort_size=6, time_scale=0.004), CONDITIONS, 6)
-    simulate(directory, plan, Local(1), quiet=True)
+    simulate(directory, plan, in_process(), quiet=True)
     return directory
 
 

@@ -259,7 +259,8 @@ def flips(path, every):
 
 
 @pytest.mark.parametrize(("name", "every"), [(CURVES_FILE, 1), (BRAINS_FILE, 7)])
-def test_a_flipped_bit_has_no_effect_or_is_named(folder, results, name, every):
+def test_a_flipped_bit_has_no_effect_or_is_named(folder, results, name, every, without_digests):
+    without_digests(folder)
     named = 0
     for _ in flips(folder / name, every):
         try:
@@ -268,6 +269,13 @@ def test_a_flipped_bit_has_no_effect_or_is_named(folder, results, name, every):
             assert str(folder / name) in str(error)
             named += 1
     assert named > 100
+
+
+@pytest.mark.parametrize("name", [ROBOTS_FILE, CURVES_FILE, BRAINS_FILE])
+def test_every_flipped_bit_of_a_file_with_a_digest_is_noticed(folder, name):
+    for _ in flips(folder / name, 29):
+        with pytest.raises(DamagedFileError):
+            read_results(folder)
 
 
 def test_curves_whose_shape_was_altered_are_damaged(folder, results, without_digests):
@@ -281,7 +289,8 @@ def test_curves_whose_shape_was_altered_are_damaged(folder, results, without_dig
         read_results(folder)
 
 
-def test_a_flipped_bit_in_robots_csv_ends_in_results_or_is_named(folder):
+def test_a_flipped_bit_in_robots_csv_ends_in_results_or_is_named(folder, without_digests):
+    without_digests(folder)
     named = 0
     for _ in flips(folder / ROBOTS_FILE, 1):
         try:

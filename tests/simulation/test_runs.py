@@ -433,18 +433,6 @@ def test_a_locked_folder_is_refused_before_anything_is_written(tmp_path, in_proc
     assert not (tmp_path / "run" / MANIFEST).exists()
 
 
-def test_two_commands_in_one_folder_are_refused(run, tmp_path):
-    directory = tmp_path / "run"
-    process = started(directory)
-    wait_for_checkpoints(directory, process)
-    try:
-        with pytest.raises(InputError, match="another musebot .*is running"):
-            run(directory, LONGER)
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-
-
 # Unstable simulations
 
 

@@ -1,5 +1,6 @@
 """TensorBoard's log holds each minute once, however often a run is stopped, and changes nothing."""
 
+import importlib
 import shutil
 
 import numpy as np
@@ -139,15 +140,21 @@ def test_a_log_that_cannot_be_written_does_not_end_the_run(plain, tmp_path, in_p
 
 
 def test_without_the_extra_nothing_is_written(tmp_path, monkeypatch):
-    def missing(name):
-        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    find = importlib.import_module
 
-    monkeypatch.setattr(tensorboard_log.importlib, "import_module", missing)
+    def missing(name, *package):
+        if name.startswith("tensorboard"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+        return find(name, *package)
+
+    monkeypatch.setattr(importlib, "import_module", missing)
     out = tmp_path / "out"
     with pytest.raises(InputError, match=r"^tensorboard is not installed; pip install 'musebot\["):
-        tensorboard_log.check_tensorboard()
-    monkeypatch.undo()
-    monkeypatch.setattr(tensorboard_log, "_module", lambda name: missing(name))
-    with pytest.raises(InputError, match="^log must be one of none, tensorboard, got 'wandb'$"):
-        musebot.run(out, log="wandb")
+        musebot.run(out, log="tensorboard")
     assert not out.exists()
+
+
+def test_an_unknown_log_is_refused(tmp_path):
+    with pytest.raises(InputError, match="^log must be one of none, tensorboard, got 'wandb'$"):
+        musebot.run(tmp_path / "out", log="wandb")
+    assert not (tmp_path / "out").exists()

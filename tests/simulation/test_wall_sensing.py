@@ -10,7 +10,6 @@ from musebot.protocols.experiment.schedules import PROTOCOLS, SPOT_FINDING, WALL
 from musebot.protocols.playback.stored_brains import StoredRobot
 from musebot.protocols.playback.viewer import Driver
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.studies.robustness import (
     PERTURBATIONS,
@@ -24,9 +23,9 @@ SHORT = Experiment(cohort_size=2, time_scale=0.001, protocol="walls")
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory, in_process):
     out = tmp_path_factory.mktemp("walls") / "run"
-    return simulate(out, Plan.of(SHORT, [CREATIVE], 2), Local(1), quiet=True)
+    return simulate(out, Plan.of(SHORT, [CREATIVE], 2), in_process(), quiet=True)
 
 
 @pytest.fixture

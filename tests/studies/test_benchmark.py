@@ -7,11 +7,18 @@ from pathlib import Path
 import pytest
 
 from musebot.protocols import cli
+from musebot.protocols.agents import agent_check
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.studies.learners.benchmark import LEARNERS, Benchmark
 
-TINY = "--robots 3 --time-scale 0.002 --body kinematic --processes 1".split()
+TINY = "--robots 3 --time-scale 0.001 --body kinematic --processes 1".split()
+
+
+@pytest.fixture
+def cheap_costs(monkeypatch):
+    """Measures what learners cost with fewer robots and steps."""
+    monkeypatch.setattr(agent_check, "_TIMED", (4, 30))
 
 
 def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
@@ -81,7 +88,9 @@ def test_an_agent_that_fails_is_refused_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def test_every_board_is_simulated_and_its_command_can_be_given_again(tmp_path, commands_in_process):
+def test_every_board_is_simulated_and_its_command_can_be_given_again(
+    tmp_path, commands_in_process, cheap_costs
+):
     out = tmp_path / "out"
     words = ["--agent", "q_learner", "steady", "--board", "walls", "continual", "larger", *TINY]
     assert cli.main(["study", "benchmark", str(out), *words]) == 0
@@ -101,7 +110,7 @@ def test_every_board_is_simulated_and_its_command_can_be_given_again(tmp_path, c
 
 
 def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
-    tmp_path, commands_in_process, capsys
+    tmp_path, commands_in_process, cheap_costs, capsys
 ):
     tuned, out = tmp_path / "tuned", tmp_path / "out"
     words = "--trials 4 --kept 2 --robots 2 --time-scale 0.004 --processes 1".split()

@@ -124,7 +124,9 @@ def test_wall_avoidance_is_refused_before_anything_is_made(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_run_has_spot_finding_alone_continues_and_keeps_its_protocol(rehearsal, capsys):
+def test_a_run_has_spot_finding_alone_continues_and_keeps_its_protocol(
+    rehearsal, capsys, commands_in_process
+):
     assert read_manifest(rehearsal).robots == {CREATIVE: 2}
     assert cli.main(["run", str(rehearsal), "--robots", "4"]) == 0
     assert read_manifest(rehearsal).experiment.protocol == "continual"

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from musebot.controller import BRAINS
 from musebot.protocols import cli
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.simulation.local import Local
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.evolve.page import Evolution, Generation
 from musebot.protocols.studies.evolve.space import RANGES, brain_at, check_names, point_of
@@ -19,7 +18,7 @@ from musebot.protocols.studies.evolve.study import FOLDER, Evolve
 from musebot.protocols.studies.study import conduct
 
 STEADY = BRAINS["steady"]
-TINY = Evolve(over=("learn_rate", "noise"), budget=9, generation=4, robots=3, time_scale=0.004)
+TINY = Evolve(over=("learn_rate", "noise"), budget=9, generation=4, robots=3, time_scale=0.001)
 
 
 # ---- The space ----
@@ -95,9 +94,9 @@ def test_a_range_that_another_parameter_excludes_is_refused_before_the_search(na
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def finished(tmp_path_factory, in_process):
     out = tmp_path_factory.mktemp("evolve") / "out"
-    return out, conduct(TINY, out, Local(1))
+    return out, conduct(TINY, out, in_process())
 
 
 def test_each_generation_has_new_seeds_and_its_brains_share_them(finished):
@@ -122,11 +121,11 @@ def test_the_winner_is_the_mean_of_the_search_and_lives_on_fresh_seeds(finished)
     assert "Difference " in page.markdown
 
 
-def test_a_search_that_was_stopped_makes_the_same_brains(finished, tmp_path):
+def test_a_search_that_was_stopped_makes_the_same_brains(finished, tmp_path, in_process):
     out, page = finished
     kept = {path.name: path.read_bytes() for path in (out / FOLDER).iterdir()}
-    conduct(dataclasses.replace(TINY, budget=4), tmp_path / "two", Local(1))
-    again = conduct(TINY, tmp_path / "two", Local(1))
+    conduct(dataclasses.replace(TINY, budget=4), tmp_path / "two", in_process())
+    again = conduct(TINY, tmp_path / "two", in_process())
     two = {path.name: path.read_bytes() for path in (tmp_path / "two" / FOLDER).iterdir()}
     assert kept.items() <= two.items()  # also the finals of the smaller budget
     assert again.markdown == page.markdown

@@ -11,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.protocols import cli
+from musebot.protocols.agents import agent_check
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.results.run_files import read_runs
+from musebot.protocols.simulation import local
 from musebot.protocols.studies.learners.boards import (
     Board,
     Entry,
@@ -108,7 +110,7 @@ def test_a_short_rehearsal_can_be_drawn():
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def runs(tmp_path_factory, in_process):
     """Two rehearsals: agents and both bounds in both tasks, and a brain."""
     folder = tmp_path_factory.mktemp("runs")
     words = "--robots 6 --cohort-size 6 --time-scale 0.004 --body kinematic --processes 1".split()
@@ -119,11 +121,16 @@ def runs(tmp_path_factory):
         ("sarsa", ["--agent", "sarsa_lambda", "--signals", "raw", *agents[-1:], "rate=0.2"]),
         ("brain", ["--brain", "steady", "--proposer", "creative"]),
     ):
-        assert cli.main(["run", str(folder / name), *more, *words]) == 0
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(local, "Local", lambda processes: in_process())
+            assert cli.main(["run", str(folder / name), *more, *words]) == 0
     return [folder / name for name in ("bounds", "sarsa", "brain")]
 
 
-def test_runs_become_boards_whose_rows_name_their_commands(runs, tmp_path):
+def test_runs_become_boards_whose_rows_name_their_commands(
+    runs, tmp_path, commands_in_process, monkeypatch
+):
+    monkeypatch.setattr(agent_check, "_TIMED", (4, 30))
     found = boards(read_runs(runs))
     # Nothing saturates in wall avoidance, so that `steady` stands in both tracks.
     assert [*found] == [
@@ -167,7 +174,7 @@ def test_runs_become_boards_whose_rows_name_their_commands(runs, tmp_path):
     }  # fmt: skip
 
 
-def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys):
+def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys, commands_in_process):
     tiny = "--trials 3 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
     tuned = tmp_path / "tuned"
     words = ["study", "tune", str(tuned), "--agent", "sarsa_lambda", "--signals", "raw", *tiny]

@@ -1,7 +1,6 @@
 """Policies are trained by Stable-Baselines3's PPO, kept one by one, and joined."""
 
 import importlib.util
-import sys
 
 import numpy as np
 import pytest
@@ -73,17 +72,6 @@ def test_training_stops_between_rollouts_when_asked(tmp_path):
     assert job.run(lambda: len(reports) == 1, lambda *report: reports.append(report)) is False
     assert reports == [(0, ""), (ROLLOUT * 0.1, "")]
     assert not job.done()
-
-
-@needs_it
-def test_a_stopped_study_keeps_its_policies_and_says_that_it_continues(tmp_path, stopped):
-    line = [sys.executable, "-m", "musebot", "study", "ppo", str(tmp_path / "out")]
-    line += ["--task", TASK, "--steps", "1", "--processes", "1"]
-    status, said = stopped(line, tmp_path, "out/policies/0001.safetensors")
-    assert status == 130, said
-    assert "the same command continues from here" in said and "Traceback" not in said
-    assert 2 <= len([*tmp_path.glob("out/policies/*.safetensors")]) < 60
-    assert not (tmp_path / "out" / POLICIES_FILE).exists()
 
 
 def test_without_stable_baselines_nothing_is_made(tmp_path, here, monkeypatch):

@@ -12,7 +12,6 @@ from musebot.protocols import cli
 from musebot.protocols.analysis.hypothesis_tests import linear_contrast
 from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.experiment.experiment import differing
-from musebot.protocols.simulation.local import Local
 from musebot.protocols.studies.proposers import study as module
 from musebot.protocols.studies.proposers.answers import (
     baseline,
@@ -81,9 +80,9 @@ def few():
 
 
 @pytest.fixture(scope="module")
-def finished(few, tmp_path_factory):
+def finished(few, tmp_path_factory, in_process):
     out = tmp_path_factory.mktemp("proposers") / "out"
-    return out, conduct(TINY, out, Local(1))
+    return out, conduct(TINY, out, in_process())
 
 
 def test_the_page_has_each_cell_and_each_seat(finished):
@@ -93,14 +92,14 @@ def test_the_page_has_each_cell_and_each_seat(finished):
     assert "| uniform | - | - | 0." in page.markdown
 
 
-def test_robots_csv_alone_makes_the_page(finished, tmp_path, listing):
+def test_robots_csv_alone_makes_the_page(finished, tmp_path, listing, in_process):
     out, page = finished
     kept = tmp_path / "kept"
     for path in out.rglob("*"):
         if path.name not in ("brains.safetensors", "curves.npz") and path.is_file():
             (kept / path.relative_to(out)).parent.mkdir(parents=True, exist_ok=True)
             (kept / path.relative_to(out)).write_bytes(path.read_bytes())
-    assert conduct(TINY, kept, Local(1)).markdown == page.markdown
+    assert conduct(TINY, kept, in_process()).markdown == page.markdown
     assert not list(kept.rglob("brains.safetensors"))
 
 

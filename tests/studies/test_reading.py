@@ -11,7 +11,6 @@ from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment.experiment import differing
 from musebot.protocols.experiment.overrides import READINGS
 from musebot.protocols.results.run_files import BRAINS_FILE, CURVES_FILE
-from musebot.protocols.simulation.local import Local
 from musebot.protocols.storage import save_arrays
 from musebot.protocols.studies.reading import study
 from musebot.protocols.studies.reading.choices import CHOICES, DESIGN, FINALISTS, PLAIN
@@ -19,7 +18,7 @@ from musebot.protocols.studies.reading.page import standard_error
 from musebot.protocols.studies.reading.study import Reading
 from musebot.protocols.studies.study import conduct
 
-TINY = Reading(robots=6, newborns=4, screened=6, finalists=6, time_scale=0.004)
+TINY = Reading(robots=6, newborns=4, screened=6, finalists=6, time_scale=0.001)
 
 
 def test_the_design_is_balanced_and_its_columns_are_orthogonal():
@@ -56,10 +55,10 @@ def test_newborns_differ_from_the_plain_reading_in_what_their_name_says():
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def finished(tmp_path_factory, in_process):
     out = tmp_path_factory.mktemp("reading") / "out"
-    first = conduct(dataclasses.replace(TINY, stage=0), out, Local(1))
-    return out, first, conduct(TINY, out, Local(1))
+    first = conduct(dataclasses.replace(TINY, stage=0), out, in_process())
+    return out, first, conduct(TINY, out, in_process())
 
 
 def test_a_study_that_was_stopped_after_a_stage_continues(finished):
@@ -97,15 +96,17 @@ def test_the_page_has_a_row_of_each_finalist(finished):
         assert tables == wanted
 
 
-def test_a_study_made_before_the_last_stage_was_known_is_continued(finished, tmp_path, monkeypatch):
+def test_a_study_made_before_the_last_stage_was_known_is_continued(
+    finished, tmp_path, monkeypatch, in_process
+):
     """As docs/results/reading: its study.json names no finalist."""
     monkeypatch.setattr(study, "FINALISTS", {})
-    conduct(dataclasses.replace(TINY, stage=0), tmp_path, Local(1))
+    conduct(dataclasses.replace(TINY, stage=0), tmp_path, in_process())
     monkeypatch.undo()
-    conduct(dataclasses.replace(TINY, stage=0), tmp_path, Local(1))
+    conduct(dataclasses.replace(TINY, stage=0), tmp_path, in_process())
     monkeypatch.setattr(study, "FINALISTS", {})
     with pytest.raises(InputError, match="holds a study of .*final-plain.*, not of "):
-        conduct(dataclasses.replace(TINY, stage=0), tmp_path, Local(1))
+        conduct(dataclasses.replace(TINY, stage=0), tmp_path, in_process())
 
 
 def test_a_finished_study_gives_a_verdict_on_each_choice(finished):
@@ -150,7 +151,7 @@ def test_the_page_shows_what_is_finished(finished, tmp_path):
 
 
 def test_runs_that_are_kept_as_rows_alone_are_neither_simulated_again_nor_missed(
-    finished, tmp_path
+    finished, tmp_path, in_process
 ):
     kept = tmp_path / "kept"
     shutil.copytree(finished[0], kept)
@@ -158,6 +159,6 @@ def test_runs_that_are_kept_as_rows_alone_are_neither_simulated_again_nor_missed
         if path.name in (CURVES_FILE, BRAINS_FILE) and path.parent.name != "plain":
             path.unlink()
     before = {path: path.read_bytes() for path in kept.rglob("*.csv")}
-    assert conduct(TINY, kept, Local(1)).markdown == finished[2].markdown
+    assert conduct(TINY, kept, in_process()).markdown == finished[2].markdown
     assert {path: path.read_bytes() for path in kept.rglob("*.csv")} == before
     assert not (kept / "screen-01" / CURVES_FILE).exists()

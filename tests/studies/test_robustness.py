@@ -1,7 +1,6 @@
 """Trained brains evaluated with perturbed robots, arenas and sensors, and what is kept of it."""
 
 import dataclasses
-import sys
 
 import numpy as np
 import pytest
@@ -458,17 +457,3 @@ def test_a_file_of_other_robots_or_of_impossible_counts_is_refused(runs, tmp_pat
             study.page(tmp_path)
     save_arrays(path, arrays, change=notes["change"])  # as an earlier version
     assert study.page(tmp_path).markdown
-
-
-def test_a_stopped_study_continues_to_the_same_bytes(tmp_path, here, listing, stopped):
-    run = simulated(tmp_path / "run", dataclasses.replace(EXPERIMENT, time_scale=0.01))
-    conduct(Robustness((run,)), tmp_path / "whole", here)
-    out = tmp_path / "stopped"
-    line = [sys.executable, "-m", "musebot", "study", "robustness", str(out)]
-    line += ["--runs", str(run), "--processes", "1"]
-    status, said = stopped(line, out, "*/*.safetensors")
-    count = len([*out.glob("*/*.safetensors")])
-    assert (status, 0 < count < 15) == (130, True), said
-    assert "the same command continues from here" in said
-    conduct(Robustness((run,)), out, here)
-    assert listing(out) == listing(tmp_path / "whole")

@@ -10,7 +10,6 @@ from musebot.models import CHANGES, BodyChange
 from musebot.protocols import cli
 from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.local import Local
 from musebot.protocols.simulation.placement import place
 from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.wear import branches, lives
@@ -30,7 +29,7 @@ from musebot.protocols.studies.wear.recovery import (
 from musebot.protocols.studies.wear.study import LIVES, Wear
 
 TODAY = "trained-noise-random-old"
-TINY = Wear(robots=3, time_scale=0.004, arm=(TODAY, "trained-quiet-random-old", NEWBORN, FROZEN))
+TINY = Wear(robots=3, time_scale=0.002, arm=(TODAY, "trained-quiet-random-old", NEWBORN, FROZEN))
 
 
 # ---- Arms ----
@@ -45,9 +44,9 @@ def test_the_arms_are_all_combinations_and_two_controls():
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def finished(tmp_path_factory, in_process):
     out = tmp_path_factory.mktemp("wear") / "out"
-    return out, conduct(TINY, out, Local(1))
+    return out, conduct(TINY, out, in_process())
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +169,7 @@ def test_a_job_that_is_killed_again_and_again_ends_with_the_same_bytes(finished,
 
 def test_a_life_that_is_killed_continues_to_the_same_bytes(finished, tmp_path, monkeypatch):
     out, _ = finished
-    monkeypatch.setattr(lives, "_CHUNK", 50)
+    monkeypatch.setattr(lives, "_CHUNK", 20)
     whole = TINY._lives(out)[0]
     other = dataclasses.replace(whole, folder=tmp_path)
     assert not other.run(stopping_after(5), lambda cost, message: None)
@@ -179,11 +178,11 @@ def test_a_life_that_is_killed_continues_to_the_same_bytes(finished, tmp_path, m
     assert other.path.read_bytes() == whole.path.read_bytes()
 
 
-def test_a_finished_study_is_kept_without_its_lives(finished, tmp_path):
+def test_a_finished_study_is_kept_without_its_lives(finished, tmp_path, in_process):
     out, first = finished
     kept = tmp_path / "kept"
     shutil.copytree(out, kept, ignore=lambda folder, names: {*names} & {"life-0000.safetensors"})
-    assert conduct(TINY, kept, Local(1)).markdown == first.markdown
+    assert conduct(TINY, kept, in_process()).markdown == first.markdown
     assert not list((kept / LIVES).iterdir())
 
 

@@ -196,19 +196,6 @@ def test_a_lag_of_0_08_s_is_that_of_the_mujoco_body():
     assert lost[0] == pytest.approx(lost[1], abs=0.01)  # seconds of driving at full speed
 
 
-def test_a_cohort_continues_from_a_checkpoint_bit_exactly():
-    experiment = Experiment(cohort_size=3, time_scale=0.01, body="kinematic")
-    key = CohortKey(Condition("wall_avoidance", "creative"), 0)
-    whole, first, second = (Cohort(experiment, key) for _ in range(3))
-    whole.advance(10**9)
-    first.advance(333)
-    second.restore(*first.checkpoint())
-    second.advance(10**9)
-    assert np.array_equal(whole.lives().minutes, second.lives().minutes)
-    for name, weights in whole.lives().after.items():
-        assert np.array_equal(weights, second.lives().after[name])
-
-
 def test_equal_seeds_give_equal_brains_in_both_simulators():
     key = CohortKey(Condition("spot_finding", "creative"), 0)
     real, kinematic = (

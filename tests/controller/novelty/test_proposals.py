@@ -259,8 +259,19 @@ def test_only_a_memory_that_proposes_exists_and_only_one_that_learns_changes(way
 
 
 @pytest.mark.parametrize("share", [0.0, 0.32])
-def test_a_memory_whose_copies_are_alone_does_not_learn_from_rounding_errors(share):
-    brain = steady("copies", random_share=share)
+@pytest.mark.parametrize(
+    ("way", "fields"),
+    [
+        ("copies", {}),
+        ("copies", {"novelty": "connections", "noise": 0.0}),
+        ("copies", {"novelty": "action", "noisy_share": 0.0}),
+        ("with main idea", {"ideas": 1}),
+    ],
+)
+def test_a_memory_whose_main_idea_is_alone_does_not_learn_from_rounding_errors(way, fields, share):
+    brain = steady(way, random_share=share, **fields)
+    if fields.get("ideas") == 1:
+        share = 0  # one idea is never random
     born = brain.networks()["memory.hidden_weights"].clone()
     life(brain, 30)
     assert torch.equal(brain.networks()["memory.hidden_weights"], born) == (share == 0)
@@ -280,6 +291,14 @@ def test_uniform_ideas_without_the_main_idea_are_those_of_the_random_proposer():
         ({"noise_adaptation": -0.1}, "noise_adaptation must lie in"),
         ({"memory_learns": 1}, "memory_learns must be true or false"),
         ({"novelty": "sobol", "memory_learns": False}, "memory_learns false needs a memory"),
+        (
+            {"novelty": "sobol", "keep_main_idea": True, "ideas": 1},
+            "novelty 'sobol' with keep_main_idea needs at least 2 ideas that are not random, got 1",
+        ),
+        (
+            {"novelty": "cross_entropy", "keep_main_idea": True, "random_share": 0.99},
+            "novelty 'cross_entropy' with keep_main_idea needs at least 2 ideas",
+        ),
         ({"novelty": "learned"}, "novelty 'learned' needs memory_target 'best'"),
         ({"novelty": "action", "noise_steps": 0}, "novelty 'action' needs noise_steps 1, got 0"),
         ({"noise_adaptation": 0.1}, "noise_adaptation needs keep_main_idea"),
