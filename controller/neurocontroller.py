@@ -17,8 +17,8 @@ from .senses import Senses
 class Neurocontroller:
     """The brains of B robots; a single robot is a batch of one.
 
-    The tensors of the brains, given and returned ones included, are on the default device at the
-    time of construction, such as within `with torch.device("cuda:0")`. A step then copies nothing
+    All tensors, arguments and results included, are on the device that was PyTorch's default when
+    the brains were made, for example within `with torch.device("cuda:0")`. A step copies nothing
     between that device and the host.
 
     In every control step, call `act` with the sensed state and then, during training, `learn`

@@ -60,7 +60,7 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
         # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
         # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.
         for motor in spec.actuators:
-            radius = spec.geom(motor.target).size[0]
+            radius = spec.geom("left_wheel").size[0]
             gear = 0.5 * radius / motor_speed
             scale = motor.gear[0] / gear
             motor.gear[0] = gear

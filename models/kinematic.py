@@ -33,10 +33,9 @@ _ANGLES, _SLOW_SLIPS, _SLIPS, _TURNS = np.array(
     ]
 )
 _NONE_TO_ALL = np.array([0.0, 1.0])
-_SLIPPING = np.array([0.08, 0.2])  # [m/s]: below the first the slow slip, above the second the fast
-_TURNING = np.array(
-    [0.14, 0.2]
-)  # [m/s]: below the first no turning, above the second the full rate
+# Speeds in [m/s]: below the first the slow slip, above the second the fast; and likewise no turning
+# and the full rate.
+_SLIPPING, _TURNING = np.array([0.08, 0.2]), np.array([0.14, 0.2])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,8 +74,10 @@ class Kinematics:
     def __post_init__(self) -> None:
         """Raises ValueError, with the field's name, for a value out of range."""
         for name in ("radius", "wheel_base", "lag"):
-            if type(getattr(self, name)) not in (int, float, type(None)):
-                raise ValueError(f"{name} must be a number, got {getattr(self, name)!r}")
+            value = getattr(self, name)
+            optional = value is None and name != "lag"
+            if type(value) not in (int, float) and not optional:
+                raise ValueError(f"{name} must be a number, got {value!r}")
         for name in ("radius", "wheel_base"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
@@ -108,7 +109,7 @@ class Kinematics:
 
 
 def namespace(array: Any) -> Any:
-    """Returns the functions for an array: NumPy itself, or those of its library in that form."""
+    """Returns `numpy` for its own arrays, else the array API of the array's library."""
     return np if isinstance(array, np.ndarray) else array_namespace(array)
 
 

@@ -36,8 +36,8 @@ from .starts import Corner, Random, Start, random_spots
 CONTROL_TIMESTEP = 0.1  # [s]; the cycle time of section 3
 SUITE = containers.TaggedTasks()  # every task's factory, added by wall_avoidance, spot_finding
 
-# What dm_control's keywords must be, first if not given, and the words of the refusal: jumps of the
-# spot count control steps, and results must be those of the batch.
+# Allowed values of dm_control's keywords, the default first, and the words of the error. Jumps of
+# the spot count control steps, and results must equal the batch's.
 _FIXED: Mapping[str, tuple[tuple[Any, ...], str]] = {
     "control_timestep": ((CONTROL_TIMESTEP, None), f"{CONTROL_TIMESTEP} s"),
     "n_sub_steps": ((None,), "None, because a control step is 0.1 s"),
@@ -107,7 +107,8 @@ class Task(base.Task):
     def get_observation(self, physics: Physics) -> collections.OrderedDict[str, np.ndarray]:
         """Returns the sensor signals by name, each of shape (n,)."""
         observations = self.rules.observations(physics.readings)
-        return collections.OrderedDict((name, value[0]) for name, value in observations.items())
+        # Copies: rules may return parts of the measurements, which the next step overwrites.
+        return collections.OrderedDict((k, np.array(v[0])) for k, v in observations.items())
 
     def observation_spec(self, physics: Physics) -> collections.OrderedDict[str, Any]:
         """Returns the bounds of every observation."""

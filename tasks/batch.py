@@ -74,7 +74,7 @@ class Robots(abc.ABC):
       sensordata: Last measurements, shape (B, nsensordata).
       valid: False for a stopped robot, shape (B,). A robot is stopped when its simulation becomes
         unstable, it leaves the arena or the floor, it tips over, or its motors or sensors are not
-        finite; from then on it stands still and senses zeros.
+        finite; from then on its motors are 0 and its sensors read 0.
     """
 
     def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:

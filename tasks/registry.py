@@ -73,7 +73,9 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     TASKS[name] = definition
     GYMNASIUM_TASKS[identifier] = name
     limit = definition.time_limit
-    EPISODE_STEPS[name] = round(limit / CONTROL_TIMESTEP) if math.isfinite(limit) else None
+    # As in dm_control: the episode ends with the first step that reaches the limit.
+    steps = math.ceil(round(limit / CONTROL_TIMESTEP, 6)) if math.isfinite(limit) else None
+    EPISODE_STEPS[name] = steps
     with contextlib.suppress(ImportError):  # Gymnasium is optional
         register_gymnasium()
     return f"musebot/{identifier}"

@@ -82,8 +82,13 @@ class ArenaVecEnv(VecEnv):
         self._robots.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Returns an attribute of the batch, repeated for every robot."""
-        return [getattr(self._robots, attr_name)] * sum(1 for _ in self._get_indices(indices))
+        """Returns an attribute of robots, see `ArenaVectorEnv.get_attr`; None for all robots."""
+        values = self._robots.get_attr(attr_name)
+        return [values[robot] for robot in self._get_indices(indices)]
+
+    def get_images(self) -> list[np.ndarray | None]:
+        """Returns a picture of each robot, for `render_mode="rgb_array"`; else None for each."""
+        return list(self._robots.render() or [None] * self.num_envs)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Raises AttributeError: robots of a batch have no attributes of their own."""

@@ -103,11 +103,12 @@ class Start:
                 raise ValueError(
                     f"{name} must be inside the arena, |x| <= {x:g} and |y| <= {y:g}, got {place}"
                 )
-        if self.robot is None or isinstance(self.robot, str):
+        if self.robot is None:
             return
+        robot = CORNERS[self.robot] if isinstance(self.robot, str) else self.robot
         for x, y, radius in size.obstacles:
             least = radius + size.radius
-            if math.hypot(self.robot[0] - x, self.robot[1] - y) < least - _TOLERANCE:
+            if math.hypot(robot[0] - x, robot[1] - y) < least - _TOLERANCE:
                 raise ValueError(
                     f"robot must be at least {least:g} m from the centre of the obstacle at "
                     f"({x:g}, {y:g}), got {self.robot}"

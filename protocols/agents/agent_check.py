@@ -28,7 +28,7 @@ class Check(NamedTuple):
 
     Attributes:
       name: What the agent should do.
-      passed: Whether it does; None for a remark, or where nothing can be told.
+      passed: Whether it does; None for a remark, or if it cannot be determined.
       says: What was seen.
     """
 

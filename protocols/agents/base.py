@@ -18,7 +18,7 @@ class Agent(abc.ABC):
 
     @abc.abstractmethod
     def reset(self) -> None:
-        """Takes note of a new placement: the next observation follows from no action."""
+        """Handles a new placement: no action led to the next observation."""
 
     @abc.abstractmethod
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:

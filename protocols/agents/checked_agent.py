@@ -1,4 +1,4 @@
-"""Keeps an agent of a user's to the interface: what it returns, raises, or how it exits."""
+"""Checks what a user's agent returns, and turns each of its faults into one sentence."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Makes agents by their name: a proposer of the neurocontroller, or an agent's factory.
 
-A factory, named `package.module:factory`, receives the number of robots, what they sense, a seed,
-and the settings that the run names as keywords. It returns an `Agent`.
+A factory, named `package.module:factory`, receives the number of robots, what they sense and a
+seed; the run's settings follow as keywords. It returns an `Agent`.
 """
 
 from __future__ import annotations

@@ -151,6 +151,9 @@ class PolicyAgent(Agent):
         both = {f"{when}.{k}": v for when in ("before", "after") for k, v in arrays.items()}
         if both.keys() != self._policies.arrays.keys():
             raise ValueError(f"the weights must be those of a policy, got {sorted(arrays)}")
+        for name, own in self._policies.arrays.items():
+            if both[name].shape != own.shape:
+                raise ValueError(f"{name} must have shape {own.shape}, got {both[name].shape}")
         self._policies = Policies(self._policies.task, both)
 
 

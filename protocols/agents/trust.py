@@ -1,4 +1,4 @@
-"""Which agents of users may run: those that the command names, never those of a file alone."""
+"""Which users' agents may run: those that the command names, never those named by a file alone."""
 
 from __future__ import annotations
 

@@ -127,8 +127,13 @@ class Experiment:
                 raise InputError(f"the {word} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < self.time_scale <= 1:
             raise InputError(f"the time scale must lie in (0, 1], got {shown(self.time_scale)}")
-        if self.nose == "printed" and self.brain.needs_senses:
-            raise InputError("a brain that uses the maximal smell needs the nose 'inverse'")
+        if self.nose == "printed" and (self.brain.needs_senses or self.signals == "raw"):
+            what = (
+                "a brain that uses the maximal smell needs"
+                if self.signals == "paper"
+                else "raw signals need"
+            )
+            raise InputError(f"{what} the nose 'inverse'")
         if (radius := self.kinematics.radius or 0) >= FROM_WALLS:
             raise InputError(f"the radius must be less than {FROM_WALLS:g} m, got {radius}")
         for name, most in _MOST_OF_KINEMATICS.items():

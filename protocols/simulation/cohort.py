@@ -1,4 +1,4 @@
-"""A cohort: robots simulated in lockstep, each alone in its arena, from the first test on."""
+"""A cohort: robots in lockstep, each alone in its arena, from the first test to the last."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ class Cohort:
     def check_shapes(self, shapes: Shapes) -> None:
         """Checks names, dtypes and shapes of a checkpoint's arrays before any is read.
 
-        What an agent of a user's keeps is checked by its own `load_state`.
+        Arrays of a user's agent are not checked here: its `load_state` does that.
 
         Raises:
           ValueError: an array is missing, foreign, or of another dtype or shape.

@@ -44,7 +44,7 @@ def agent_on_device(experiment: Experiment, make_agent: Callable[[], Agent]) -> 
 
 
 def on_tensors(batch: Robots) -> TensorRobots:
-    """Returns the robots of a batch as tensors on the default device; from MuJoCo, in Warp."""
+    """Returns a batch's robots as tensors on the default device; MuJoCo's are simulated in Warp."""
     if isinstance(batch, KinematicBatch):
         from ...tasks.tensors.kinematic import KinematicTensors
 
@@ -56,5 +56,5 @@ def on_tensors(batch: Robots) -> TensorRobots:
 
 
 def on_host(values: Any) -> np.ndarray:
-    """Returns an array of NumPy with the values of an array or of a tensor of any device."""
+    """Returns a NumPy array, copied to the host if the values are a tensor."""
     return values.cpu().numpy() if isinstance(values, torch.Tensor) else values

@@ -2,7 +2,8 @@
 
 `musebot.register_gymnasium` registers both. Observations are the task's signals concatenated in
 the order of docs/tasks.md; observations and actions are 32-bit floats. Episodes never terminate;
-they are truncated after 1,000 steps. The dictionary `info` holds the entries of `INFO`.
+`gymnasium.make` truncates them after 1,000 steps, or after a registered task's own time limit. The
+dictionary `info` holds the entries of `INFO`.
 """
 
 from .common import INFO

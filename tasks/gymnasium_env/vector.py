@@ -208,7 +208,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._steps += 1
         events: np.ndarray | None = self._events()
         self._counts += events
-        rewards = batch.rules.reward(batch.sensordata)
+        rewards = np.array(batch.rules.reward(batch.sensordata), dtype=float)
         if len(starting):
             self._begin(starting, self._episode.start)
             rewards[starting] = 0.0

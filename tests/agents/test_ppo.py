@@ -99,6 +99,9 @@ def test_weights_that_a_run_keeps_drive_a_policy_again(folder):
     np.testing.assert_array_equal(other.act(nose, False), motors)
     with pytest.raises(ValueError, match="must be those of a policy"):
         other.load_weights({"0.weights": agent.weights()["0.weights"]})
+    short = {name: array[:1] for name, array in agent.weights().items()}
+    with pytest.raises(ValueError, match="must have shape"):
+        other.load_weights(short)
 
 
 def test_missing_and_unfit_policies_are_refused(folder):

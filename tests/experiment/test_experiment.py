@@ -102,6 +102,7 @@ experiments = st.builds(
             )
             for name, most in (("pieces", 1000), ("lag", 1000), ("wheel_base", 10))
         ),
+        ({"nose": "printed", "signals": "raw"}, "raw signals need the nose 'inverse'"),
         *(
             (
                 {"nose": "printed", "brain": BRAINS[name]},

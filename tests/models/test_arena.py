@@ -229,6 +229,19 @@ def test_half_the_motor_speed_is_half_the_speed_with_the_same_torque():
         arena_spec(motor_speed=0)
 
 
+def test_the_speed_of_wheels_whose_joints_have_other_names_can_be_set(tmp_path):
+    text = ROBOT_XML.read_text()
+    for side in ("left", "right"):
+        for before in (f'joint="{side}_wheel"', f'joint name="{side}_wheel"'):
+            assert before in text
+            text = text.replace(before, before.replace("wheel", "axle"))
+    (tmp_path / "robot.xml").write_text(text)
+    arena = ARENA_XML.read_text().replace(ROBOT_XML.name, str(tmp_path / "robot.xml"))
+    (tmp_path / "arena.xml").write_text(arena)
+    slow = arena_spec(tmp_path / "arena.xml", motor_speed=0.1).compile()
+    assert Dimensions.of(slow).motor_speed == pytest.approx(0.1)
+
+
 def test_every_element_has_a_name_and_there_are_cameras(model):
     kinds = ("body", "jnt", "geom", "site", "cam", "actuator", "sensor", "light", "mat")
     for kind in kinds:

@@ -174,6 +174,7 @@ def test_a_given_size_replaces_that_of_the_body():
         {"wheel_base": -1},
         {"wall": "eats"},
         {"lag": -1},
+        {"lag": None},
         {"pieces": 0},
         {"path": "line"},
     ],

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import musebot
+from musebot.gymnasium_registration import EPISODE_STEPS
 from musebot.tasks import make_batch, suite
 from musebot.tasks.wall_avoidance import WallAvoidanceRules
 
@@ -59,6 +60,43 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
         assert ends == [False] * 19 + [True]
     assert type(make_batch("stand_still", 2).rules) is Still
     assert musebot.ALL_TASKS == listed and musebot.SUITE["stand_still"].__doc__ == Still.__doc__
+
+
+@pytest.mark.parametrize(("limit", "steps"), [(0.25, 3), (0.14, 2), (0.3, 3)])
+def test_an_episode_has_the_same_length_in_every_interface(limit, steps, forgotten):
+    forgotten.append("short")
+    musebot.register_task("short", Still, time_limit=limit)
+    environment, found = musebot.load("arena", "short", {"random": 1}), 0
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep, found = environment.step(np.zeros(2)), found + 1
+    assert found == EPISODE_STEPS["short"] == steps
+
+
+class Raw(WallAvoidanceRules):
+    """Gives parts of the measurements themselves."""
+
+    def observations(self, sensordata):
+        own = super().observations(sensordata)
+        return own | {"contact": sensordata[..., self.layout.touch]}
+
+    def reward(self, sensordata):
+        return sensordata[..., self.layout.distances][..., 0]
+
+
+def test_what_rules_return_is_not_changed_by_later_steps(forgotten):
+    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    forgotten.append("raw")
+    musebot.register_task("raw", Raw)
+    environment = musebot.load("arena", "raw", {"random": 1})
+    first = environment.reset().observation["contact"]
+    assert not np.shares_memory(first, environment.physics.readings)
+    robots = gymnasium.make_vec("musebot/Raw-v0", num_envs=2)
+    robots.reset(seed=1)
+    rewards = robots.step(np.full((2, 2), 0.5, np.float32))[1]
+    before = rewards.copy()
+    robots.step(np.full((2, 2), 0.5, np.float32))
+    np.testing.assert_array_equal(rewards, before)
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,16 @@ def test_it_returns_the_batch_and_the_last_observation_of_an_episode():
     np.testing.assert_array_equal(observations, batch.step(actions)[0])
 
 
+def test_attributes_are_those_of_each_robot():
+    ours = ArenaVecEnv(TASK, 3)
+    ours.seed(5)
+    ours.reset()
+    assert [space.shape for space in ours.get_attr("observation_space")] == [(6,)] * 3
+    assert len({*ours.get_attr("np_random_seed")}) == 3
+    assert ours.get_attr("contact_steps", [1, 2]) == [0, 0]
+    assert ours.get_images() == [None] * 3
+
+
 def test_options_set_for_all_robots_are_obeyed_once():
     ours, batch = ArenaVecEnv(TASK, 2), ArenaVectorEnv(TASK, 2)
     place = {"robot": (0.1, 0.0, 0.3)}

@@ -1,12 +1,14 @@
 """Starts are fixed, a corner of the paper, or drawn for every episode."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import musebot
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks import make_batch
-from musebot.tasks.starts import CORNERS, random_poses
+from musebot.tasks.starts import CORNERS, Start, random_poses
 
 
 @pytest.fixture(params=musebot.ALL_TASKS, ids="/".join)
@@ -54,6 +56,15 @@ def test_every_episode_draws_a_new_start(task):
 def test_an_impossible_start_is_refused(task, kwargs, message):
     with pytest.raises(ValueError, match=message):
         musebot.load(*task, task_kwargs=kwargs)
+
+
+@pytest.mark.parametrize("place", ["upper_left", CORNERS["upper_left"]], ids=str)
+def test_a_start_within_an_obstacle_is_refused_by_name_as_in_numbers(place):
+    x, y, _ = CORNERS["upper_left"]
+    size = make_batch("wall_avoidance_obstacles", 1).dimensions
+    blocked = dataclasses.replace(size, obstacles=((x, y, 0.05),))
+    with pytest.raises(ValueError, match="from the centre of the obstacle"):
+        Start(robot=place).check(blocked)
 
 
 def test_random_poses_are_clear_of_obstacles_by_1_cm():

@@ -1,4 +1,4 @@
-"""What all online learners do alike: transitions, scaled inputs, checkpoints."""
+"""What all online learners share: transitions, scaled inputs, checkpoints."""
 
 from __future__ import annotations
 

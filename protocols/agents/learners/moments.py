@@ -26,7 +26,7 @@ class Moments:
         self.squares = torch.zeros(*shape, dtype=torch.float64)
 
     def add(self, values: Tensor) -> None:
-        """Takes note of new values."""
+        """Adds new values."""
         self.count += 1
         apart = values - self.mean
         self.mean += apart / self.count

@@ -20,8 +20,8 @@ class SarsaLambda(OnlineLearner):
 
     Sutton and Barto, "Reinforcement Learning: An Introduction", 2nd edition, 2018: section 9.5.4
     (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda)). Q(s, a) is the sum of
-    one weight a tiling. The trace holds the last `MEMORY` steps; what is left out has decayed
-    below 0.0001 with the largest settings, below 0.00001 with the defaults. Up to `CELLS` tiles a
+    one weight a tiling. The trace holds the last `MEMORY` steps; older steps have decayed
+    below 2e-6 with the largest settings, below 2e-7 with the defaults. Up to `CELLS` tiles a
     tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight.
     """
 
