@@ -104,12 +104,13 @@ class CreativeMemory:
         self._sizes = [hidden * inputs, 2 * hidden]
         if parameters.noise_on_biases:
             self._sizes += [hidden, 2]
-        self.patterns = NoisePatterns(
+        patterns = NoisePatterns(
             sum(self._sizes), parameters.noisy_share, parameters.noise, generator
         )
+        self.patterns: NoisePatterns | HeldNoisePatterns = patterns
         if parameters.noise_steps != 1:
             count = robots * (parameters.ideas - parameters.random_ideas)
-            self.patterns = HeldNoisePatterns(self.patterns, count, parameters.noise_steps)
+            self.patterns = HeldNoisePatterns(patterns, count, parameters.noise_steps)
         rate = parameters.noise_adaptation
         self.rule = SuccessRule(robots, rate) if rate else None
 

@@ -59,7 +59,7 @@ class NoisePatterns:
         return {"pool": self._pool, "age": self._age}
 
 
-class HeldNoisePatterns(NoisePatterns):
+class HeldNoisePatterns:
     """Noise patterns that ideas keep for several steps, or for life.
 
     The paper says how much noise an idea has, not when it is drawn anew.
@@ -73,7 +73,7 @@ class HeldNoisePatterns(NoisePatterns):
           count: Number of patterns in a step.
           steps: Number of steps for which they are held; 0 for life.
         """
-        self.noisy, self.noise = patterns.noisy, patterns.noise
+        self.noisy = patterns.noisy
         self._patterns = patterns
         self._steps = steps
         self._held = torch.zeros(count, patterns.connections)

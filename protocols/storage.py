@@ -17,6 +17,7 @@ import secrets
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,18 @@ _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
 # Largest files that are read: of arrays or rows, and of JSON.
 MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
+DTYPES: Mapping[np.dtype, str] = MappingProxyType(
+    {
+        np.dtype(name): short
+        for name, short in (
+            ("float16", "F16"), ("float32", "F32"), ("float64", "F64"), ("bool", "BOOL"),
+            ("int8", "I8"), ("int16", "I16"), ("int32", "I32"), ("int64", "I64"),
+            ("uint8", "U8"), ("uint16", "U16"), ("uint32", "U32"), ("uint64", "U64"),
+        )
+    }
+)  # fmt: skip
+"""Dtypes that a file can hold, and their names in safetensors."""
+
 Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
 """The dtype, as safetensors names it, and the shape of each array of a file."""
 

@@ -10,16 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, RunError
+from ..storage import DTYPES
 from .base import Agent
-
-# What checkpoints and brains.safetensors can hold.
-_DTYPES = {
-    np.dtype(name)
-    for name in (
-        "bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
-        "float16", "float32", "float64",
-    )
-}  # fmt: skip
 
 
 class CheckedAgent(Agent):
@@ -134,7 +126,7 @@ class CheckedAgent(Agent):
                     f"{self._name} must return a dict of arrays as its {what}, "
                     f"got {name!r} of type {type(array).__name__}"
                 )
-            if array.dtype not in _DTYPES:
+            if array.dtype not in DTYPES:
                 raise InputError(
                     f"{self._name} must return a {what} of real numbers, got {name} of dtype "
                     f"{array.dtype}"

@@ -11,7 +11,7 @@ from ...tasks.arena import CONTROL_TIMESTEP
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.networks import network_shapes
 from ..experiment.schedules import PARTS, Part, Schedule, control_steps
-from ..storage import Shapes
+from ..storage import DTYPES, Shapes
 from .learn_ability import INVALID, learn_ability
 from .results import WHEN, Lives, NetworkArrays, Robot, When, category_in
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from ..experiment.experiment import Experiment
     from ..experiment.plan import Plan
 
-# Dtypes of an agent's weights, as safetensors names them.
-_NUMBERS = {"F16", "F32", "F64", "I8", "I16", "I32", "I64", "U8", "U16", "U32", "U64", "BOOL"}
 _TOLERANCE = 1e-9  # of Learn Ability: files of earlier versions were computed elsewhere
 
 
@@ -167,7 +165,7 @@ def check_network_shapes(
         dtype, shape = shapes[name]
         if name not in wanted or name.partition("/")[0] not in WHEN:
             raise ValueError(f"{condition} has no network {name}")
-        if dtype != "F32" and (own is not None or dtype not in _NUMBERS):
+        if dtype != "F32" and (own is not None or dtype not in DTYPES.values()):
             raise ValueError(f"{condition}/{name} must be of dtype F32, got {dtype}")
         if shape[1:] != wanted[name] or shape[0] > most:
             text = ", ".join(map(str, wanted[name]))

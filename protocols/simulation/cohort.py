@@ -20,16 +20,11 @@ from ..experiment.random_streams import random_streams
 from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.checks import check_events, check_networks, check_same_shapes
 from ..results.results import Lives, Results
-from ..storage import Shapes
+from ..storage import DTYPES, Shapes
 from .device import agent_on_device, on_host, robots_on_device
 from .placement import legs, place
 
 _MINUTE = control_steps(1)
-# Dtypes as safetensors names them.
-_DTYPES = {
-    "f4": "F32", "f8": "F64", "f2": "F16", "i1": "I8", "i2": "I16", "i4": "I32", "i8": "I64",
-    "u1": "U8", "u2": "U16", "u4": "U32", "u8": "U64", "b1": "BOOL",
-}  # fmt: skip
 
 
 class Cohort:
@@ -260,7 +255,7 @@ def _single(values: Any) -> Any:
 def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:
     """Returns the dtype, as safetensors names it, and the shape of each array."""
     return {
-        name: (_DTYPES.get(array.dtype.str[1:], array.dtype.str), array.shape)
+        name: (DTYPES.get(array.dtype, array.dtype.str), array.shape)
         for name, array in arrays.items()
     }
 

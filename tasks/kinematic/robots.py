@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
 
 import numpy as np
@@ -124,14 +126,13 @@ def after_control_step(
     Returns:
       Poses and speeds of the wheels at the end; and whether the robots are in contact, shape (B,).
     """
-    contact, piece = None, CONTROL_TIMESTEP / how.pieces
-    for _ in range(how.pieces):
+    felt, piece = [], CONTROL_TIMESTEP / how.pieces
+    for left in reversed(range(how.pieces)):
         speeds, wheels = follow_motors(wheels, motors, piece, how.lag)
         poses, pushing = drive(poses, speeds, piece, how, size)
-        felt = pushing if how.felt == "pushed" else touches(poses, size)
-        contact = felt if contact is None or not how.any_contact else contact | felt
-    assert contact is not None  # there is at least one piece
-    return poses, wheels, contact
+        if how.any_contact or not left:
+            felt.append(pushing if how.felt == "pushed" else touches(poses, size))
+    return poses, wheels, functools.reduce(operator.or_, felt)
 
 
 def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:
