@@ -228,7 +228,9 @@ def draw(groups: Mapping[Cell, np.ndarray]) -> Figure:
         axis.set_xticks(IDEAS, [str(ideas) for ideas in IDEAS])
         axis.minorticks_off()
         axis.set(
-            xlabel="ideas", xlim=(2.6, 110), title="With outside ideas" if outside else "Without"
+            xlabel="ideas",
+            xlim=(2.6, 110),
+            title=f"{'With' if outside else 'Without'} outside ideas",
         )
     axes[0, 0].set_ylabel("time in the spot after training")
     axes[0, 0].set_ylim(-0.02, 1.02)
