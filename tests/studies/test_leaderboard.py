@@ -224,16 +224,16 @@ def test_runs_may_be_kept_without_their_brains(runs, tmp_path):
 
 def test_robots_of_other_worlds_are_not_ranked_together_and_commands_name_their_world(runs):
     held = read_runs(runs)
-    world = {"nose": "printed", "nose_place": "centre", "motor_speed": 0.1}
+    world = {"nose_place": "centre", "motor_speed": 0.1}
     elsewhere = dataclasses.replace(held[1].experiment, **world)
     other = dataclasses.replace(held[1], experiment=elsewhere)
-    with pytest.raises(InputError, match=r"raw signals differ in nose: inverse and printed"):
+    with pytest.raises(InputError, match=r"raw signals differ in nose_place: front and centre"):
         boards([held[0], other])
     bounds = dataclasses.replace(
         held[0], experiment=dataclasses.replace(held[0].experiment, **world)
     )
     for entry in itertools.chain(*boards([bounds, other]).values()):
-        assert " --nose printed --nose-place centre --motor-speed 0.1 " in entry.command
+        assert " --nose-place centre --motor-speed 0.1 " in entry.command
 
 
 def test_a_brain_with_many_changes_has_a_file_of_costs(runs):
