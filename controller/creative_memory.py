@@ -109,7 +109,7 @@ class CreativeMemory:
         )
         self.patterns: NoisePatterns | HeldNoisePatterns = patterns
         if parameters.noise_steps != 1:
-            count = robots * (parameters.ideas - parameters.random_ideas)
+            count = robots * parameters.own_ideas
             self.patterns = HeldNoisePatterns(patterns, count, parameters.noise_steps)
         rate = parameters.noise_adaptation
         self.rule = SuccessRule(robots, rate) if rate else None

@@ -70,7 +70,7 @@ class Neurocontroller:
         self._test_epsilon = parameters.test_epsilon
         self._learn_rate = parts.learn_rate
         self._rule = parts.memory.rule if isinstance(parts.memory, CreativeMemory) else None
-        self._own_ideas = parameters.ideas - parameters.random_ideas
+        self._own_ideas = parameters.own_ideas
         self._age = torch.tensor(0, device="cpu")  # steps of training, read in every step
         inputs = self._encoding.inputs + parameters.context_neurons
         self._before, self._now = (parts.step(robots, inputs) for _ in range(2))

@@ -233,7 +233,7 @@ class Parameters:
                 f"novelty 'learned' needs memory_target 'best', got {self.memory_target!r}"
             )
         if self.novelty in ("sobol", "cross_entropy") and self.keep_main_idea:
-            if self.ideas - self.random_ideas < 2:
+            if self.own_ideas < 2:
                 raise ValueError(
                     f"novelty {self.novelty!r} with keep_main_idea needs at least 2 ideas that are "
                     "not random, got 1"
@@ -249,7 +249,7 @@ class Parameters:
             raise ValueError("noise_adaptation needs keep_main_idea, to compare the ideas with it")
         if not self.noise:
             raise ValueError("noise_adaptation needs a noise above 0, got 0")
-        if self.ideas - self.random_ideas < 2:
+        if self.own_ideas < 2:
             raise ValueError("noise_adaptation needs at least 2 ideas of the memory, got 1")
         if self.stopping_steps:
             raise ValueError("noise_adaptation and stopping_steps exclude each other")
@@ -260,11 +260,16 @@ class Parameters:
         return min(round(self.random_share * self.ideas), self.ideas - 1)
 
     @property
+    def own_ideas(self) -> int:
+        """Number of the creative proposer's ideas that are not uniformly random, at least 1."""
+        return self.ideas - self.random_ideas
+
+    @property
     def has_one_idea(self) -> bool:
         """Whether all ideas of the memory are its main idea."""
         noisy = self.noise > 0 and self.noisy_share > 0
         quiet = self.novelty in ("connections", "action") and not noisy
-        alone = self.keep_main_idea and self.ideas - self.random_ideas == 1
+        alone = self.keep_main_idea and self.own_ideas == 1
         return self.novelty == "none" or quiet or alone
 
     @property

@@ -33,8 +33,8 @@ _ANGLES, _SLOW_SLIPS, _SLIPS, _TURNS = np.array(
     ]
 )
 _NONE_TO_ALL = np.array([0.0, 1.0])
-# Speeds in [m/s]: below the first the slow slip, above the second the fast; and likewise no turning
-# and the full rate.
+# Speeds in [m/s]: below the first the slow slip, above the second the fast; below the first no
+# turning, above the second the full rate.
 _SLIPPING, _TURNING = np.array([0.08, 0.2]), np.array([0.14, 0.2])
 
 

@@ -97,7 +97,7 @@ class Start:
             place = getattr(self, name)
             if place is None:
                 continue
-            place = CORNERS[place] if isinstance(place, str) else place
+            place = _in_numbers(place)
             x, y = size.half_length - clear, size.half_width - clear
             if abs(place[0]) > x + _TOLERANCE or abs(place[1]) > y + _TOLERANCE:
                 raise ValueError(
@@ -105,7 +105,7 @@ class Start:
                 )
         if self.robot is None:
             return
-        robot = CORNERS[self.robot] if isinstance(self.robot, str) else self.robot
+        robot = _in_numbers(self.robot)
         for x, y, radius in size.obstacles:
             least = radius + size.radius
             if math.hypot(robot[0] - x, robot[1] - y) < least - _TOLERANCE:
@@ -116,13 +116,15 @@ class Start:
 
     def draw(self, random: Random, dimensions: Dimensions) -> tuple[np.ndarray, np.ndarray]:
         """Returns a robot's pose, shape (3,), and a spot, shape (2,), drawn in this order."""
-        robot = CORNERS[self.robot] if isinstance(self.robot, str) else self.robot
-        spot = CORNERS[self.spot][:2] if isinstance(self.spot, str) else self.spot
-        if robot is None:
-            robot = random_poses(random, dimensions, 1)[0]
-        if spot is None:
-            spot = random_spots(random, dimensions, 1)[0]
-        return np.asarray(robot, dtype=float), np.asarray(spot, dtype=float)
+        robot, spot = self.robot, self.spot
+        pose = random_poses(random, dimensions, 1)[0] if robot is None else _in_numbers(robot)
+        centre = random_spots(random, dimensions, 1)[0] if spot is None else _in_numbers(spot)[:2]
+        return np.asarray(pose, dtype=float), np.asarray(centre, dtype=float)
+
+
+def _in_numbers(place: Corner | tuple[float, ...]) -> tuple[float, ...]:
+    """Returns a place whose corner may have been named; a corner is a robot's pose."""
+    return CORNERS[place] if isinstance(place, str) else place
 
 
 def _finite(name: str, place: Any, length: int) -> tuple[float, ...]:

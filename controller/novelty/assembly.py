@@ -61,7 +61,7 @@ def make_creative(
       generator: Random stream of the brains.
     """
     p = parameters
-    count = p.ideas - p.random_ideas
+    count = p.own_ideas
     if p.novelty == "connections" or p.novelty == "none":
         assert memory is not None
         kind = CreativeActions if p.novelty == "connections" else MainIdeaCopies

@@ -7,7 +7,6 @@ import dataclasses
 import math
 import signal
 import tempfile
-import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.rules import Rules
 from ..errors import InputError
+from ..simulation.signals import handling
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import bar, notice, printable
 from .episode import Episode, Moment
@@ -188,7 +188,10 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
     """
     suffix = output.suffix.lower()
     progress = bar()
-    with _stopping_on_sigterm(), tempfile.TemporaryDirectory(prefix="musebot-") as folder:
+    with (
+        handling(_interrupt, signal.SIGTERM),
+        tempfile.TemporaryDirectory(prefix="musebot-") as folder,
+    ):
         # imageio's FFMPEG writer refuses names that end in .gif.
         draft = Path(folder) / "film.mp4"
         writer: Any = imageio.get_writer(
@@ -210,22 +213,10 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
         write_atomically(output, draft.read_bytes())
 
 
-@contextlib.contextmanager
-def _stopping_on_sigterm() -> Iterator[None]:
-    """Turns SIGTERM into Ctrl-C, after which nothing is left; only the main thread has signals."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, frame: object) -> None:
-        del number, frame
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _interrupt(number: int, frame: object) -> None:
+    """Turns a signal into Ctrl-C, after which nothing is left."""
+    del number, frame
+    raise KeyboardInterrupt
 
 
 def _append(writer: Any, frame: np.ndarray) -> bool:

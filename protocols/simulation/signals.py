@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
 
 class StopRequest:
@@ -23,19 +22,26 @@ class StopRequest:
 
 @contextlib.contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """Turns Ctrl-C and SIGTERM into a request to stop; only the main thread has signals."""
+    """Turns Ctrl-C and SIGTERM into a request to stop."""
     request = StopRequest()
-    if threading.current_thread() is not threading.main_thread():
-        yield request
-        return
 
-    def handler(number: int, frame: Any) -> None:
+    def stop(number: int, frame: object) -> None:
         del number, frame
         request.stop = True
 
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with handling(stop, signal.SIGINT, signal.SIGTERM):
         yield request
+
+
+@contextlib.contextmanager
+def handling(handler: Callable[[int, object], None], *numbers: signal.Signals) -> Iterator[None]:
+    """Lets a handler receive signals; only the main thread has them, others change nothing."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
     finally:
         for number, old in before.items():
             signal.signal(number, old)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ...controller import Parameters
 from ...models import Kinematics
@@ -25,51 +25,64 @@ BASELINE, NOISE = "baseline", "another-seed"
 
 _WALLS, _SPOTS = ("wall_avoidance",), ("spot_finding",)
 
-
-def _choice(name: str, says: str, fields: Mapping[str, Any], **only: tuple[str, ...]) -> Variant:
-    return Variant(name, fields, says=says, **only)
-
-
 CHOICES = (
-    _choice(NOISE, "another seed, nothing else", {"seed": 2}),
-    _choice("radius-20mm", "robot of radius 20 mm", {"kinematics": Kinematics(radius=0.02)}),
-    _choice("radius-35mm", "robot of radius 35 mm", {"kinematics": Kinematics(radius=0.035)}),
-    _choice("speed-125mm", "motor 0.5 is 0.125 m/s", {"motor_speed": 0.125}),
-    _choice("speed-250mm", "motor 0.5 is 0.25 m/s", {"motor_speed": 0.25}),
-    _choice(
-        "wheel-base-55mm", "wheels a diameter apart", {"kinematics": Kinematics(wheel_base=0.055)}
+    Variant(NOISE, says="another seed, nothing else", fields={"seed": 2}),
+    Variant(
+        "radius-20mm", says="robot of radius 20 mm", fields={"kinematics": Kinematics(radius=0.02)}
     ),
-    _choice("turned-45", "start turned by 45 degrees", {"turned_start": 45.0}),
-    _choice("turned-180", "start turned by 180 degrees", {"turned_start": 180.0}),
-    _choice("test-epsilon", "epsilon in the tests", {"brain": Parameters(test_epsilon=0.01)}),
-    _choice("nose-printed", "Eq. 3 as printed", {"nose": "printed"}, tasks=_SPOTS),
-    _choice(
+    Variant(
+        "radius-35mm", says="robot of radius 35 mm", fields={"kinematics": Kinematics(radius=0.035)}
+    ),
+    Variant("speed-125mm", says="motor 0.5 is 0.125 m/s", fields={"motor_speed": 0.125}),
+    Variant("speed-250mm", says="motor 0.5 is 0.25 m/s", fields={"motor_speed": 0.25}),
+    Variant(
+        "wheel-base-55mm",
+        says="wheels a diameter apart",
+        fields={"kinematics": Kinematics(wheel_base=0.055)},
+    ),
+    Variant("turned-45", says="start turned by 45 degrees", fields={"turned_start": 45.0}),
+    Variant("turned-180", says="start turned by 180 degrees", fields={"turned_start": 180.0}),
+    Variant(
+        "test-epsilon", says="epsilon in the tests", fields={"brain": Parameters(test_epsilon=0.01)}
+    ),
+    Variant("nose-printed", says="Eq. 3 as printed", fields={"nose": "printed"}, tasks=_SPOTS),
+    Variant(
         "across-placement",
-        "learning across a placement",
-        {"learn_across_placement": True},
+        says="learning across a placement",
+        fields={"learn_across_placement": True},
         tasks=_WALLS,  # in spot finding no robot is placed while it learns
     ),
-    _choice(
+    Variant(
         "noise-on-biases",
-        "noise on biases",
-        {"brain": Parameters(noise_on_biases=True)},
+        says="noise on biases",
+        fields={"brain": Parameters(noise_on_biases=True)},
         proposers=("creative",),
     ),
-    _choice(
+    Variant(
         "felt-pushed",
-        "contact sensed only while the robot pushes",
-        {"kinematics": Kinematics(felt="pushed")},
+        says="contact sensed only while the robot pushes",
+        fields={"kinematics": Kinematics(felt="pushed")},
         tasks=_WALLS,  # robots do not sense contact in spot finding
     ),
-    _choice(
+    Variant(
         "any-contact",
-        "contact sensed at any instant of a control step",
-        {"kinematics": Kinematics(any_contact=True)},
+        says="contact sensed at any instant of a control step",
+        fields={"kinematics": Kinematics(any_contact=True)},
         tasks=_WALLS,
     ),
-    _choice("slides", "a robot slides along a wall", {"kinematics": Kinematics(wall="slides")}),
-    _choice("sticks", "a robot sticks to a wall", {"kinematics": Kinematics(wall="sticks")}),
-    _choice("lag-80ms", "wheels lag as the MuJoCo body's do", {"kinematics": Kinematics(lag=0.08)}),
+    Variant(
+        "slides",
+        says="a robot slides along a wall",
+        fields={"kinematics": Kinematics(wall="slides")},
+    ),
+    Variant(
+        "sticks", says="a robot sticks to a wall", fields={"kinematics": Kinematics(wall="sticks")}
+    ),
+    Variant(
+        "lag-80ms",
+        says="wheels lag as the MuJoCo body's do",
+        fields={"kinematics": Kinematics(lag=0.08)},
+    ),
 )
 
 

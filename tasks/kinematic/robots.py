@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -126,13 +125,14 @@ def after_control_step(
     Returns:
       Poses and speeds of the wheels at the end; and whether the robots are in contact, shape (B,).
     """
-    felt, piece = [], CONTROL_TIMESTEP / how.pieces
-    for left in reversed(range(how.pieces)):
+    contact: Any = False
+    piece = CONTROL_TIMESTEP / how.pieces
+    for number in range(how.pieces):
         speeds, wheels = follow_motors(wheels, motors, piece, how.lag)
         poses, pushing = drive(poses, speeds, piece, how, size)
-        if how.any_contact or not left:
-            felt.append(pushing if how.felt == "pushed" else touches(poses, size))
-    return poses, wheels, functools.reduce(operator.or_, felt)
+        if how.any_contact or number == how.pieces - 1:
+            contact = contact | (pushing if how.felt == "pushed" else touches(poses, size))
+    return poses, wheels, contact
 
 
 def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:

@@ -3,6 +3,8 @@
 import pytest
 import torch
 
+from musebot.protocols.agents import agent_check
+
 
 @pytest.fixture
 def here():
@@ -30,3 +32,9 @@ def listing():
         return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
     return listing
+
+
+@pytest.fixture
+def cheap_costs(monkeypatch):
+    """Measures what learners cost with fewer robots and steps."""
+    monkeypatch.setattr(agent_check, "_TIMED", (4, 30))

@@ -7,18 +7,11 @@ from pathlib import Path
 import pytest
 
 from musebot.protocols import cli
-from musebot.protocols.agents import agent_check
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.studies.learners.benchmark import LEARNERS, Benchmark
 
 TINY = "--robots 3 --time-scale 0.001 --body kinematic --processes 1".split()
-
-
-@pytest.fixture
-def cheap_costs(monkeypatch):
-    """Measures what learners cost with fewer robots and steps."""
-    monkeypatch.setattr(agent_check, "_TIMED", (4, 30))
 
 
 def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():

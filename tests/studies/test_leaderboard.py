@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.protocols import cli
-from musebot.protocols.agents import agent_check
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
@@ -128,9 +127,8 @@ def runs(tmp_path_factory, in_process):
 
 
 def test_runs_become_boards_whose_rows_name_their_commands(
-    runs, tmp_path, commands_in_process, monkeypatch
+    runs, tmp_path, commands_in_process, cheap_costs
 ):
-    monkeypatch.setattr(agent_check, "_TIMED", (4, 30))
     found = boards(read_runs(runs))
     # Nothing saturates in wall avoidance, so that `steady` stands in both tracks.
     assert [*found] == [

@@ -10,7 +10,8 @@ from typing import Any, Literal
 from ....models import Kinematics
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
-from ...experiment.overrides import named_brain
+from ...experiment.overrides import named_brain, with_overrides
+from ...shared_options import BODY_EFFECTS
 
 IDEAS = (3, 9, 25)
 OUTSIDE = 0.32  # share of random ideas, where there are any
@@ -111,7 +112,7 @@ _MIXED = (
     "untrained-copies",
 )
 _BODY = MappingProxyType(
-    {"body": "kinematic", "kinematics": Kinematics(felt="pushed", wall="turns", lag=0.08)}
+    {"body": "kinematic", "kinematics": with_overrides(Kinematics(), BODY_EFFECTS)}
 )
 
 

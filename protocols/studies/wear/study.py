@@ -105,11 +105,13 @@ class Wear(Study):
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
         found: dict[str, dict[str, Recovery]] = {change: {} for change in self.change}
-        jobs = self._branches(out)
-        for change, arm in dict.fromkeys((job.change, job.arm) for job in jobs):
-            shares = [job.shares() for job in jobs if (job.change, job.arm) == (change, arm)]
-            if all(one is not None for one in shares):
-                found[change][arm] = Recovery.of([one for one in shares if one is not None])
+        cohorts: dict[tuple[str, str], list[BranchJob]] = {}
+        for job in self._branches(out):
+            cohorts.setdefault((job.change, job.arm), []).append(job)
+        for (change, arm), jobs in cohorts.items():
+            shares = [one for job in jobs if (one := job.shares()) is not None]
+            if len(shares) == len(jobs):
+                found[change][arm] = Recovery.of(shares)
         return pages.page(found, self.seed)
 
     def _lives(self, out: Path) -> list[LifeJob]:
