@@ -66,15 +66,21 @@ class LayeredNetworks:
                 x = self._hidden[layer](x)
         return x if several else x[:, 0]
 
-    def gradient(self, objective: Callable[[Tensor], Tensor]) -> Tensor:
-        """Returns the gradient of each robot's objective with respect to its weights, (B, W).
+    def differentiated(self, objective: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
+        """Returns each robot's objective, (B,), and its gradient, (B, W).
 
         Args:
           objective: Function of weights and biases (B, W) that returns one number a robot, (B,).
         """
         with torch.enable_grad():
             leaf = self.flat.detach().requires_grad_()
-            return torch.autograd.grad(objective(leaf).sum(), leaf)[0]
+            values = objective(leaf)
+            gradient = torch.autograd.grad(values.sum(), leaf)[0]
+        return values.detach(), gradient
+
+    def gradient(self, objective: Callable[[Tensor], Tensor]) -> Tensor:
+        """Returns the gradient alone; see `differentiated`."""
+        return self.differentiated(objective)[1]
 
     def _views(self, flat: Tensor) -> list[Tensor]:
         parts = flat.split(self._counts, dim=1)
@@ -111,7 +117,9 @@ class Adam:
         """
         self._flat, self._rate = networks.flat, column(rate)
         self._move = torch.zeros_like(self._flat)  # of learn rate 1
-        self._optimizer = torch.optim.Adam([self._move], lr=1.0, betas=(mean_decay, 0.999))
+        self._optimizer = torch.optim.Adam(
+            [self._move], lr=1.0, betas=(mean_decay, 0.999), fused=True  # a third of the time
+        )
         # PyTorch makes these in the first step, which is too late for a checkpoint before it.
         kept = {
             "step": torch.zeros(()),

@@ -60,7 +60,8 @@ class ObGD:
 
     def forget(self, robots: Tensor | None = None) -> None:
         """Empties the traces of the robots for which a mask is true, or of all."""
-        self.traces[slice(None) if robots is None else robots] = 0
+        # Numbers of robots: indexing with the mask takes thirty times longer.
+        self.traces[slice(None) if robots is None else robots.nonzero()[:, 0]] = 0
 
 
 def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: float = 0.9) -> None:

@@ -69,7 +69,8 @@ class StreamAC(StreamLearner):
     def update(self, reward: Tensor) -> None:
         """See `OnlineLearner.update`."""
         inputs, action = self.before["inputs"], self.before["action"]
-        value, following = (self.critic(x)[:, 0] for x in (inputs, self.now["inputs"]))
+        following = self.critic(self.now["inputs"])[:, 0]
+        value, critics = self.critic.differentiated(lambda flat: self.critic(inputs, flat)[:, 0])
         error = self.scaled_reward(reward) + self._discount * following - value
 
         def objective(flat: Tensor) -> Tensor:
@@ -78,7 +79,6 @@ class StreamAC(StreamLearner):
             return policy.log_prob(action).sum(dim=1) + bonus
 
         actors = self.actor.gradient(objective)
-        critics = self.critic.gradient(lambda flat: self.critic(inputs, flat)[:, 0])
         self.actors_descent.step(actors, error)
         self.critics_descent.step(critics, error)
 

@@ -55,11 +55,10 @@ class StreamQ(StreamLearner):
         """See `OnlineLearner.update`."""
         inputs, chosen = self.before["inputs"], self.before["chosen"][:, None]
         best = self.networks(self.now["inputs"]).amax(dim=1)
-        value = self.networks(inputs).gather(1, chosen)[:, 0]
-        error = self.scaled_reward(reward) + self._discount * best - value
-        gradient = self.networks.gradient(
+        value, gradient = self.networks.differentiated(
             lambda flat: self.networks(inputs, flat).gather(1, chosen)[:, 0]
         )
+        error = self.scaled_reward(reward) + self._discount * best - value
         self.descent.step(gradient, error)
         self.descent.forget(self.before["exploratory"])
 
