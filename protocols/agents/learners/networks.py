@@ -118,7 +118,10 @@ class Adam:
         self._flat, self._rate = networks.flat, column(rate)
         self._move = torch.zeros_like(self._flat)  # of learn rate 1
         self._optimizer = torch.optim.Adam(
-            [self._move], lr=1.0, betas=(mean_decay, 0.999), fused=True  # a third of the time
+            [self._move],
+            lr=1.0,
+            betas=(mean_decay, 0.999),
+            fused=True,  # a third of the time
         )
         # PyTorch makes these in the first step, which is too late for a checkpoint before it.
         kept = {

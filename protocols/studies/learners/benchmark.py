@@ -17,6 +17,7 @@ from ...agents.trust import trust
 from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
 from ...experiment.overrides import named_brain, with_overrides
+from ...experiment.plan import default_cohort_size
 from ...results.run_files import has_all_rows, read_runs
 from ...shared_options import option
 from ...simulation.cohort import check_agents
@@ -30,6 +31,7 @@ from .tune import Tune, efforts
 LEARNERS = tuple(name for name in RECORDED_NAMES if name not in ("ppo", LOWER, UPPER))
 _BRAINS = ("paper", "steady")
 _PAPER_ALONE = ("paper", recorded_name("ppo"))  # have no raw signals
+_COHORT = 30  # so that 30 robots can become 60 later
 _SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
 
 BoardName = Literal["paper", "walls", "continual", "larger"]
@@ -71,7 +73,7 @@ class Benchmark(VariantStudy):
     )
     """protocols and tasks in which they are compared"""
     robots: int = 60
-    """number of robots of each learner, one cohort"""
+    """number of robots of each learner, in cohorts of at most 30"""
     seed: int = 32010
     """seed of the boards paper and walls"""
     body: Body = "mujoco"
@@ -84,7 +86,7 @@ class Benchmark(VariantStudy):
         check_positive(robots=self.robots)
         return Experiment(
             seed=self.seed,
-            cohort_size=self.robots,
+            cohort_size=default_cohort_size(self.robots, _COHORT),
             body=self.body,
             time_scale=self.time_scale,
         )
