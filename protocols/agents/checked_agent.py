@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -12,6 +13,9 @@ import numpy as np
 from ..errors import InputError, RunError
 from ..storage import DTYPES
 from .base import Agent
+
+# Files in which no fault of a user's code lies: musebot's, and those that import modules.
+_NOT_THEIRS = "<", str(Path(__file__).parents[1]), str(Path(importlib.__file__).parent)
 
 
 class CheckedAgent(Agent):
@@ -30,7 +34,7 @@ class CheckedAgent(Agent):
           RunError: the factory exits.
         """
         self._name, self._robots = name, robots
-        with ending_in_a_sentence(f"the factory {name}", InputError):
+        with ending_in_a_sentence(f"the factory {name} failed", InputError):
             agent = make()
         if not isinstance(agent, Agent):
             raise InputError(f"{name} must return an Agent, got {type(agent).__name__}")
@@ -173,7 +177,11 @@ def ending_in_a_sentence(
 
 
 def fault(error: BaseException) -> str:
-    """Returns type, text and place of an error in one line."""
+    """Returns type, text and place of an error in one line; the place in code that is not ours."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
-    frames = traceback.extract_tb(error.__traceback__)
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(_NOT_THEIRS)
+    ]
     return f"{text}, {Path(frames[-1].filename).name} line {frames[-1].lineno}" if frames else text

@@ -42,12 +42,15 @@ def factory_of(name: str) -> Callable[..., Agent]:
     check_trusted(name, "the experiment")
     module, _, attribute = MOVED.get(name, name).partition(":")
     factory: Any
-    passed = ImportError, AttributeError
-    try:
-        with ending_in_a_sentence(f"{module} cannot be imported", InputError, passed):
-            factory = getattr(importlib.import_module(module), attribute)
-    except passed as error:
-        raise InputError(f"there is no agent {name} ({error})") from error
+    with ending_in_a_sentence(f"{module} cannot be imported", InputError):
+        try:
+            factory = getattr(importlib.import_module(module), attribute, None)
+        except ModuleNotFoundError as error:
+            if not f"{module}.".startswith(f"{error.name}."):
+                raise  # it exists, but what it imports does not
+            raise InputError(f"there is no agent {name} ({error})") from error
+    if factory is None:
+        raise InputError(f"there is no agent {name}: {module} has no {attribute}")
     if not callable(factory):
         raise InputError(f"{name} must be a factory of agents, got {type(factory).__name__}")
     return cast(Callable[..., Agent], factory)

@@ -48,6 +48,8 @@ class Setting:
 
     def __post_init__(self) -> None:
         """Raises ValueError if the default lies outside, or the range does not suit its kind."""
+        if type(self.default) is bool:
+            raise ValueError("a setting is a number; take 0 and 1 for no and yes")
         if self.log and not self.low > 0:
             raise ValueError(f"a logarithmic range must be above 0, got {self.low}")
         if self.log and self.whole and self.low < 1:

@@ -17,7 +17,7 @@ Name = Annotated[
 
 @dataclasses.dataclass
 class CheckAgentCommand:
-    """Check that an agent keeps to the interface, in about a minute and without a simulation.
+    """Check that an agent keeps to the interface, without a simulation; takes seconds.
 
     A line for each check: ok, FAILED or a remark. The exit status is 1 if one has failed.
     """
@@ -26,6 +26,8 @@ class CheckAgentCommand:
     """a name that `musebot list agents` prints, or a factory of yours as package.module:factory"""
     task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "both")] = ()
     """tasks whose signals it is given"""
+    protocol: Annotated[str, option("{paper,walls}", "paper")] = "paper"
+    """walls: spot finding with walls sensed, as on the benchmark's board walls"""
     signals: Annotated[str, option("{paper,raw}", "paper")] = "paper"
     """raw: smell and reward before they saturate"""
     agent_set: Annotated[tuple[str, ...], option("NAME=VALUE ..", "none")] = ()
@@ -42,23 +44,28 @@ class CheckAgentCommand:
         from ..agents.names import recorded_name
         from ..agents.trust import trust
         from ..errors import InputError, RunError
-        from ..experiment.conditions import PAPER_TASKS, Condition
+        from ..experiment.conditions import Condition
         from ..experiment.experiment import Experiment
 
         name = recorded_name(self.agent)
-        conditions = [Condition(task, name) for task in self.task or PAPER_TASKS]
+        settings = tuple(self.agent_set)
+        experiment = Experiment(
+            signals=self.signals,  # type: ignore[arg-type]
+            settings=settings,
+            protocol=self.protocol,  # type: ignore[arg-type]
+        )
+        conditions = [Condition(task, name) for task in self.task or experiment.tasks]
         if conditions[0].has_brain:
             raise InputError(f"{name} is a proposer of the brain, not an agent")
-        settings = tuple(self.agent_set)
-        experiment = Experiment(signals=self.signals, settings=settings)  # type: ignore[arg-type]
         trust(name)
         failed = 0
         for condition in conditions:
             for number, check in enumerate(checks(experiment, condition)):
                 if not number:  # now the agent has been made
-                    say(f"{condition.task}, {self.signals} signals")
+                    say(f"{experiment.arena_task(condition.task)}, {self.signals} signals")
                 word = {True: "ok", False: "FAILED", None: "-"}[check.passed]
                 failed += check.passed is False
                 say(f"{word:7} {check.name}: {check.says}")
         if failed:
             raise RunError(f"{self.agent} failed {failed} of the checks")
+        say(f"{self.agent} passed all checks")

@@ -21,6 +21,7 @@ from ..results.results import Lives, Results, collect, merge
 from ..results.run import Run
 from ..results.run_files import adopt_files, read_results, write_results
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
+from ..terminal import notice
 from .checkpoints import (
     CHECKPOINTS,
     checkpoint_file,
@@ -75,6 +76,8 @@ def simulate(
         messages = run.begin()
         jobs = run.jobs(save_every)
         cost = f"{sum(len(job.keys) for job in jobs)} cohorts"
+        if not jobs and not quiet:
+            notice(f"{directory} is finished, so nothing is simulated")
         with contextlib.ExitStack() as stack:
             if log:
                 book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)

@@ -157,8 +157,12 @@ def run(tmp_path, **faults):
     ("faults", "status", "words"),
     [
         ({"module": "sys.exit(0)"}, 1, "mine cannot be imported: it called for an exit"),
-        ({"factory": "sys.exit(0)"}, 1, "the factory mine:make: it called for an exit"),
-        ({"factory": "1 / 0"}, 2, "the factory mine:make (ZeroDivisionError: division by zero, "),
+        ({"factory": "sys.exit(0)"}, 1, "the factory mine:make failed: it called for an exit"),
+        (
+            {"factory": "1 / 0"},
+            2,
+            "the factory mine:make failed (ZeroDivisionError: division by ",
+        ),
         (
             {"late": "sys.exit(0)"},
             1,

@@ -177,11 +177,20 @@ def test_a_missing_factory_and_one_that_makes_no_agent_are_refused(name, words):
         make_agent(Experiment(), Condition(WALLS, name), 1, 0)
 
 
-def test_a_module_that_cannot_be_imported_is_refused_with_the_reason(tmp_path, monkeypatch):
-    (tmp_path / "half_written.py").write_text("def make(:")
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        ("def make(:", r"\(SyntaxError: .*half_written.py, line 1\)\)$"),
+        ("\nimport no_such_package", r"\(ModuleNotFoundError: .*, half_written.py line 2\)$"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_is_refused_with_the_reason(
+    code, reason, tmp_path, monkeypatch
+):
+    (tmp_path / "half_written.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
     trust("half_written:make")
-    with pytest.raises(InputError, match="half_written cannot be imported .SyntaxError"):
+    with pytest.raises(InputError, match="half_written cannot be imported " + reason):
         make_agent(Experiment(), Condition(WALLS, "half_written:make"), 1, 0)
 
 

@@ -134,7 +134,7 @@ def held(folder, **changes):
     trust.trust("mine:each")
     content = {
         "study": "tune",
-        "experiments": {"whole": dataclasses.asdict(study.experiments()["whole"])},
+        "experiments": {"trials": dataclasses.asdict(study.experiments()["trials"])},
         "details": dict(study.details()),
     }
     for name, value in changes.items():

@@ -189,4 +189,5 @@ class Benchmark(VariantStudy):
         return ranking(found, measured(out, found), efforts(self.tuned))
 
     def _boards(self, out: Path) -> dict[Board, list[Entry]]:
-        return boards(read_runs([out / name for name in self.plans()], brains=False))
+        found = boards(read_runs([out / name for name in self.plans()], brains=False))
+        return {board: own for board, own in found.items() if board.signals in self.signals}

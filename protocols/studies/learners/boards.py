@@ -29,11 +29,7 @@ LOWER, UPPER = "newborn", "hand_coded"
 _RESAMPLES, _SEED = 2000, 1
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
 _MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
-
-_OPTIONS = (
-    "protocol", "arena_scale", "body", "physics", "nose", "nose_place", "motor_speed",
-    "motor_torque", "time_scale",
-)  # of `musebot run`, printed where they are not the default  # fmt: skip
+_HAVE_WORDS = (*_MAY_DIFFER, "kinematics")  # fields that are not simply `--field value`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,10 +181,10 @@ def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
         f"--robots {robots} --cohort-size {experiment.cohort_size}",
         f"--seed {experiment.seed}",
     ]
-    for name in _OPTIONS:
-        value = getattr(experiment, name)
-        if value != getattr(Experiment, name):
-            words.append(f"--{name.replace('_', '-')} {value}")
+    for field in dataclasses.fields(Experiment):
+        value = getattr(experiment, field.name)
+        if field.name not in _HAVE_WORDS and value != field.default:
+            words.append(f"--{field.name.replace('_', '-')} {value}")
     kinematics = overrides_of(experiment.kinematics, Kinematics())
     return " ".join([*words, *(["--kinematics", *kinematics] if kinematics else [])])
 

@@ -117,8 +117,8 @@ def markdown(
         "",
         "us: time of a robot-step without the simulation, in microseconds; ratio: the same divided "
         "by that of the paper's creative brain, measured right after; KiB: a robot's in a "
-        "checkpoint. Tuned: settings that were tried for a quarter of the time, then in whole "
-        "lives.",
+        "checkpoint; a dash for agents of third parties, which `musebot check-agent` measures. "
+        "Tuned: settings that were tried for a quarter of the time, then in whole lives.",
         "",
     ]
 
@@ -228,8 +228,9 @@ def draw(ranking: Ranking) -> Figure:
         hours = (np.arange(len(points)) + 1) * width / 60
         shade = style.PALETTE[number % len(style.PALETTE)]
         dashes = _LINE_STYLES[number // len(style.PALETTE) % len(_LINE_STYLES)]
-        axis.plot(hours, points, color=shade, linestyle=dashes, linewidth=1.2)
+        mark = "o" if len(points) == 1 else None  # a rehearsal
+        axis.plot(hours, points, color=shade, linestyle=dashes, linewidth=1.2, marker=mark)
         ends[entry.name] = (float(points[-1]), shade)
-    axis.set(xlabel="hours of training", ylabel="share of time", ylim=(0, 1))
+    axis.set(xlabel="hours of training", ylabel="share of time", ylim=(-0.02, 1.02))
     style.label_ends(axis, float(axis.lines[0].get_xdata()[-1]), ends)
     return figure

@@ -102,7 +102,7 @@ class Tune(Study):
         path = folder / STUDY_FILE
         try:
             held = read_json(path)
-            details, whole = held["details"], experiment_from(held["experiments"]["whole"])
+            details, whole = held["details"], experiment_from(held["experiments"]["trials"])
             agent, kept, trials = details["agent"], details["kept"], len(details["trials"])
             if held["study"] != cls.name or type(agent) is not str or type(kept) is not int:
                 raise ValueError("it holds another study, or is damaged")
@@ -143,7 +143,7 @@ class Tune(Study):
         for trials in self._cohorts(self.drawn()):
             experiment = self._round(0, trials)
             check_memory(Plan.of(experiment, self._conditions, experiment.cohort_size))
-        return {"whole": self._round(1, [Trial(0, ())])}
+        return {"trials": self._round(1, [Trial(0, ())])}
 
     @functools.cached_property
     def settings(self) -> Mapping[str, Setting]:
