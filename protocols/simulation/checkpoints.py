@@ -35,29 +35,27 @@ def finished_file(directory: Path, key: CohortKey) -> Path:
     return directory / CHECKPOINTS / f"{key}.finished.safetensors"
 
 
-def save_checkpoint(directory: Path, key: CohortKey, cohort: Cohort) -> None:
+def save_checkpoint(path: Path, cohort: Cohort) -> None:
     """Writes a cohort's checkpoint.
 
     Raises:
       OSError: the file cannot be written.
     """
     arrays, notes = cohort.checkpoint()
-    identity = _identity(cohort.experiment, key)
-    save_arrays(checkpoint_file(directory, key), arrays, **identity, **notes)
+    save_arrays(path, arrays, **_identity(cohort.experiment, cohort.key), **notes)
 
 
 def restored_cohort(
-    directory: Path, experiment: Experiment, key: CohortKey, batch: Robots | None = None
+    path: Path, experiment: Experiment, key: CohortKey, batch: Robots | None = None
 ) -> tuple[Cohort, str]:
     """Returns a cohort from its checkpoint, or a new one, and a message about a damaged file.
 
     Args:
-      directory: Folder of the run.
+      path: File of the checkpoint, if there is one.
       experiment: Experiment that decides the robots' lives.
       key: Condition and number of the cohort.
       batch: Robots that have not moved yet; None makes them.
     """
-    path = checkpoint_file(directory, key)
     unmoved = {} if batch is None else batch.get_state()
     cohort = Cohort(experiment, key, batch)
     try:
@@ -88,11 +86,11 @@ def restored_cohorts(
       keys: Keys of the cohorts, of one task; several for robots on tensors only.
     """
     if len(keys) == 1:
-        cohort, message = restored_cohort(directory, experiment, keys[0])
+        cohort, message = restored_cohort(checkpoint_file(directory, keys[0]), experiment, keys[0])
         return [cohort], message
     batches = robots_on_device(experiment, keys[0].condition.task, len(keys))
     found = [
-        restored_cohort(directory, experiment, key, batch)
+        restored_cohort(checkpoint_file(directory, key), experiment, key, batch)
         for key, batch in zip(keys, batches, strict=True)
     ]
     return [cohort for cohort, _ in found], "; ".join(message for _, message in found if message)

@@ -171,7 +171,7 @@ class CohortJob:
 
     def _save(self, cohorts: Sequence[Cohort]) -> None:
         for cohort in cohorts:
-            save_checkpoint(self.directory, cohort.key, cohort)
+            save_checkpoint(checkpoint_file(self.directory, cohort.key), cohort)
 
     def _name(self, key: CohortKey) -> str:
         return f"{self.directory.name}/{key}"

@@ -90,7 +90,7 @@ def make(folder, seed, invented):
     )
     cohort = Cohort(short(seed), KEY)
     cohort.advance(cohort.steps // 2)
-    checkpoints.save_checkpoint(folder, KEY, cohort)
+    checkpoints.save_checkpoint(checkpoints.checkpoint_file(folder, KEY), cohort)
     cohort.advance(10**6)
     path = checkpoints.finished_file(folder, KEY)
     checkpoints.save_lives(path, cohort.lives(), short(seed), KEY)
@@ -174,7 +174,8 @@ def _state_of(cohort):
 
 def checkpoint_of(folder):
     """Restores a cohort; returns None for one that starts anew, which leads to the same results."""
-    cohort, message = checkpoints.restored_cohort(folder, short(1), KEY)
+    path = checkpoints.checkpoint_file(folder, KEY)
+    cohort, message = checkpoints.restored_cohort(path, short(1), KEY)
     if cohort.step == 0 and _state_of(cohort) == _newborn():
         return None, bool(message)
     return None, _state_of(cohort)

@@ -12,7 +12,7 @@ from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.simulation import tensorboard_log
-from musebot.protocols.simulation.checkpoints import save_checkpoint
+from musebot.protocols.simulation.checkpoints import checkpoint_file, save_checkpoint
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.runs import UnfinishedRun, simulate
 
@@ -95,7 +95,7 @@ def test_the_curve_of_running_cohorts_ends_where_the_slowest_is(plain, tmp_path)
         cohort = Cohort(the_plan.experiment, key := CohortKey(condition, index))
         cohort.advance(600 * minutes + 30)
         (tmp_path / "checkpoints").mkdir(exist_ok=True)
-        save_checkpoint(tmp_path, key, cohort)
+        save_checkpoint(checkpoint_file(tmp_path, key), cohort)
         unfinished = UnfinishedRun(tmp_path, the_plan, {}, the_plan.cohorts(), {})
         assert len(unfinished.curve(condition)) == (0, 2)[index]
     wanted = plain[1].curves(condition)[:, :2].mean(axis=0, dtype=float)

@@ -14,6 +14,7 @@ from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.errors import InputError
 from musebot.protocols.storage import write_json
+from musebot.protocols.studies.evolve import evaluation
 from musebot.protocols.studies.learners.tune import Trial, Tune
 
 
@@ -189,6 +190,35 @@ def test_an_agents_fault_is_one_sentence_with_its_step(
     assert cli.main(command) == 1
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert "mine:graded failed in act (ZeroDivisionError" in last and "at step 29" in last
+
+
+def test_a_stopped_trial_continues_from_its_checkpoint_to_the_same_bytes(tmp_path, monkeypatch):
+    study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.1)
+    study.experiments()
+    monkeypatch.setattr(evaluation, "_SAVE_EVERY", 0.0)
+    whole, cut = (next(study.stages(tmp_path / name))[0] for name in ("whole", "cut"))
+    for job in (whole, cut):
+        job.path.parent.mkdir(parents=True)
+    assert whole.run(lambda: False, lambda *_: None)
+    answers = iter((False, False, True))
+    assert not cut.run(lambda: next(answers), lambda *_: None)
+    assert [path.suffix for path in cut.path.parent.iterdir()] == [".checkpoint"]
+    reported = []
+    assert cut.run(lambda: False, lambda seconds, _: reported.append(seconds))
+    assert reported[0] == 3 * 60 * cut.experiment.cohort_size
+    assert reported[-1] == cut.cost
+    assert cut.path.read_bytes() == whole.path.read_bytes()
+    assert [*cut.path.parent.iterdir()] == [cut.path]
+
+
+def test_a_checkpoint_left_by_a_job_that_was_killed_after_its_end_is_removed(tmp_path):
+    study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.004)
+    study.experiments()
+    (tmp_path / "trials").mkdir()
+    for job in (job for jobs in study.stages(tmp_path) for job in jobs):
+        assert job.run(lambda: False, lambda *_: None)
+        job.path.with_suffix(".checkpoint").touch()
+    assert {path.suffix for path in (tmp_path / "trials").iterdir()} == {".safetensors"}
 
 
 def test_every_learner_of_ours_can_be_tuned():

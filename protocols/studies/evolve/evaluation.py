@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,14 @@ from ...agents.trust import trust
 from ...errors import InputError, RunError
 from ...experiment.conditions import CohortKey, Condition
 from ...experiment.experiment import Experiment
-from ...simulation.cohort import Cohort
+from ...experiment.schedules import control_steps
+from ...simulation.checkpoints import restored_cohort, save_checkpoint
 from ...simulation.jobs import Report, Stop
-from ...storage import save_arrays
+from ...storage import remove_files, save_arrays
 from ..study import MinuteTick, StoppedError, advance, identity_of, own_arrays
+
+_CHECKPOINT = ".checkpoint"
+_SAVE_EVERY = 60.0  # seconds
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,19 +52,28 @@ class EvaluationJob:
         return self.path.exists()
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; lives that were stopped start from the beginning."""
+        """See `Job.run`; lives that were stopped continue from their checkpoint."""
         trust(self.condition.proposer)  # the command has named it
-        cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
-        tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
+        path, robots = self.path.with_suffix(_CHECKPOINT), self.experiment.cohort_size
+        cohort, message = restored_cohort(path, self.experiment, CohortKey(self.condition, 0))
+        done = cohort.step * CONTROL_TIMESTEP * robots
+        report(done, message)
+        tick, saved = MinuteTick(self, robots, stop, report, done), time.monotonic()
         try:
-            advance(cohort, cohort.steps, tick)
+            while not cohort.finished:
+                advance(cohort, min(cohort.step + control_steps(1), cohort.steps), tick)
+                if time.monotonic() - saved > _SAVE_EVERY:
+                    save_checkpoint(path, cohort)
+                    saved = time.monotonic()
         except StoppedError:
+            save_checkpoint(path, cohort)
             return False
         except (InputError, RunError) as error:  # of an agent
             raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
         lives = cohort.lives()
         arrays = {"events": lives.events[:, 2].astype(np.int32), "valid": lives.valid}
         save_arrays(self.path, arrays, **self._identity)
+        path.unlink(missing_ok=True)
         return True
 
     def shares(self) -> np.ndarray:
@@ -82,3 +96,8 @@ class EvaluationJob:
     @property
     def _identity(self) -> dict[str, Any]:
         return identity_of(self.experiment, self.condition)
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """Removes the checkpoints of finished jobs from a folder: a killed job may leave one."""
+    remove_files(folder, lambda name: name.endswith(_CHECKPOINT))

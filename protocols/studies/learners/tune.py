@@ -33,7 +33,7 @@ from ...reporting.markdown import mean_cell, table
 from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
 from ...simulation.jobs import Job
 from ...storage import read_json
-from ..evolve.evaluation import EvaluationJob
+from ..evolve.evaluation import EvaluationJob, remove_checkpoints
 from ..study import STUDY_FILE, Page, Study, check_positive
 
 FOLDER = "trials"
@@ -198,6 +198,7 @@ class Tune(Study):
         """See `Study.stages`: all trials for a quarter of the time, then the best."""
         yield self._all_jobs(out, 0, self.drawn())
         yield self._all_jobs(out, 1, self._best(out))
+        remove_checkpoints(out / FOLDER)
 
     def ranked(self, out: Path) -> list[tuple[Trial, np.ndarray, np.ndarray | None]]:
         """Returns the finished trials, best first, with each robot's values in both rounds.
