@@ -57,9 +57,10 @@ class Agent(abc.ABC):
         """
 
     def weights(self) -> dict[str, np.ndarray]:
-        """Returns what the agent has learned, for brains.safetensors: arrays of shape (B, ...).
+        """Returns all that actions in a test depend on, for brains.safetensors.
 
-        A robot with a weight that is not finite is stopped and counted as invalid.
+        Both what was learned and what was drawn from the seed: arrays of shape (B, ...). A robot
+        with a weight that is not finite is stopped and counted as invalid.
         """
         return {}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
+import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -14,8 +14,14 @@ from ..errors import InputError, RunError
 from ..storage import DTYPES
 from .base import Agent
 
-# Files in which no fault of a user's code lies: musebot's, and those that import modules.
-_NOT_THEIRS = "<", str(Path(__file__).parents[1]), str(Path(importlib.__file__).parent)
+# A fault of a user's code lies neither here, nor in Python, nor in these libraries.
+_LIBRARIES = Path(np.__file__).parents[1]
+_NOT_THEIRS = (
+    "<",
+    str(Path(__file__).parents[1]),
+    sysconfig.get_paths()["stdlib"],
+    *(str(_LIBRARIES / name) for name in ("numpy", "torch")),
+)
 
 
 class CheckedAgent(Agent):
@@ -177,7 +183,7 @@ def ending_in_a_sentence(
 
 
 def fault(error: BaseException) -> str:
-    """Returns type, text and place of an error in one line; the place in code that is not ours."""
+    """Returns type, text and place of an error in one line: the last place in a user's code."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
     frames = [
         frame

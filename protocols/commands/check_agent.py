@@ -24,7 +24,7 @@ class CheckAgentCommand:
 
     agent: Name
     """a name that `musebot list agents` prints, or a factory of yours as package.module:factory"""
-    task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "both")] = ()
+    task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "those of the protocol")] = ()
     """tasks whose signals it is given"""
     protocol: Annotated[str, option("{paper,walls}", "paper")] = "paper"
     """walls: spot finding with walls sensed, as on the benchmark's board walls"""
@@ -46,6 +46,7 @@ class CheckAgentCommand:
         from ..errors import InputError, RunError
         from ..experiment.conditions import Condition
         from ..experiment.experiment import Experiment
+        from ..experiment.plan import Plan
 
         name = recorded_name(self.agent)
         settings = tuple(self.agent_set)
@@ -55,6 +56,7 @@ class CheckAgentCommand:
             protocol=self.protocol,  # type: ignore[arg-type]
         )
         conditions = [Condition(task, name) for task in self.task or experiment.tasks]
+        Plan.of(experiment, conditions, experiment.cohort_size)  # refuses tasks of other protocols
         if conditions[0].has_brain:
             raise InputError(f"{name} is a proposer of the brain, not an agent")
         trust(name)

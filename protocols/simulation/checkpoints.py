@@ -1,4 +1,4 @@
-"""The files in `OUT/checkpoints`: checkpoints of unfinished cohorts, results of finished ones."""
+"""Checkpoints of unfinished cohorts, and results of finished ones, as in `OUT/checkpoints`."""
 
 from __future__ import annotations
 

@@ -35,12 +35,14 @@ from ..storage import (
     locked,
     read_json,
     remove_drafts,
+    remove_files,
     resolved,
     write_json,
     write_text,
 )
 
 STUDY_FILE = "study.json"
+CHECKPOINT = ".checkpoint"  # ending of a job's file from which it continues
 
 _DEFAULT = {"default": Experiment()}  # whose physics a study without experiments is checked by
 
@@ -147,6 +149,8 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
         for jobs in study.stages(out):
             left = [job for job in jobs if not job.done()]
             execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)
+        for folder in study.folders(out):  # what jobs left that were killed after their end
+            remove_files(folder, lambda name: name.endswith(CHECKPOINT))
         page = study.page(out)
         write_text(page_file(study, out), page.markdown)
         with style.styled():

@@ -282,6 +282,7 @@ def test_the_exit_status_says_whether_one_has_failed(capsys, commands_in_process
         (["avg", "--task", "sleeping"], "the task must be one of"),
         (["avg", "--agent-set", "rate=1"], "avg has no setting rate"),
         (["avg", "--protocol", "doors"], "the protocol must be one of"),
+        (["avg", "--protocol", "walls", "--task", "wall_avoidance"], "has only spot_finding"),
         (["ppo"], "policies"),
     ],
 )

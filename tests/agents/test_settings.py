@@ -43,6 +43,8 @@ def test_a_duration_is_shortened_within_its_range():
     assert Setting(7200.0, 1, 1e6, tuned=False, duration=True).shortened(0.25) == 1800
     with pytest.raises(ValueError, match="cannot be tuned"):
         Setting(10, 4, 20, duration=True)
+    with pytest.raises(ValueError, match="take 0 and 1 for no and yes"):
+        Setting(True, 0, 1)
     with pytest.raises(ValueError, match="whole numbers begins at 1"):
         Setting(1, 0.5, 9, log=True)
 

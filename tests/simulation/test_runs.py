@@ -126,13 +126,14 @@ def test_a_run_that_has_more_robots_than_the_plan_keeps_them(run, whole):
     assert contents(whole) == before
 
 
-def test_a_finished_run_is_not_simulated_again(whole):
+def test_a_finished_run_is_not_simulated_again_and_says_so(whole, capsys):
     def refuse(*_):
         raise AssertionError("it simulates again")
 
     before = contents(whole)
-    simulate(whole, plan(), refuse, quiet=True)
+    simulate(whole, plan(), refuse)
     assert contents(whole) == before
+    assert "is finished, so nothing is simulated" in capsys.readouterr().err
 
 
 # Processes that are stopped or killed

@@ -32,6 +32,8 @@ def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
     assert plans["walls-dqn-raw"].experiment.signals == "raw"
     assert plans["walls-dqn-raw"].experiment.protocol == "walls"
     assert {plan.experiment.seed for plan in plans.values()} == {32010}
+    # The second cohort is added to the first.
+    assert Benchmark(robots=30).experiments() == Benchmark(robots=60).experiments()
 
 
 def test_the_held_out_boards_have_seeds_of_their_own():
@@ -49,6 +51,7 @@ def test_the_held_out_boards_have_seeds_of_their_own():
     ("changes", "sentence"),
     [
         ({"robots": 0}, "robots must be at least 1"),
+        ({"robots": 40}, "robots above 30 must be a multiple of 30, got 40"),
         ({"agent": ()}, "at least one agent"),
         ({"agent": ("dqm",)}, "did you mean dqn"),
         ({"agent": ("newborn",)}, "newborn is no learner of the benchmark"),
@@ -100,6 +103,15 @@ def test_every_board_is_simulated_and_its_command_can_be_given_again(
     assert cli.main(["run", str(again), *saturated.split(), "--processes", "1"]) == 0
     kept = (out / "walls-steady-paper" / "robots.csv").read_bytes()
     assert (again / "robots.csv").read_bytes() == kept
+
+
+def test_a_run_that_stands_in_both_tracks_makes_no_board_of_a_track_that_is_not_wanted(
+    tmp_path, commands_in_process, cheap_costs
+):
+    command = ["study", "benchmark", str(tmp_path), "--agent", "steady", "--board", "paper", *TINY]
+    assert cli.main([*command, "--signals", "raw"]) == 0
+    page = (tmp_path / "benchmark.md").read_text()
+    assert "Wall avoidance, protocol paper, raw signals" in page and "paper signals" not in page
 
 
 def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(

@@ -1,6 +1,8 @@
 """Settings of an agent are tuned with the same effort, and the study resumes to the same bytes."""
 
 import dataclasses
+import functools
+import math
 import sys
 import types
 
@@ -192,33 +194,50 @@ def test_an_agents_fault_is_one_sentence_with_its_step(
     assert "mine:graded failed in act (ZeroDivisionError" in last and "at step 29" in last
 
 
-def test_a_stopped_trial_continues_from_its_checkpoint_to_the_same_bytes(tmp_path, monkeypatch):
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_stopped_trial_continues_from_its_checkpoint_to_the_same_bytes(
+    killed, tmp_path, monkeypatch
+):
     study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.1)
     study.experiments()
-    monkeypatch.setattr(evaluation, "_SAVE_EVERY", 0.0)
+    monkeypatch.setattr(evaluation, "_SAVE_EVERY", 0.0 if killed else math.inf)
     whole, cut = (next(study.stages(tmp_path / name))[0] for name in ("whole", "cut"))
     for job in (whole, cut):
         job.path.parent.mkdir(parents=True)
     assert whole.run(lambda: False, lambda *_: None)
-    answers = iter((False, False, True))
-    assert not cut.run(lambda: next(answers), lambda *_: None)
+    answers = iter((False, False, False, True))
+    if killed:  # in the third minute, after the checkpoint of the second
+        with pytest.raises(StopIteration):
+            cut.run(functools.partial(next, iter((False, False, False))), lambda *_: None)
+    else:
+        assert not cut.run(lambda: next(answers), lambda *_: None)
     assert [path.suffix for path in cut.path.parent.iterdir()] == [".checkpoint"]
     reported = []
     assert cut.run(lambda: False, lambda seconds, _: reported.append(seconds))
-    assert reported[0] == 3 * 60 * cut.experiment.cohort_size
+    assert reported[0] == (2 if killed else 3) * 60 * cut.experiment.cohort_size
     assert reported[-1] == cut.cost
     assert cut.path.read_bytes() == whole.path.read_bytes()
     assert [*cut.path.parent.iterdir()] == [cut.path]
 
 
-def test_a_checkpoint_left_by_a_job_that_was_killed_after_its_end_is_removed(tmp_path):
-    study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.004)
+def test_a_waiting_trial_does_not_begin_when_the_study_is_asked_to_stop(tmp_path, monkeypatch):
+    study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.1)
     study.experiments()
-    (tmp_path / "trials").mkdir()
-    for job in (job for jobs in study.stages(tmp_path) for job in jobs):
-        assert job.run(lambda: False, lambda *_: None)
-        job.path.with_suffix(".checkpoint").touch()
-    assert {path.suffix for path in (tmp_path / "trials").iterdir()} == {".safetensors"}
+    job = next(study.stages(tmp_path))[0]
+    assert not job.run(lambda: True, lambda *_: None)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_checkpoints_of_jobs_that_were_killed_after_their_end_are_removed(
+    tmp_path, commands_in_process
+):
+    words = "--trials 2 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
+    command = ["study", "tune", str(tmp_path), "--agent", "sarsa_lambda", *words]
+    assert cli.main(command) == 0
+    left = tmp_path / "trials" / "left.checkpoint"
+    left.touch()
+    assert cli.main(command) == 0
+    assert not left.exists()
 
 
 def test_every_learner_of_ours_can_be_tuned():

@@ -121,7 +121,7 @@ class Adam:
             [self._move],
             lr=1.0,
             betas=(mean_decay, 0.999),
-            fused=True,  # a third of the time
+            fused=True,  # takes a third of the time
         )
         # PyTorch makes these in the first step, which is too late for a checkpoint before it.
         kept = {

@@ -18,9 +18,8 @@ from ...experiment.schedules import control_steps
 from ...simulation.checkpoints import restored_cohort, save_checkpoint
 from ...simulation.jobs import Report, Stop
 from ...storage import remove_files, save_arrays
-from ..study import MinuteTick, StoppedError, advance, identity_of, own_arrays
+from ..study import CHECKPOINT, MinuteTick, StoppedError, identity_of, own_arrays
 
-_CHECKPOINT = ".checkpoint"
 _SAVE_EVERY = 60.0  # seconds
 
 
@@ -53,15 +52,21 @@ class EvaluationJob:
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; lives that were stopped continue from their checkpoint."""
+        if stop():
+            return False
+        if self.done():  # by a node that was lost before it could report
+            report(self.cost, "")
+            return True
         trust(self.condition.proposer)  # the command has named it
-        path, robots = self.path.with_suffix(_CHECKPOINT), self.experiment.cohort_size
+        path, robots = self.path.with_suffix(CHECKPOINT), self.experiment.cohort_size
         cohort, message = restored_cohort(path, self.experiment, CohortKey(self.condition, 0))
         done = cohort.step * CONTROL_TIMESTEP * robots
         report(done, message)
         tick, saved = MinuteTick(self, robots, stop, report, done), time.monotonic()
         try:
             while not cohort.finished:
-                advance(cohort, min(cohort.step + control_steps(1), cohort.steps), tick)
+                cohort.advance(control_steps(1))
+                tick()
                 if time.monotonic() - saved > _SAVE_EVERY:
                     save_checkpoint(path, cohort)
                     saved = time.monotonic()
@@ -73,7 +78,7 @@ class EvaluationJob:
         lives = cohort.lives()
         arrays = {"events": lives.events[:, 2].astype(np.int32), "valid": lives.valid}
         save_arrays(self.path, arrays, **self._identity)
-        path.unlink(missing_ok=True)
+        remove_files(path.parent, path.name.__eq__)
         return True
 
     def shares(self) -> np.ndarray:
@@ -96,8 +101,3 @@ class EvaluationJob:
     @property
     def _identity(self) -> dict[str, Any]:
         return identity_of(self.experiment, self.condition)
-
-
-def remove_checkpoints(folder: Path) -> None:
-    """Removes the checkpoints of finished jobs from a folder: a killed job may leave one."""
-    remove_files(folder, lambda name: name.endswith(_CHECKPOINT))

@@ -30,7 +30,7 @@ from ...simulation.jobs import Job
 from ...terminal import notice
 from ..study import Page, Study, check_positive
 from . import page as pages
-from .evaluation import EvaluationJob, remove_checkpoints
+from .evaluation import EvaluationJob
 from .page import Evolution, Generation
 from .space import RANGES, brain_at, check_names, point_of
 
@@ -157,7 +157,6 @@ class Evolve(Study):
             yield jobs
             self._tell(evolution, search, points, jobs)
         yield [*self._finals(out, self.start.brain), *self._finals(out, self._winner(search))]
-        remove_checkpoints(out / FOLDER)
 
     def evolution(self, out: Path) -> Evolution:
         """Reads the finished generations, and the final tests if they are finished."""

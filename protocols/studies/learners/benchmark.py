@@ -17,7 +17,6 @@ from ...agents.trust import trust
 from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
 from ...experiment.overrides import named_brain, with_overrides
-from ...experiment.plan import default_cohort_size
 from ...results.run_files import has_all_rows, read_runs
 from ...shared_options import option
 from ...simulation.cohort import check_agents
@@ -73,7 +72,7 @@ class Benchmark(VariantStudy):
     )
     """protocols and tasks in which they are compared"""
     robots: int = 60
-    """number of robots of each learner, in cohorts of at most 30"""
+    """number of robots of each learner; above 30 a multiple of 30, the robots of a cohort"""
     seed: int = 32010
     """seed of the boards paper and walls"""
     body: Body = "mujoco"
@@ -84,9 +83,11 @@ class Benchmark(VariantStudy):
     def baseline(self) -> Experiment:
         """See `VariantStudy.baseline`."""
         check_positive(robots=self.robots)
+        if self.robots > _COHORT and self.robots % _COHORT:
+            raise InputError(f"robots above 30 must be a multiple of 30, got {self.robots}")
         return Experiment(
             seed=self.seed,
-            cohort_size=default_cohort_size(self.robots, _COHORT),
+            cohort_size=min(self.robots, _COHORT),
             body=self.body,
             time_scale=self.time_scale,
         )

@@ -29,6 +29,7 @@ LOWER, UPPER = "newborn", "hand_coded"
 _RESAMPLES, _SEED = 2000, 1
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
 _MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
+_NO_OPTIONS = "turned_start", "learn_across_placement"  # of `musebot run`: only --config has them
 _HAVE_WORDS = (*_MAY_DIFFER, "kinematics")  # fields that are not simply `--field value`
 
 
@@ -183,7 +184,11 @@ def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
     ]
     for field in dataclasses.fields(Experiment):
         value = getattr(experiment, field.name)
-        if field.name not in _HAVE_WORDS and value != field.default:
+        if field.name in _HAVE_WORDS or value == field.default:
+            continue
+        if field.name in _NO_OPTIONS:
+            words.append(f"--config FILE with {field.name}: {value}")
+        else:
             words.append(f"--{field.name.replace('_', '-')} {value}")
     kinematics = overrides_of(experiment.kinematics, Kinematics())
     return " ".join([*words, *(["--kinematics", *kinematics] if kinematics else [])])

@@ -33,14 +33,14 @@ from ...reporting.markdown import mean_cell, table
 from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
 from ...simulation.jobs import Job
 from ...storage import read_json
-from ..evolve.evaluation import EvaluationJob, remove_checkpoints
+from ..evolve.evaluation import EvaluationJob
 from ..study import STUDY_FILE, Page, Study, check_positive
 
 FOLDER = "trials"
 _EARLY = 0.25  # factor on the durations of the first round
 _MOST = 1024  # trials
 # Trials in a cohort, where robots may differ in all tuned settings. More trials take less time
-# each, but keep fewer cores busy, and more is lost when a cohort is killed.
+# each, but keep fewer cores busy.
 _TOGETHER = 8
 
 
@@ -102,7 +102,7 @@ class Tune(Study):
         path = folder / STUDY_FILE
         try:
             held = read_json(path)
-            details, whole = held["details"], experiment_from(held["experiments"]["trials"])
+            details, full = held["details"], experiment_from(held["experiments"]["trials"])
             agent, kept, trials = details["agent"], details["kept"], len(details["trials"])
             if held["study"] != cls.name or type(agent) is not str or type(kept) is not int:
                 raise ValueError("it holds another study, or is damaged")
@@ -111,13 +111,13 @@ class Tune(Study):
             raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
         return cls(
             agent=agent,
-            signals=whole.signals,
+            signals=full.signals,
             trials=trials,
             kept=kept,
-            robots=whole.cohort_size,
-            seed=whole.seed - 1,
-            kinematics=tuple(overrides_of(whole.kinematics, Kinematics())),
-            time_scale=whole.time_scale,
+            robots=full.cohort_size,
+            seed=full.seed - 1,
+            kinematics=tuple(overrides_of(full.kinematics, Kinematics())),
+            time_scale=full.time_scale,
         )
 
     def best(self, out: Path) -> Trial:
@@ -137,7 +137,7 @@ class Tune(Study):
         return f"{self.trials} settings, {self.kept} in whole lives, {self.robots} robots{scale}"
 
     def experiments(self) -> Mapping[str, Experiment]:
-        """See `Study.experiments`: the experiment of whole lives."""
+        """See `Study.experiments`: that of trials in whole lives."""
         if self.agent:
             trust(recorded_name(self.agent))  # the command names it
         for trials in self._cohorts(self.drawn()):
@@ -198,7 +198,6 @@ class Tune(Study):
         """See `Study.stages`: all trials for a quarter of the time, then the best."""
         yield self._all_jobs(out, 0, self.drawn())
         yield self._all_jobs(out, 1, self._best(out))
-        remove_checkpoints(out / FOLDER)
 
     def ranked(self, out: Path) -> list[tuple[Trial, np.ndarray, np.ndarray | None]]:
         """Returns the finished trials, best first, with each robot's values in both rounds.
