@@ -23,10 +23,11 @@ from musebot.protocols.experiment.manifest import MANIFEST, experiment_from, rea
 from musebot.protocols.experiment.overrides import READINGS, overrides_of
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import PROTOCOLS
-from musebot.protocols.results.run_files import read_results
+from musebot.protocols.results.run_files import planned, read_results
 from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies import STUDIES, study_class
+from musebot.protocols.studies.learners.tune import Tune
 from musebot.protocols.studies.proposers.cells import PartName
 from musebot.tasks.sensors import NoseForm
 from musebot.tasks.suite import TASKS
@@ -70,15 +71,21 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results"
 def study_of(page):
     """Returns the study whose page is kept, with the runs that it read, in their order."""
     kind = study_class(page.stem)
+    if kind is Tune:
+        return kind.read(page.parent)
     fields = {field.name for field in dataclasses.fields(kind)}
     manifest = json.loads(page.with_name("study.json").read_text())
     if {"seed", "body", "kinematics"} <= fields and "runs" not in fields:
         one = experiment_from(next(iter(manifest["experiments"].values())))
         words = tuple(overrides_of(one.kinematics, Kinematics()))
         return kind(seed=one.seed, body=one.body, kinematics=words)
-    if "part" in fields:  # that with these cells
+    if "part" in fields:  # that with these cells, and with as many robots
+        cells = manifest["experiments"].keys()
         parts = (kind(part=part) for part in get_args(PartName))
-        return next(one for one in parts if one.plans().keys() == manifest["experiments"].keys())
+        study = next(one for one in parts if one.plans().keys() == cells)
+        planned_of = (planned(page.parent / name).robots for name in cells)
+        (robots,) = {count for robots in planned_of for count in robots.values()}
+        return dataclasses.replace(study, robots=robots)
     if "runs" not in fields:
         return kind()
     options = {"runs": tuple(map(run_named, manifest["experiments"]))}
