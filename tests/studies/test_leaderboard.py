@@ -140,7 +140,7 @@ def test_runs_become_boards_whose_rows_name_their_commands(
     assert [*by_name] == ["hand_coded", "newborn", "sarsa_lambda", "steady, creative"]
     assert by_name["sarsa_lambda"].command == (
         "--agent sarsa_lambda --signals raw --agent-set rate=0.2 --task spot_finding "
-        "--robots 6 --cohort-size 6 --seed 1 --body kinematic --time-scale 0.004"
+        "--robots 6 --cohort-size 6 --seed 1 --time-scale 0.004 --body kinematic"
     )
     walls = found[Board("raw", "paper", "wall_avoidance")][0]
     assert walls.after.mean() > 0.9  # the share of time without contact
