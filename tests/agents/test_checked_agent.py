@@ -161,7 +161,7 @@ def run(tmp_path, **faults):
         (
             {"factory": "1 / 0"},
             2,
-            "the factory mine:make failed (ZeroDivisionError: division by ",
+            "the factory mine:make failed (ZeroDivisionError: division by zero, ",
         ),
         (
             {"late": "sys.exit(0)"},

@@ -106,10 +106,10 @@ def spoil_notes(path):
 def test_a_damaged_checkpoint_is_set_aside_and_the_cohort_is_newborn(spoil, tmp_path):
     cohort = Cohort(SHORT, KEY)
     cohort.advance(77)
-    save_checkpoint(checkpoint_file(tmp_path, KEY), cohort)
     path = checkpoint_file(tmp_path, KEY)
+    save_checkpoint(path, cohort)
     spoil(path)
-    restored, message = restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
+    restored, message = restored_cohort(path, SHORT, KEY)
     assert restored.step == 0
     np.testing.assert_equal(restored.checkpoint(), Cohort(SHORT, KEY).checkpoint())
     assert message.endswith(f"set aside, cohort {KEY} starts anew")
@@ -194,7 +194,7 @@ def test_a_checkpoint_of_another_experiment_or_key_is_set_aside(tmp_path, experi
     path = checkpoint_file(tmp_path, KEY)
     if key != KEY:
         checkpoint_file(tmp_path, key).rename(path)
-    restored, message = restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
+    restored, message = restored_cohort(path, SHORT, KEY)
     assert restored.step == 0
     if key.condition == KEY.condition:
         assert words in message
@@ -216,11 +216,11 @@ def test_a_file_of_an_older_version_that_does_not_name_its_experiment_is_set_asi
 def test_a_checkpoint_whose_step_is_no_number_of_steps_is_set_aside(tmp_path, value):
     cohort = Cohort(SHORT, KEY)
     cohort.advance(77)
-    save_checkpoint(checkpoint_file(tmp_path, KEY), cohort)
     path = checkpoint_file(tmp_path, KEY)
+    save_checkpoint(path, cohort)
     arrays, notes = load_arrays(path)
     save_arrays(path, arrays, **notes | {"step": value})
-    restored, message = restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
+    restored, message = restored_cohort(path, SHORT, KEY)
     assert restored.step == 0
     assert "step must be a whole number in [0, " in message
 
@@ -229,15 +229,15 @@ def test_a_checkpoint_whose_step_is_no_number_of_steps_is_set_aside(tmp_path, va
 def test_a_checkpoint_whose_random_stream_is_damaged_is_set_aside(tmp_path, state):
     cohort = Cohort(SHORT, KEY)
     cohort.advance(77)
-    save_checkpoint(checkpoint_file(tmp_path, KEY), cohort)
     path = checkpoint_file(tmp_path, KEY)
+    save_checkpoint(path, cohort)
     arrays, notes = load_arrays(path)
     if state == "big":
         state = notes["random"] | {"state": {"state": 2**200, "inc": 1}}
     if state == "other":
         state = notes["random"] | {"has_uint32": 0.5}
     save_arrays(path, arrays, **notes | {"random": state})
-    restored, message = restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
+    restored, message = restored_cohort(path, SHORT, KEY)
     assert restored.step == 0
     assert "random stream is damaged" in message
     np.testing.assert_equal(restored.checkpoint(), Cohort(SHORT, KEY).checkpoint())
@@ -261,8 +261,8 @@ def test_impossible_values_are_refused_with_row_and_column(
     if kind == "checkpoint":
         cohort = Cohort(SHORT, KEY)
         cohort.advance(77)
-        save_checkpoint(checkpoint_file(tmp_path, KEY), cohort)
         path = checkpoint_file(tmp_path, KEY)
+        save_checkpoint(path, cohort)
     else:
         path, name = finished_file(tmp_path, KEY), name.replace("before.", "before/")
         save_lives(path, lives, SHORT, KEY)
@@ -272,7 +272,7 @@ def test_impossible_values_are_refused_with_row_and_column(
     arrays[name][index] = value
     save_arrays(path, arrays, **notes)
     if kind == "checkpoint":
-        restored, message = restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
+        restored, message = restored_cohort(path, SHORT, KEY)
         assert restored.step == 0
     else:
         with pytest.raises(DamagedFileError) as caught:
@@ -299,8 +299,8 @@ def test_one_number_of_a_valid_robot_that_is_not_finite_is_refused(tmp_path):
 @pytest.mark.parametrize("kind", ["checkpoint", "finished"])
 def test_events_of_another_dtype_are_refused(tmp_path, lives, kind, dtype):
     if kind == "checkpoint":
-        save_checkpoint(checkpoint_file(tmp_path, KEY), Cohort(SHORT, KEY))
         path = checkpoint_file(tmp_path, KEY)
+        save_checkpoint(path, Cohort(SHORT, KEY))
     else:
         path = finished_file(tmp_path, KEY)
         save_lives(path, lives, SHORT, KEY)
@@ -317,7 +317,7 @@ def test_a_pipe_in_place_of_a_checkpoint_is_set_aside_and_not_waited_for(tmp_pat
     path = checkpoint_file(tmp_path, KEY)
     path.parent.mkdir()
     os.mkfifo(path)
-    restored, message = restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
+    restored, message = restored_cohort(path, SHORT, KEY)
     assert restored.step == 0
     assert f"{path} is not a regular file" in message
 
@@ -326,7 +326,7 @@ def test_a_file_that_cannot_be_read_is_no_damage_and_stays(tmp_path, monkeypatch
     advanced = Cohort(SHORT, KEY)
     advanced.advance(3)
     path = checkpoint_file(tmp_path, KEY)
-    save_checkpoint(checkpoint_file(tmp_path, KEY), advanced)
+    save_checkpoint(path, advanced)
     real = io.open
 
     def fail(file, *args, **kwargs):
@@ -336,7 +336,7 @@ def test_a_file_that_cannot_be_read_is_no_damage_and_stays(tmp_path, monkeypatch
 
     monkeypatch.setattr(io, "open", fail)
     with pytest.raises(OSError, match="Input/output error"):
-        restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
+        restored_cohort(path, SHORT, KEY)
     assert [*path.parent.iterdir()] == [path]
 
 
