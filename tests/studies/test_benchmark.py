@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from musebot.models import Kinematics
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
@@ -32,6 +33,10 @@ def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
     assert plans["walls-dqn-raw"].experiment.signals == "raw"
     assert plans["walls-dqn-raw"].experiment.protocol == "walls"
     assert {plan.experiment.seed for plan in plans.values()} == {32010}
+    assert {plan.experiment.kinematics for plan in plans.values()} == {Kinematics()}
+    for plan in Benchmark(body="kinematic").plans().values():
+        assert plan.experiment.cohort_size == 60
+        assert plan.experiment.kinematics == Kinematics(felt="pushed", wall="turns", lag=0.08)
     # The second cohort is added to the first.
     assert Benchmark(robots=30).experiments() == Benchmark(robots=60).experiments()
 
@@ -52,6 +57,8 @@ def test_the_held_out_boards_have_seeds_of_their_own():
     [
         ({"robots": 0}, "robots must be at least 1"),
         ({"robots": 40}, "robots above 30 must be a multiple of 30, got 40"),
+        ({"robots": 90, "body": "kinematic"}, "robots above 60 must be a multiple of 60, got 90"),
+        ({"body": "paper"}, "the body must be one of mujoco, kinematic, got 'paper'"),
         ({"agent": ()}, "at least one agent"),
         ({"agent": ("dqm",)}, "did you mean dqn"),
         ({"agent": ("newborn",)}, "newborn is no learner of the benchmark"),
@@ -93,7 +100,7 @@ def test_every_board_is_simulated_and_its_command_can_be_given_again(
     page = (out / "benchmark.md").read_text()
     for title in (
         "protocol walls, paper signals", "protocol continual, raw signals",
-        "protocol paper, arena 1.3333 times as large, raw signals",
+        "protocol paper, arena 1.3333 times as large, raw signals, kinematic simulator",
     ):  # fmt: skip
         assert title in page
     commands = re.findall(r"`(--(?:agent|brain) [^`]*)`", page)

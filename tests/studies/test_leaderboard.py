@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from musebot.models import Kinematics
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
@@ -132,20 +133,21 @@ def test_runs_become_boards_whose_rows_name_their_commands(
     found = boards(read_runs(runs))
     # Nothing saturates in wall avoidance, so that `steady` stands in both tracks.
     assert [*found] == [
-        Board("paper", "paper", "wall_avoidance"),
-        Board("raw", "paper", "spot_finding"),
-        Board("raw", "paper", "wall_avoidance"),
+        Board("paper", "paper", "wall_avoidance", body="kinematic"),
+        Board("raw", "paper", "spot_finding", body="kinematic"),
+        Board("raw", "paper", "wall_avoidance", body="kinematic"),
     ]
-    by_name = {one.name: one for one in found[Board("raw", "paper", "spot_finding")]}
+    spot = Board("raw", "paper", "spot_finding", body="kinematic")
+    by_name = {one.name: one for one in found[spot]}
     assert [*by_name] == ["hand_coded", "newborn", "sarsa_lambda", "steady, creative"]
     assert by_name["sarsa_lambda"].command == (
         "--agent sarsa_lambda --signals raw --agent-set rate=0.2 --task spot_finding "
         "--robots 6 --cohort-size 6 --seed 1 --time-scale 0.004 --body kinematic"
     )
-    walls = found[Board("raw", "paper", "wall_avoidance")][0]
+    walls = found[Board("raw", "paper", "wall_avoidance", body="kinematic")][0]
     assert walls.after.mean() > 0.9  # the share of time without contact
     assert "sarsa_lambda" not in {
-        one.name for one in found[Board("paper", "paper", walls.condition.task)]
+        one.name for one in found[Board("paper", "paper", walls.condition.task, body="kinematic")]
     }
     words = ["study", "leaderboard", str(tmp_path / "out"), "--runs", *map(str, runs)]
     assert cli.main(words) == 0
@@ -167,8 +169,9 @@ def test_runs_become_boards_whose_rows_name_their_commands(
         "## Wall avoidance, protocol paper, raw signals" in page and "| steady, creative |" in page
     )
     assert {path.name for path in (tmp_path / "out").glob("*.svg")} == {
-        "paper-signals-paper-wall_avoidance.svg", "raw-signals-paper-wall_avoidance.svg",
-        "raw-signals-paper-spot_finding.svg",
+        "paper-signals-paper-wall_avoidance-kinematic.svg",
+        "raw-signals-paper-wall_avoidance-kinematic.svg",
+        "raw-signals-paper-spot_finding-kinematic.svg",
     }  # fmt: skip
 
 
@@ -225,8 +228,18 @@ def test_robots_of_other_worlds_are_not_ranked_together_and_commands_name_their_
     world = {"nose_place": "centre", "motor_speed": 0.1}
     elsewhere = dataclasses.replace(held[1].experiment, **world)
     other = dataclasses.replace(held[1], experiment=elsewhere)
-    with pytest.raises(InputError, match=r"raw signals differ in nose_place: front and centre"):
+    with pytest.raises(
+        InputError, match=r"raw signals, kinematic simulator differ in nose_place: front and centre"
+    ):
         boards([held[0], other])
+    moved = [
+        dataclasses.replace(
+            run,
+            experiment=dataclasses.replace(run.experiment, body="mujoco", kinematics=Kinematics()),
+        )
+        for run in held
+    ]
+    assert len(boards([*held, *moved])) == 2 * len(boards(held))  # each simulator has its own
     bounds = dataclasses.replace(
         held[0], experiment=dataclasses.replace(held[0].experiment, **world)
     )

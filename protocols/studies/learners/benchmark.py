@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from ....controller import PROPOSERS
+from ....models import Kinematics
 from ...agents.factory import factory_of
 from ...agents.names import RECORDED_NAMES, recorded_name, short_name
 from ...agents.trust import trust
@@ -18,7 +19,7 @@ from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
 from ...experiment.overrides import named_brain, with_overrides
 from ...results.run_files import has_all_rows, read_runs
-from ...shared_options import option
+from ...shared_options import BODY_EFFECTS, option
 from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
 from ..study import Page, check_positive
@@ -30,7 +31,9 @@ from .tune import Tune, efforts
 LEARNERS = tuple(name for name in RECORDED_NAMES if name not in ("ppo", LOWER, UPPER))
 _BRAINS = ("paper", "steady")
 _PAPER_ALONE = ("paper", recorded_name("ppo"))  # have no raw signals
-_COHORT = 30  # so that 30 robots can become 60 later
+# In MuJoCo 30 robots can become 60 later; kinematic robots are cheaper in larger cohorts.
+_COHORTS: Mapping[Body, int] = MappingProxyType({"mujoco": 30, "kinematic": 60})
+_EFFECTS = with_overrides(Kinematics(), BODY_EFFECTS)
 _SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
 
 BoardName = Literal["paper", "walls", "continual", "larger"]
@@ -72,23 +75,29 @@ class Benchmark(VariantStudy):
     )
     """protocols and tasks in which they are compared"""
     robots: int = 60
-    """number of robots of each learner; above 30 a multiple of 30, the robots of a cohort"""
+    """number of robots of each learner; a multiple of 30, or fewer (kinematic: of 60)"""
     seed: int = 32010
     """seed of the boards paper and walls"""
     body: Body = "mujoco"
-    """body of the robot; kinematic: the kinematic simulator"""
+    """body of the robot; kinematic: the kinematic simulator, with the effects of the body"""
     time_scale: float = 1.0
     """factor on every duration, in (0, 1]; below 1 for rehearsals"""
 
     def baseline(self) -> Experiment:
         """See `VariantStudy.baseline`."""
         check_positive(robots=self.robots)
-        if self.robots > _COHORT and self.robots % _COHORT:
-            raise InputError(f"robots above 30 must be a multiple of 30, got {self.robots}")
+        if (cohort := _COHORTS.get(self.body)) is None:
+            names = ", ".join(_COHORTS)
+            raise InputError(f"the body must be one of {names}, got {self.body!r:.60}")
+        if self.robots > cohort and self.robots % cohort:
+            raise InputError(
+                f"robots above {cohort} must be a multiple of {cohort}, got {self.robots}"
+            )
         return Experiment(
             seed=self.seed,
-            cohort_size=min(self.robots, _COHORT),
+            cohort_size=min(self.robots, cohort),
             body=self.body,
+            kinematics=_EFFECTS if self.body == "kinematic" else Kinematics(),
             time_scale=self.time_scale,
         )
 

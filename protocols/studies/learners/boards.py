@@ -19,7 +19,7 @@ from ...agents.names import short_name
 from ...analysis.hypothesis_tests import holm, same_statistic
 from ...errors import InputError
 from ...experiment.conditions import Condition
-from ...experiment.experiment import Experiment, Signals, differing
+from ...experiment.experiment import Body, Experiment, Signals, differing
 from ...experiment.networks import senses_of
 from ...experiment.overrides import overrides_of
 from ...experiment.schedules import TASK_NAMES
@@ -42,24 +42,31 @@ class Board:
       protocol: Protocol of their lives.
       task: Task of their lives.
       arena_scale: Scale of the arena.
+      body: Body of the robots.
     """
 
     signals: Signals
     protocol: str
     task: str
     arena_scale: float = 1.0
+    body: Body = "mujoco"
 
     @property
     def title(self) -> str:
         """Title of the board."""
         arena = f", arena {self.arena_scale:g} times as large" if self.arena_scale != 1 else ""
-        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}{arena}, {self.signals} signals"
+        simulator = ", kinematic simulator" if self.body == "kinematic" else ""
+        return (
+            f"{TASK_NAMES[self.task]}, protocol {self.protocol}{arena}, {self.signals} signals"
+            f"{simulator}"
+        )
 
     @property
     def name(self) -> str:
         """Name of the board's figure."""
         arena = f"-{self.arena_scale:g}" if self.arena_scale != 1 else ""
-        return f"{self.signals}-signals-{self.protocol}-{self.task}{arena}"
+        simulator = "-kinematic" if self.body == "kinematic" else ""
+        return f"{self.signals}-signals-{self.protocol}-{self.task}{arena}{simulator}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +110,13 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
             if not len(entry.after):
                 raise InputError(f"{run.name} has no valid robot of {entry.name}")
             for signals in tracks(experiment, condition):
-                board = Board(signals, experiment.protocol, condition.task, experiment.arena_scale)
+                board = Board(
+                    signals,
+                    experiment.protocol,
+                    condition.task,
+                    experiment.arena_scale,
+                    experiment.body,
+                )
                 entries = found.setdefault(board, [])
                 if entries:
                     _check_same_world(board, entries[0].experiment, experiment)
