@@ -30,8 +30,6 @@ class Setting:
       says: What it is.
       log: Whether `musebot study tune` draws its logarithm uniformly, not the value itself.
       tuned: Whether `musebot study tune` changes it.
-      duration: Whether it counts steps of a life, so that shorter lives need fewer of them; then it
-        is not tuned.
       each: Whether robots of a cohort may differ in it: the factory then receives an array of shape
         (B,), int64 for whole numbers, else float64. If all tuned settings may, `musebot study tune`
         simulates several trials together, which takes less time.
@@ -43,7 +41,6 @@ class Setting:
     says: str = ""
     log: bool = False
     tuned: bool = True
-    duration: bool = False
     each: bool = False
 
     def __post_init__(self) -> None:
@@ -54,15 +51,8 @@ class Setting:
             raise ValueError(f"a logarithmic range must be above 0, got {self.low}")
         if self.log and self.whole and self.low < 1:
             raise ValueError(f"a logarithmic range of whole numbers begins at 1, got {self.low}")
-        if self.duration and self.tuned:
-            raise ValueError("a setting that counts steps of a life cannot be tuned")
         if not self.low <= self.default <= self.high:
             raise ValueError(f"{self.default} does not lie in [{self.low}, {self.high}]")
-
-    def shortened(self, factor: float) -> float:
-        """Returns the default for lives of another length, as near as the range allows."""
-        value = self.default * factor
-        return min(max(round(value) if self.whole else value, self.low), self.high)
 
     @property
     def whole(self) -> bool:

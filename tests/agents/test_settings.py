@@ -37,12 +37,7 @@ def test_a_share_of_a_range_lies_in_it(share):
     assert settings_of(made)["tiles"].at(share) in range(2, 9)
 
 
-def test_a_duration_is_shortened_within_its_range():
-    days = Setting(10, 4, 20, tuned=False, duration=True)
-    assert (days.shortened(0.5), days.shortened(0.25), days.shortened(3)) == (5, 4, 20)
-    assert Setting(7200.0, 1, 1e6, tuned=False, duration=True).shortened(0.25) == 1800
-    with pytest.raises(ValueError, match="cannot be tuned"):
-        Setting(10, 4, 20, duration=True)
+def test_a_range_that_does_not_suit_its_kind_is_refused():
     with pytest.raises(ValueError, match="take 0 and 1 for no and yes"):
         Setting(True, 0, 1)
     with pytest.raises(ValueError, match="whole numbers begins at 1"):

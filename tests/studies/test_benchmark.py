@@ -134,7 +134,7 @@ def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
     page = (out / "benchmark.md").read_text()
     best = (tuned / "tune.md").read_text().partition("--agent-set ")[2].partition(" --signals")[0]
     assert f"--agent sarsa_lambda --signals raw{' --agent-set ' * bool(best)}{best}" in page
-    assert "4 settings, 2 in whole lives, 2 robots" in page
+    assert "4 settings, then the best 2; robots of a setting: 1, then 2 a task" in page
     assert "paper signals" not in page
     # More learners and tracks are added; what is there is kept, without its brains.
     (brains,) = (out / "paper-sarsa_lambda-raw").glob("brains.safetensors")
@@ -147,8 +147,8 @@ def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
     for title in ("Wall avoidance, protocol paper, ", "Spot finding, protocol paper, "):
         assert f"## {title}paper signals" in page and f"## {title}raw signals" in page
     rows = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")]
-    assert rows.count("paper, creative") == 2 * 3  # walls in both tracks, two tables a board
-    assert rows.count("sarsa_lambda") == 2 * 4
+    assert rows.count("paper, creative") == 2 * 3 + 2  # walls in both tracks, two tables a board
+    assert rows.count("sarsa_lambda") == 2 * 4 + 2  # and a summary of each track
     capsys.readouterr()
     assert cli.main([*first[:-4], "--board", "walls"]) == 2
     assert "holds a study of" in capsys.readouterr().err

@@ -28,6 +28,7 @@ from musebot.protocols.studies.learners.boards import (
 )
 from musebot.protocols.studies.learners.leaderboard import Leaderboard
 from musebot.protocols.studies.learners.ranking import cost_jobs, draw, markdown
+from musebot.protocols.studies.learners.summary import placed, summary
 
 
 def entry(name, after, training, robots=20, spread=0.0):
@@ -78,7 +79,8 @@ def test_learners_are_ranked_and_tested_against_the_first():
 
 def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
     board = Board("raw", "paper", "spot_finding")
-    text = "\n".join(markdown(board, ranked(BOARD), {}, {}))
+    ranking, p = placed(board, ranked(BOARD))
+    text = "\n".join(markdown(board, ranking, p, {}, {}))
     assert text.startswith("## Spot finding, protocol paper, raw signals\n")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert [row.split("|")[1].strip() for row in rows[2:7]] == [
@@ -97,11 +99,53 @@ def test_wall_avoidance_reports_robots_that_touch_a_wall_and_ranks_none():
 
     board = Board("paper", "paper", "wall_avoidance")
     entries = [walls("newborn", 20), walls("good", 1), walls("perfect", 0), walls("hand_coded", 0)]
-    text = "\n".join(markdown(board, ranked(entries), {}, {}))
+    ranking, p = placed(board, ranked(entries))
+    text = "\n".join(markdown(board, ranking, p, {}, {}))
     rows = [line.split("|") for line in text.splitlines() if line.startswith("| ")][2:6]
     assert [row[1].strip() for row in rows] == ["*hand_coded*", "perfect", "good", "*newborn*"]
     assert [row[3].split()[0] for row in rows] == ["0", "0", "1", "20"]
     assert "p against" not in text and "score" not in text
+
+
+def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first():
+    walls = Board("raw", "walls", "spot_finding")
+    touch = Board("raw", "paper", "wall_avoidance")
+    found = {
+        board: placed(board, ranked(entries))
+        for board, entries in (
+            (
+                touch,
+                [dataclasses.replace(BOARD[2], after=np.repeat([1.0, 0.9], [18, 2])), LOW, HIGH],
+            ),
+            (Board("raw", "paper", "spot_finding"), BOARD),
+            (walls, [LOW, HIGH, entry("alike", 0.9, 0.8, spread=0.05)]),
+            (Board("paper", "paper", "spot_finding"), [LOW, HIGH]),
+        )
+    }
+    lines = summary(found)
+    assert [line for line in lines if line.startswith("## ")] == [
+        "## Raw signals", "## Paper signals",
+    ]  # fmt: skip
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
+    assert rows[0] == ["learner", "spot finding", "spot finding, protocol walls", "touch a wall"]
+    assert [row[0] for row in rows[2:7]] == ["*hand_coded*", "alike", "good", "slow", "*newborn*"]
+    by_name = {row[0]: row[1:] for row in rows[2:7]}
+    assert by_name["good"][0].startswith("**0.8") and by_name["good"][1:] == ["-", "2 of 20"]
+    assert by_name["alike"][0].startswith("**") and by_name["alike"][1].startswith("**0.9")
+    assert not by_name["slow"][0].startswith("**")
+    assert by_name["*hand_coded*"][0].startswith("1.000 [")
+
+
+def test_steady_has_one_name_in_both_tracks(runs):
+    run = read_runs(runs)[2]
+    saturated = dataclasses.replace(run.experiment.brain, raw_signals=False, raw_reward=False)
+    paper = dataclasses.replace(
+        run, experiment=dataclasses.replace(run.experiment, brain=saturated)
+    )
+    bounds = read_runs(runs)[0]
+    found = boards([bounds, paper]) | boards([bounds, run])
+    lines = summary({board: placed(board, ranked(entries)) for board, entries in found.items()})
+    assert sum(line.startswith("| steady, creative |") for line in lines) == 2
 
 
 def test_a_short_rehearsal_can_be_drawn():
@@ -183,14 +227,12 @@ def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys, c
     board = Leaderboard(runs=tuple(runs), tuned=(tuned,))
     assert board.details() == {
         "effort": {
-            "musebot:sarsa_lambda, raw": "3 settings, 1 in whole lives, 2 robots, "
-            "durations times 0.004"
+            "musebot:sarsa_lambda, raw": "3 settings, then the best 1; robots of a setting: "
+            "1, then 2 a task, durations times 0.004"
         }
     }
-    assert (
-        "| 3 settings, 1 in whole lives, 2 robots, durations times 0.004 |"
-        in board.page(tmp_path).markdown
-    )
+    (effort,) = board.details()["effort"].values()
+    assert f"| {effort} |" in board.page(tmp_path).markdown
     with pytest.raises(InputError, match=r"study.json is no study `tune` of musebot's"):
         Leaderboard(runs=tuple(runs), tuned=(tmp_path,)).details()
 
@@ -208,7 +250,7 @@ def test_runs_in_a_larger_arena_are_a_board_of_their_own(runs):
         dataclasses.replace(board, arena_scale=1.5) for board in ordinary
     }
     for board in {*together} - {*ordinary}:
-        text = "\n".join(markdown(board, ranked(together[board]), {}, {}))
+        text = "\n".join(markdown(board, *placed(board, ranked(together[board])), {}, {}))
         assert ", arena 1.5 times as large, " in text.splitlines()[0]
         assert text.count(" --arena-scale 1.5 ") == len(together[board])
 

@@ -5,6 +5,7 @@ import functools
 import math
 import sys
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,11 +70,17 @@ def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
     assert trials != dataclasses.replace(TINY, seed=5).drawn()
 
 
-def test_settings_that_count_steps_are_shorter_in_the_shorter_first_round():
-    study = Tune(agent="dqn", trials=1, kept=1, robots=2, time_scale=0.1)
-    first, whole = (study._round(number, [Trial(1, ("rate=0.01",))]) for number in (0, 1))
-    assert first.settings == ("rate=0.01", "epsilon_steps=1800") and first.time_scale == 0.025
-    assert whole.settings == ("rate=0.01",) and whole.time_scale == 0.1
+def test_the_first_round_has_half_the_robots_in_one_task_and_both_have_whole_lives():
+    study = Tune(agent="dqn", trials=1, kept=1, robots=5, time_scale=0.1)
+    first, second = (study._jobs(Path(), number, [Trial(1, ("rate=0.01",))]) for number in (0, 1))
+    assert [job.condition.task for job in first] == ["spot_finding"]
+    assert [job.condition.task for job in second] == ["wall_avoidance", "spot_finding"]
+    assert {job.experiment.cohort_size for job in first} == {2}
+    assert {job.experiment.cohort_size for job in second} == {5}
+    assert {job.experiment.seed for job in second} == {study.seed + 1}
+    assert {job.experiment.time_scale for job in (*first, *second)} == {0.1}
+    assert {job.experiment.settings for job in (*first, *second)} == {("rate=0.01",)}
+    assert Tune(robots=1)._robots(0) == 1
 
 
 def test_trials_live_in_one_cohort_where_robots_may_differ_in_all_settings():
@@ -108,7 +115,7 @@ def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
     )
     assert alone.keys() == together.keys()
     assert np.corrcoef([*alone.values()], [together[trial] for trial in alone])[0, 1] > 0.9
-    assert len([*(tmp_path / "each" / "trials").iterdir()]) == 2 + 2
+    assert len([*(tmp_path / "each" / "trials").iterdir()]) == 1 + 2
 
 
 @pytest.mark.parametrize(
@@ -152,7 +159,9 @@ def test_a_study_is_read_from_its_folder(tmp_path):
     read = Tune.read(held(tmp_path / "a"))
     assert read.experiments() == study.experiments() and read.details() == study.details()
     assert dataclasses.replace(read, kinematics=study.kinematics) == study
-    assert study.effort == "4 settings, 2 in whole lives, 4 robots, durations times 0.5"
+    assert study.effort == (
+        "4 settings, then the best 2; robots of a setting: 2, then 4 a task, durations times 0.5"
+    )
 
 
 @pytest.mark.parametrize(
@@ -249,7 +258,7 @@ def test_every_learner_of_ours_can_be_tuned():
         assert len(study.drawn()) == 16
 
 
-def test_the_best_trials_live_whole_lives_and_the_page_names_the_winner(
+def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(
     tmp_path, commands_in_process, capsys
 ):
     words = "--trials 4 --kept 2 --robots 3 --time-scale 0.01 --processes 1".split()
@@ -264,7 +273,7 @@ def test_the_best_trials_live_whole_lives_and_the_page_names_the_winner(
     page = (tmp_path / "out" / "tune.md").read_text()
     assert f"Best: trial {ranked[0][0].number}, `musebot run OUT --agent mine:graded" in page
     files = sorted((tmp_path / "out" / "trials").iterdir())
-    assert len(files) == 2 * 4 + 2 * 2
+    assert len(files) == 4 + 2 * 2
     # A missing file is made again with the same bytes; another agent's folder is refused.
     held = files[0].read_bytes()
     files[0].unlink()

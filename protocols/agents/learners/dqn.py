@@ -86,7 +86,7 @@ class DQN(OnlineLearner):
     epsilon=Setting(
         0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
     ),
-    epsilon_steps=Setting(7200.0, 1, 1e6, "training steps until then", tuned=False, duration=True),
+    epsilon_steps=Setting(7200.0, 1, 1e6, "training steps until then", tuned=False),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
 )
 def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:

@@ -78,7 +78,6 @@ class StreamQ(StreamLearner):
         1e6,
         "training steps until then: the published 5 % of 144,000",
         tuned=False,
-        duration=True,
     ),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
 )

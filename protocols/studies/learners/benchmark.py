@@ -24,7 +24,7 @@ from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
 from ..study import Page, check_positive
 from ..variants import Needs, Variant, VariantStudy
-from .boards import LOWER, UPPER, Board, Entry, boards, saturates
+from .boards import LOWER, SATURATED, UPPER, Board, Entry, boards, saturates
 from .ranking import FOLDER, cost_jobs, measured, ranking
 from .tune import Tune, efforts
 
@@ -34,7 +34,6 @@ _PAPER_ALONE = ("paper", recorded_name("ppo"))  # have no raw signals
 # In MuJoCo 30 robots can become 60 later; kinematic robots are cheaper in larger cohorts.
 _COHORTS: Mapping[Body, int] = MappingProxyType({"mujoco": 30, "kinematic": 60})
 _EFFECTS = with_overrides(Kinematics(), BODY_EFFECTS)
-_SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
 
 BoardName = Literal["paper", "walls", "continual", "larger"]
 BOARDS: Mapping[BoardName, Mapping[str, Any]] = MappingProxyType(
@@ -140,7 +139,7 @@ class Benchmark(VariantStudy):
         elif name == "steady" and track == "raw":
             fields["brain"] = named_brain(name)
         elif name == "steady":
-            fields["brain"] = with_overrides(named_brain(name), _SATURATED)
+            fields["brain"] = with_overrides(named_brain(name), SATURATED)
             # Where nothing saturates, both tracks are the same.
             start = dataclasses.replace(self.baseline(), **BOARDS[board])
             tasks = tuple(task for task in tasks if saturates(start, task))

@@ -26,6 +26,7 @@ from ...experiment.schedules import TASK_NAMES
 from ...results.run import Run
 
 LOWER, UPPER = "newborn", "hand_coded"
+SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
 _RESAMPLES, _SEED = 2000, 1
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
 _MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
@@ -52,14 +53,32 @@ class Board:
     body: Body = "mujoco"
 
     @property
+    def ranks(self) -> bool:
+        """Whether its learners are ranked: in wall avoidance most are at the ceiling."""
+        return self.task != "wall_avoidance"
+
+    @property
     def title(self) -> str:
         """Title of the board."""
-        arena = f", arena {self.arena_scale:g} times as large" if self.arena_scale != 1 else ""
+        track = f"{self.track[0].lower()}{self.track[1:]}"
+        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}{self._arena}, {track}"
+
+    @property
+    def track(self) -> str:
+        """Title of all boards with these signals in this simulator."""
         simulator = ", kinematic simulator" if self.body == "kinematic" else ""
-        return (
-            f"{TASK_NAMES[self.task]}, protocol {self.protocol}{arena}, {self.signals} signals"
-            f"{simulator}"
-        )
+        return f"{self.signals.capitalize()} signals{simulator}"
+
+    @property
+    def column(self) -> str:
+        """Head of its column in a table of all boards of a track."""
+        protocol = f", protocol {self.protocol}" if self.protocol != "paper" else ""
+        task = TASK_NAMES[self.task].lower() if self.ranks else "touch a wall"
+        return f"{task}{protocol}{self._arena}"
+
+    @property
+    def _arena(self) -> str:
+        return f", arena {self.arena_scale:g} times as large" if self.arena_scale != 1 else ""
 
     @property
     def name(self) -> str:
@@ -93,6 +112,10 @@ class Entry:
     training: np.ndarray
     curve: np.ndarray
     abilities: np.ndarray
+
+
+Ranking = Sequence[tuple[Entry, np.ndarray]]
+"""Entries with their robots' scores, the best first."""
 
 
 def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
@@ -231,7 +254,7 @@ def interquartile_mean(values: np.ndarray) -> tuple[float, tuple[float, float]]:
     return float(stats.trim_mean(values, 0.25)), (float(low), float(high))
 
 
-def ranked(entries: Sequence[Entry]) -> list[tuple[Entry, np.ndarray]]:
+def ranked(entries: Sequence[Entry]) -> Ranking:
     """Returns the entries with their robots' scores, the highest interquartile mean first."""
     by_name = {entry.name: entry for entry in entries}
     lower, upper = by_name[LOWER], by_name[UPPER]
@@ -241,7 +264,7 @@ def ranked(entries: Sequence[Entry]) -> list[tuple[Entry, np.ndarray]]:
     )
 
 
-def behind_the_first(ranking: Sequence[tuple[Entry, np.ndarray]]) -> list[float]:
+def behind_the_first(ranking: Ranking) -> list[float]:
     """Returns p of each learner against the first, Holm over all pairs of learners.
 
     Bounds have NaN, and so has the first learner. Permutation tests of the mean score.

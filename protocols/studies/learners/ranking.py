@@ -16,14 +16,12 @@ from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
-from .boards import LOWER, UPPER, Board, Entry, behind_the_first, interquartile_mean, ranked
+from .boards import LOWER, UPPER, Board, Entry, Ranking, interquartile_mean, ranked
 from .costs import CostJob
+from .summary import placed, summary
 
 FOLDER = "costs"
 Boards = Mapping[Board, Sequence[Entry]]
-Ranking = Sequence[tuple[Entry, np.ndarray]]
-"""Entries with their robots' scores, the best first."""
-
 Measured = Mapping[Board, Mapping[str, Costs]]
 """What learners cost, by board and name."""
 
@@ -65,11 +63,11 @@ def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
       costs: What learners cost, by board and name.
       efforts: Effort of tuning, by "agent, signals".
     """
-    parts, figures = [], {}
+    places = {board: placed(board, ranked(entries)) for board, entries in found.items()}
+    parts, figures = summary(places), {}
     with style.styled():
-        for board, entries in found.items():
-            order = ranked(entries)
-            parts += markdown(board, order, costs.get(board, {}), efforts)
+        for board, (order, p) in places.items():
+            parts += markdown(board, order, p, costs.get(board, {}), efforts)
             figures[board.name] = draw(order)
     return Page("\n".join(parts), figures)
 
@@ -85,6 +83,7 @@ def _cost_job(out: Path, board: Board, entry: Entry) -> CostJob:
 def markdown(
     board: Board,
     ranking: Ranking,
+    p: Sequence[float],
     costs: Mapping[str, Costs],
     efforts: Mapping[str, str],
 ) -> list[str]:
@@ -93,10 +92,11 @@ def markdown(
     Args:
       board: What the learners are compared in.
       ranking: Learners and bounds, see `ranked`.
+      p: p of each against the first, see `behind_the_first`.
       costs: What each costs, by its name.
       efforts: Effort of tuning, by "agent, signals".
     """
-    result = _contacts(ranking) if board.task == "wall_avoidance" else _scores(ranking)
+    result = _scores(ranking, p) if board.ranks else _contacts(ranking)
     made = [["learner", "us", "ratio", "KiB", "tuned", "module", "`musebot run OUT` with"]]
     made += [
         [
@@ -118,19 +118,19 @@ def markdown(
         "us: time of a robot-step without the simulation, in microseconds; ratio: the same divided "
         "by that of the paper's creative brain, measured right after; KiB: a robot's in a "
         "checkpoint; a dash for agents of third parties, which `musebot check-agent` measures. "
-        "Tuned: settings that were tried for a quarter of the time, then in whole lives.",
+        "Tuned: settings that were tried, and the best of them again.",
         "",
     ]
 
 
-def _scores(ranking: Ranking) -> list[str]:
+def _scores(ranking: Ranking, p: Sequence[float]) -> list[str]:
     rows = [
         [
             "learner", "robots", "score", "in the spot after training", "during training",
             "worst tenth", "fail", "mean L", "p against the first",
         ]
     ]  # fmt: skip
-    for (entry, values), p in zip(ranking, behind_the_first(ranking), strict=True):
+    for (entry, values), own in zip(ranking, p, strict=True):
         middle, interval = interquartile_mean(values)
         rows.append(
             [
@@ -139,7 +139,7 @@ def _scores(ranking: Ranking) -> list[str]:
                 *_times(entry),
                 f"{(values < 0.5).mean():.0%}",
                 _mean_ability(entry),
-                "" if math.isnan(p) else probability(p),
+                "" if math.isnan(own) else probability(own),
             ]
         )
     return [

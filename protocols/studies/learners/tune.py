@@ -37,11 +37,11 @@ from ..evolve.evaluation import EvaluationJob
 from ..study import STUDY_FILE, Page, Study, check_positive
 
 FOLDER = "trials"
-_EARLY = 0.25  # factor on the durations of the first round
+# Tasks of both rounds. In wall avoidance nearly every setting is at the ceiling, so that it can
+# tell no setting from another.
+_TASKS = ("spot_finding",), PAPER_TASKS
 _MOST = 1024  # trials
-# Trials in a cohort, where robots may differ in all tuned settings. More trials take less time
-# each, but keep fewer cores busy.
-_TOGETHER = 8
+_TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,11 +66,11 @@ class Trial:
 class Tune(Study):
     """Tune an agent's settings in the kinematic simulator, with equal effort for each.
 
-    The first trial has the defaults, the others a Sobol sequence over the ranges. All live a
-    quarter of the paper's durations, and settings that count steps of a life are a quarter too; the
-    best live whole lives on a fresh seed. A trial's value is the mean over both tasks of the share
-    of time in the spot, or without contact, after training. Eight trials share a cohort if robots
-    may differ in all settings (`Setting.each`).
+    The first trial has the defaults, the others a Sobol sequence over the ranges. In the first
+    round half the robots of each trial live in spot finding; in the second all robots of the best
+    trials live in both tasks, on a fresh seed. A trial's value is the mean over the round's tasks
+    of the share of time in the spot, or without contact, after training. Sixteen trials share a
+    cohort if robots may differ in all settings (`Setting.each`).
     """
 
     name: ClassVar[str] = "tune"
@@ -82,9 +82,9 @@ class Tune(Study):
     trials: int = 16
     """number of settings that are tried"""
     kept: int = 4
-    """number of settings that are simulated at full length"""
+    """number of settings that have a second round"""
     robots: int = 20
-    """number of robots of a trial in each task"""
+    """number of robots of a trial in each task of the second round; the first has half"""
     seed: int = 32001
     """seed of the first round; the second round has the next one"""
     kinematics: BodyKinematicsOption = BODY_EFFECTS
@@ -134,15 +134,18 @@ class Tune(Study):
     def effort(self) -> str:
         """What was tried, in words."""
         scale = f", durations times {self.time_scale:g}" if self.time_scale != 1 else ""
-        return f"{self.trials} settings, {self.kept} in whole lives, {self.robots} robots{scale}"
+        return (
+            f"{self.trials} settings, then the best {self.kept}; robots of a setting: "
+            f"{self._robots(0)}, then {self.robots} a task{scale}"
+        )
 
     def experiments(self) -> Mapping[str, Experiment]:
-        """See `Study.experiments`: that of trials in whole lives."""
+        """See `Study.experiments`: that of the second round."""
         if self.agent:
             trust(recorded_name(self.agent))  # the command names it
         for trials in self._cohorts(self.drawn()):
             experiment = self._round(0, trials)
-            check_memory(Plan.of(experiment, self._conditions, experiment.cohort_size))
+            check_memory(Plan.of(experiment, self._conditions(0), experiment.cohort_size))
         return {"trials": self._round(1, [Trial(0, ())])}
 
     @functools.cached_property
@@ -195,18 +198,18 @@ class Tune(Study):
         self.ranked(out)
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`: all trials for a quarter of the time, then the best."""
+        """See `Study.stages`: all trials, then the best again."""
         yield self._all_jobs(out, 0, self.drawn())
         yield self._all_jobs(out, 1, self._best(out))
 
     def ranked(self, out: Path) -> list[tuple[Trial, np.ndarray, np.ndarray | None]]:
         """Returns the finished trials, best first, with each robot's values in both rounds.
 
-        Values have the shape (tasks, robots); None where a trial has no second round yet.
+        Values have the shape (tasks, robots of the round); None where a trial has no second round.
         """
         early = self._values(out, 0, self.drawn())
-        whole = self._values(out, 1, self._best(out))
-        found = [(trial, values, whole.get(trial)) for trial, values in early.items()]
+        later = self._values(out, 1, self._best(out))
+        found = [(trial, values, later.get(trial)) for trial, values in early.items()]
         return sorted(
             found,
             key=lambda one: (-_mean_or_least(one[2]), -float(one[1].mean()), one[0].number),
@@ -215,14 +218,14 @@ class Tune(Study):
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
         ranked = self.ranked(out)
-        rows = [["trial", *self.settings, "a quarter", "whole lives", *PAPER_TASKS]]
-        for trial, early, whole in ranked:
+        rows = [["trial", *self.settings, "first round", "second round", *PAPER_TASKS]]
+        for trial, early, later in ranked:
             rows.append(
                 [
                     str(trial.number),
                     *trial.values(self.settings).values(),
                     f"{early.mean():.3f}",
-                    *_cells(whole),
+                    *_cells(later),
                 ]
             )
         winner, name = ranked[0][0], short_name(recorded_name(self.agent))
@@ -232,10 +235,11 @@ class Tune(Study):
             "",
             *table(rows),
             "",
-            "Value of a trial: mean over both tasks of the share of time in the spot, or without "
-            f"contact, in the test after training; {self.robots} robots a task. The columns of "
-            "the tasks belong to whole lives; brackets hold 95 % intervals over robots. The best "
-            "of several trials was also lucky: only runs on other seeds measure it.",
+            "Share of time in the spot, or without contact, in the test after training. Robots of "
+            f"a setting: {self._robots(0)} in spot finding in the first round, {self.robots} a "
+            "task in the second, whose value is the mean of the tasks' columns; brackets hold 95 % "
+            "intervals over robots. The best of several trials was also lucky: only runs on other "
+            "seeds measure it.",
             "",
             f"Best: trial {winner.number}, `musebot run OUT --agent {name}{chosen} --signals "
             f"{self.signals}`",
@@ -243,9 +247,11 @@ class Tune(Study):
         ]
         return Page("\n".join(lines))
 
-    @property
-    def _conditions(self) -> list[Condition]:
-        return [Condition(task, recorded_name(self.agent)) for task in PAPER_TASKS]
+    def _conditions(self, number: int) -> list[Condition]:
+        return [Condition(task, recorded_name(self.agent)) for task in _TASKS[number]]
+
+    def _robots(self, number: int) -> int:
+        return self.robots if number else max(1, self.robots // 2)
 
     def _cohorts(self, trials: Sequence[Trial]) -> list[Sequence[Trial]]:
         size = _TOGETHER if all(setting.each for setting in self.settings.values()) else 1
@@ -253,23 +259,16 @@ class Tune(Study):
 
     def _round(self, number: int, trials: Sequence[Trial]) -> Experiment:
         """Returns the experiment of the trials of a cohort, with equal shares of its robots."""
-        factory = factory_of(recorded_name(self.agent))
         words = trials[0].settings
         if len(trials) > 1:
             values = [trial.values(self.settings) for trial in trials]
             words = tuple(
                 f"{name}={','.join(one[name] for one in values)}" for name in self.settings
             )
-        if number == 0:
-            words += tuple(
-                f"{name}={setting.shortened(_EARLY):g}"
-                for name, setting in settings_of(factory).items()
-                if setting.duration
-            )
         return Experiment(
             seed=self.seed + number,
-            cohort_size=self.robots * len(trials),
-            time_scale=self.time_scale * (1.0 if number else _EARLY),
+            cohort_size=self._robots(number) * len(trials),
+            time_scale=self.time_scale,
             body="kinematic",
             kinematics=with_overrides(Kinematics(), self.kinematics),
             signals=self.signals,
@@ -284,7 +283,7 @@ class Tune(Study):
         name = "-".join(f"{trial.number:04}" for trial in trials)
         return [
             EvaluationJob(out / FOLDER / f"{name}-{number}-{c.task}.safetensors", experiment, c)
-            for c in self._conditions
+            for c in self._conditions(number)
         ]
 
     def _best(self, out: Path) -> list[Trial]:
@@ -326,8 +325,8 @@ def _mean_or_least(values: np.ndarray | None) -> float:
     return -np.inf if values is None else float(values.mean())
 
 
-def _cells(whole: np.ndarray | None) -> list[str]:
-    if whole is None:
+def _cells(values: np.ndarray | None) -> list[str]:
+    if values is None:
         return ["-"] * (1 + len(PAPER_TASKS))
-    means = [mean_cell(task, intervals.SHARE) for task in whole]
-    return [f"{whole.mean():.3f}", *means]
+    means = [mean_cell(task, intervals.SHARE) for task in values]
+    return [f"{values.mean():.3f}", *means]
