@@ -80,6 +80,19 @@ class Executor(Protocol):
         ...
 
 
+def run_job(job: Job, stop: Stop, report: Report) -> bool:
+    """Runs a job, as each process of an executor does; see `Job.run`.
+
+    A job that must stop does not begin, and one that is done is not run again.
+    """
+    if stop():
+        return False
+    if job.done():  # by a node that was lost before it could report
+        report(job.cost, "")
+        return True
+    return job.run(stop, report)
+
+
 @dataclasses.dataclass(frozen=True)
 class CohortJob:
     """Simulates a cohort, or several, from the last checkpoint to the end of their lives.
@@ -118,11 +131,6 @@ class CohortJob:
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; also reports robots whose simulation becomes unstable."""
-        if stop():
-            return False
-        if self.done():  # by a node that was lost before it could report
-            report(self.cost, "")
-            return True
         for key in self.keys:
             trust(key.condition.proposer)  # checked by `UnfinishedRun.read`
         cohorts, message = restored_cohorts(self.directory, self.experiment, self.keys)

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..errors import Interrupted, RunError
 from ..terminal import JobProgress
-from .jobs import Job
+from .jobs import Job, run_job
 from .signals import StopRequest, stop_on_signals
 from .worker import (
     children_without_script,
@@ -117,4 +117,4 @@ def _run(number: int, job: Job) -> bool:
     def stop() -> bool:
         return _REQUEST.stop or bool(_STOP.value)
 
-    return job.run(stop, lambda done, message: _REPORTS.put((number, done, message)))
+    return run_job(job, stop, lambda done, message: _REPORTS.put((number, done, message)))

@@ -17,7 +17,7 @@ from typing import Any
 from ..errors import InputError, Interrupted, RunError
 from ..storage import create_empty, draft_name, remove_files
 from ..terminal import JobProgress
-from .jobs import Job
+from .jobs import Job, run_job
 from .signals import stop_on_signals
 from .worker import prepare_process, stopped_by
 
@@ -131,6 +131,6 @@ def _run(number: int, job: Job, reports: Any, stop_name: str) -> bool:
             reports.put((number, done, message))
 
     try:
-        return job.run(stop_file.exists, report)
+        return run_job(job, stop_file.exists, report)
     except SystemExit as error:  # Ray would begin the task again
         raise RunError(f"a process ended itself (status {error.code})") from error

@@ -10,7 +10,7 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.simulation import jobs
 from musebot.protocols.simulation.checkpoints import checkpoint_file, read_lives
 from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.jobs import CohortJob, execute
+from musebot.protocols.simulation.jobs import CohortJob, execute, run_job
 
 KEY = CohortKey(Condition("wall_avoidance", "fixed"), 0)
 SHORT = Experiment(cohort_size=2, time_scale=0.004, body="kinematic")
@@ -72,12 +72,12 @@ def test_a_stopped_job_leaves_a_checkpoint_and_continues_to_the_same_file(tmp_pa
     assert whole.run(never, lambda *_: None)
     calls = 0
 
-    def after_three():
+    def after_a_chunk():
         nonlocal calls
         calls += 1
-        return calls == 3
+        return calls == 2
 
-    assert not cut.run(after_three, lambda *_: None)
+    assert not cut.run(after_a_chunk, lambda *_: None)
     assert not cut.done() and checkpoint_file(tmp_path / "cut", KEY).exists()
     reports = []
     assert cut.run(never, lambda done, message: reports.append(done))
@@ -87,7 +87,7 @@ def test_a_stopped_job_leaves_a_checkpoint_and_continues_to_the_same_file(tmp_pa
 
 def test_a_job_that_is_stopped_before_it_begins_leaves_nothing(tmp_path):
     job = job_in(tmp_path)
-    assert not job.run(lambda: True, lambda *_: None)
+    assert not run_job(job, lambda: True, lambda *_: None)
     assert list((tmp_path / "checkpoints").iterdir()) == []
 
 
@@ -96,7 +96,7 @@ def test_a_job_that_is_done_does_nothing_and_reports_its_cost(tmp_path):
     job.run(never, lambda *_: None)
     before = job.path.read_bytes()
     job.path.write_bytes(b"not read")
-    assert job.run(never, lambda *report: reports.append(report))
+    assert run_job(job, never, lambda *report: reports.append(report))
     assert reports == [(pytest.approx(SECONDS), "")]
     job.path.write_bytes(before)
     assert read_lives(job.path, job.experiment, job.keys[0]).valid.all()

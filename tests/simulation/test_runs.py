@@ -246,7 +246,7 @@ def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_starts_anew(
     damage, tmp_path, whole, capfd, in_process
 ):
     key = plan().cohorts()[0]
-    looks = iter([False, False, True])  # at the start, after the first steps, then stop
+    looks = iter([False, True])  # before the first steps, then stop
     assert not CohortJob(tmp_path, plan().experiment, (key,), 60).run(
         lambda: next(looks), lambda done, message: None
     )

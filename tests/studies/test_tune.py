@@ -16,6 +16,7 @@ from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.errors import InputError
+from musebot.protocols.simulation.jobs import run_job
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies.evolve import evaluation
 from musebot.protocols.studies.learners.tune import Trial, Tune
@@ -214,10 +215,10 @@ def test_a_stopped_trial_continues_from_its_checkpoint_to_the_same_bytes(
     for job in (whole, cut):
         job.path.parent.mkdir(parents=True)
     assert whole.run(lambda: False, lambda *_: None)
-    answers = iter((False, False, False, True))
+    answers = iter((False, False, True))
     if killed:  # in the third minute, after the checkpoint of the second
         with pytest.raises(StopIteration):
-            cut.run(functools.partial(next, iter((False, False, False))), lambda *_: None)
+            cut.run(functools.partial(next, iter((False, False))), lambda *_: None)
     else:
         assert not cut.run(lambda: next(answers), lambda *_: None)
     assert [path.suffix for path in cut.path.parent.iterdir()] == [".checkpoint"]
@@ -233,7 +234,7 @@ def test_a_waiting_trial_does_not_begin_when_the_study_is_asked_to_stop(tmp_path
     study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.1)
     study.experiments()
     job = next(study.stages(tmp_path))[0]
-    assert not job.run(lambda: True, lambda *_: None)
+    assert not run_job(job, lambda: True, lambda *_: None)
     assert not [*tmp_path.iterdir()]
 
 
