@@ -9,12 +9,12 @@ NumPy, or tensors of PyTorch on any device, and return the same kind.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from .arena import Dimensions
+from .arrays import namespace
 
 Wall = Literal["holds", "slides", "sticks", "turns", "refuses"]
 WALLS: tuple[Wall, ...] = get_args(Wall)
@@ -106,11 +106,6 @@ class Kinematics:
             wheel_base=self.wheel_base or dimensions.wheel_base,
             nose=self.radius if self.radius and dimensions.nose else dimensions.nose,
         )
-
-
-def namespace(array: Any) -> Any:
-    """Returns `numpy` for its own arrays, else the array API of the array's library."""
-    return np if isinstance(array, np.ndarray) else array_namespace(array)
 
 
 def follow_motors(

@@ -9,8 +9,8 @@ from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
-from array_api_compat import array_namespace
 
+from ..models.arrays import namespace
 from .sensors import NoseForm
 
 RANGEFINDERS = ("front", "back", "left", "right")
@@ -108,4 +108,4 @@ class Rules(abc.ABC):
     def state(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the paper's state: all observations concatenated, shape (..., S)."""
         signals = list(self.observations(sensordata).values())
-        return array_namespace(sensordata).concat(signals, axis=-1)
+        return namespace(sensordata).concat(signals, axis=-1)

@@ -10,7 +10,8 @@ import dataclasses
 from typing import Literal
 
 import numpy as np
-from array_api_compat import array_namespace
+
+from ..models.arrays import namespace
 
 NoseForm = Literal["inverse", "printed"]
 
@@ -26,7 +27,7 @@ def distance_signal(distance: np.ndarray) -> np.ndarray:
       Signal in [0, 1], of the same shape; 0 for a ray that hits nothing.
     """
     # (1 + d)^10 by four products: ten times faster than a power, and identical on every machine.
-    xp = array_namespace(distance)
+    xp = namespace(distance)
     base = 1.0 + xp.maximum(distance, 0.0)
     square = base * base
     fourth = square * square
@@ -42,7 +43,7 @@ def contact_signal(force: np.ndarray) -> np.ndarray:
     Returns:
       Signal, -1.0 or 0.0, of the same shape.
     """
-    xp = array_namespace(force)
+    xp = namespace(force)
     return 0.0 - xp.astype(force > 0, force.dtype)
 
 
@@ -96,7 +97,7 @@ class Nose:
           the spot, 0 if it is more than alpha / 2 off the front.
         """
         distance = _distance(spot)
-        xp = array_namespace(spot)
+        xp = namespace(spot)
         beta = xp.abs(xp.atan2(spot[..., 1], spot[..., 0]))
         # Inside the spot the distance is not used: the maximum only avoids a division by 0.
         ratio = self.spot_radius / xp.maximum(distance, self.spot_radius)
@@ -108,5 +109,5 @@ class Nose:
 
 
 def _distance(spot: np.ndarray) -> np.ndarray:
-    xp = array_namespace(spot)
+    xp = namespace(spot)
     return xp.sqrt(spot[..., 0] * spot[..., 0] + spot[..., 1] * spot[..., 1])

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
+from ...models.arrays import namespace
 from ...tasks.batch import Robots
 from ...tasks.tensors.parts import Part
 from ..agents.factory import make_agent
@@ -248,7 +248,7 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
 
 def _single(values: Any) -> Any:
     """Returns values in single precision, in which brains compute."""
-    xp = array_namespace(values)
+    xp = namespace(values)
     return xp.astype(values, xp.float32)
 
 
