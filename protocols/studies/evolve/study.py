@@ -68,7 +68,7 @@ class Evolve(Study):
         "epsilon",
         "advantage_scale",
     )  # fmt: skip
-    """parameters to evolve"""
+    """parameters to evolve, separated by spaces or commas"""
     budget: int = 200
     """number of brains to evaluate, rounded down to whole generations; may be increased later"""
     generation: int = 10
@@ -85,6 +85,10 @@ class Evolve(Study):
     """parameters of the kinematic simulator"""
     seed: int = 1
     """seed of the search and of the first generation's robots; each generation has the next one"""
+
+    def __post_init__(self) -> None:
+        """Splits names that are separated by commas."""
+        self.over = tuple(name for word in self.over for name in word.split(","))
 
     @functools.cached_property
     def start(self) -> Experiment:
