@@ -53,11 +53,12 @@ class InProcess:
 
     def __call__(self, jobs, progress):
         from musebot.protocols.errors import Interrupted
+        from musebot.protocols.simulation.jobs import run_job
 
         for job in jobs:
             if len(self.jobs) == self.most:
                 raise Interrupted
-            assert job.run(lambda: False, lambda done, message: None)
+            assert run_job(job, lambda: False, lambda done, message: None)
             self.jobs.append(job)
             yield job
 

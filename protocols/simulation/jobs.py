@@ -51,7 +51,7 @@ class Job(Protocol):
         ...
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """Does the work, or continues where it was stopped.
+        """Does the work, or continues where it was stopped; `run_job` calls it.
 
         Args:
           stop: Function that returns whether the job must stop.

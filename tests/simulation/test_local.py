@@ -115,6 +115,12 @@ def test_one_process_starts_jobs_in_their_order_and_hands_on_each(kinds, tmp_pat
     assert "2 is done" in capfd.readouterr().err
 
 
+def test_a_job_whose_file_appears_while_it_waits_is_not_run_again(kinds, tmp_path, capfd):
+    jobs = [kinds.Write(tmp_path / "one"), kinds.Write(tmp_path / "one", looks=1)]
+    execute("jobs", jobs, Local(1))
+    assert capfd.readouterr().err.count("one is done") == 1
+
+
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_the_jobs_and_keeps_what_is_done(how, kinds, tmp_path):
     jobs = [
@@ -128,7 +134,7 @@ def test_a_signal_stops_the_jobs_and_keeps_what_is_done(how, kinds, tmp_path):
 
     with pytest.raises(Interrupted):
         execute_all(jobs, finished=stop)
-    assert [job.done() for job in jobs][:2] == [True, False]
+    assert [job.done() for job in jobs] == [True, False, False]  # the last one never began
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from musebot.protocols.agents import agent_check
+from musebot.protocols.simulation.jobs import run_job
 
 
 @pytest.fixture
@@ -15,7 +16,7 @@ def here():
     def here(jobs, progress):
         for job in jobs:
             here.jobs.append(job)
-            assert job.run(lambda: False, lambda cost, message: None)
+            assert run_job(job, lambda: False, lambda cost, message: None)
             assert job.done()
             yield job
 

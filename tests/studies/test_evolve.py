@@ -60,6 +60,12 @@ def test_only_the_searched_parameters_of_a_brain_change():
     np.testing.assert_allclose(point_of(brain, names), [0.25, 0.5], atol=1e-5)
 
 
+def test_parameters_may_be_separated_by_commas():
+    assert Evolve(over=("learn_rate,noise",)).over == TINY.over
+    with pytest.raises(InputError, match="there is no parameter '' to search"):
+        Evolve(over=("learn_rate,,noise",)).experiments()
+
+
 @pytest.mark.parametrize(
     ("names", "sentence"),
     [
@@ -149,7 +155,7 @@ def test_an_unstable_robot_counts_as_the_worst(finished):
         study = dataclasses.replace(TINY, task=task)
         _, (job, *_) = study._generation(study._search(), 0, out / task)
         job.path.parent.mkdir(parents=True)
-        arrays = {"events": np.full(3, 1, np.int32), "valid": np.array([True, False, True])}
+        arrays = {"events": np.full((3, 3), 1, np.int32), "valid": np.array([True, False, True])}
         save_arrays(job.path, arrays, **job._identity)
         assert job.shares()[1] == worst
         assert 0 < job.shares()[0] < 1

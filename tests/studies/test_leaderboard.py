@@ -81,7 +81,7 @@ def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
     board = Board("raw", "paper", "spot_finding")
     ranking, p = placed(board, ranked(BOARD))
     text = "\n".join(markdown(board, ranking, p, {}, {}))
-    assert text.startswith("## Spot finding, protocol paper, raw signals\n")
+    assert text.startswith("### Spot finding, protocol paper, raw signals\n")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert [row.split("|")[1].strip() for row in rows[2:7]] == [
         "*hand_coded*", "good", "alike", "slow", "*newborn*",
@@ -107,45 +107,89 @@ def test_wall_avoidance_reports_robots_that_touch_a_wall_and_ranks_none():
     assert "p against" not in text and "score" not in text
 
 
-def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first():
-    walls = Board("raw", "walls", "spot_finding")
-    touch = Board("raw", "paper", "wall_avoidance")
-    found = {
-        board: placed(board, ranked(entries))
-        for board, entries in (
-            (
-                touch,
-                [dataclasses.replace(BOARD[2], after=np.repeat([1.0, 0.9], [18, 2])), LOW, HIGH],
-            ),
-            (Board("raw", "paper", "spot_finding"), BOARD),
-            (walls, [LOW, HIGH, entry("alike", 0.9, 0.8, spread=0.05)]),
-            (Board("paper", "paper", "spot_finding"), [LOW, HIGH]),
-        )
-    }
-    lines = summary(found)
-    assert [line for line in lines if line.startswith("## ")] == [
-        "## Raw signals", "## Paper signals",
-    ]  # fmt: skip
+def cells(lines):
+    """Returns the rows of Markdown tables, without their rules."""
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
-    assert rows[0] == ["learner", "spot finding", "spot finding, protocol walls", "touch a wall"]
-    assert [row[0] for row in rows[2:7]] == ["*hand_coded*", "alike", "good", "slow", "*newborn*"]
-    by_name = {row[0]: row[1:] for row in rows[2:7]}
+    return [row for row in rows if not row[0].startswith("---")]
+
+
+def summary_of(found):
+    return summary({board: placed(board, ranked(entries)) for board, entries in found.items()})
+
+
+def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first():
+    touching = dataclasses.replace(BOARD[2], after=np.repeat([1.0, 0.9], [18, 2]))
+    lines = summary_of(
+        {
+            Board("raw", "paper", "wall_avoidance"): [touching, LOW, HIGH],
+            Board("raw", "paper", "spot_finding"): BOARD,
+            Board("raw", "walls", "spot_finding"): [
+                LOW, HIGH, entry("alike", 0.9, 0.8, spread=0.05), entry("slow", 0.2, 0.2),
+            ],
+            Board("raw", "paper", "spot_finding", body="kinematic"): BOARD,
+            Board("paper", "paper", "spot_finding"): [LOW, HIGH],
+        }
+    )  # fmt: skip
+    titles = [line for line in lines if line.startswith("## ")]
+    assert titles == ["## Raw signals", "## Raw signals, kinematic simulator", "## Paper signals"]
+    head, *rows = cells(lines)[:6]
+    assert head == ["learner", "spot finding", "spot finding, protocol walls", "touch a wall"]
+    assert [row[0] for row in rows] == ["*hand_coded*", "alike", "slow", "*newborn*", "good"]
+    by_name = {row[0]: row[1:] for row in rows}
     assert by_name["good"][0].startswith("**0.8") and by_name["good"][1:] == ["-", "2 of 20"]
-    assert by_name["alike"][0].startswith("**") and by_name["alike"][1].startswith("**0.9")
-    assert not by_name["slow"][0].startswith("**")
+    assert by_name["alike"][0].startswith("**0.8") and by_name["alike"][1].startswith("**0.9")
+    assert by_name["slow"][0].startswith("0.") and by_name["slow"][1].startswith("0.")
     assert by_name["*hand_coded*"][0].startswith("1.000 [")
 
 
-def test_steady_has_one_name_in_both_tracks(runs):
-    run = read_runs(runs)[2]
+def test_only_the_first_is_marked_where_robots_are_too_few_for_a_test():
+    few = [
+        dataclasses.replace(one, after=one.after[:4], training=one.training[:4]) for one in BOARD
+    ]
+    rows = cells(summary_of({Board("raw", "paper", "spot_finding"): few}))[1:]
+    assert [row[0] for row in rows if row[1].startswith("**")] == ["good"]
+
+
+def test_a_board_whose_bounds_do_not_differ_has_no_scores():
+    alike = [LOW, BOARD[1], dataclasses.replace(HIGH, after=LOW.after, training=LOW.training)]
+    rows = cells(summary_of({Board("raw", "paper", "spot_finding"): alike}))[1:]
+    assert {row[1] for row in rows} == {"-"}
+
+
+def test_rows_and_tests_go_by_the_same_mean():
+    """Half the robots at 0 and half at 1, against robots that are all alike."""
+    halves = dataclasses.replace(BOARD[2], name="halves", after=np.repeat([0.1, 0.9], 10))
+    halves = dataclasses.replace(halves, training=halves.after)
+    middling = entry("middling", 0.55, 0.55, spread=0.01)
+    ranking = ranked([LOW, HIGH, halves, middling])
+    assert [one.name for one, _ in ranking] == ["hand_coded", "middling", "halves", "newborn"]
+    (p,) = [p for p in behind_the_first(ranking) if not np.isnan(p)]
+    middle = [interquartile_mean(scores)[0] for _, scores in ranking[1:3]]
+    assert middle[0] > middle[1] and p > 0.05
+
+
+def test_steady_has_one_name_in_both_tracks_where_they_differ(runs):
+    bounds, _, run = read_runs(runs)
     saturated = dataclasses.replace(run.experiment.brain, raw_signals=False, raw_reward=False)
     paper = dataclasses.replace(
-        run, experiment=dataclasses.replace(run.experiment, brain=saturated)
+        run, name="paper", experiment=dataclasses.replace(run.experiment, brain=saturated)
     )
-    bounds = read_runs(runs)[0]
-    found = boards([bounds, paper]) | boards([bounds, run])
-    lines = summary({board: placed(board, ranked(entries)) for board, entries in found.items()})
-    assert sum(line.startswith("| steady, creative |") for line in lines) == 2
+    found = boards([bounds, run, paper])
+    names = {
+        (board.signals, board.task): [one.name for one in entries if not one.is_bound]
+        for board, entries in found.items()
+    }
+    assert names["raw", "spot_finding"] == names["paper", "spot_finding"] == ["steady, creative"]
+    assert len({*names["raw", "wall_avoidance"]}) == 2  # the same lives, in two runs
+    spot = {board: es for board, es in found.items() if board.task == "spot_finding"}
+    rows = [row for row in cells(summary_of(spot)) if row[0].startswith("steady")]
+    assert [row[0] for row in rows] == ["steady, creative"] * 2
+    assert all(row[1] != "-" for row in rows)
+    (command,) = [
+        one.command for one in found[Board("paper", "paper", "spot_finding", body="kinematic")]
+        if not one.is_bound
+    ]  # fmt: skip
+    assert "raw_reward=false" in command
 
 
 def test_a_short_rehearsal_can_be_drawn():
@@ -210,7 +254,7 @@ def test_runs_become_boards_whose_rows_name_their_commands(
     assert {path: path.read_bytes() for path in (tmp_path / "out" / "costs").iterdir()} == measured
     assert (tmp_path / "out" / "leaderboard.md").read_text() == page
     assert (
-        "## Wall avoidance, protocol paper, raw signals" in page and "| steady, creative |" in page
+        "### Wall avoidance, protocol paper, raw signals" in page and "| steady, creative |" in page
     )
     assert {path.name for path in (tmp_path / "out").glob("*.svg")} == {
         "paper-signals-paper-wall_avoidance-kinematic.svg",
@@ -228,7 +272,7 @@ def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys, c
     assert board.details() == {
         "effort": {
             "musebot:sarsa_lambda, raw": "3 settings, then the best 1; robots of a setting: "
-            "1, then 2 a task, durations times 0.004"
+            "1, then 2, durations times 0.004"
         }
     }
     (effort,) = board.details()["effort"].values()

@@ -16,9 +16,9 @@ from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.errors import InputError
-from musebot.protocols.simulation.jobs import run_job
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies.evolve import evaluation
+from musebot.protocols.studies.evolve.evaluation import EvaluationJob
 from musebot.protocols.studies.learners.tune import Trial, Tune
 
 
@@ -71,17 +71,32 @@ def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
     assert trials != dataclasses.replace(TINY, seed=5).drawn()
 
 
-def test_the_first_round_has_half_the_robots_in_one_task_and_both_have_whole_lives():
+def test_the_first_round_has_half_the_robots_and_another_seed():
     study = Tune(agent="dqn", trials=1, kept=1, robots=5, time_scale=0.1)
-    first, second = (study._jobs(Path(), number, [Trial(1, ("rate=0.01",))]) for number in (0, 1))
-    assert [job.condition.task for job in first] == ["spot_finding"]
-    assert [job.condition.task for job in second] == ["wall_avoidance", "spot_finding"]
-    assert {job.experiment.cohort_size for job in first} == {2}
-    assert {job.experiment.cohort_size for job in second} == {5}
-    assert {job.experiment.seed for job in second} == {study.seed + 1}
-    assert {job.experiment.time_scale for job in (*first, *second)} == {0.1}
-    assert {job.experiment.settings for job in (*first, *second)} == {("rate=0.01",)}
+    (first,), (second,) = (study._jobs(Path(), n, [Trial(1, ("rate=0.01",))]) for n in (0, 1))
+    assert (first.experiment.cohort_size, second.experiment.cohort_size) == (2, 5)
+    assert (first.experiment.seed, second.experiment.seed) == (study.seed, study.seed + 1)
+    for job in (first, second):
+        assert job.condition.task == "spot_finding" and job.experiment.time_scale == 0.1
+        assert job.experiment.settings == ("rate=0.01",)
     assert Tune(robots=1)._robots(0) == 1
+
+
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+def test_a_trials_value_is_the_mean_of_its_shares_after_and_during_training(
+    task, tmp_path, monkeypatch
+):
+    study = Tune(agent="sarsa_lambda", task=task, trials=2, kept=1, robots=4)
+    shares = {"post": np.array([0.2, 0.4, 0.6, 0.8]), "training": np.array([0.1, 0.1, 0.3, 0.3])}
+    monkeypatch.setattr(EvaluationJob, "done", lambda job: job.path.stem.endswith("-0"))
+    monkeypatch.setattr(EvaluationJob, "shares", lambda job, part: shares[part])
+    ranked = study.ranked(tmp_path)
+    means = [values.mean() for _, values, _ in ranked]
+    wanted = [0.5, 0.2] if task == "spot_finding" else [0.8, 0.5]
+    assert means == pytest.approx(wanted)
+    assert [trial.number for trial, _, _ in ranked] == (
+        [1, 0] if task == "spot_finding" else [0, 1]
+    )
 
 
 def test_trials_live_in_one_cohort_where_robots_may_differ_in_all_settings():
@@ -116,7 +131,7 @@ def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
     )
     assert alone.keys() == together.keys()
     assert np.corrcoef([*alone.values()], [together[trial] for trial in alone])[0, 1] > 0.9
-    assert len([*(tmp_path / "each" / "trials").iterdir()]) == 1 + 2
+    assert len([*(tmp_path / "each" / "trials").iterdir()]) == 1 + 1
 
 
 @pytest.mark.parametrize(
@@ -124,6 +139,7 @@ def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
     [
         ({"agent": ""}, "the study needs the name of an agent"),
         ({"agent": "creative"}, "is a proposer of the brain"),
+        ({"task": "spot_finding_unit"}, "the task must be one of wall_avoidance, spot_finding"),
         ({"agent": "streamq"}, "did you mean stream_q"),
         ({"agent": "mine:plain"}, "mine:plain has no settings to tune"),
         ({"trials": 0}, "trials must be at least 1"),
@@ -161,7 +177,7 @@ def test_a_study_is_read_from_its_folder(tmp_path):
     assert read.experiments() == study.experiments() and read.details() == study.details()
     assert dataclasses.replace(read, kinematics=study.kinematics) == study
     assert study.effort == (
-        "4 settings, then the best 2; robots of a setting: 2, then 4 a task, durations times 0.5"
+        "4 settings, then the best 2; robots of a setting: 2, then 4, durations times 0.5"
     )
 
 
@@ -172,6 +188,8 @@ def test_a_study_is_read_from_its_folder(tmp_path):
         {"agent": "**x** | y"},
         {"kept": "3"},
         {"kept": 2.5},
+        {"task": None},
+        {"task": "chess"},
         {"trials": 3},
         {"study": "evolve"},
     ],
@@ -230,14 +248,6 @@ def test_a_stopped_trial_continues_from_its_checkpoint_to_the_same_bytes(
     assert [*cut.path.parent.iterdir()] == [cut.path]
 
 
-def test_a_waiting_trial_does_not_begin_when_the_study_is_asked_to_stop(tmp_path, monkeypatch):
-    study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.1)
-    study.experiments()
-    job = next(study.stages(tmp_path))[0]
-    assert not run_job(job, lambda: True, lambda *_: None)
-    assert not [*tmp_path.iterdir()]
-
-
 def test_checkpoints_of_jobs_that_were_killed_after_their_end_are_removed(
     tmp_path, commands_in_process
 ):
@@ -274,7 +284,7 @@ def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(
     page = (tmp_path / "out" / "tune.md").read_text()
     assert f"Best: trial {ranked[0][0].number}, `musebot run OUT --agent mine:graded" in page
     files = sorted((tmp_path / "out" / "trials").iterdir())
-    assert len(files) == 4 + 2 * 2
+    assert len(files) == 4 + 2
     # A missing file is made again with the same bytes; another agent's folder is refused.
     held = files[0].read_bytes()
     files[0].unlink()

@@ -14,7 +14,7 @@ from ...agents.trust import trust
 from ...errors import InputError, RunError
 from ...experiment.conditions import CohortKey, Condition
 from ...experiment.experiment import Experiment
-from ...experiment.schedules import control_steps
+from ...experiment.schedules import PARTS, Part, control_steps
 from ...simulation.checkpoints import restored_cohort, save_checkpoint
 from ...simulation.jobs import Report, Stop
 from ...storage import remove_files, save_arrays
@@ -25,7 +25,7 @@ _SAVE_EVERY = 60.0  # seconds
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationJob:
-    """Simulates the lives of a cohort, and stores the time with the event after training.
+    """Simulates the lives of a cohort, and stores the time with the event in each part.
 
     Attributes:
       path: File to which the result is written.
@@ -71,26 +71,26 @@ class EvaluationJob:
         except (InputError, RunError) as error:  # of an agent
             raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
         lives = cohort.lives()
-        arrays = {"events": lives.events[:, 2].astype(np.int32), "valid": lives.valid}
+        arrays = {"events": lives.events.astype(np.int32), "valid": lives.valid}
         save_arrays(self.path, arrays, **self._identity)
         remove_files(path.parent, path.name.__eq__)
         return True
 
-    def shares(self) -> np.ndarray:
-        """Reads each robot's share of the test after training with the event, shape (B,).
+    def shares(self, part: Part = "post") -> np.ndarray:
+        """Reads each robot's share of a part of its life with the event, shape (B,).
 
         A robot whose simulation became unstable counts as the worst.
 
         Raises:
           DamagedFileError: the file is damaged, or another job's.
         """
-        robots = (self.experiment.cohort_size,)
-        arrays = own_arrays(
-            self.path, {"events": ("I32", robots), "valid": ("BOOL", robots)}, self._identity
-        )
+        robots = self.experiment.cohort_size
+        shapes = {"events": ("I32", (robots, len(PARTS))), "valid": ("BOOL", (robots,))}
+        arrays = own_arrays(self.path, shapes, self._identity)
         schedule = self.experiment.schedule(self.condition.task)
         worst = 0.0 if schedule.wanted else 1.0
-        shares = np.clip(arrays["events"] / schedule.steps_of("post"), 0, 1)
+        events = arrays["events"][:, PARTS.index(part)]
+        shares = np.clip(events / schedule.steps_of(part), 0, 1)
         return np.where(arrays["valid"], shares, worst)
 
     @property

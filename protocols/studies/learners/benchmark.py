@@ -24,16 +24,16 @@ from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
 from ..study import Page, check_positive
 from ..variants import Needs, Variant, VariantStudy
-from .boards import LOWER, SATURATED, UPPER, Board, Entry, boards, saturates
+from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .ranking import FOLDER, cost_jobs, measured, ranking
 from .tune import Tune, efforts
 
 LEARNERS = tuple(name for name in RECORDED_NAMES if name not in ("ppo", LOWER, UPPER))
 _BRAINS = ("paper", "steady")
 _PAPER_ALONE = ("paper", recorded_name("ppo"))  # have no raw signals
-# In MuJoCo 30 robots can become 60 later; kinematic robots are cheaper in larger cohorts.
+_SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
+# In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
 _COHORTS: Mapping[Body, int] = MappingProxyType({"mujoco": 30, "kinematic": 60})
-_EFFECTS = with_overrides(Kinematics(), BODY_EFFECTS)
 
 BoardName = Literal["paper", "walls", "continual", "larger"]
 BOARDS: Mapping[BoardName, Mapping[str, Any]] = MappingProxyType(
@@ -74,7 +74,7 @@ class Benchmark(VariantStudy):
     )
     """protocols and tasks in which they are compared"""
     robots: int = 60
-    """number of robots of each learner; a multiple of 30, or fewer (kinematic: of 60)"""
+    """number of robots of each learner: at most 30, or a multiple of 30; kinematic: of 60"""
     seed: int = 32010
     """seed of the boards paper and walls"""
     body: Body = "mujoco"
@@ -92,11 +92,12 @@ class Benchmark(VariantStudy):
             raise InputError(
                 f"robots above {cohort} must be a multiple of {cohort}, got {self.robots}"
             )
+        effects = BODY_EFFECTS if self.body == "kinematic" else ()
         return Experiment(
             seed=self.seed,
             cohort_size=min(self.robots, cohort),
             body=self.body,
-            kinematics=_EFFECTS if self.body == "kinematic" else Kinematics(),
+            kinematics=with_overrides(Kinematics(), effects),
             time_scale=self.time_scale,
         )
 
@@ -139,7 +140,7 @@ class Benchmark(VariantStudy):
         elif name == "steady" and track == "raw":
             fields["brain"] = named_brain(name)
         elif name == "steady":
-            fields["brain"] = with_overrides(named_brain(name), SATURATED)
+            fields["brain"] = with_overrides(named_brain(name), _SATURATED)
             # Where nothing saturates, both tracks are the same.
             start = dataclasses.replace(self.baseline(), **BOARDS[board])
             tasks = tuple(task for task in tasks if saturates(start, task))

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from ....controller import BRAINS
 from ....models import Kinematics
 from ...agents.names import short_name
 from ...analysis.hypothesis_tests import holm, same_statistic
@@ -21,12 +22,11 @@ from ...errors import InputError
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Body, Experiment, Signals, differing
 from ...experiment.networks import senses_of
-from ...experiment.overrides import overrides_of
+from ...experiment.overrides import brain_name, overrides_of
 from ...experiment.schedules import TASK_NAMES
 from ...results.run import Run
 
 LOWER, UPPER = "newborn", "hand_coded"
-SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
 _RESAMPLES, _SEED = 2000, 1
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
 _MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
@@ -60,14 +60,13 @@ class Board:
     @property
     def title(self) -> str:
         """Title of the board."""
-        track = f"{self.track[0].lower()}{self.track[1:]}"
-        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}{self._arena}, {track}"
+        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}{self._arena}, {self.track}"
 
     @property
     def track(self) -> str:
         """Title of all boards with these signals in this simulator."""
         simulator = ", kinematic simulator" if self.body == "kinematic" else ""
-        return f"{self.signals.capitalize()} signals{simulator}"
+        return f"{self.signals} signals{simulator}"
 
     @property
     def column(self) -> str:
@@ -113,6 +112,21 @@ class Entry:
     curve: np.ndarray
     abilities: np.ndarray
 
+    @property
+    def is_bound(self) -> bool:
+        """Whether it is no learner, but a bound of the board."""
+        return self.name in (LOWER, UPPER)
+
+    @property
+    def title(self) -> str:
+        """Its name in a table; bounds are in italics."""
+        return f"*{self.name}*" if self.is_bound else self.name
+
+    @property
+    def touching(self) -> int:
+        """Number of robots with less than the whole test in the spot, or without contact."""
+        return int((self.after < 1).sum())
+
 
 Ranking = Sequence[tuple[Entry, np.ndarray]]
 """Entries with their robots' scores, the best first."""
@@ -144,10 +158,10 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
                 if entries:
                     _check_same_world(board, entries[0].experiment, experiment)
                 if any(entry.name == other.name for other in entries):
-                    raise InputError(f"{entry.name} stands in two runs with {condition.task}")
+                    raise InputError(f"{entry.name} stands in two runs of {board.title}")
                 entries.append(entry)
     # Bounds stand in both tracks, but make no board.
-    found = {b: es for b, es in found.items() if {e.name for e in es} - {LOWER, UPPER}}
+    found = {b: es for b, es in found.items() if not all(e.is_bound for e in es)}
     for board, entries in found.items():
         for bound in (LOWER, UPPER):
             if bound not in {entry.name for entry in entries}:
@@ -188,7 +202,7 @@ def _entry(run: Run, condition: Condition) -> Entry:
         curves, after = 1 - curves, 1 - after
     if condition.has_brain:
         brain, *changes = experiment.brain_name.split()
-        name = f"{experiment.brain_name}, {condition.proposer}"
+        name = f"{_learner(experiment, condition.task)}, {condition.proposer}"
         command = f"--brain {brain} --proposer {condition.proposer}"
         if changes:
             command += f" --set {' '.join(changes)}"
@@ -209,6 +223,19 @@ def _entry(run: Run, condition: Condition) -> Entry:
         curves.mean(axis=0),
         run.abilities(condition),
     )
+
+
+def _learner(experiment: Experiment, task: str) -> str:
+    """Returns the name of a brain; in the paper's track, that of the brain that reads raw signals.
+
+    So `steady` has one name in both tracks, where these differ.
+    """
+    brain = experiment.brain
+    if saturates(experiment, task) and not (brain.raw_signals or brain.raw_reward):
+        raw = dataclasses.replace(brain, raw_signals=True, raw_reward=True)
+        if raw in BRAINS.values():
+            return brain_name(raw)
+    return experiment.brain_name
 
 
 def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
@@ -254,6 +281,10 @@ def interquartile_mean(values: np.ndarray) -> tuple[float, tuple[float, float]]:
     return float(stats.trim_mean(values, 0.25)), (float(low), float(high))
 
 
+def _middle(values: np.ndarray, axis: int) -> np.ndarray:
+    return stats.trim_mean(values, 0.25, axis=axis)
+
+
 def ranked(entries: Sequence[Entry]) -> Ranking:
     """Returns the entries with their robots' scores, the highest interquartile mean first."""
     by_name = {entry.name: entry for entry in entries}
@@ -267,12 +298,12 @@ def ranked(entries: Sequence[Entry]) -> Ranking:
 def behind_the_first(ranking: Ranking) -> list[float]:
     """Returns p of each learner against the first, Holm over all pairs of learners.
 
-    Bounds have NaN, and so has the first learner. Permutation tests of the mean score.
+    Bounds have NaN, and so has the first learner. Permutation tests of the interquartile mean.
     """
-    learners = [n for n, (entry, _) in enumerate(ranking) if entry.name not in (LOWER, UPPER)]
+    learners = [n for n, (entry, _) in enumerate(ranking) if not entry.is_bound]
     pairs = list(itertools.combinations(learners, 2))
     values = [
-        same_statistic(ranking[a][1], ranking[b][1], np.nanmean, False, max(2000, 200 * len(pairs)))
+        same_statistic(ranking[a][1], ranking[b][1], _middle, False, max(2000, 200 * len(pairs)))
         for a, b in pairs
     ]
     found = dict(zip(pairs, holm(np.array(values)), strict=True))

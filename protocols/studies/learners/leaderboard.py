@@ -23,8 +23,8 @@ from .tune import efforts
 class Leaderboard(Study):
     """Rank learners in kept runs, between a newborn and a hand-coded robot.
 
-    Each track, protocol and task is a board; its runs must hold the agents `newborn` and
-    `hand_coded`, which are its bounds. Runs may be kept without their brains.
+    Each track, protocol, task, arena and simulator is a board; its runs must hold the agents
+    `newborn` and `hand_coded`, which are its bounds. Runs may be kept without their brains.
     """
 
     name: ClassVar[str] = "leaderboard"

@@ -16,11 +16,13 @@ from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
-from .boards import LOWER, UPPER, Board, Entry, Ranking, interquartile_mean, ranked
+from .boards import Board, Entry, Ranking, interquartile_mean, ranked
 from .costs import CostJob
 from .summary import placed, summary
 
 FOLDER = "costs"
+BOARDS = "## Boards"
+"""Title of the part of the page that follows the summary."""
 Boards = Mapping[Board, Sequence[Entry]]
 Measured = Mapping[Board, Mapping[str, Costs]]
 """What learners cost, by board and name."""
@@ -64,7 +66,7 @@ def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
       efforts: Effort of tuning, by "agent, signals".
     """
     places = {board: placed(board, ranked(entries)) for board, entries in found.items()}
-    parts, figures = summary(places), {}
+    parts, figures = [*summary(places), BOARDS, ""], {}
     with style.styled():
         for board, (order, p) in places.items():
             parts += markdown(board, order, p, costs.get(board, {}), efforts)
@@ -109,7 +111,7 @@ def markdown(
         for entry, _ in ranking
     ]
     return [
-        f"## {board.title}",
+        f"### {board.title}",
         "",
         *result,
         "",
@@ -148,8 +150,8 @@ def _scores(ranking: Ranking, p: Sequence[float]) -> list[str]:
         "Score: mean of the time after training and of that during all of training, each 0 for "
         "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
         "its 95 % bootstrap interval. Fail: share of robots with a score below 0.5. Mean L rewards "
-        "bad newborns, so it does not rank. p: permutation test of the mean score, Holm over all "
-        "pairs of learners. In italics the bounds.",
+        "bad newborns, so it does not rank. p: permutation test of the interquartile mean, Holm "
+        "over all pairs of learners. In italics the bounds.",
     ]
 
 
@@ -160,11 +162,10 @@ def _contacts(ranking: Ranking) -> list[str]:
             "during training", "worst tenth", "mean L",
         ]
     ]  # fmt: skip
-    entries = sorted((entry for entry, _ in ranking), key=lambda entry: (entry.after < 1).mean())
-    for entry in entries:
-        count = int((entry.after < 1).sum())
-        share = intervals.share(count, len(entry.after))
-        touching = with_interval(str(count), share, percent=True)
+    entries = [entry for entry, _ in ranking]
+    for entry in sorted(entries, key=lambda entry: entry.touching / len(entry.after)):
+        share = intervals.share(entry.touching, len(entry.after))
+        touching = with_interval(str(entry.touching), share, percent=True)
         rows.append([*_name(entry), touching, *_times(entry), _mean_ability(entry)])
     return [
         *table(rows),
@@ -176,8 +177,7 @@ def _contacts(ranking: Ranking) -> list[str]:
 
 
 def _name(entry: Entry) -> list[str]:
-    name = f"*{entry.name}*" if entry.name in (LOWER, UPPER) else entry.name
-    return [name, str(len(entry.after))]
+    return [entry.title, str(len(entry.after))]
 
 
 def _times(entry: Entry) -> list[str]:
@@ -199,7 +199,7 @@ def _costs(found: Costs | None) -> list[str]:
 
 
 def _tuned(entry: Entry, efforts: Mapping[str, str]) -> str:
-    if entry.name in (LOWER, UPPER):
+    if entry.is_bound:
         return ""
     if entry.condition.has_brain:
         steady = entry.experiment.brain_name.startswith("steady")

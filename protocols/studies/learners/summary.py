@@ -8,16 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...reporting.markdown import table, with_interval
-from .boards import (
-    LOWER,
-    SATURATED,
-    UPPER,
-    Board,
-    Entry,
-    Ranking,
-    behind_the_first,
-    interquartile_mean,
-)
+from .boards import Board, Ranking, behind_the_first, interquartile_mean
 
 _LEVEL = 0.05
 
@@ -35,52 +26,49 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
     groups: dict[str, dict[Board, Placed]] = {}
     for board, places in found.items():
         groups.setdefault(board.track, {})[board] = places
-    return [line for track, own in groups.items() for line in (f"## {track}", "", *_table(own), "")]
+    lines = []
+    for track, own in groups.items():
+        lines += [f"## {track[0].upper()}{track[1:]}", "", *table(_rows(own)), ""]
+    return [
+        *lines,
+        "Score: 0 like the mean newborn, 1 like the mean hand-coded robot. Rows are sorted by the "
+        "mean score of a learner's boards, those that lack a board last. Bold: the first of a "
+        "board, and all that the tests of the board do not tell from it "
+        f"(p at least {_LEVEL}); with few robots they tell little. Touch a wall: robots with any "
+        "contact in the test after training. In italics the bounds.",
+        "",
+    ]
 
 
-def _table(found: Mapping[Board, Placed]) -> list[str]:
+def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
     boards = sorted(found, key=lambda board: not board.ranks)
+    titles: dict[str, str] = {}
     cells: dict[str, dict[Board, str]] = {}
     values: dict[str, list[float]] = {}
     for board in boards:
+        first = True
         for (entry, scores), p in zip(*found[board], strict=True):
-            name = _name(entry)
             middle, interval = interquartile_mean(scores)
-            if board.ranks:
-                values.setdefault(name, []).append(middle)
-                text = "-" if math.isnan(middle) else with_interval(f"{middle:.3f}", interval)
-                among_the_first = not p < _LEVEL and entry.name not in (LOWER, UPPER)
-                cell = f"**{text}**" if among_the_first else text
-            else:
-                cell = f"{(entry.after < 1).sum()} of {len(entry.after)}"
-            cells.setdefault(name, {})[board] = cell
-    order = sorted(cells, key=lambda name: (-_mean(values.get(name, [])), name))
-    rows = [["learner", *(board.column for board in boards)]]
-    rows += [
-        [
-            f"*{name}*" if name in (LOWER, UPPER) else name,
-            *(cells[name].get(board, "-") for board in boards),
-        ]
-        for name in order
-    ]
+            text = "-"
+            if not board.ranks:
+                text = f"{entry.touching} of {len(entry.after)}"
+            elif not math.isnan(middle):
+                text = with_interval(f"{middle:.3f}", interval)
+                if not entry.is_bound:
+                    text = f"**{text}**" if first or p >= _LEVEL else text
+                    first = False
+                values.setdefault(entry.name, []).append(middle)
+            titles[entry.name] = entry.title
+            cells.setdefault(entry.name, {})[board] = text
+
+    def place(name: str) -> tuple[int, float, str]:
+        known = values.get(name, [])
+        return -len(known), -float(np.mean(known)) if known else 0.0, name
+
     return [
-        *table(rows),
-        "",
-        "Score: 0 like the mean newborn, 1 like the mean hand-coded robot; bold: the first of a "
-        "board and all that do not differ detectably from it (p of the tables below at least "
-        f"{_LEVEL}). Touch a wall: robots with any contact in the test after training. In italics "
-        "the bounds.",
+        ["learner", *(board.column for board in boards)],
+        *(
+            [titles[name], *(cells[name].get(board, "-") for board in boards)]
+            for name in sorted(cells, key=place)
+        ),
     ]
-
-
-def _name(entry: Entry) -> str:
-    """Returns the name of a learner, the same in both tracks."""
-    if not entry.condition.has_brain:
-        return entry.name
-    words = [word for word in entry.experiment.brain_name.split() if word not in SATURATED]
-    return f"{' '.join(words)}, {entry.condition.proposer}"
-
-
-def _mean(values: Sequence[float]) -> float:
-    known = [value for value in values if not math.isnan(value)]
-    return float(np.mean(known)) if known else -math.inf

@@ -30,18 +30,19 @@ from ...experiment.manifest import UNREADABLE, experiment_from
 from ...experiment.overrides import overrides_of, with_overrides
 from ...experiment.plan import Plan
 from ...reporting.markdown import mean_cell, table
-from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
+from ...shared_options import BODY_EFFECTS, TASK_CHOICES, BodyKinematicsOption, option
 from ...simulation.jobs import Job
 from ...storage import read_json
 from ..evolve.evaluation import EvaluationJob
 from ..study import STUDY_FILE, Page, Study, check_positive
 
 FOLDER = "trials"
-# Tasks of both rounds. In wall avoidance nearly every setting is at the ceiling, so that it can
-# tell no setting from another.
-_TASKS = ("spot_finding",), PAPER_TASKS
 _MOST = 1024  # trials
 _TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
+_SHARES = {
+    "wall_avoidance": "Share of time without contact",
+    "spot_finding": "Share of time in the spot",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,11 +67,12 @@ class Trial:
 class Tune(Study):
     """Tune an agent's settings in the kinematic simulator, with equal effort for each.
 
-    The first trial has the defaults, the others a Sobol sequence over the ranges. In the first
-    round half the robots of each trial live in spot finding; in the second all robots of the best
-    trials live in both tasks, on a fresh seed. A trial's value is the mean over the round's tasks
-    of the share of time in the spot, or without contact, after training. Sixteen trials share a
-    cohort if robots may differ in all settings (`Setting.each`).
+    The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
+    of each trial are simulated; then the best trials are simulated again, with all robots and on a
+    fresh seed. A trial's value is a mean over its robots, of the share of time in the spot, or
+    without contact, in the test after training and during training: what the benchmark ranks by.
+    Sixteen trials share a cohort, which keeps one core busy, if robots may differ in all settings
+    (`Setting.each`).
     """
 
     name: ClassVar[str] = "tune"
@@ -79,12 +81,14 @@ class Tune(Study):
     """name of the agent, or a factory of yours as package.module:factory"""
     signals: Signals = "paper"
     """raw: smell and reward before they saturate"""
+    task: Annotated[str, option(TASK_CHOICES, "spot_finding")] = "spot_finding"
+    """task of all robots"""
     trials: int = 16
     """number of settings that are tried"""
     kept: int = 4
-    """number of settings that have a second round"""
+    """number of settings that are simulated again"""
     robots: int = 20
-    """number of robots of a trial in each task of the second round; the first has half"""
+    """number of robots of a trial in the second round; half as many in the first, at least 1"""
     seed: int = 32001
     """seed of the first round; the second round has the next one"""
     kinematics: BodyKinematicsOption = BODY_EFFECTS
@@ -107,11 +111,13 @@ class Tune(Study):
             if held["study"] != cls.name or type(agent) is not str or type(kept) is not int:
                 raise ValueError("it holds another study, or is damaged")
             check_proposer(agent)
+            task = Condition(details["task"], agent).task
         except (*UNREADABLE, InputError, OSError) as error:
             raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
         return cls(
             agent=agent,
             signals=full.signals,
+            task=task,
             trials=trials,
             kept=kept,
             robots=full.cohort_size,
@@ -136,7 +142,7 @@ class Tune(Study):
         scale = f", durations times {self.time_scale:g}" if self.time_scale != 1 else ""
         return (
             f"{self.trials} settings, then the best {self.kept}; robots of a setting: "
-            f"{self._robots(0)}, then {self.robots} a task{scale}"
+            f"{self._robots(0)}, then {self.robots}{scale}"
         )
 
     def experiments(self) -> Mapping[str, Experiment]:
@@ -145,7 +151,7 @@ class Tune(Study):
             trust(recorded_name(self.agent))  # the command names it
         for trials in self._cohorts(self.drawn()):
             experiment = self._round(0, trials)
-            check_memory(Plan.of(experiment, self._conditions(0), experiment.cohort_size))
+            check_memory(Plan.of(experiment, [self._condition], experiment.cohort_size))
         return {"trials": self._round(1, [Trial(0, ())])}
 
     @functools.cached_property
@@ -164,7 +170,10 @@ class Tune(Study):
         if self.seed < 0:
             raise InputError(f"the seed must not be negative, got {shown(self.seed)}")
         name = recorded_name(self.agent)
-        if Condition(PAPER_TASKS[0], name).has_brain:
+        if self.task not in PAPER_TASKS:
+            tasks = ", ".join(PAPER_TASKS)
+            raise InputError(f"the task must be one of {tasks}, got {self.task!r:.60}")
+        if self._condition.has_brain:
             raise InputError(f"{name} is a proposer of the brain: `musebot study evolve` tunes it")
         tuned = {n: s for n, s in settings_of(factory_of(name)).items() if s.tuned}
         if not tuned:
@@ -174,7 +183,12 @@ class Tune(Study):
     def details(self) -> Mapping[str, Any]:
         """See `Study.details`."""
         drawn = [list(trial.settings) for trial in self.drawn()]
-        return {"agent": recorded_name(self.agent), "kept": self.kept, "trials": drawn}
+        return {
+            "agent": recorded_name(self.agent),
+            "task": self.task,
+            "kept": self.kept,
+            "trials": drawn,
+        }
 
     def drawn(self) -> list[Trial]:
         """Returns all trials, the defaults first."""
@@ -199,13 +213,14 @@ class Tune(Study):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all trials, then the best again."""
-        yield self._all_jobs(out, 0, self.drawn())
-        yield self._all_jobs(out, 1, self._best(out))
+        yield self._jobs(out, 0, self.drawn())
+        yield self._jobs(out, 1, self._best(out))
 
     def ranked(self, out: Path) -> list[tuple[Trial, np.ndarray, np.ndarray | None]]:
-        """Returns the finished trials, best first, with each robot's values in both rounds.
+        """Returns the finished trials, best first, with each robot's shares in both rounds.
 
-        Values have the shape (tasks, robots of the round); None where a trial has no second round.
+        Shares have the shape (2, robots of the round), after training and during training; None
+        where a trial has no second round.
         """
         early = self._values(out, 0, self.drawn())
         later = self._values(out, 1, self._best(out))
@@ -218,7 +233,16 @@ class Tune(Study):
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
         ranked = self.ranked(out)
-        rows = [["trial", *self.settings, "first round", "second round", *PAPER_TASKS]]
+        rows = [
+            [
+                "trial",
+                *self.settings,
+                "first round",
+                "second round",
+                "after training",
+                "during training",
+            ]
+        ]
         for trial, early, later in ranked:
             rows.append(
                 [
@@ -235,11 +259,10 @@ class Tune(Study):
             "",
             *table(rows),
             "",
-            "Share of time in the spot, or without contact, in the test after training. Robots of "
-            f"a setting: {self._robots(0)} in spot finding in the first round, {self.robots} a "
-            "task in the second, whose value is the mean of the tasks' columns; brackets hold 95 % "
-            "intervals over robots. The best of several trials was also lucky: only runs on other "
-            "seeds measure it.",
+            f"{_SHARES[self.task]}, the mean of that in the test after training and during "
+            f"training; robots of a setting: {self._robots(0)}, then {self.robots}. The last two "
+            "columns belong to the second round; brackets hold 95 % intervals over robots. The "
+            "best of several trials was also lucky: only runs on other seeds measure it.",
             "",
             f"Best: trial {winner.number}, `musebot run OUT --agent {name}{chosen} --signals "
             f"{self.signals}`",
@@ -247,8 +270,9 @@ class Tune(Study):
         ]
         return Page("\n".join(lines))
 
-    def _conditions(self, number: int) -> list[Condition]:
-        return [Condition(task, recorded_name(self.agent)) for task in _TASKS[number]]
+    @property
+    def _condition(self) -> Condition:
+        return Condition(self.task, recorded_name(self.agent))
 
     def _robots(self, number: int) -> int:
         return self.robots if number else max(1, self.robots // 2)
@@ -275,36 +299,28 @@ class Tune(Study):
             settings=words,
         )
 
-    def _all_jobs(self, out: Path, number: int, trials: Sequence[Trial]) -> list[EvaluationJob]:
-        return [job for some in self._cohorts(trials) for job in self._jobs(out, number, some)]
-
     def _jobs(self, out: Path, number: int, trials: Sequence[Trial]) -> list[EvaluationJob]:
-        experiment = self._round(number, trials)
+        return [self._job(out, number, some) for some in self._cohorts(trials)]
+
+    def _job(self, out: Path, number: int, trials: Sequence[Trial]) -> EvaluationJob:
         name = "-".join(f"{trial.number:04}" for trial in trials)
-        return [
-            EvaluationJob(out / FOLDER / f"{name}-{number}-{c.task}.safetensors", experiment, c)
-            for c in self._conditions(number)
-        ]
+        path = out / FOLDER / f"{name}-{number}.safetensors"
+        return EvaluationJob(path, self._round(number, trials), self._condition)
 
     def _best(self, out: Path) -> list[Trial]:
         early = self._values(out, 0, self.drawn())
         return sorted(early, key=lambda trial: -float(early[trial].mean()))[: self.kept]
 
     def _values(self, out: Path, number: int, trials: Sequence[Trial]) -> dict[Trial, np.ndarray]:
-        """Returns the values of each finished trial's robots, shape (tasks, robots)."""
+        """Returns the shares of each finished trial's robots, shape (2, robots)."""
         found = {}
         for some in self._cohorts(trials):
-            jobs = self._jobs(out, number, some)
-            if not all(job.done() for job in jobs):
+            job = self._job(out, number, some)
+            if not job.done():
                 continue
-            shares = np.array(
-                [
-                    job.shares()
-                    if job.experiment.schedule(job.condition.task).wanted
-                    else 1 - job.shares()
-                    for job in jobs
-                ]
-            )
+            shares = np.array([job.shares("post"), job.shares("training")])
+            if not job.experiment.schedule(self.task).wanted:
+                shares = 1 - shares
             found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
         return found
 
@@ -327,6 +343,6 @@ def _mean_or_least(values: np.ndarray | None) -> float:
 
 def _cells(values: np.ndarray | None) -> list[str]:
     if values is None:
-        return ["-"] * (1 + len(PAPER_TASKS))
-    means = [mean_cell(task, intervals.SHARE) for task in values]
+        return ["-"] * 3
+    means = [mean_cell(shares, intervals.SHARE) for shares in values]
     return [f"{values.mean():.3f}", *means]
