@@ -5,13 +5,15 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import mujoco
 import numpy as np
 
 from ..models.arrays import namespace
-from .sensors import NoseForm
+
+if TYPE_CHECKING:
+    from .sensors import NoseForm
 
 RANGEFINDERS = ("front", "back", "left", "right")
 
