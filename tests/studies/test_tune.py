@@ -107,7 +107,7 @@ def test_trials_live_in_one_cohort_where_robots_may_differ_in_all_settings():
     both = study._round(1, trials[:2])
     assert both.cohort_size == 8
     values = [trial.values(study.settings) for trial in trials[:2]]
-    assert values[0]["rate"] == "0.1" and len(values[0]) == len(both.settings) == 5
+    assert values[0]["rate"] == "0.5" and len(values[0]) == len(both.settings) == 7
     for word in both.settings:
         name, _, text = word.partition("=")
         assert text == f"{values[0][name]},{values[1][name]}"
@@ -264,7 +264,7 @@ def test_every_learner_of_ours_can_be_tuned():
     for name in ("q_learner", "sarsa_lambda", "stream_q", "stream_ac", "avg", "amortised_q", "dqn"):
         study = Tune(agent=name)
         tuned = study.settings
-        assert 3 <= len(tuned) <= 5 and "hidden" not in tuned
+        assert 4 <= len(tuned) <= 7 and "hidden" not in tuned
         assert {*tuned} <= {*settings_of(factory_of(name))}
         assert len(study.drawn()) == 16
 

@@ -29,8 +29,14 @@ class AVG(OnlineLearner):
     The last hidden layer is scaled to length 1, signals have mean 0 and variance 1, and sigma is
     the standard deviation of r - entropy log p(a | s) (return-based scaling, in which a constant
     discount adds nothing). As published, sigma is 1 as long as the variance is at most 0.01. The
-    action a' is the one that the robot takes; the authors' program draws another.
+    action a' is the one that the robot takes; the authors' program draws another. The spread is the
+    exponential of an output; in the authors' program the variance is. In tests the robot acts at
+    tanh(mean).
     """
+
+    # Gymnasium's, which the authors use. With none, the first signals would be exactly 0, and with
+    # them the last hidden layer, whose gradient would then be boundless.
+    PRIOR = 1e-4
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `avg` for the settings."""
@@ -52,7 +58,8 @@ class AVG(OnlineLearner):
             self.keep_list(name, networks.tensors, learned=True)
             self._adams.append(Adam(networks, setting[f"{name}_rate"], mean_decay=0.0))
             self.keep_list(f"{name}.adam", self._adams[-1].tensors)
-        self._signals, self._rewards = Moments(robots, self.inputs), Moments(robots)
+        self._signals = Moments(robots, self.inputs, prior=self.PRIOR)
+        self._rewards = Moments(robots)
         self.keep_list("signals", self._signals.tensors(), learned=True)
         self.keep_list("rewards", self._rewards.tensors())
         self.pair("noise", torch.zeros(robots, 2))
@@ -121,10 +128,10 @@ def make_orthogonal(weights: Tensor, generator: torch.Generator) -> None:
 
 
 @tunable(
-    discount=Setting(0.99, 0.8, 0.995, "discount of the next value", each=True),
-    actor_rate=Setting(0.0063, 1e-4, 1e-2, "learn rate of the actor", log=True, each=True),
-    critic_rate=Setting(0.0087, 1e-4, 1e-2, "learn rate of the critic", log=True, each=True),
-    entropy=Setting(0.07, 0.001, 0.2, "weight of the policy's entropy", log=True, each=True),
+    discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
+    actor_rate=Setting(0.0063, 1e-5, 1e-2, "learn rate of the actor", log=True, each=True),
+    critic_rate=Setting(0.0087, 1e-5, 1e-2, "learn rate of the critic", log=True, each=True),
+    entropy=Setting(0.07, 0.001, 0.5, "weight of the policy's entropy", log=True, each=True),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 256", tuned=False),
 )
 def avg(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:

@@ -12,7 +12,7 @@ from torch import Tensor
 from ....controller.networks import load_into
 from ....controller.senses import Senses
 from ..base import Agent
-from ..settings import Number
+from ..settings import Number, Setting
 
 LARGEST = 0.5  # motor value
 
@@ -31,9 +31,16 @@ def for_each(settings: Mapping[str, Number]) -> dict[str, float | Tensor]:
     }
 
 
-def falling(last: float | Tensor, age: float, steps: float) -> float | Tensor:
+def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | Tensor:
     """Returns a probability that falls linearly from 1 to its last value within some steps."""
-    return last + (1 - last) * (1 - age / steps if age < steps else 0.0)
+    left = 1 - age / steps
+    return last + (1 - last) * (left.clamp(min=0) if isinstance(left, Tensor) else max(left, 0.0))
+
+
+def epsilon_steps(default: float) -> Setting:
+    """Returns the setting of the training steps in which epsilon falls from 1; 1: constant."""
+    says = "training steps in which the probability of a random action falls from 1"
+    return Setting(default, 1.0, 72_000.0, says, log=True, each=True)
 
 
 class OnlineLearner(Agent):
@@ -162,23 +169,37 @@ class OnlineLearner(Agent):
         """See `Agent.load_weights`."""
         load_into(self._learned, {name: torch.from_numpy(a) for name, a in arrays.items()})
 
-    def epsilon_greedy(self, values: Tensor, epsilon: float | Tensor, learning: bool) -> Tensor:
+    def prepare_exploration(self, epsilon: float | Tensor, steps: float | Tensor) -> None:
+        """Sets how often actions are random.
+
+        Args:
+          epsilon: Probability of a random action in the end, a number or one for each robot.
+          steps: Training steps in which it falls linearly from 1, a number or one for each robot.
+        """
+        self._epsilon, self._fall = epsilon, steps
+        self._age = self.keep("age", torch.zeros(1))
+
+    def exploratory(self) -> Tensor:
+        """Returns which robots take a random action in this step of training, shape (B,)."""
+        self._age += 1
+        epsilon = falling(self._epsilon, float(self._age), self._fall)
+        return torch.rand(self.robots, generator=self.generator) < epsilon
+
+    def epsilon_greedy(self, best: Tensor, actions: int, learning: bool) -> Tensor:
         """Returns the index of the best action, or in training of a random one at times.
 
         Args:
-          values: Values of A actions, shape (B, A).
-          epsilon: Probability of a random action, a number or one for each robot.
+          best: Index of each robot's best action, shape (B,).
+          actions: Number of actions.
           learning: False in the tests.
 
         Returns:
           Indices, shape (B,).
         """
-        best = values.argmax(dim=1)
         if not learning:
             return best
-        uniform = torch.randint(values.shape[1], best.shape, generator=self.generator)
-        exploratory = torch.rand(best.shape, generator=self.generator) < epsilon
-        return torch.where(exploratory, uniform, best)
+        uniform = torch.randint(actions, best.shape, generator=self.generator)
+        return torch.where(self.exploratory(), uniform, best)
 
     def _tensors(self) -> dict[str, Tensor]:
         return self._kept | {"generator": self.generator.get_state()}

@@ -9,7 +9,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, falling, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon_steps, for_each, grid_of_actions
 from .networks import Adam, LayeredNetworks, column
 
 
@@ -19,17 +19,19 @@ class DQN(OnlineLearner):
     Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
     transitions and learns from `BATCH` of them in each step, drawn evenly, with the Huber loss and
     a target network that is copied every `COPY` steps. It shows what replay buys in a life; all
-    other learners see each transition once.
+    other learners see each transition once. The source, for games of 50 million frames, has a
+    memory of a million transitions, an update every fourth action after the first 50,000, a copy
+    every 10,000 updates, and RMSProp instead of Adam.
     """
 
-    REPLAY, BATCH, COPY = 10_000, 32, 500
+    REPLAY, BATCH, COPY = 50_000, 32, 500
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Draws the initial networks; see `dqn` for the settings."""
         super().__init__(robots, senses, seed)
         setting = for_each(settings)
-        self._discount, self._epsilon = setting["discount"], setting["epsilon"]
-        self._fall = float(setting["epsilon_steps"])
+        self._discount = setting["discount"]
+        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
         self._actions = grid_of_actions()
         width, outputs = int(setting["hidden"]), len(self._actions)
         sizes = (self.inputs, width, width, outputs)
@@ -42,15 +44,14 @@ class DQN(OnlineLearner):
         # Inputs, next inputs and reward of each transition, and its action.
         columns = 2 * self.inputs + 1
         self._replay = self.keep("replay", torch.zeros(robots, self.REPLAY, columns))
-        self._acted = self.keep("acted", torch.zeros(robots, self.REPLAY, dtype=torch.int64))
+        self._acted = self.keep("acted", torch.zeros(robots, self.REPLAY, dtype=torch.uint8))
         self._count = self.keep("count", torch.zeros(1, dtype=torch.int64))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
-        epsilon = falling(self._epsilon, float(self._count), self._fall)
-        chosen = self.epsilon_greedy(self.networks(inputs), epsilon, learning)
-        self.now["chosen"].copy_(chosen)
-        return self._actions[chosen]
+        best = self.networks(inputs).argmax(dim=1)
+        self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
+        return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
         """See `OnlineLearner.update`."""
@@ -67,7 +68,7 @@ class DQN(OnlineLearner):
         inputs, following, rewards = self._replay[rows, drawn].split(
             [self.inputs, self.inputs, 1], dim=2
         )
-        acted = self._acted[rows, drawn][..., None]
+        acted = self._acted[rows, drawn][..., None].long()
         best = self.networks(following, self._target).amax(dim=2)
         target = rewards[..., 0] + column(self._discount) * best
 
@@ -82,15 +83,15 @@ class DQN(OnlineLearner):
 
 @tunable(
     rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True, each=True),
-    discount=Setting(0.95, 0.8, 0.99, "discount of the next value", each=True),
+    discount=Setting(0.95, 0.6, 0.99, "discount of the next value", each=True),
     epsilon=Setting(
         0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
     ),
-    epsilon_steps=Setting(7200.0, 1, 1e6, "training steps until then", tuned=False),
+    epsilon_steps=epsilon_steps(7200.0),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
 )
 def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """DQN: Q-learning from a memory of the last 10,000 transitions (Mnih et al. 2015).
+    """DQN: Q-learning from a memory of the last 50,000 transitions (Mnih et al. 2015).
 
     Args:
       robots: Number of robots, B.

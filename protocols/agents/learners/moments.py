@@ -19,11 +19,17 @@ class Moments:
       squares: Sum of squared deviations from the mean.
     """
 
-    def __init__(self, *shape: int) -> None:
-        """Begins a stream of tensors of this shape, the first dimension for the robots."""
-        self.count = torch.zeros(shape[0], *[1] * (len(shape) - 1), dtype=torch.float64)
+    def __init__(self, *shape: int, prior: float = 0.0) -> None:
+        """Begins a stream.
+
+        Args:
+          *shape: Shape of its tensors, the first dimension for the robots.
+          prior: Number of values, a small fraction, that count as known with mean 0 and variance 1.
+        """
+        one = shape[0], *[1] * (len(shape) - 1)
+        self.count = torch.full(one, prior, dtype=torch.float64)
         self.mean = torch.zeros(*shape, dtype=torch.float64)
-        self.squares = torch.zeros(*shape, dtype=torch.float64)
+        self.squares = torch.full(shape, prior, dtype=torch.float64)
 
     def add(self, values: Tensor) -> None:
         """Adds new values."""
@@ -56,7 +62,7 @@ class Moments:
           keep: Whether the moments keep them; False in tests.
           unbiased: See `variance`.
         """
-        if not (keep or self.count.any()):
+        if not (keep or (self.count >= 1).any()):
             return values
         moments = self if keep else copy.deepcopy(self)
         moments.add(values)

@@ -29,7 +29,7 @@ class LayeredNetworks:
         hidden: Hidden = F.leaky_relu,
         last_hidden: Hidden | None = None,
     ) -> None:
-        """Draws weights from U(-1/sqrt(I), 1/sqrt(I)), as PyTorch does; biases are 0.
+        """Draws weights from U(-1/sqrt(I), 1/sqrt(I)), as PyTorch does; biases are 0, unlike its.
 
         Args:
           robots: Number B of networks.

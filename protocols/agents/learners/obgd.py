@@ -85,9 +85,14 @@ def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: fl
 class StreamLearner(OnlineLearner):
     """A learner whose signals and rewards are normalised by their running moments.
 
-    Algorithms 5 and 6 of the source. The moments are kept in training only, so that tests change
-    nothing. The source's further input, the time of the episode, is left out: a life has no
-    episodes, and robots sense no clock.
+    Algorithms 5 and 6 of the source; like the authors' program, the variance of the discounted sum
+    of rewards is taken about its running mean. The moments are kept in training only, so that tests
+    change nothing. The source's further input, the time of the episode, is 1: a life has no
+    episodes, and robots sense no clock. Without it the first layer, normalised, would tell of a
+    single signal only its sign.
+
+    Attributes:
+      features: Number of a network's inputs, the signals and the 1.
     """
 
     def prepare(self, discount: float | Tensor) -> None:
@@ -96,15 +101,21 @@ class StreamLearner(OnlineLearner):
         Args:
           discount: Discount of the trace of rewards, whose variance scales the reward.
         """
-        self._discount = discount
+        self._discount, self.features = discount, self.inputs + 1
+        self.pair("features", torch.ones(self.robots, self.features))
         self._signals, self._rewards = Moments(self.robots, self.inputs), Moments(self.robots)
         self.keep_list("signals", self._signals.tensors(), learned=True)
         self.keep_list("rewards", self._rewards.tensors())
         self._trace = self.keep("rewards.trace", torch.zeros(self.robots, dtype=torch.float64))
 
+    def placed_anew(self) -> None:
+        """See `OnlineLearner.placed_anew`."""
+        self._trace.zero_()
+
     def normal_inputs(self, inputs: Tensor, learning: bool) -> Tensor:
-        """Returns signals with mean 0 and variance 1; in place, so that `before` has them too."""
-        return inputs.copy_(self._signals.standardised(inputs, learning))
+        """Returns the features of this step: signals with mean 0 and variance 1, and 1."""
+        self.now["features"][:, :-1] = self._signals.standardised(inputs, learning)
+        return self.now["features"]
 
     def scaled_reward(self, reward: Tensor) -> Tensor:
         """Returns the reward divided by the standard deviation of the discounted sum of rewards."""

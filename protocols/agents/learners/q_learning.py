@@ -10,7 +10,7 @@ from ....controller.networks import Networks
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon_steps, for_each, grid_of_actions
 
 
 class QLearner(OnlineLearner):
@@ -31,7 +31,7 @@ class QLearner(OnlineLearner):
         super().__init__(robots, senses, seed)
         setting = for_each(settings)
         self._rate, self._discount = setting["rate"], setting["discount"]
-        self._epsilon = setting["epsilon"]
+        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
         self._actions = grid_of_actions()
         count = len(self._actions)
         self._networks = Networks(robots, self.inputs, self.HIDDEN, count, 0.1, self.generator)
@@ -47,7 +47,8 @@ class QLearner(OnlineLearner):
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
         values = self._networks.forward(inputs)[1]
-        self.now["chosen"].copy_(self.epsilon_greedy(values, self._epsilon, learning))
+        chosen = self.epsilon_greedy(values.argmax(dim=1), len(self._actions), learning)
+        self.now["chosen"].copy_(chosen)
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
@@ -63,8 +64,11 @@ class QLearner(OnlineLearner):
 
 @tunable(
     rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True, each=True),
-    discount=Setting(0.9, 0.8, 0.95, "discount of the next value", each=True),
-    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True, each=True),
+    discount=Setting(0.9, 0.6, 0.95, "discount of the next value; above it diverges", each=True),
+    epsilon=Setting(
+        0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+    ),
+    epsilon_steps=epsilon_steps(1.0),
 )
 def q_learner(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Online Q-learning with a network of 16 hidden neurons, values of the 25 fixed actions.

@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon_steps, for_each, grid_of_actions
 from .networks import column
 
 _PRIMES = 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967, 86_028_121, 32_452_843
@@ -16,28 +16,33 @@ _MIXER = 0x85EBCA6B
 
 
 class SarsaLambda(OnlineLearner):
-    """SARSA(lambda) with accumulating traces and tile coding, for the 25 fixed actions.
+    """SARSA(lambda) with replacing traces and tile coding, for the 25 fixed actions.
 
     Sutton and Barto, "Reinforcement Learning: An Introduction", 2nd edition, 2018: section 9.5.4
-    (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda)). Q(s, a) is the sum of
-    one weight a tiling. The trace holds the last `MEMORY` steps; older steps have decayed
-    below 2e-6 with the largest settings, below 2e-7 with the defaults. Up to `CELLS` tiles a
-    tiling have a weight each; beyond, a hash of the tile's numbers chooses its weight.
+    (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda), with traces set to 1).
+    Q(s, a) is the sum of one weight a tiling. Of several best actions each is as likely, in tests
+    the first of a random order of the robot's own. The trace holds the last `MEMORY` steps; older
+    steps have decayed below 0.004 with the largest settings, below 2e-7 with the defaults. Up to
+    `CELLS` tiles a tiling have a weight each; beyond, a hash of the tile's numbers chooses its
+    weight.
     """
 
     TILINGS, CELLS, MEMORY = 8, 512, 48
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Begins with weights of 0; see `sarsa_lambda` for the settings."""
+        """Begins with equal values; see `sarsa_lambda` for the settings."""
         super().__init__(robots, senses, seed)
         setting = for_each(settings)
         self._rate, self._discount = setting["rate"] / self.TILINGS, setting["discount"]
-        self._epsilon = setting["epsilon"]
+        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
         # Tiles that cover a signal, for each robot, tiling and signal.
         self._tiles = torch.as_tensor(setting["tiles"]).view(-1, 1, 1)
         self._actions = grid_of_actions()
         count, cells = len(self._actions), self.TILINGS * self.CELLS
         self.values = self.keep("values", torch.zeros(robots, count * cells), learned=True)
+        self.values += column(setting["initial"]) / self.TILINGS
+        order = torch.rand(robots, count, generator=self.generator)
+        self._order = self.keep("order", order, learned=True)
         self._rows = torch.arange(robots)
         offsets = torch.arange(self.TILINGS)[:, None] * (2 * torch.arange(self.inputs) + 1)
         self._offsets = (offsets % self.TILINGS) / self.TILINGS
@@ -47,17 +52,16 @@ class SarsaLambda(OnlineLearner):
         self._factors = torch.where(dense, width ** torch.arange(self.inputs), primes)
         self._hashed = ~dense[:, 0]
         self.pair("weights_of", torch.zeros(robots, self.TILINGS, dtype=torch.int64))
-        # The weights of the last steps, the latest first, and how many of these steps there are.
+        # The weights of the last steps, the latest first, and their traces.
         self._past = self.keep(
             "past", torch.zeros(robots, self.MEMORY, self.TILINGS, dtype=torch.int64)
         )
-        self._steps = self.keep("steps", torch.zeros(1, dtype=torch.int64))
-        ages = torch.arange(self.MEMORY, dtype=torch.float32)
-        self._decay = column(setting["discount"] * setting["trace"]) ** ages
+        self._traces = self.keep("traces", torch.zeros(robots, self.MEMORY, self.TILINGS))
+        self._decay = torch.as_tensor(setting["discount"] * setting["trace"]).view(-1, 1, 1)
 
     def placed_anew(self) -> None:
         """See `OnlineLearner.placed_anew`."""
-        self._steps.zero_()
+        self._traces.zero_()
 
     def tiles(self, inputs: Tensor) -> Tensor:
         """Returns the tile of each tiling that holds a state, shape (B, T), in [0, `CELLS`).
@@ -81,7 +85,12 @@ class SarsaLambda(OnlineLearner):
         starts = torch.arange(len(self._actions)) * size
         every = (starts[:, None] + cells[:, None]).flatten(1)
         values = self.values.gather(1, every).view(self.robots, len(starts), -1).sum(dim=2)
-        chosen = self.epsilon_greedy(values, self._epsilon, learning)
+        equal = values == values.amax(dim=1, keepdim=True)
+        order = self._order
+        if learning:
+            order = torch.rand(order.shape, generator=self.generator)
+        best = torch.where(equal, order, -1.0).argmax(dim=1)
+        chosen = self.epsilon_greedy(best, len(self._actions), learning)
         self.now["weights_of"].copy_(chosen[:, None] * size + cells)
         return self._actions[chosen]
 
@@ -91,20 +100,24 @@ class SarsaLambda(OnlineLearner):
             self.values.gather(1, step["weights_of"]).sum(dim=1) for step in (self.before, self.now)
         )
         error = reward + self._discount * following - value
+        taken = self.before["weights_of"]
+        replaced = self._past == taken[:, None]
+        self._traces.copy_((self._decay * self._traces).masked_fill(replaced, 0).roll(1, dims=1))
         self._past.copy_(self._past.roll(1, dims=1))
-        self._past[:, 0] = self.before["weights_of"]
-        self._steps.add_(1).clamp_(max=self.MEMORY)
-        known = torch.arange(self.MEMORY) < self._steps
-        moves = (self._rate * error)[:, None] * (self._decay * known)
-        moves = moves[:, :, None].expand(-1, -1, self.TILINGS)
+        self._past[:, 0], self._traces[:, 0] = taken, 1.0
+        moves = (self._rate * error).view(-1, 1, 1) * self._traces
         self.values.scatter_add_(1, self._past.flatten(1), moves.flatten(1))
 
 
 @tunable(
-    rate=Setting(0.1, 0.01, 0.2, "learn rate of the sum of the tilings", log=True, each=True),
-    discount=Setting(0.9, 0.8, 0.95, "discount of the next value", each=True),
-    trace=Setting(0.8, 0.0, 0.8, "lambda: decay of the traces beside the discount", each=True),
-    epsilon=Setting(0.05, 0.01, 0.2, "probability of a random action", log=True, each=True),
+    rate=Setting(0.5, 0.03, 1.0, "learn rate of the sum of the tilings", log=True, each=True),
+    discount=Setting(0.9, 0.6, 0.99, "discount of the next value", each=True),
+    trace=Setting(0.8, 0.0, 0.9, "lambda: decay of the traces beside the discount", each=True),
+    initial=Setting(0.0, 0.0, 5.0, "initial value of every action", each=True),
+    epsilon=Setting(
+        0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+    ),
+    epsilon_steps=epsilon_steps(1.0),
     tiles=Setting(7, 4, 12, "tiles that cover the range of a signal", each=True),
 )
 def sarsa_lambda(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:

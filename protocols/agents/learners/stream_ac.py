@@ -35,7 +35,7 @@ class StreamAC(StreamLearner):
         width, decay = int(setting["hidden"]), setting["discount"] * setting["trace"]
         self.critic, self.actor = (
             LayeredNetworks(
-                robots, (self.inputs, width, width, outputs), self.generator, normalised
+                robots, (self.features, width, width, outputs), self.generator, normalised
             )
             for outputs in (1, 4)
         )
@@ -54,6 +54,7 @@ class StreamAC(StreamLearner):
 
     def placed_anew(self) -> None:
         """See `OnlineLearner.placed_anew`."""
+        super().placed_anew()
         self.critics_descent.forget()
         self.actors_descent.forget()
 
@@ -68,13 +69,13 @@ class StreamAC(StreamLearner):
 
     def update(self, reward: Tensor) -> None:
         """See `OnlineLearner.update`."""
-        inputs, action = self.before["inputs"], self.before["action"]
-        following = self.critic(self.now["inputs"])[:, 0]
-        value, critics = self.critic.differentiated(lambda flat: self.critic(inputs, flat)[:, 0])
+        features, action = self.before["features"], self.before["action"]
+        following = self.critic(self.now["features"])[:, 0]
+        value, critics = self.critic.differentiated(lambda flat: self.critic(features, flat)[:, 0])
         error = self.scaled_reward(reward) + self._discount * following - value
 
         def objective(flat: Tensor) -> Tensor:
-            policy = Normal(*_distribution(self.actor(inputs, flat)), validate_args=False)
+            policy = Normal(*_distribution(self.actor(features, flat)), validate_args=False)
             bonus = self._entropy * error.sign() * policy.entropy().sum(dim=1)
             return policy.log_prob(action).sum(dim=1) + bonus
 
@@ -90,7 +91,7 @@ def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
 
 
 @tunable(
-    discount=Setting(0.99, 0.8, 0.995, "discount of the next value", each=True),
+    discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
     trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount", each=True),
     kappa=Setting(
         2.0,

@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import falling, for_each, grid_of_actions
+from .base import epsilon_steps, for_each, grid_of_actions
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -24,39 +24,37 @@ class StreamQ(StreamLearner):
         """Draws the initial networks; see `stream_q` for the settings."""
         super().__init__(robots, senses, seed)
         setting = for_each(settings)
-        self._epsilon, self._fall = setting["epsilon"], float(setting["epsilon_steps"])
+        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
         self.prepare(setting["discount"])
         self._actions = grid_of_actions()
         width, outputs = int(setting["hidden"]), len(self._actions)
-        sizes = (self.inputs, width, width, outputs)
+        sizes = (self.features, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, normalised)
         make_sparse(self.networks.tensors, self.generator)
         self.descent = ObGD(self.networks, setting["discount"] * setting["trace"], setting["kappa"])
         self.keep_list("values", self.networks.tensors, learned=True)
         self.keep("traces", self.descent.traces)
-        self._age = self.keep("age", torch.zeros(1))
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         self.pair("exploratory", torch.zeros(robots, dtype=torch.bool))
 
     def placed_anew(self) -> None:
         """See `OnlineLearner.placed_anew`."""
+        super().placed_anew()
         self.descent.forget()
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
-        values = self.networks(self.normal_inputs(inputs, learning))
-        self._age += learning
-        epsilon = falling(self._epsilon, float(self._age), self._fall)
-        self.now["chosen"].copy_(self.epsilon_greedy(values, epsilon, learning))
-        self.now["exploratory"].copy_(self.now["chosen"] != values.argmax(dim=1))
+        best = self.networks(self.normal_inputs(inputs, learning)).argmax(dim=1)
+        self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
+        self.now["exploratory"].copy_(self.now["chosen"] != best)
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
         """See `OnlineLearner.update`."""
-        inputs, chosen = self.before["inputs"], self.before["chosen"][:, None]
-        best = self.networks(self.now["inputs"]).amax(dim=1)
+        features, chosen = self.before["features"], self.before["chosen"][:, None]
+        best = self.networks(self.now["features"]).amax(dim=1)
         value, gradient = self.networks.differentiated(
-            lambda flat: self.networks(inputs, flat).gather(1, chosen)[:, 0]
+            lambda flat: self.networks(features, flat).gather(1, chosen)[:, 0]
         )
         error = self.scaled_reward(reward) + self._discount * best - value
         self.descent.step(gradient, error)
@@ -64,7 +62,7 @@ class StreamQ(StreamLearner):
 
 
 @tunable(
-    discount=Setting(0.99, 0.8, 0.995, "discount of the next value", each=True),
+    discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
     trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount", each=True),
     kappa=Setting(
         2.0, 1.0, 10.0, "factor by which steps are smaller than the bound", log=True, each=True
@@ -72,14 +70,8 @@ class StreamQ(StreamLearner):
     epsilon=Setting(
         0.01, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
     ),
-    epsilon_steps=Setting(
-        7200.0,
-        1,
-        1e6,
-        "training steps until then: the published 5 % of 144,000",
-        tuned=False,
-    ),
-    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
+    epsilon_steps=epsilon_steps(7200.0),  # the published 5 % of 144,000
+    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; as published", tuned=False),
 )
 def stream_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Stream Q(lambda): Q-learning with traces and bounded steps, no replay (Elsayed 2024).

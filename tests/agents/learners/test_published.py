@@ -112,7 +112,8 @@ def test_stream_ac_is_the_published_algorithm():
     seen, inputs = Normalizer(), []
     for state in states[:, 1]:
         seen.add(state)
-        inputs.append(torch.tensor(seen.normal(state, 1), dtype=torch.float32))
+        normal = [*seen.normal(state, 1), 1.0]  # the source has the time here
+        inputs.append(torch.tensor(normal, dtype=torch.float32))
     paid = scaled_rewards(rewards[:, 1], discount)
     traces = [[torch.zeros_like(p) for p in net.parameters()] for net in (actor, critic)]
     for step in range(1, len(states)):
@@ -148,7 +149,8 @@ def test_stream_q_is_the_published_algorithm():
     seen, inputs = Normalizer(), []
     for state in states[:, 1]:
         seen.add(state)
-        inputs.append(torch.tensor(seen.normal(state, 1), dtype=torch.float32))
+        normal = [*seen.normal(state, 1), 1.0]  # the source has the time here
+        inputs.append(torch.tensor(normal, dtype=torch.float32))
     paid = scaled_rewards(rewards[:, 1], discount)
     traces = [torch.zeros_like(p) for p in layers.parameters()]
     for step in range(1, len(states)):
@@ -194,10 +196,14 @@ def test_avg_is_the_published_algorithm():
         torch.optim.Adam(net.parameters(), lr=rate, betas=(0.0, 0.999))
         for net, rate in ((actor, 0.0063), (critic, 0.0087))
     ]
-    seen, paid, inputs = Normalizer(), Normalizer(), []
-    for state in states[:, 1]:
-        seen.add(state)
-        inputs.append(torch.tensor(seen.normal(state, 0), dtype=torch.float32))
+    paid, inputs = Normalizer(), []
+    mean, variance, count = np.zeros(3), np.ones(3), 1e-4  # as Gymnasium's NormalizeObservation
+    for state in states[:, 1].astype(float):
+        apart, total = state - mean, count + 1
+        variance = (variance * count + apart**2 * count / total) / total
+        mean, count = mean + apart / total, total
+        normal = (state - mean) / np.sqrt(variance + 1e-8)
+        inputs.append(torch.tensor(normal, dtype=torch.float32))
     taken = [act(inputs[0], noises[0])]
     for step in range(1, len(states)):
         # The robot acts before it learns: each action is one of the weights of its own step.
@@ -247,6 +253,52 @@ def test_a_step_of_sarsa_lambda_computed_by_hand():
         assert values[index] == pytest.approx(after_one + 0.8 / 8 * error * 0.9 * 0.8, abs=1e-6)
     for index in second - third:
         assert values[index] == pytest.approx(0.8 / 8 * error, abs=1e-6)
+
+
+def test_a_tile_that_is_met_again_has_a_trace_of_1():
+    agent = factory_of("sarsa_lambda")(1, SENSES, 0, rate=0.8, trace=0.8, epsilon=0.01, initial=2)
+    agent.reset()
+    still = np.zeros((1, 3), np.float32)
+    for _ in range(6):  # 1 + 0.72 + 0.72^2 + .. if traces were added up
+        agent.act(still, False)
+        agent.learn(np.ones(1, np.float32))
+    value = 2.0
+    for _ in range(5):
+        value += 0.8 * (1 + 0.9 * value - value)
+    tiles = agent.now["weights_of"][0]
+    assert agent.values[0, tiles].sum() == pytest.approx(value, rel=1e-5)
+    assert agent.state()["traces"].sum() == pytest.approx(SarsaLambda.TILINGS)
+
+
+def test_of_equal_values_each_action_is_taken_as_often():
+    agent = factory_of("sarsa_lambda")(400, SENSES, 0, rate=0.03, epsilon=0.01)
+    agent.reset()
+    still = np.zeros((400, 3), np.float32)
+    taken = agent.act(still, True)
+    assert len(np.unique(taken, axis=0)) == 25
+    tested = [agent.act(still, False) for _ in range(2)]
+    assert np.array_equal(*tested) and len(np.unique(tested[0], axis=0)) == 25
+
+
+@pytest.mark.parametrize("signals", [1, 5])
+def test_no_gradient_of_avg_is_boundless_after_a_robot_is_placed(signals):
+    """The first signals of a life are those of which the moments know nothing."""
+    agent = factory_of("avg")(3, Senses((Signal(0, 1),) * signals, Signal(0, 1)), 0)
+    random = np.random.default_rng(0)
+    agent.reset()
+    for _ in range(5):
+        agent.act(random.uniform(size=(3, signals)).astype(np.float32), True)
+        agent.learn(random.uniform(size=3).astype(np.float32))
+    moments = [array for key, array in agent.state().items() if ".adam.2" in key]
+    assert len(moments) == 2 and max(array.max() for array in moments) < 1e3
+
+
+def test_learners_with_one_signal_tell_more_of_it_than_its_sign():
+    for name in ("stream_q", "stream_ac"):
+        agent = factory_of(name)(1, Senses((Signal(0, 1),), Signal(0, 1)), 0)
+        networks = agent.networks if name == "stream_q" else agent.actor
+        smells = torch.tensor([[[0.1, 1.0], [0.5, 1.0], [2.0, 1.0]]])
+        assert len(torch.unique(networks(smells)[0].round(decimals=4), dim=0)) == 3
 
 
 def test_neighbouring_states_share_tiles_and_distant_ones_share_none():
