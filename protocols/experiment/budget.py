@@ -20,7 +20,7 @@ _FLOAT = 4
 _BATCH = 8000  # bytes of a robot's physics, measured: 5 to 8 kB
 _WARP = 25_000  # bytes of a robot's physics in MuJoCo Warp, the sum of its arrays
 _ROW = 1000  # bytes of a row of robots.csv and its objects
-_COPIES = 3  # of the results, while they are joined and written
+_COPIES = 3  # of results and of checkpoints, while they are joined and written
 
 
 def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
@@ -77,13 +77,29 @@ def machine_bytes() -> int:
 
 def check_memory(plan: Plan) -> None:
     """Raises InputError where a plan needs more memory than the machine has."""
-    most = machine_bytes()
-    for what, needed in [
-        *job_bytes(plan),
-        (f"{sum(plan.robots.values())} robots", results_bytes(plan)),
-    ]:
-        if needed > most:
-            raise InputError(
-                f"{what} would need about {needed / 2**30:.1f} GiB of memory; this machine has "
-                f"{most / 2**30:.1f} GiB"
-            )
+    for what, needed in job_bytes(plan):
+        _check_fits(what, needed)
+    _check_fits(f"{sum(plan.robots.values())} robots", results_bytes(plan))
+
+
+def check_agent_memory(plan: Plan, condition: Condition, state: int, weights: int) -> None:
+    """Raises InputError where an agent needs more memory than the machine has.
+
+    Args:
+      plan: Plan of the run.
+      condition: Condition of the agent.
+      state: Bytes of a cohort's checkpoint, which is copied while it is written.
+      weights: Bytes of a cohort's weights.
+    """
+    robots = plan.robots[condition]
+    kept = 2 * weights * robots // plan.experiment.cohort_size  # before and after training
+    _check_fits(f"a cohort of {condition}", _COPIES * state)
+    _check_fits(f"{robots} robots of {condition}", _COPIES * kept)
+
+
+def _check_fits(what: str, needed: int) -> None:
+    if needed > (most := machine_bytes()):
+        raise InputError(
+            f"{what} would need about {needed / 2**30:.1f} GiB of memory; this machine has "
+            f"{most / 2**30:.1f} GiB"
+        )

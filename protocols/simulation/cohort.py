@@ -12,7 +12,7 @@ from ...tasks.batch import Robots
 from ...tasks.tensors.parts import Part
 from ..agents.factory import make_agent
 from ..errors import InputError
-from ..experiment.budget import check_memory
+from ..experiment.budget import check_agent_memory, check_memory
 from ..experiment.conditions import CohortKey
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Plan
@@ -279,8 +279,10 @@ def check_agents(plan: Plan, held: Results | None = None) -> None:
         cohort.agent.reset()
         state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)
         cohort.agent.act(state, False)  # checks what it returns
-        cohort.checkpoint()
-        own = cohort.agent.weights().keys()
+        state, weights = cohort.checkpoint()[0], cohort.agent.weights()
+        sizes = (sum(array.nbytes for array in some.values()) for some in (state, weights))
+        check_agent_memory(plan, condition, *sizes)
+        own = weights.keys()
         kept = held[condition].networks["after"].keys() if held and condition in held else own
         if own != kept:
             raise InputError(

@@ -57,7 +57,7 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
         "benchmark": (
             "learners.benchmark",
             "Benchmark",
-            "Simulate learners in the same lives, each with its tuned settings, and rank them.",
+            "Simulate learners by the same schedules, each with its tuned settings, and rank them.",
         ),
         "leaderboard": (
             "learners.leaderboard",

@@ -5,11 +5,13 @@ import dataclasses
 import pytest
 
 from musebot.controller import BRAINS, PROPOSERS, Parameters
+from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment import budget
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.simulation.cohort import check_agents
 
 MEGABYTE = 2**20
 CREATIVE = Condition("wall_avoidance", "creative")
@@ -59,3 +61,15 @@ def test_more_than_the_machine_has_is_refused_in_a_sentence(plan, words, monkeyp
 
 def test_the_machine_has_some_memory():
     assert 2**28 < budget.machine_bytes() < 2**50
+
+
+def test_an_agent_that_needs_more_memory_than_there_is_is_refused(monkeypatch):
+    """DQN's memory has 50,000 transitions of a robot."""
+    experiment, dqn = Experiment(cohort_size=100, body="kinematic"), recorded_name("dqn")
+    plan = Plan.of(experiment, [Condition("spot_finding", dqn)], 100)
+    check_agents(plan)
+    monkeypatch.setattr(budget, "machine_bytes", lambda: 50 * 2**20)
+    with pytest.raises(
+        InputError, match=r"a cohort of spot_finding/.*dqn would need about 0\.[12]"
+    ):
+        check_agents(plan)

@@ -1,4 +1,4 @@
-"""All learners live the same lives in both tracks, with their tuned settings."""
+"""All learners have the same schedules in both tracks, with their tuned settings."""
 
 import dataclasses
 import re

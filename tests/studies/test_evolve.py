@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from musebot.controller import BRAINS
 from musebot.protocols import cli
 from musebot.protocols.errors import DamagedFileError, InputError
+from musebot.protocols.experiment.schedules import PARTS
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.evolve.page import Evolution, Generation
 from musebot.protocols.studies.evolve.space import RANGES, brain_at, check_names, point_of
@@ -159,6 +160,19 @@ def test_an_unstable_robot_counts_as_the_worst(finished):
         save_arrays(job.path, arrays, **job._identity)
         assert job.shares()[1] == worst
         assert 0 < job.shares()[0] < 1
+
+
+def test_a_share_is_that_of_its_part_of_the_life(finished):
+    out, _ = finished
+    _, (job, *_) = TINY._generation(TINY._search(), 0, out / "parts")
+    job.path.parent.mkdir(parents=True)
+    schedule = job.experiment.schedule(job.condition.task)
+    events = np.array([[schedule.steps_of(part) // n for n, part in enumerate(PARTS, 1)]] * 3)
+    save_arrays(
+        job.path, {"events": events.astype(np.int32), "valid": np.ones(3, bool)}, **job._identity
+    )
+    for n, part in enumerate(PARTS, 1):
+        assert job.shares(part) == pytest.approx([1 / n] * 3, abs=0.02)
 
 
 def test_the_search_finds_the_top_of_a_hill():

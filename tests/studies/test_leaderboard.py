@@ -20,14 +20,14 @@ from musebot.protocols.simulation import local
 from musebot.protocols.studies.learners.boards import (
     Board,
     Entry,
-    behind_the_first,
     boards,
     interquartile_mean,
+    pair_tests,
     ranked,
     scores,
 )
 from musebot.protocols.studies.learners.leaderboard import Leaderboard
-from musebot.protocols.studies.learners.ranking import cost_jobs, draw, markdown
+from musebot.protocols.studies.learners.ranking import cost_jobs, draw, markdown, standings
 from musebot.protocols.studies.learners.summary import placed, summary
 
 
@@ -72,9 +72,22 @@ def test_learners_are_ranked_and_tested_against_the_first():
     ranking = ranked(BOARD)
     names = [one.name for one, _ in ranking]
     assert names == ["hand_coded", "good", "alike", "slow", "newborn"]
-    p = dict(zip(names, behind_the_first(ranking), strict=True))
+    tests = pair_tests(ranking)
+    np.testing.assert_equal(tests, tests.T)
+    p = dict(zip(names, tests[names.index("good")], strict=True))
     assert np.isnan([p["hand_coded"], p["newborn"], p["good"]]).all()
     assert p["alike"] > 0.05 > p["slow"]
+
+
+def test_the_creative_robots_and_dqn_are_compared_with_all_others():
+    named = {"good": "dqn", "slow": "steady, creative"}
+    entries = [dataclasses.replace(one, name=named.get(one.name, one.name)) for one in BOARD]
+    entries[1] = dataclasses.replace(entries[1], condition=Condition("spot_finding", "creative"))
+    ranking = ranked(entries)
+    assert standings(ranking, pair_tests(ranking)) == [
+        "- dqn: significantly above it: none, below it: steady, creative.",
+        "- steady, creative: significantly above it: dqn; alike, below it: none.",
+    ]
 
 
 def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
@@ -163,7 +176,7 @@ def test_rows_and_tests_go_by_the_same_mean():
     middling = entry("middling", 0.55, 0.55, spread=0.01)
     ranking = ranked([LOW, HIGH, halves, middling])
     assert [one.name for one, _ in ranking] == ["hand_coded", "middling", "halves", "newborn"]
-    (p,) = [p for p in behind_the_first(ranking) if not np.isnan(p)]
+    p = pair_tests(ranking)[1, 2]
     middle = [interquartile_mean(scores)[0] for _, scores in ranking[1:3]]
     assert middle[0] > middle[1] and p > 0.05
 

@@ -19,7 +19,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies.evolve import evaluation
 from musebot.protocols.studies.evolve.evaluation import EvaluationJob
-from musebot.protocols.studies.learners.tune import Trial, Tune
+from musebot.protocols.studies.learners.tune import Trial, Tune, efforts
 
 
 @tunable(goodness=Setting(0.2, 0.0, 1.0, "share of the time in which it acts well"))
@@ -173,12 +173,27 @@ def held(folder, **changes):
 
 def test_a_study_is_read_from_its_folder(tmp_path):
     study = Tune(agent="mine:each", trials=4, kept=2, robots=4, time_scale=0.5)
-    read = Tune.read(held(tmp_path / "a"))
+    study = dataclasses.replace(study, task="wall_avoidance")
+    read = Tune.read(held(tmp_path / "a", task="wall_avoidance"))
     assert read.experiments() == study.experiments() and read.details() == study.details()
     assert dataclasses.replace(read, kinematics=study.kinematics) == study
     assert study.effort == (
-        "4 settings, then the best 2; robots of a setting: 2, then 4, durations times 0.5"
+        "4 settings in wall_avoidance, then the best 2; robots of a setting: 2, then 4, "
+        "durations times 0.5"
     )
+    other = dataclasses.replace(study, kinematics=("lag=0.2",), task="spot_finding", time_scale=1)
+    assert other.effort == ("4 settings, then the best 2; robots of a setting: 2, then 4, lag=0.2")
+
+
+def test_a_tuning_that_stands_twice_is_refused(tmp_path):
+    with pytest.raises(InputError, match="mine:each with paper signals was tuned twice"):
+        efforts([held(tmp_path / "a"), held(tmp_path / "b")])
+
+
+def test_a_second_round_that_is_too_large_is_refused_before_the_first():
+    large = Tune(agent="sarsa_lambda", robots=10_000, kept=16)
+    with pytest.raises(InputError, match="the cohort size must be at most 100000"):
+        large.experiments()
 
 
 @pytest.mark.parametrize(

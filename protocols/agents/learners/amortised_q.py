@@ -20,11 +20,11 @@ class AmortisedQ(OnlineLearner):
     A second network proposes: each step has `OWN` actions drawn from its distribution and
     `UNIFORM` uniform ones, and Q-learning takes the best of them for its maximum. The proposer
     ascends log p(a* | s) + entropy H(p), where a* is the best action (section 3 of the source). Its
-    distribution is a normal one of each motor in units of the largest motor value, clipped. What
-    the source has and a life in one stream has not: many actors, replay, a target network. Also
-    different: 25 candidates instead of 100 of its own and 400 uniform ones; smaller networks, with
-    tanh; motors are drawn independently, not one after the other. Candidates are drawn in tests,
-    too, as in the source.
+    distribution is a normal one of each motor in units of the largest motor value, clipped. Not
+    used here, in a life in one stream: many actors, replay, a target network. Also different: 25
+    candidates instead of 100 own and 400 uniform ones; smaller networks, with tanh; motors are
+    drawn independently, not one after the other. Candidates are drawn in tests, too, as in the
+    source.
     """
 
     OWN, UNIFORM = 17, 8  # in all 25, the paper's number of actions
@@ -69,7 +69,7 @@ class AmortisedQ(OnlineLearner):
         self.now["action"].copy_(self.now["best"])
         if learning:  # an exploratory action is uniform: the last candidate is as good as any
             self.now["action"][:] = torch.where(
-                self.exploratory()[:, None], actions[:, -1], self.now["best"]
+                self.draw_exploratory()[:, None], actions[:, -1], self.now["best"]
             )
         return LARGEST * self.now["action"]
 
@@ -106,7 +106,7 @@ class AmortisedQ(OnlineLearner):
     proposer_rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the proposals", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.99, "discount of the next value", each=True),
     epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
     ),
     epsilon_steps=epsilon_steps(1.0),
     entropy=Setting(0.1, 0.01, 1.0, "weight of the proposals' entropy", log=True, each=True),

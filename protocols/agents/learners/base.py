@@ -38,8 +38,8 @@ def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | 
 
 
 def epsilon_steps(default: float) -> Setting:
-    """Returns the setting of the training steps in which epsilon falls from 1; 1: constant."""
-    says = "training steps in which the probability of a random action falls from 1"
+    """Returns the setting of the steps in which epsilon falls from 1; with 1 it is constant."""
+    says = "training steps in which epsilon falls from 1; with 1 it is constant"
     return Setting(default, 1.0, 72_000.0, says, log=True, each=True)
 
 
@@ -179,8 +179,8 @@ class OnlineLearner(Agent):
         self._epsilon, self._fall = epsilon, steps
         self._age = self.keep("age", torch.zeros(1))
 
-    def exploratory(self) -> Tensor:
-        """Returns which robots take a random action in this step of training, shape (B,)."""
+    def draw_exploratory(self) -> Tensor:
+        """Draws which robots take a random action, shape (B,); once in a step of training."""
         self._age += 1
         epsilon = falling(self._epsilon, float(self._age), self._fall)
         return torch.rand(self.robots, generator=self.generator) < epsilon
@@ -199,7 +199,7 @@ class OnlineLearner(Agent):
         if not learning:
             return best
         uniform = torch.randint(actions, best.shape, generator=self.generator)
-        return torch.where(self.exploratory(), uniform, best)
+        return torch.where(self.draw_exploratory(), uniform, best)
 
     def _tensors(self) -> dict[str, Tensor]:
         return self._kept | {"generator": self.generator.get_state()}

@@ -85,7 +85,7 @@ class DQN(OnlineLearner):
     rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True, each=True),
     discount=Setting(0.95, 0.6, 0.99, "discount of the next value", each=True),
     epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
     ),
     epsilon_steps=epsilon_steps(7200.0),
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),

@@ -24,7 +24,7 @@ class Moments:
 
         Args:
           *shape: Shape of its tensors, the first dimension for the robots.
-          prior: Number of values, a small fraction, that count as known with mean 0 and variance 1.
+          prior: Weight of a prior value with mean 0 and variance 1, in numbers of values.
         """
         one = shape[0], *[1] * (len(shape) - 1)
         self.count = torch.full(one, prior, dtype=torch.float64)
@@ -45,7 +45,8 @@ class Moments:
           unbiased: Whether to divide by the number of values less 1.
         """
         divisor = self.count - int(unbiased)
-        return torch.where(divisor > 0, self.squares / divisor.clamp(min=1), 1.0)
+        known = (self.count >= 1) & (divisor > 0)
+        return torch.where(known, self.squares / torch.where(known, divisor, 1.0), 1.0)
 
     def deviation(self, unbiased: bool = True) -> Tensor:
         """Returns the standard deviation, never 0; see `variance`."""

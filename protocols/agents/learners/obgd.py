@@ -88,8 +88,8 @@ class StreamLearner(OnlineLearner):
     Algorithms 5 and 6 of the source; like the authors' program, the variance of the discounted sum
     of rewards is taken about its running mean. The moments are kept in training only, so that tests
     change nothing. The source's further input, the time of the episode, is 1: a life has no
-    episodes, and robots sense no clock. Without it the first layer, normalised, would tell of a
-    single signal only its sign.
+    episodes, and robots sense no clock. With one input and biases of 0 a normalised layer would
+    depend on the input's sign only.
 
     Attributes:
       features: Number of a network's inputs, the signals and the 1.

@@ -66,7 +66,7 @@ class QLearner(OnlineLearner):
     rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.95, "discount of the next value; above it diverges", each=True),
     epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
     ),
     epsilon_steps=epsilon_steps(1.0),
 )

@@ -20,8 +20,8 @@ class SarsaLambda(OnlineLearner):
 
     Sutton and Barto, "Reinforcement Learning: An Introduction", 2nd edition, 2018: section 9.5.4
     (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda), with traces set to 1).
-    Q(s, a) is the sum of one weight a tiling. Of several best actions each is as likely, in tests
-    the first of a random order of the robot's own. The trace holds the last `MEMORY` steps; older
+    Q(s, a) is the sum of one weight a tiling. Ties are broken at random in training; in tests a
+    fixed random order of each robot breaks them. The trace holds the last `MEMORY` steps; older
     steps have decayed below 0.004 with the largest settings, below 2e-7 with the defaults. Up to
     `CELLS` tiles a tiling have a weight each; beyond, a hash of the tile's numbers chooses its
     weight.
@@ -43,7 +43,6 @@ class SarsaLambda(OnlineLearner):
         self.values += column(setting["initial"]) / self.TILINGS
         order = torch.rand(robots, count, generator=self.generator)
         self._order = self.keep("order", order, learned=True)
-        self._rows = torch.arange(robots)
         offsets = torch.arange(self.TILINGS)[:, None] * (2 * torch.arange(self.inputs) + 1)
         self._offsets = (offsets % self.TILINGS) / self.TILINGS
         width = self._tiles.long() + 1
@@ -112,10 +111,10 @@ class SarsaLambda(OnlineLearner):
 @tunable(
     rate=Setting(0.5, 0.03, 1.0, "learn rate of the sum of the tilings", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.99, "discount of the next value", each=True),
-    trace=Setting(0.8, 0.0, 0.9, "lambda: decay of the traces beside the discount", each=True),
+    trace=Setting(0.8, 0.0, 0.9, "lambda: traces decay by discount times lambda", each=True),
     initial=Setting(0.0, 0.0, 5.0, "initial value of every action", each=True),
     epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
     ),
     epsilon_steps=epsilon_steps(1.0),
     tiles=Setting(7, 4, 12, "tiles that cover the range of a signal", each=True),

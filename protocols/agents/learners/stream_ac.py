@@ -92,7 +92,7 @@ def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
 
 @tunable(
     discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
-    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount", each=True),
+    trace=Setting(0.8, 0.0, 0.95, "lambda: traces decay by discount times lambda", each=True),
     kappa=Setting(
         2.0,
         1.0,

@@ -63,12 +63,12 @@ class StreamQ(StreamLearner):
 
 @tunable(
     discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
-    trace=Setting(0.8, 0.0, 0.95, "lambda: decay of the traces beside the discount", each=True),
+    trace=Setting(0.8, 0.0, 0.95, "lambda: traces decay by discount times lambda", each=True),
     kappa=Setting(
         2.0, 1.0, 10.0, "factor by which steps are smaller than the bound", log=True, each=True
     ),
     epsilon=Setting(
-        0.01, 0.01, 0.2, "probability of a random action in the end", log=True, each=True
+        0.01, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
     ),
     epsilon_steps=epsilon_steps(7200.0),  # the published 5 % of 144,000
     hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; as published", tuned=False),

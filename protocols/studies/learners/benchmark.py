@@ -1,4 +1,4 @@
-"""The study that simulates learners in the same lives, and ranks them (docs/plans/learners.md)."""
+"""The study that simulates learners by the same schedules, and ranks them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ BOARDS: Mapping[BoardName, Mapping[str, Any]] = MappingProxyType(
 
 @dataclasses.dataclass
 class Benchmark(VariantStudy):
-    """Simulate learners in the same lives, each with its tuned settings, and rank them.
+    """Simulate learners by the same schedules, each with its tuned settings, and rank them.
 
     Each learner has a run of its own on each board and in each track; both bounds have one a board.
     The page needs no brains. More learners, tracks or boards can be added to those that OUT has.

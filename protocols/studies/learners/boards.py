@@ -124,7 +124,7 @@ class Entry:
 
     @property
     def touching(self) -> int:
-        """Number of robots with less than the whole test in the spot, or without contact."""
+        """Number of robots with any contact in the test after training, in wall avoidance."""
         return int((self.after < 1).sum())
 
 
@@ -295,10 +295,11 @@ def ranked(entries: Sequence[Entry]) -> Ranking:
     )
 
 
-def behind_the_first(ranking: Ranking) -> list[float]:
-    """Returns p of each learner against the first, Holm over all pairs of learners.
+def pair_tests(ranking: Ranking) -> np.ndarray:
+    """Returns p of each pair of a board's rows, shape (n, n), Holm over all pairs of learners.
 
-    Bounds have NaN, and so has the first learner. Permutation tests of the interquartile mean.
+    NaN for pairs with a bound and for a row with itself. Permutation tests of the interquartile
+    mean.
     """
     learners = [n for n, (entry, _) in enumerate(ranking) if not entry.is_bound]
     pairs = list(itertools.combinations(learners, 2))
@@ -306,8 +307,12 @@ def behind_the_first(ranking: Ranking) -> list[float]:
         same_statistic(ranking[a][1], ranking[b][1], _middle, False, max(2000, 200 * len(pairs)))
         for a, b in pairs
     ]
-    found = dict(zip(pairs, holm(np.array(values)), strict=True))
-    return [
-        float(found.get((learners[0], n), math.nan)) if learners else math.nan
-        for n in range(len(ranking))
-    ]
+    found = np.full((len(ranking), len(ranking)), math.nan)
+    for (a, b), p in zip(pairs, holm(np.array(values)), strict=True):
+        found[a, b] = found[b, a] = p
+    return found
+
+
+def first_learner(ranking: Ranking) -> int:
+    """Returns the row of the best learner; 0 if there is none."""
+    return next((n for n, (entry, _) in enumerate(ranking) if not entry.is_bound), 0)

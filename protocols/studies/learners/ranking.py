@@ -16,9 +16,9 @@ from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
-from .boards import Board, Entry, Ranking, interquartile_mean, ranked
+from .boards import Board, Entry, Ranking, first_learner, interquartile_mean, ranked
 from .costs import CostJob
-from .summary import placed, summary
+from .summary import LEVEL, placed, summary
 
 FOLDER = "costs"
 BOARDS = "## Boards"
@@ -68,8 +68,8 @@ def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
     places = {board: placed(board, ranked(entries)) for board, entries in found.items()}
     parts, figures = [*summary(places), BOARDS, ""], {}
     with style.styled():
-        for board, (order, p) in places.items():
-            parts += markdown(board, order, p, costs.get(board, {}), efforts)
+        for board, (order, tests) in places.items():
+            parts += markdown(board, order, tests, costs.get(board, {}), efforts)
             figures[board.name] = draw(order)
     return Page("\n".join(parts), figures)
 
@@ -85,7 +85,7 @@ def _cost_job(out: Path, board: Board, entry: Entry) -> CostJob:
 def markdown(
     board: Board,
     ranking: Ranking,
-    p: Sequence[float],
+    tests: np.ndarray,
     costs: Mapping[str, Costs],
     efforts: Mapping[str, str],
 ) -> list[str]:
@@ -94,11 +94,11 @@ def markdown(
     Args:
       board: What the learners are compared in.
       ranking: Learners and bounds, see `ranked`.
-      p: p of each against the first, see `behind_the_first`.
+      tests: p of each pair, see `pair_tests`.
       costs: What each costs, by its name.
       efforts: Effort of tuning, by "agent, signals".
     """
-    result = _scores(ranking, p) if board.ranks else _contacts(ranking)
+    result = _scores(ranking, tests) if board.ranks else _contacts(ranking)
     made = [["learner", "us", "ratio", "KiB", "tuned", "module", "`musebot run OUT` with"]]
     made += [
         [
@@ -125,14 +125,15 @@ def markdown(
     ]
 
 
-def _scores(ranking: Ranking, p: Sequence[float]) -> list[str]:
+def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
     rows = [
         [
             "learner", "robots", "score", "in the spot after training", "during training",
             "worst tenth", "fail", "mean L", "p against the first",
         ]
     ]  # fmt: skip
-    for (entry, values), own in zip(ranking, p, strict=True):
+    against_the_first = tests[first_learner(ranking)]
+    for (entry, values), own in zip(ranking, against_the_first, strict=True):
         middle, interval = interquartile_mean(values)
         rows.append(
             [
@@ -152,7 +153,31 @@ def _scores(ranking: Ranking, p: Sequence[float]) -> list[str]:
         "its 95 % bootstrap interval. Fail: share of robots with a score below 0.5. Mean L rewards "
         "bad newborns, so it does not rank. p: permutation test of the interquartile mean, Holm "
         "over all pairs of learners. In italics the bounds.",
+        "",
+        *standings(ranking, tests),
     ]
+
+
+def standings(ranking: Ranking, tests: np.ndarray) -> list[str]:
+    """Returns in words which learners are above and below the creative robots and DQN.
+
+    These comparisons decide the plan's verdicts.
+    """
+    lines = []
+    for number, (entry, _) in enumerate(ranking):
+        if entry.condition.proposer != "creative" and entry.name != "dqn":
+            continue
+        significant = [n for n in range(len(ranking)) if tests[number, n] < LEVEL]
+        above, below = (
+            [ranking[n][0].name for n in significant if (n < number) == better]
+            for better in (True, False)
+        )
+        words = [
+            f"{where} it: {'; '.join(names) if names else 'none'}"
+            for where, names in (("above", above), ("below", below))
+        ]
+        lines.append(f"- {entry.name}: significantly {', '.join(words)}.")
+    return lines
 
 
 def _contacts(ranking: Ranking) -> list[str]:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from ...reporting.markdown import table, with_interval
-from .boards import Board, Ranking, behind_the_first, interquartile_mean
+from .boards import Board, Ranking, first_learner, interquartile_mean, pair_tests
 
-_LEVEL = 0.05
+LEVEL = 0.05
+"""Below this p two learners differ significantly."""
 
-Placed = tuple[Ranking, Sequence[float]]
-"""A board's learners, the best first, and p of each against the first."""
+Placed = tuple[Ranking, np.ndarray]
+"""A board's learners, the best first, and p of each pair, see `pair_tests`."""
 
 
 def placed(board: Board, ranking: Ranking) -> Placed:
     """Returns the places of a board; p is NaN where nothing is ranked."""
-    return ranking, behind_the_first(ranking) if board.ranks else [math.nan] * len(ranking)
+    unranked = np.full((len(ranking), len(ranking)), math.nan)
+    return ranking, pair_tests(ranking) if board.ranks else unranked
 
 
 def summary(found: Mapping[Board, Placed]) -> list[str]:
@@ -33,8 +35,8 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         *lines,
         "Score: 0 like the mean newborn, 1 like the mean hand-coded robot. Rows are sorted by the "
         "mean score of a learner's boards, those that lack a board last. Bold: the first of a "
-        "board, and all that the tests of the board do not tell from it "
-        f"(p at least {_LEVEL}); with few robots they tell little. Touch a wall: robots with any "
+        f"board, and all that do not differ significantly from it (p at least {LEVEL}); between "
+        "few robots only large differences are significant. Touch a wall: robots with any "
         "contact in the test after training. In italics the bounds.",
         "",
     ]
@@ -46,8 +48,9 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
     cells: dict[str, dict[Board, str]] = {}
     values: dict[str, list[float]] = {}
     for board in boards:
-        first = True
-        for (entry, scores), p in zip(*found[board], strict=True):
+        ranking, tests = found[board]
+        first = first_learner(ranking)
+        for number, (entry, scores) in enumerate(ranking):
             middle, interval = interquartile_mean(scores)
             text = "-"
             if not board.ranks:
@@ -55,8 +58,8 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
             elif not math.isnan(middle):
                 text = with_interval(f"{middle:.3f}", interval)
                 if not entry.is_bound:
-                    text = f"**{text}**" if first or p >= _LEVEL else text
-                    first = False
+                    best = number == first or tests[first, number] >= LEVEL
+                    text = f"**{text}**" if best else text
                 values.setdefault(entry.name, []).append(middle)
             titles[entry.name] = entry.title
             cells.setdefault(entry.name, {})[board] = text

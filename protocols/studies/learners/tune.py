@@ -69,10 +69,10 @@ class Tune(Study):
 
     The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
     of each trial are simulated; then the best trials are simulated again, with all robots and on a
-    fresh seed. A trial's value is a mean over its robots, of the share of time in the spot, or
-    without contact, in the test after training and during training: what the benchmark ranks by.
-    Sixteen trials share a cohort, which keeps one core busy, if robots may differ in all settings
-    (`Setting.each`).
+    fresh seed. A robot's value is the mean of two shares of time in the spot, or without contact:
+    in the test after training, and during training. These two make the benchmark's score, too. A
+    trial's value is the mean over its robots. Sixteen trials share a cohort, which keeps one core
+    busy, if robots may differ in all settings (`Setting.each`).
     """
 
     name: ClassVar[str] = "tune"
@@ -139,19 +139,23 @@ class Tune(Study):
     @property
     def effort(self) -> str:
         """What was tried, in words."""
+        task = f" in {self.task}" if self.task != "spot_finding" else ""
+        usual, own = (with_overrides(Kinematics(), x) for x in (BODY_EFFECTS, self.kinematics))
+        other = f", {' '.join(self.kinematics)}" if own != usual else ""
         scale = f", durations times {self.time_scale:g}" if self.time_scale != 1 else ""
         return (
-            f"{self.trials} settings, then the best {self.kept}; robots of a setting: "
-            f"{self._robots(0)}, then {self.robots}{scale}"
+            f"{self.trials} settings{task}, then the best {self.kept}; robots of a setting: "
+            f"{self._robots(0)}, then {self.robots}{other}{scale}"
         )
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`: that of the second round."""
         if self.agent:
             trust(recorded_name(self.agent))  # the command names it
-        for trials in self._cohorts(self.drawn()):
-            experiment = self._round(0, trials)
-            check_memory(Plan.of(experiment, [self._condition], experiment.cohort_size))
+        for number, trials in enumerate((self.drawn(), self.drawn()[: self.kept])):
+            for some in self._cohorts(trials):
+                experiment = self._round(number, some)
+                check_memory(Plan.of(experiment, [self._condition], experiment.cohort_size))
         return {"trials": self._round(1, [Trial(0, ())])}
 
     @functools.cached_property
@@ -259,8 +263,8 @@ class Tune(Study):
             "",
             *table(rows),
             "",
-            f"{_SHARES[self.task]}, the mean of that in the test after training and during "
-            f"training; robots of a setting: {self._robots(0)}, then {self.robots}. The last two "
+            f"{_SHARES[self.task]}: mean of two shares, in the test after training and during "
+            f"training. Robots of a setting: {self._robots(0)}, then {self.robots}. The last two "
             "columns belong to the second round; brackets hold 95 % intervals over robots. The "
             "best of several trials was also lucky: only runs on other seeds measure it.",
             "",
@@ -329,11 +333,15 @@ def efforts(folders: Sequence[Path]) -> dict[str, str]:
     """Returns the effort of each study that tunes, in words, by "agent, signals".
 
     Raises:
-      InputError: a folder holds no such study.
+      InputError: a folder holds no such study, or one was tuned twice.
     """
-    return {
-        f"{recorded_name(one.agent)}, {one.signals}": one.effort for one in map(Tune.read, folders)
-    }
+    found: dict[str, str] = {}
+    for study in map(Tune.read, folders):
+        key = f"{recorded_name(study.agent)}, {study.signals}"
+        if key in found:
+            raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
+        found[key] = study.effort
+    return found
 
 
 def _mean_or_least(values: np.ndarray | None) -> float:

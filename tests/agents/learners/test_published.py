@@ -8,10 +8,12 @@ import torch
 import torch.nn.functional as F
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 from torch import nn
 
 from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.learners.base import falling
 from musebot.protocols.agents.learners.dqn import DQN
 from musebot.protocols.agents.learners.moments import Moments
 from musebot.protocols.agents.learners.obgd import make_sparse
@@ -271,17 +273,44 @@ def test_a_tile_that_is_met_again_has_a_trace_of_1():
 
 
 def test_of_equal_values_each_action_is_taken_as_often():
-    agent = factory_of("sarsa_lambda")(400, SENSES, 0, rate=0.03, epsilon=0.01)
+    agent = factory_of("sarsa_lambda")(2500, SENSES, 0, initial=0.7, epsilon=0.01)
     agent.reset()
-    still = np.zeros((400, 3), np.float32)
-    taken = agent.act(still, True)
-    assert len(np.unique(taken, axis=0)) == 25
-    tested = [agent.act(still, False) for _ in range(2)]
-    assert np.array_equal(*tested) and len(np.unique(tested[0], axis=0)) == 25
+    still = np.zeros((2500, 3), np.float32)
+    taken, *tested = (agent.act(still, learning) for learning in (True, False, False))
+    assert np.array_equal(*tested)
+    for motors in (taken, tested[0]):
+        counts = np.unique(motors, axis=0, return_counts=True)[1]
+        assert len(counts) == 25 and stats.chisquare(counts).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("last", [0.1, torch.tensor([0.1, 0.3])])
+def test_epsilon_falls_linearly_from_1_and_then_stays(last):
+    for age, share in ((0, 1.0), (50, 0.5), (75, 0.25), (100, 0.0), (900, 0.0)):
+        wanted = last + (1 - last) * share
+        assert falling(last, age, 100.0) == pytest.approx(wanted)
+        assert falling(last, age, torch.full((2,), 100.0)) == pytest.approx(torch.ones(2) * wanted)
+
+
+@pytest.mark.parametrize("name", ["q_learner", "sarsa_lambda", "stream_q", "amortised_q", "dqn"])
+def test_as_many_actions_are_random_as_epsilon_says(name):
+    agent = factory_of(name)(4000, SENSES, 0, epsilon=0.2, epsilon_steps=10.0)
+    for age, wanted in ((1, 0.92), (6, 0.52), (11, 0.2), (12, 0.2)):
+        agent._age.fill_(age - 1)
+        assert agent.draw_exploratory().float().mean() == pytest.approx(wanted, abs=0.03)
+
+
+def test_exploratory_actions_of_amortised_q_are_uniform():
+    agent = factory_of("amortised_q")(4000, SENSES, 0, epsilon=0.2)
+    agent.reset()
+    agent.act(np.zeros((4000, 3), np.float32), True)
+    other = (agent.now["action"] != agent.now["best"]).any(dim=1)
+    assert other.float().mean() == pytest.approx(0.2, abs=0.03)
+    for motor in agent.now["action"][other].T:
+        assert stats.kstest(motor.numpy(), "uniform", args=(-1, 2)).pvalue > 1e-4
 
 
 @pytest.mark.parametrize("signals", [1, 5])
-def test_no_gradient_of_avg_is_boundless_after_a_robot_is_placed(signals):
+def test_no_gradient_of_avg_is_boundless_at_the_start_of_a_life(signals):
     """The first signals of a life are those of which the moments know nothing."""
     agent = factory_of("avg")(3, Senses((Signal(0, 1),) * signals, Signal(0, 1)), 0)
     random = np.random.default_rng(0)
@@ -401,6 +430,13 @@ def test_running_moments_are_those_of_all_values(values):
     assert float(moments.mean) == pytest.approx(np.mean(values), abs=1e-6)
     assert float(moments.variance()) == pytest.approx(np.var(values, ddof=1), rel=1e-6, abs=1e-6)
     assert float(moments.variance(unbiased=False)) == pytest.approx(np.var(values), abs=1e-6)
+
+
+def test_a_prior_of_moments_counts_only_together_with_values():
+    moments = Moments(1, prior=1e-4)
+    assert float(moments.variance()) == float(moments.variance(unbiased=False)) == 1
+    moments.add(torch.tensor([3.0], dtype=torch.float64))
+    assert float(moments.variance(unbiased=False)) == pytest.approx(1e-4 * (1 + 9), rel=1e-3)
 
 
 @given(st.integers(1, 40))
