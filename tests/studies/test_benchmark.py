@@ -161,7 +161,7 @@ def test_an_unfinished_tuning_is_refused_and_another_agents_is_not_read(
     tuned, out = tmp_path / "tuned", tmp_path / "out"
     words = "--trials 2 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
     assert cli.main(["study", "tune", str(tuned), "--agent", "dqn", *words]) == 0
-    next((tuned / "trials").glob("*-1-*")).unlink()
+    next((tuned / "trials").glob("*-1.safetensors")).unlink()
     command = ["study", "benchmark", str(out), "--tuned", str(tuned), *TINY]
     assert cli.main([*command, "--agent", "dqn"]) == 2
     assert "is not finished: `musebot study tune` continues it" in capsys.readouterr().err
