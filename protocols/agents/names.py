@@ -79,6 +79,15 @@ def recorded_name(name: str) -> str:
     return known[name]
 
 
+def name_in_track(name: str, signals: str) -> str:
+    """Returns the key under which the tuning of an agent with these signals is looked up.
+
+    Raises:
+      InputError: no agent has this name.
+    """
+    return f"{recorded_name(name)}, {signals}"
+
+
 def short_name(name: str) -> str:
     """Returns the short or registered name of an agent that a run records, or the name itself."""
     known = {**registered_names(), **RECORDED_NAMES}

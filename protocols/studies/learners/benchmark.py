@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from ....controller import PROPOSERS
 from ....models import Kinematics
 from ...agents.factory import factory_of
-from ...agents.names import RECORDED_NAMES, recorded_name, short_name
+from ...agents.names import RECORDED_NAMES, name_in_track, recorded_name, short_name
 from ...agents.trust import trust
 from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
@@ -26,7 +26,7 @@ from ..study import Page, check_positive
 from ..variants import Needs, Variant, VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .ranking import FOLDER, cost_jobs, measured, ranking
-from .tune import Tune, efforts
+from .tune import efforts, tunings
 
 LEARNERS = tuple(name for name in RECORDED_NAMES if name not in ("ppo", LOWER, UPPER))
 _BRAINS = ("paper", "steady")
@@ -132,7 +132,7 @@ class Benchmark(VariantStudy):
         """Returns the run of a learner in a track of a board; None if it has none there."""
         if track == "raw" and name in _PAPER_ALONE:
             return None
-        settings = self._settings.get((name, track), ())
+        settings = self._settings.get(name_in_track(name, track), ())
         fields, tasks = dict(BOARDS[board]), self._tasks(board)
         proposers = ("creative",)
         if name == "paper":
@@ -165,17 +165,13 @@ class Benchmark(VariantStudy):
         return names
 
     @functools.cached_property
-    def _settings(self) -> Mapping[tuple[str, str], tuple[str, ...]]:
-        """The best settings of each tuned agent of the command, by its name and track."""
-        found: dict[tuple[str, str], tuple[str, ...]] = {}
-        for folder in self.tuned:
-            study = Tune.read(folder)
-            key = recorded_name(study.agent), study.signals
-            if key in found:
-                raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
-            if key[0] in self._learners:  # no other agent's code may run
-                found[key] = study.best(folder).settings
-        return found
+    def _settings(self) -> Mapping[str, tuple[str, ...]]:
+        """The best settings of each tuned agent of the command, by `name_in_track`."""
+        return {
+            key: study.best(folder).settings
+            for key, (folder, study) in tunings(self.tuned).items()
+            if recorded_name(study.agent) in self._learners  # no other agent's code may run
+        }
 
     def folders(self, out: Path) -> Sequence[Path]:
         """See `Study.folders`."""

@@ -276,12 +276,11 @@ def interquartile_mean(values: np.ndarray) -> tuple[float, tuple[float, float]]:
     """Returns the mean without the lowest and highest quarter, and its 95 % bootstrap interval."""
     random = np.random.default_rng(_SEED)
     draws = values[random.integers(len(values), size=(_RESAMPLES, len(values)))]
-    means = stats.trim_mean(draws, 0.25, axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(stats.trim_mean(values, 0.25)), (float(low), float(high))
+    low, high = np.percentile(_middle(draws), [2.5, 97.5])
+    return float(_middle(values)), (float(low), float(high))
 
 
-def _middle(values: np.ndarray, axis: int) -> np.ndarray:
+def _middle(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
@@ -290,9 +289,7 @@ def ranked(entries: Sequence[Entry]) -> Ranking:
     by_name = {entry.name: entry for entry in entries}
     lower, upper = by_name[LOWER], by_name[UPPER]
     found = [(entry, scores(entry, lower, upper)) for entry in entries]
-    return sorted(
-        found, key=lambda one: (-np.nan_to_num(stats.trim_mean(one[1], 0.25)), one[0].name)
-    )
+    return sorted(found, key=lambda one: (-np.nan_to_num(_middle(one[1])), one[0].name))
 
 
 def pair_tests(ranking: Ranking) -> np.ndarray:

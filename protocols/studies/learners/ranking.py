@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...agents.agent_check import Costs
-from ...agents.names import MOVED, is_own
+from ...agents.names import MOVED, is_own, name_in_track
 from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
@@ -63,7 +63,7 @@ def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
     Args:
       found: Learners and bounds of each board.
       costs: What learners cost, by board and name.
-      efforts: Effort of tuning, by "agent, signals".
+      efforts: Effort of tuning, by `name_in_track`.
     """
     places = {board: placed(board, ranked(entries)) for board, entries in found.items()}
     parts, figures = [*summary(places), BOARDS, ""], {}
@@ -96,7 +96,7 @@ def markdown(
       ranking: Learners and bounds, see `ranked`.
       tests: p of each pair, see `pair_tests`.
       costs: What each costs, by its name.
-      efforts: Effort of tuning, by "agent, signals".
+      efforts: Effort of tuning, by `name_in_track`.
     """
     result = _scores(ranking, tests) if board.ranks else _contacts(ranking)
     made = [["learner", "us", "ratio", "KiB", "tuned", "module", "`musebot run OUT` with"]]
@@ -231,7 +231,7 @@ def _tuned(entry: Entry, efforts: Mapping[str, str]) -> str:
         return "by hand, hundreds of settings" if steady else "as published"
     if entry.name == "ppo":
         return f"{len(entry.after)} policies, trained beforehand"
-    key = f"{entry.condition.proposer}, {entry.experiment.signals}"
+    key = name_in_track(entry.condition.proposer, entry.experiment.signals)
     return efforts.get(key, "defaults")
 
 

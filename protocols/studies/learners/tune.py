@@ -18,7 +18,7 @@ from scipy.stats import qmc
 from ....controller.parameters import shown
 from ....models import Kinematics
 from ...agents.factory import factory_of
-from ...agents.names import recorded_name, short_name
+from ...agents.names import name_in_track, recorded_name, short_name
 from ...agents.settings import Setting, settings_of
 from ...agents.trust import trust
 from ...analysis import intervals
@@ -152,7 +152,8 @@ class Tune(Study):
         """See `Study.experiments`: that of the second round."""
         if self.agent:
             trust(recorded_name(self.agent))  # the command names it
-        for number, trials in enumerate((self.drawn(), self.drawn()[: self.kept])):
+        drawn = self.drawn()
+        for number, trials in enumerate((drawn, drawn[: self.kept])):
             for some in self._cohorts(trials):
                 experiment = self._round(number, some)
                 check_memory(Plan.of(experiment, [self._condition], experiment.cohort_size))
@@ -329,19 +330,25 @@ class Tune(Study):
         return found
 
 
-def efforts(folders: Sequence[Path]) -> dict[str, str]:
-    """Returns the effort of each study that tunes, in words, by "agent, signals".
+def tunings(folders: Sequence[Path]) -> dict[str, tuple[Path, Tune]]:
+    """Returns the studies that tune, with their folders, by `name_in_track`.
 
     Raises:
-      InputError: a folder holds no such study, or one was tuned twice.
+      InputError: a folder holds no such study, or an agent was tuned twice in a track.
     """
-    found: dict[str, str] = {}
-    for study in map(Tune.read, folders):
-        key = f"{recorded_name(study.agent)}, {study.signals}"
+    found: dict[str, tuple[Path, Tune]] = {}
+    for folder in folders:
+        study = Tune.read(folder)
+        key = name_in_track(study.agent, study.signals)
         if key in found:
             raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
-        found[key] = study.effort
+        found[key] = folder, study
     return found
+
+
+def efforts(folders: Sequence[Path]) -> dict[str, str]:
+    """Returns the effort of each study that tunes, in words, by `name_in_track`."""
+    return {key: study.effort for key, (_, study) in tunings(folders).items()}
 
 
 def _mean_or_least(values: np.ndarray | None) -> float:
