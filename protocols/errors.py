@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 
 # Modules of packages that an extra installs; those of its other requirements are not listed.
@@ -30,6 +33,15 @@ class RunError(Exception):
 
 class Interrupted(Exception):
     """A simulation was asked to stop; everything simulated so far is in its checkpoints."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Returns the question whether a similar name was meant, or the names that there are."""
+    names = [*known]
+    near = difflib.get_close_matches(name, names, 3, cutoff=0.5)
+    if near:
+        return f"did you mean {' or '.join(near)}?"
+    return f"there are {', '.join(names)}" if names else "there are none"
 
 
 def missing_extra(error: ImportError) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -359,7 +360,7 @@ class TaskDefinition:
         limit = seconds(next(value for value in limits if value is not None))
         physics = Physics.from_model(MjModel(self.spec().compile()))
         start = Start(settings.get("robot"), settings.get("spot"))
-        episode = self.episode(start, physics.dimensions, round(limit / CONTROL_TIMESTEP, 6))
+        episode = self.episode(start, physics.dimensions, steps_until(limit))
         rules = self.rules.of(physics.model.ptr, settings.get("nose", "inverse"))
         task = Task(rules, episode, settings.get("random"))
         return Environment(physics, task, kwargs.get("flat_observation", False))
@@ -376,6 +377,15 @@ class TaskDefinition:
           ValueError: A place is outside the arena or inside an obstacle.
         """
         return Episode(start, dimensions, self.limit, self.spot_steps, steps)
+
+
+def steps_until(time_limit: float) -> float:
+    """Returns the number of control steps of an episode with a length in [s].
+
+    As in dm_control, the episode ends with the first step that reaches the limit.
+    """
+    steps = round(time_limit / CONTROL_TIMESTEP, 6)  # 3 * 0.1 is slightly more than 0.3
+    return math.ceil(steps) if math.isfinite(steps) else steps
 
 
 def _environment_keywords() -> list[str]:

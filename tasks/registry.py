@@ -10,7 +10,7 @@ from typing import Any, Unpack
 
 from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, register_gymnasium
 from ..models import check_arena
-from .arena import CONTROL_TIMESTEP, SUITE, Environment, Settings, TaskDefinition
+from .arena import CONTROL_TIMESTEP, SUITE, Environment, Settings, TaskDefinition, steps_until
 from .batch import Batch
 from .rules import Rules
 from .suite import TASKS
@@ -72,10 +72,8 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     SUITE.add("own")(factory)
     TASKS[name] = definition
     GYMNASIUM_TASKS[identifier] = name
-    limit = definition.time_limit
-    # As in dm_control: the episode ends with the first step that reaches the limit.
-    steps = math.ceil(round(limit / CONTROL_TIMESTEP, 6)) if math.isfinite(limit) else None
-    EPISODE_STEPS[name] = steps
+    steps = steps_until(definition.time_limit)
+    EPISODE_STEPS[name] = int(steps) if math.isfinite(steps) else None
     with contextlib.suppress(ImportError):  # Gymnasium is optional
         register_gymnasium()
     return f"musebot/{identifier}"

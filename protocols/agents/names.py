@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 from collections.abc import Mapping
 from importlib.metadata import entry_points
 
 from ...controller.proposers import PROPOSERS
-from ..errors import InputError
+from ..errors import InputError, nearest
 
 GROUP = "musebot.agents"  # entry points by which other packages register agents
 
@@ -70,11 +69,9 @@ def recorded_name(name: str) -> str:
         return name
     known = {**RECORDED_NAMES, **registered_names()}
     if name not in known:
-        near = difflib.get_close_matches(name, known, 3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
         raise InputError(
-            f"there is no agent {name!r:.60}: {hint}; a factory of yours is named as "
-            "package.module:factory"
+            f"there is no agent {name!r:.60}: {nearest(name, known)}; a factory of yours is named "
+            "as package.module:factory"
         )
     return known[name]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...controller.parameters import shown
-from ..errors import InputError
+from ..errors import InputError, nearest
 
 _SETTINGS = "agent_settings"
 Number = float | np.ndarray  # of all robots, or of each, shape (B,)
@@ -141,11 +140,7 @@ def checked_settings(
     checked: dict[str, Number] = {}
     for name, values in settings.items():
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            hint = (
-                f": did you mean {near[0]}?" if near else f" ({', '.join(known) or 'it has none'})"
-            )
-            raise InputError(f"{agent} has no setting {name}{hint}")
+            raise InputError(f"{agent} has no setting {name}: {nearest(name, known)}")
         setting = known[name]
         for value in values:
             if not setting.low <= value <= setting.high or setting.whole and value != int(value):

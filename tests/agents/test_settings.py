@@ -82,7 +82,7 @@ def test_several_values_belong_to_equal_shares_of_the_robots():
         (["=1"], "must be NAME=VALUE"),
         (["rate=0.1", "rate=0.2"], "the setting rate is given twice"),
         (["rats=0.1"], r"mine has no setting rats: did you mean rate\?"),
-        (["unnamed=2"], r"mine has no setting unnamed \(rate, tiles\)"),
+        (["unnamed=2"], r"mine has no setting unnamed: there are rate, tiles"),
         (["rate=2"], r"the setting rate of mine must lie in \[0.01, 1\], got 2"),
         (["tiles=2.5"], r"must be a whole number in \[2, 8\], got 2.5"),
     ],

@@ -71,7 +71,7 @@ def test_parameters_may_be_separated_by_commas():
     ("names", "sentence"),
     [
         ((), "over needs at least one of"),
-        (("lern_rate",), "there is no parameter 'lern_rate' to search; did you mean learn_rate"),
+        (("lern_rate",), "there is no parameter 'lern_rate' to search: did you mean learn_rate"),
         (("noise", "noise"), "the parameters must differ"),
         (("td_error_limit",), "the brain has no td_error_limit: give it a value first"),
     ],

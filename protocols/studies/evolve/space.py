@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -11,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ....controller import Parameters
-from ...errors import InputError
+from ...errors import InputError, nearest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,11 +76,9 @@ def check_names(names: Sequence[str], brain: Parameters) -> None:
         raise InputError(f"over needs at least one of {', '.join(RANGES)}")
     for name in names:
         if name not in RANGES:
-            near = difflib.get_close_matches(name, RANGES, 3, 0.4)
-            hint = (
-                f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(RANGES)}"
+            raise InputError(
+                f"there is no parameter {name!r:.60} to search: {nearest(name, RANGES)}"
             )
-            raise InputError(f"there is no parameter {name!r:.60} to search; {hint}")
         if getattr(brain, name) is None:
             raise InputError(f"the brain has no {name}: give it a value first, by --set")
     if len({*names}) < len(names):
