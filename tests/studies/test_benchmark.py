@@ -132,6 +132,7 @@ def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
     command = ["study", "benchmark", str(out), "--tuned", str(tuned), *TINY]
     first = [*command, "--agent", "sarsa_lambda", "--board", "paper", "--signals", "raw"]
     assert cli.main(first) == 0
+    assert "was not tuned" not in capsys.readouterr().err
     page = (out / "benchmark.md").read_text()
     best = (tuned / "tune.md").read_text().partition("--agent-set ")[2].partition(" --signals")[0]
     assert f"--agent sarsa_lambda --signals raw{' --agent-set ' * bool(best)}{best}" in page
@@ -143,6 +144,9 @@ def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
     assert (
         cli.main([*command, "--agent", "sarsa_lambda", "paper", "steady", "--board", "paper"]) == 0
     )
+    told = capsys.readouterr().err
+    assert "sarsa_lambda was not tuned with paper signals: its defaults" in told
+    assert told.count("was not tuned") == 1
     page = (out / "benchmark.md").read_text()
     assert not brains.exists()
     for title in ("Wall avoidance, protocol paper, ", "Spot finding, protocol paper, "):

@@ -1,6 +1,7 @@
 """The study that evolves parameters: its space, its course, resuming, and its page."""
 
 import dataclasses
+import re
 import sys
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from musebot.controller import BRAINS
 from musebot.protocols import cli
 from musebot.protocols.errors import DamagedFileError, InputError
+from musebot.protocols.experiment.overrides import named_brain, with_overrides
 from musebot.protocols.experiment.schedules import PARTS
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.evolve.page import Evolution, Generation
@@ -47,6 +49,14 @@ def test_a_coordinate_is_found_again_from_its_value(name, coordinate):
 def test_a_log_range_is_cut_into_equal_factors():
     assert RANGES["learn_rate"].value(0.5) == pytest.approx(1e-3)
     assert RANGES["noise"].value(0.5) == pytest.approx(1.0)
+
+
+def test_a_range_of_decays_is_cut_into_equal_factors_of_their_time():
+    # Time constants of 1, 10, 100 and 1,000 steps.
+    own = RANGES["reward_decay"]
+    values = [own.value(third / 3) for third in range(4)]
+    assert values == pytest.approx([0, 0.9, 0.99, 0.999])
+    assert [own.coordinate(value) for value in values] == pytest.approx([0, 1 / 3, 2 / 3, 1])
 
 
 def test_only_the_searched_parameters_of_a_brain_change():
@@ -126,6 +136,13 @@ def test_the_winner_is_the_mean_of_the_search_and_lives_on_fresh_seeds(finished)
     assert {load_arrays(path)[1]["brain.noise"] for path in winners} == {brain.noise}
     assert "| winner | 12 |" in page.markdown
     assert "Difference " in page.markdown
+    (words,) = re.findall(r"`--set (.*)`\.", page.markdown)
+    assert with_overrides(named_brain("steady"), words.split()) == brain
+
+
+def test_the_printed_winner_holds_what_was_set_before_the_search():
+    study = dataclasses.replace(TINY, set=("discount=0.8",))
+    assert study.overrides(study.start.brain) == ("discount=0.8",)
 
 
 def test_a_search_that_was_stopped_makes_the_same_brains(finished, tmp_path, in_process):

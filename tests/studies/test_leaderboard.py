@@ -90,6 +90,19 @@ def test_the_creative_robots_and_dqn_are_compared_with_all_others():
     ]
 
 
+def test_what_was_trained_beforehand_has_a_row_but_is_not_compared():
+    entries = [*BOARD, entry("ppo", 0.95, 0.95)]
+    ranking = ranked(entries)
+    assert ranking[0][0].title == "*ppo*"
+    tests = pair_tests(ranking)
+    assert np.isnan(tests[0]).all()
+    without = pair_tests(ranked(BOARD))
+    np.testing.assert_array_equal(tests[1:, 1:], without)
+    board = Board("raw", "paper", "spot_finding")
+    (row,) = [row for row in cells(summary_of({board: entries})) if "ppo" in row[0]]
+    assert row[0] == "*ppo*" and "**" not in row[1]
+
+
 def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
     board = Board("raw", "paper", "spot_finding")
     ranking, p = placed(board, ranked(BOARD))
@@ -274,6 +287,33 @@ def test_runs_become_boards_whose_rows_name_their_commands(
         "raw-signals-paper-wall_avoidance-kinematic.svg",
         "raw-signals-paper-spot_finding-kinematic.svg",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("task", ["spot_finding", "wall_avoidance"])
+def test_a_robot_that_was_stopped_counts_as_the_worst(runs, task):
+    bounds, own, _ = read_runs(runs)
+    condition = Condition(task, "musebot:sarsa_lambda")
+    held = own.results[condition]
+    rows = [*held.robots]
+    rows[2] = dataclasses.replace(rows[2], category="invalid")
+    results = {condition: dataclasses.replace(held, robots=rows)}
+    stopped = dataclasses.replace(own, results=results)
+
+    def found(run):
+        (one,) = [
+            one
+            for board, entries in boards([bounds, run]).items()
+            if (board.task, board.signals) == (task, "raw")
+            for one in entries
+            if one.name == "sarsa_lambda"
+        ]
+        return one
+
+    before, after = found(own), found(stopped)
+    assert (before.stopped, after.stopped) == (0, 1)
+    for name in ("after", "training"):
+        expected = np.where(np.arange(6) == 2, 0, getattr(before, name))
+        np.testing.assert_array_equal(getattr(after, name), expected)
 
 
 def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys, commands_in_process):

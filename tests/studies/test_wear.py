@@ -277,10 +277,10 @@ FAST, SLOW, NEVER = recovery(20, robots=40), recovery(120, robots=40), recovery(
     [
         (four((FAST, NEVER), (FAST, NEVER)), "The claim holds: noise is essential."),
         (four((FAST, SLOW), (FAST, NEVER)), "Noise helps, but is not essential."),
-        (four((FAST, FAST), (FAST, NEVER)), "The claim fails: noise helps only where nothing"),
+        (four((FAST, FAST), (FAST, NEVER)), "The claim fails: noise speeds recovery only where no"),
         (four((SLOW, FAST), (FAST, FAST)), "The claim fails: noise hinders."),
         (four((SLOW, SLOW), (FAST, FAST)), "The claim fails: noise has no detectable effect."),
-        (four((SLOW, FAST), (FAST, SLOW)), "The claim fails: noise helps only where nothing"),
+        (four((SLOW, FAST), (FAST, SLOW)), "The claim fails: noise speeds recovery only where no"),
         (four((FAST, SLOW), (FAST, FAST)), "Mixed: faster with trained-noise-random-old, "),
     ],
 )
@@ -296,6 +296,29 @@ def test_a_born_memory_does_not_decide():
     nothing = recovery([None], reference=0.1)
     arms = four((nothing, nothing), (nothing, nothing))
     assert verdict(arms, noise_pairs(arms)) == "Nothing can be told: no robot had learned."
+
+
+def test_a_change_that_costs_nothing_tells_nothing():
+    at_once = recovery(0, robots=40)
+    arms = four((at_once, at_once), (at_once, at_once))
+    sentence = "Nothing can be told: the change cost most robots nothing."
+    assert verdict(arms, noise_pairs(arms)) == sentence
+    arms = four((at_once, FAST), (FAST, SLOW))
+    assert verdict(arms, noise_pairs(arms)) != sentence
+    arms |= {FROZEN: recovery([0] * 20 + [None] * 20)}
+    assert verdict(arms, noise_pairs(arms)) != sentence
+    mostly = recovery([0] * 21 + [None] * 19)
+    assert mostly.unharmed == 21 / 40
+    assert verdict(arms | {FROZEN: mostly}, noise_pairs(arms)) == sentence
+
+
+def test_the_goal_needs_a_known_median_of_the_best_arm():
+    arms = four((NEVER, NEVER), (NEVER, NEVER)) | {NEWBORN: NEVER}
+    assert "not met; the best arm" in page({"polarity": arms}, Wear().experiment).markdown
+    arms = four((recovery(70, robots=40), NEVER), (NEVER, NEVER)) | {NEWBORN: NEVER}
+    assert "not met; the best arm" in page({"polarity": arms}, Wear().experiment).markdown
+    arms = four((recovery(60, robots=40), NEVER), (NEVER, NEVER)) | {NEWBORN: NEVER}
+    assert ": met; the best arm" in page({"polarity": arms}, Wear().experiment).markdown
 
 
 def test_pairs_are_corrected_over_their_family():
@@ -315,7 +338,10 @@ def test_an_effect_is_the_mean_difference_of_each_robot():
 
 def test_the_page_names_the_verdict_and_the_goal():
     arms = four((FAST, SLOW), (FAST, NEVER)) | {NEWBORN: SLOW, FROZEN: NEVER}
-    text = page({"polarity": arms, "half-gain": {}}, 1).markdown
+    study = Wear(seed=7, kinematics=("lag=0.08",))
+    text = page({"polarity": arms, "half-gain": {}}, study.experiment).markdown
+    assert "Kinematic simulator lag=0.08; seed 7." in text
+    assert "MuJoCo; seed 1." in page({"polarity": arms}, Wear(body="mujoco").experiment).markdown
     assert "**Noise helps, but is not essential.**" in text
     assert "a quarter of the newborns' median: met; the best arm" in text
     assert "| `frozen` | 40 | 0.000 | 0.000 | 0 [0%, 9%] | over 240 [over 240, over 240] |" in text

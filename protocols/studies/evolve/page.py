@@ -48,7 +48,7 @@ class Evolution:
       generations: Finished generations.
       start: Shares of the robots with the first brain on fresh seeds, shape (B,); None if missing.
       winner: Those of the robots with the winner.
-      words: Overrides that make the winner from the first brain.
+      words: Overrides that make the winner from the named brain, as in `musebot run --set`.
     """
 
     over: Sequence[str]
@@ -149,7 +149,7 @@ def page(
             "",
             f"Difference {with_interval(f'{change:+.3f}', gain)}. The best brain seen had "
             f"{seen:.3f} on its own seed. The winner is the mean of the search: "
-            f"`{' '.join(evolution.words) or 'no change'}`. In brackets 95 % intervals ({MEANS}).",
+            f"`--set {' '.join(evolution.words)}`. In brackets 95 % intervals ({MEANS}).",
             "",
         ]
     return Page("\n".join(lines), {"evolve": draw(evolution, sign, schedule.event)})

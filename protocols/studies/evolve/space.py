@@ -21,12 +21,14 @@ class Range:
       low: Value at coordinate 0.
       high: Value at coordinate 1.
       log: Whether equal steps of the coordinate are equal factors of the value.
+      decay: Whether they are equal factors of 1 minus the value, so of a decay's time constant.
       whole: Whether the value is rounded to a whole number.
     """
 
     low: float
     high: float
     log: bool = False
+    decay: bool = False
     whole: bool = False
 
     def value(self, coordinate: float) -> float:
@@ -34,6 +36,8 @@ class Range:
         share = min(max(coordinate, 0.0), 1.0)
         if self.log:
             found = self.low * (self.high / self.low) ** share
+        elif self.decay:
+            found = 1 - (1 - self.low) * ((1 - self.high) / (1 - self.low)) ** share
         else:
             found = self.low + share * (self.high - self.low)
         return round(found) if self.whole else float(f"{found:.6g}")  # as a person would write it
@@ -43,6 +47,10 @@ class Range:
         value = min(max(value, self.low), self.high)
         if self.log:
             return math.log(value / self.low) / math.log(self.high / self.low)
+        if self.decay:
+            return math.log((1 - value) / (1 - self.low)) / math.log(
+                (1 - self.high) / (1 - self.low)
+            )
         return (value - self.low) / (self.high - self.low)
 
 
@@ -52,7 +60,7 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "learn_rate": Range(1e-5, 0.1, log=True),
         "initial_learn_rate": Range(1e-5, 0.1, log=True),
         "learn_rate_decay_steps": Range(1e3, 1e6, log=True),
-        "discount": Range(0.5, 0.99),
+        "discount": Range(0.5, 0.99, decay=True),
         "epsilon": Range(0.001, 0.5, log=True),
         "initial_epsilon": Range(0.001, 1.0, log=True),
         "epsilon_decay_steps": Range(1e3, 1e6, log=True),
@@ -65,7 +73,7 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "evaluation_hidden": Range(3, 48, log=True, whole=True),
         "memory_hidden": Range(2, 32, log=True, whole=True),
         "td_error_limit": Range(0.003, 10.0, log=True),
-        "reward_decay": Range(0.0, 0.999),
+        "reward_decay": Range(0.0, 0.999, decay=True),
     }
 )
 

@@ -174,9 +174,13 @@ class Evolve(Study):
         tests = [self._finals(out, brain) for brain in (self.start.brain, winner)]
         if all(job.done() for jobs in tests for job in jobs):
             before, after = (np.concatenate([job.shares() for job in jobs]) for jobs in tests)
-            words = tuple(overrides_of(winner, self.start.brain))
+            words = self.overrides(winner)
             return dataclasses.replace(evolution, start=before, winner=after, words=words)
         return evolution
+
+    def overrides(self, brain: Parameters) -> tuple[str, ...]:
+        """Returns a brain as overrides of the named one, for `musebot run --brain NAME --set`."""
+        return tuple(overrides_of(brain, named_brain(self.brain)))
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""

@@ -22,6 +22,7 @@ from ...results.run_files import has_all_rows, read_runs
 from ...shared_options import BODY_EFFECTS, option
 from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
+from ...terminal import notice
 from ..study import Page, check_positive
 from ..variants import Needs, Variant, VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
@@ -132,7 +133,7 @@ class Benchmark(VariantStudy):
         """Returns the run of a learner in a track of a board; None if it has none there."""
         if track == "raw" and name in _PAPER_ALONE:
             return None
-        settings = self._settings.get(name_in_track(name, track), ())
+        tuned = self._settings  # refuses what cannot be read
         fields, tasks = dict(BOARDS[board]), self._tasks(board)
         proposers = ("creative",)
         if name == "paper":
@@ -145,6 +146,7 @@ class Benchmark(VariantStudy):
             start = dataclasses.replace(self.baseline(), **BOARDS[board])
             tasks = tuple(task for task in tasks if saturates(start, task))
         else:
+            settings = tuned.get(name_in_track(name, track), ())
             fields |= {"signals": track, "settings": settings}
             proposers = (name,)
         row = f"{board}-{short_name(name).replace(':', '-')}-{track}"
@@ -180,6 +182,10 @@ class Benchmark(VariantStudy):
     def check(self, out: Path) -> None:
         """See `VariantStudy.check`; every agent acts once, before anything is written."""
         super().check(out)
+        for signals in dict.fromkeys(self.signals) if self.tuned else ():
+            for name in self._learners:
+                if name not in _BRAINS and name_in_track(name, signals) not in self._settings:
+                    notice(f"{short_name(name)} was not tuned with {signals} signals: its defaults")
         for name, plan in self.plans().items():
             if not has_all_rows(out / name, plan):
                 check_agents(plan)

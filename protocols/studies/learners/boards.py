@@ -27,6 +27,7 @@ from ...experiment.schedules import TASK_NAMES
 from ...results.run import Run
 
 LOWER, UPPER = "newborn", "hand_coded"
+TRAINED_BEFORE = "ppo"
 _RESAMPLES, _SEED = 2000, 1
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
 _MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
@@ -96,11 +97,11 @@ class Entry:
       command: Words of `musebot run` that simulate it.
       experiment: Experiment of its run.
       condition: Condition of its robots.
-      after: Value of each valid robot in the test after training, shape (n,): share of the time in
-        the spot, or without contact.
+      after: Value of each robot in the test after training, shape (n,): share of the time in the
+        spot, or without contact; 0 for a robot that was stopped.
       training: The same over all of training.
       curve: Mean value in each minute of training, shape (M,).
-      abilities: Learn Ability of each robot; NaN without one.
+      abilities: Learn Ability of each valid robot; NaN without one.
     """
 
     name: str
@@ -118,9 +119,19 @@ class Entry:
         return self.name in (LOWER, UPPER)
 
     @property
+    def competes(self) -> bool:
+        """Whether it is compared with others: it learned in this life."""
+        return not self.is_bound and self.name != TRAINED_BEFORE
+
+    @property
+    def stopped(self) -> int:
+        """Number of robots that were stopped, because their state was not finite."""
+        return len(self.after) - len(self.abilities)
+
+    @property
     def title(self) -> str:
-        """Its name in a table; bounds are in italics."""
-        return f"*{self.name}*" if self.is_bound else self.name
+        """Its name in a table; in italics if it is not compared."""
+        return self.name if self.competes else f"*{self.name}*"
 
     @property
     def touching(self) -> int:
@@ -136,16 +147,14 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
     """Returns the entries of each board.
 
     Raises:
-      InputError: a learner stands twice on a board, has no valid robot, or lived in another world
-        than the others; or a board lacks a bound.
+      InputError: a learner stands twice on a board, or lived in another world than the others; or a
+        board lacks a bound.
     """
     found: dict[Board, list[Entry]] = {}
     for run in runs:
         experiment = run.experiment
         for condition in run.conditions():
             entry = _entry(run, condition)
-            if not len(entry.after):
-                raise InputError(f"{run.name} has no valid robot of {entry.name}")
             for signals in tracks(experiment, condition):
                 board = Board(
                     signals,
@@ -196,10 +205,14 @@ def saturates(experiment: Experiment, task: str) -> bool:
 def _entry(run: Run, condition: Condition) -> Entry:
     experiment = run.experiment
     schedule = experiment.schedule(condition.task)
-    curves = run.curves(condition)[:, schedule.minutes_of("training")].astype(float)
-    after = run.shares(condition, "post")
+    shares = run.curves(condition)[:, schedule.minutes_of("training")].astype(float)
+    tested = run.shares(condition, "post")
     if not schedule.wanted:
-        curves, after = 1 - curves, 1 - after
+        shares, tested = 1 - shares, 1 - tested
+    # A robot that was stopped counts as the worst, as in tuning.
+    valid, robots = run.valid_rows(condition), len(run.robots(condition))
+    curves, after = np.zeros((robots, shares.shape[1])), np.zeros(robots)
+    curves[valid], after[valid] = shares, tested
     if condition.has_brain:
         brain, *changes = experiment.brain_name.split()
         name = f"{_learner(experiment, condition.task)}, {condition.proposer}"
@@ -215,7 +228,7 @@ def _entry(run: Run, condition: Condition) -> Entry:
             command += f" --agent-set {' '.join(experiment.settings)}"
     return Entry(
         name,
-        f"{command} {_lives(experiment, condition, len(run.robots(condition)))}",
+        f"{command} {_lives(experiment, condition, robots)}",
         experiment,
         condition,
         after,
@@ -295,10 +308,10 @@ def ranked(entries: Sequence[Entry]) -> Ranking:
 def pair_tests(ranking: Ranking) -> np.ndarray:
     """Returns p of each pair of a board's rows, shape (n, n), Holm over all pairs of learners.
 
-    NaN for pairs with a bound and for a row with itself. Permutation tests of the interquartile
-    mean.
+    NaN for a row with itself and for pairs with one that does not compete. Permutation tests of the
+    interquartile mean.
     """
-    learners = [n for n, (entry, _) in enumerate(ranking) if not entry.is_bound]
+    learners = [n for n, (entry, _) in enumerate(ranking) if entry.competes]
     pairs = list(itertools.combinations(learners, 2))
     values = [
         same_statistic(ranking[a][1], ranking[b][1], _middle, False, max(2000, 200 * len(pairs)))
@@ -312,4 +325,4 @@ def pair_tests(ranking: Ranking) -> np.ndarray:
 
 def first_learner(ranking: Ranking) -> int:
     """Returns the row of the best learner; 0 if there is none."""
-    return next((n for n, (entry, _) in enumerate(ranking) if not entry.is_bound), 0)
+    return next((n for n, (entry, _) in enumerate(ranking) if entry.competes), 0)

@@ -16,7 +16,15 @@ from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
-from .boards import Board, Entry, Ranking, first_learner, interquartile_mean, ranked
+from .boards import (
+    TRAINED_BEFORE,
+    Board,
+    Entry,
+    Ranking,
+    first_learner,
+    interquartile_mean,
+    ranked,
+)
 from .costs import CostJob
 from .summary import LEVEL, placed, summary
 
@@ -32,12 +40,15 @@ _LONGEST = 100  # characters of a learner in the name of a file
 
 
 def cost_jobs(out: Path, found: Boards) -> list[CostJob]:
-    """Returns the jobs that measure what the learners of boards cost; only our own agents."""
+    """Returns the jobs that measure what our own learners cost.
+
+    Without `ppo`: its number of robots is that of its policies.
+    """
     return [
         _cost_job(out, board, entry)
         for board, entries in found.items()
         for entry in entries
-        if is_own(entry.condition.proposer)
+        if is_own(entry.condition.proposer) and entry.name != TRAINED_BEFORE
     ]
 
 
@@ -119,7 +130,8 @@ def markdown(
         "",
         "us: time of a robot-step without the simulation, in microseconds; ratio: the same divided "
         "by that of the paper's creative brain, measured right after; KiB: a robot's in a "
-        "checkpoint; a dash for agents of third parties, which `musebot check-agent` measures. "
+        "checkpoint; a dash for `ppo` and for agents of third parties, which `musebot check-agent` "
+        "measures. "
         "Tuned: settings that were tried, and the best of them again.",
         "",
     ]
@@ -152,7 +164,8 @@ def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
         "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
         "its 95 % bootstrap interval. Fail: share of robots with a score below 0.5. Mean L rewards "
         "bad newborns, so it does not rank. p: permutation test of the interquartile mean, Holm "
-        "over all pairs of learners. In italics the bounds.",
+        "over all pairs of learners. A robot that was stopped counts as the worst. In italics what "
+        "is not compared: the bounds, and what was trained beforehand.",
         "",
         *standings(ranking, tests),
     ]
@@ -196,13 +209,14 @@ def _contacts(ranking: Ranking) -> list[str]:
         *table(rows),
         "",
         "Most learners are at the ceiling of this task: they are not ranked. Touch a wall: robots "
-        "with any contact in the test after training, with Wilson's 95 % interval. In italics the "
-        "bounds.",
+        "with any contact in the test after training, with Wilson's 95 % interval. A robot that "
+        "was stopped counts as one. In italics the bounds, and what was trained beforehand.",
     ]
 
 
 def _name(entry: Entry) -> list[str]:
-    return [entry.title, str(len(entry.after))]
+    stopped = f" ({entry.stopped} stopped)" if entry.stopped else ""
+    return [entry.title, f"{len(entry.after)}{stopped}"]
 
 
 def _times(entry: Entry) -> list[str]:
@@ -229,7 +243,7 @@ def _tuned(entry: Entry, efforts: Mapping[str, str]) -> str:
     if entry.condition.has_brain:
         steady = entry.experiment.brain_name.startswith("steady")
         return "by hand, hundreds of settings" if steady else "as published"
-    if entry.name == "ppo":
+    if entry.name == TRAINED_BEFORE:
         return f"{len(entry.after)} policies, trained beforehand"
     key = name_in_track(entry.condition.proposer, entry.experiment.signals)
     return efforts.get(key, "defaults")

@@ -37,7 +37,8 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         "mean score of a learner's boards, those that lack a board last. Bold: the first of a "
         f"board, and all that do not differ significantly from it (p at least {LEVEL}); between "
         "few robots only large differences are significant. Touch a wall: robots with any "
-        "contact in the test after training. In italics the bounds.",
+        "contact in the test after training. In italics the bounds, and what was trained "
+        "beforehand.",
         "",
     ]
 
@@ -57,7 +58,7 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
                 text = f"{entry.touching} of {len(entry.after)}"
             elif not math.isnan(middle):
                 text = with_interval(f"{middle:.3f}", interval)
-                if not entry.is_bound:
+                if entry.competes:
                     best = number == first or tests[first, number] >= LEVEL
                     text = f"**{text}**" if best else text
                 values.setdefault(entry.name, []).append(middle)

@@ -8,9 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from ....models import CHANGES
+from ....models import CHANGES, Kinematics
 from ...analysis import intervals
 from ...analysis.survival import kaplan_meier
+from ...experiment.experiment import Experiment
+from ...experiment.overrides import overrides_of
 from ...reporting import style
 from ...reporting.markdown import MEANS, probability, table, with_interval
 from ..study import Page
@@ -29,14 +31,19 @@ from .recovery import (
 _SHOWN = ("trained-noise", "trained-quiet")  # arms in the figure, besides the controls
 
 
-def page(changes: Mapping[str, Arms], seed: int) -> Page:
+def page(changes: Mapping[str, Arms], experiment: Experiment) -> Page:
     """Returns the page made from the finished arms.
 
     Args:
       changes: Recovery by change and arm.
-      seed: Seed of the lives.
+      experiment: Experiment of the lives.
     """
-    lines = [f"Old brains in a changed body (docs/plans/wear.md). Seed {seed}.", ""]
+    simulator = "MuJoCo"
+    if experiment.body == "kinematic":
+        kinematics = overrides_of(experiment.kinematics, Kinematics())
+        simulator = " ".join(["Kinematic simulator", *kinematics])
+    told = f"{simulator}; seed {experiment.seed}."
+    lines = [f"Old brains in a changed body (docs/plans/wear.md). {told}", ""]
     figures = {}
     for change, found in changes.items():
         arms = {name: found[name] for name in ARMS if name in found}
@@ -138,7 +145,7 @@ def _goal(arms: Arms) -> list[str]:
     if math.isnan(newborns) or not medians:
         return []
     best = min(medians, key=medians.__getitem__)
-    met = medians[best] <= newborns / 4
+    met = medians[best] <= min(newborns, END) / 4  # a median after the last probe is unknown
     return [
         f"Goal, a quarter of the newborns' median: {'met' if met else 'not met'}; the best arm, "
         f"`{best}`, has {_plain(medians[best])} minutes, newborns have {_plain(newborns)}.",

@@ -12,7 +12,7 @@ from ...analysis import intervals
 from ...analysis.hypothesis_tests import holm
 from ...analysis.intervals import Interval
 from ...analysis.survival import Durations, log_rank, restricted
-from .arms import FACTORS, NEWBORN, pairs
+from .arms import FACTORS, FROZEN, NEWBORN, pairs
 from .probes import PERIODS, PROBE
 
 ALPHA = 0.05
@@ -53,6 +53,12 @@ class Recovery:
         observed = (~np.isnan(shares)).sum(axis=0) - 1  # probes before the robot was stopped
         probes = np.where(happened, reached.argmax(axis=0), observed)
         return Durations(probes * float(PROBE.minutes), happened)
+
+    @property
+    def unharmed(self) -> float:
+        """Share of the robots that had learned whose first probe was a recovery; NaN for none."""
+        times = self.durations
+        return float((times.happened & (times.times == 0)).mean()) if len(times) else math.nan
 
     @property
     def minutes(self) -> np.ndarray:
@@ -163,6 +169,9 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
         return "No noise pair with a trained memory is finished."
     if not all(len(arms[name].durations) for pair in own for name in (pair.first, pair.second)):
         return "Nothing can be told: no robot had learned."
+    spared = [FROZEN] if FROZEN in arms else [n for pair in own for n in (pair.first, pair.second)]
+    if all(arms[name].unharmed > 0.5 for name in spared):
+        return "Nothing can be told: the change cost most robots nothing."
     signs = {pair.first: pair.sign for pair in own}
     faster = {name for name, sign in signs.items() if sign < 0}
     slower = {name for name, sign in signs.items() if sign > 0}
@@ -174,8 +183,8 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
         return "Noise helps, but is not essential."
     if without and faster == without:
         return (
-            "The claim fails: noise helps only where nothing else is new, so novelty need not come "
-            "from noise."
+            "The claim fails: noise speeds recovery only where no ideas are random, so novelty need "
+            "not come from noise."
         )
     if slower and not faster:
         return "The claim fails: noise hinders."

@@ -16,6 +16,7 @@ from ...experiment.overrides import named_brain, with_overrides
 from ...experiment.plan import Plan, default_cohort_size
 from ...shared_options import KinematicsOption, option
 from ...simulation.jobs import Job
+from ...terminal import notice
 from ..study import Page, Study, check_positive
 from . import page as pages
 from .arms import ARMS
@@ -98,9 +99,13 @@ class Wear(Study):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: the lives that are needed, then all arms."""
-        left = [job for job in self._branches(out) if not job.done()]
+        branches = self._branches(out)
+        finished = [job for job in branches if job.done()]
+        left = [job for job in branches if job not in finished]
         yield [life for life in self._lives(out) if any(job.life == life for job in left)]
-        yield self._branches(out)
+        if again := [str(job) for job in finished if not job.done()]:
+            notice(f"these have other brains than the new lives, so they run again: {again}")
+        yield branches
 
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
@@ -112,7 +117,7 @@ class Wear(Study):
             shares = [one for job in jobs if (one := job.shares()) is not None]
             if len(shares) == len(jobs):
                 found[change][arm] = Recovery.of(shares)
-        return pages.page(found, self.seed)
+        return pages.page(found, self.experiment)
 
     def _lives(self, out: Path) -> list[LifeJob]:
         folder, size = out / LIVES, self.experiment.cohort_size
