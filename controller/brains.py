@@ -121,7 +121,7 @@ class Parts:
       lesson: Function that returns the memory's target action and learn rates; None for a memory
         that does not learn.
       proposer: Action proposer.
-      exploration: Source of the exploratory actions during training.
+      exploration: Source of the exploratory actions.
       epsilon: Probability of an exploratory action, as a function of the number of training steps.
       learn_rate: Learn rate of the evaluation network, as a function of the number of training
         steps.

@@ -168,7 +168,7 @@ class CreativeMemory:
           state: Network inputs, shape (B, I).
           action: Motor values to learn, shape (B, 2).
           rates: Learn rate of each robot, shape (B,); negative to unlearn the action, 0 for a
-            robot that does not learn.
+            robot that does not learn. With Adam only 1 or 0: its learn rate is `rate`.
           rate: Factor by which all learn rates are multiplied.
         """
         hidden, sums = self.networks.forward(state)

@@ -14,7 +14,7 @@ from .parameters import Parameters
 from .step import Step
 
 
-def td_error(target: Tensor, value: Tensor, learning: Tensor | float) -> Tensor:
+def td_error(target: Tensor, value: Tensor, learning: Tensor) -> Tensor:
     """Returns the TD error of Eq. 1, shape (B,).
 
     Args:
@@ -85,7 +85,7 @@ class EvaluationNetwork:
         inputs: int,
         generator: torch.Generator,
         optimizer: Callable[[Networks], Optimizer] = SGD,
-        td_error: Callable[[Tensor, Tensor, Tensor | float], Tensor] = td_error,
+        td_error: Callable[[Tensor, Tensor, Tensor], Tensor] = td_error,
     ) -> None:
         """Draws the initial networks.
 
@@ -123,7 +123,7 @@ class EvaluationNetwork:
         state: Tensor,
         action: Tensor,
         target: Tensor,
-        learning: Tensor | float,
+        learning: Tensor,
         rate: float,
     ) -> Tensor:
         """Learns from one step by TD(0) (Eq. 1): w += eta [target - V] grad V.

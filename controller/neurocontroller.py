@@ -124,6 +124,8 @@ class Neurocontroller:
     def forget_step(self, robots: Tensor | None = None) -> None:
         """Prevents learning across the next step, for robots that are placed elsewhere.
 
+        A recurrent context and an exploratory action that has begun go on.
+
         Args:
           robots: Indices of the robots concerned; None for all.
         """
@@ -170,7 +172,8 @@ class Neurocontroller:
         """Overwrites all weights and biases.
 
         Args:
-          tensors: Weights and biases, named as by `networks`.
+          tensors: Weights and biases, named as by `networks`; further ones are ignored, so that a
+            brain with another proposer can take them.
 
         Raises:
           ValueError: A tensor is missing or has the wrong shape.

@@ -12,7 +12,8 @@ class NoisePatterns:
     A pattern has exactly n = round(share * N) of N connections at +noise or -noise, and the
     others at 0; positions and signs are uniform. A pool of `POOL` patterns is drawn at once,
     every idea takes one of them at random, and the pool is redrawn every `LIFETIME` steps. Each
-    idea has the distribution of an individual draw, at a tenth of the cost. Two ideas are equal
+    idea has the distribution of an individual draw; for 50 robots or more it takes a tenth of the
+    time. Two ideas are equal
     with a probability of 1 in `POOL`, more often than individual draws would be.
     """
 

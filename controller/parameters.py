@@ -6,6 +6,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 ActivationName = Literal["logistic", "tanh"]
 RewardForm = Literal["signal", "difference"]
 Bootstrap = Literal["on_policy", "max"]
@@ -206,7 +208,7 @@ class Parameters:
     context_neurons: int = whole(0, 0, 100)
 
     def __post_init__(self) -> None:
-        """Checks every field.
+        """Checks every field; numbers of NumPy become Python's.
 
         Raises:
           ValueError: A field is out of its range, for example
@@ -214,12 +216,21 @@ class Parameters:
         """
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
+            if isinstance(value, np.generic):
+                value = value.item()
+                object.__setattr__(self, field.name, value)
             if not field.metadata["allows"](value):
                 must = field.metadata["must"]
                 raise ValueError(f"{field.name} must {must}, got {shown(value)}")
         self._check_proposals()
         if self.noise_adaptation:
             self._check_adaptation()
+        if self.separate_smell and self.context_neurons:  # the context would carry the smell
+            raise ValueError("separate_smell and context_neurons exclude each other")
+        if self.separate_smell and self.evaluation_hidden < 2:
+            raise ValueError("separate_smell needs evaluation_hidden of at least 2, got 1")
+        if self.stopping_steps and self.test_epsilon:
+            raise ValueError("stopping_steps and test_epsilon exclude each other")
 
     def _check_proposals(self) -> None:
         """Raises ValueError where fields that decide the proposed actions exclude each other."""
@@ -247,10 +258,11 @@ class Parameters:
             raise ValueError(f"noise_adaptation needs novelty 'connections', got {self.novelty!r}")
         if not self.keep_main_idea:
             raise ValueError("noise_adaptation needs keep_main_idea, to compare the ideas with it")
-        if not self.noise:
-            raise ValueError("noise_adaptation needs a noise above 0, got 0")
-        if self.own_ideas < 2:
-            raise ValueError("noise_adaptation needs at least 2 ideas of the memory, got 1")
+        if self.has_one_idea:
+            raise ValueError(
+                "noise_adaptation needs noise and noisy_share above 0, and at least 2 ideas of the "
+                "memory"
+            )
         if self.stopping_steps:
             raise ValueError("noise_adaptation and stopping_steps exclude each other")
 

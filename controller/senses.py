@@ -25,11 +25,13 @@ class Signal:
     maximal: float | None = None
 
     def __post_init__(self) -> None:
-        """Raises ValueError if the range is empty or `maximal` is not positive."""
+        """Raises ValueError for an empty range, or one that cannot saturate."""
         if not self.low < self.high:
             raise ValueError(f"low must be less than high, got {self.low} and {self.high}")
         if self.maximal is not None and not self.maximal > 0:
             raise ValueError(f"maximal must be positive, got {self.maximal}")
+        if self.maximal is not None and self.low < 0:
+            raise ValueError(f"a signal that saturates is not negative, got low {self.low}")
 
     @property
     def saturated(self) -> float:

@@ -2,7 +2,7 @@
 
 It has the floor, the walls and the sensors of the MuJoCo body, so that a comparison of both
 separates the effects of physics from those of the brain. `Kinematics` sets the contact rule and
-the motion at a wall. The paper's own simulator was of this kind. The functions take arrays of
+the motion at a wall. The functions take arrays of
 NumPy, or tensors of PyTorch on any device, and return the same kind.
 """
 
@@ -81,7 +81,7 @@ class Kinematics:
         for name in ("radius", "wheel_base"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
-                raise ValueError(f"{name} must be positive, got {value}")
+                raise ValueError(f"{name} must be finite and positive, got {value}")
         for name, allowed in (
             ("wall", WALLS),
             ("felt", get_args(Felt)),
@@ -92,7 +92,7 @@ class Kinematics:
                     f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
                 )
         if not 0 <= self.lag < np.inf:
-            raise ValueError(f"lag must not be negative, got {self.lag}")
+            raise ValueError(f"lag must be finite and not negative, got {self.lag}")
         if not isinstance(self.any_contact, bool):
             raise ValueError(f"any_contact must be true or false, got {self.any_contact!r}")
         if type(self.pieces) is not int or self.pieces < 1:

@@ -24,11 +24,11 @@ class Adam:
         self._steps = torch.zeros(len(weights), 1)
 
     def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor | float
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor
     ) -> None:
         """See `Optimizer.ascend`."""
         gradient = self._networks.gradient(inputs, hidden, steps)
-        on = torch.as_tensor(learning, device=gradient.device).expand(len(gradient))[:, None]
+        on = learning[:, None]
         self._steps += on
         self._mean += (1 - self.MEAN_DECAY) * on * (gradient - self._mean)
         self._square += (1 - self.SQUARE_DECAY) * on * (gradient.square_() - self._square)

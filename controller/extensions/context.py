@@ -25,7 +25,6 @@ class EchoContext:
     and Siewert, Neural Networks 20 (2007). The rates and the scale of U are ours.
 
     Attributes:
-      units: Number C of units.
       values: Values x of the units, shape (B, C); 0 at birth.
     """
 
@@ -41,7 +40,6 @@ class EchoContext:
           units: Number C of units.
           generator: Random stream of the connections.
         """
-        self.units = units
         self.values = torch.zeros(robots, units)
         recurrent = torch.rand(robots, units, units, generator=generator) * 2 - 1
         radius = torch.linalg.eigvals(recurrent).abs().amax(dim=1)

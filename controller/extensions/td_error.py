@@ -14,6 +14,6 @@ class LimitedTDError:
         """Takes the largest magnitude of the error."""
         self._limit = limit
 
-    def __call__(self, target: Tensor, value: Tensor, learning: Tensor | float) -> Tensor:
+    def __call__(self, target: Tensor, value: Tensor, learning: Tensor) -> Tensor:
         """See `evaluation_network.td_error`."""
         return td_error(target, value, learning).clamp(-self._limit, self._limit)

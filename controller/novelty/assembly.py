@@ -9,14 +9,14 @@ import torch
 from torch import Tensor
 
 from ..creative_memory import CreativeMemory, Memory
-from ..extensions.random_ideas import WithRandomIdeas
 from ..networks import Networks
 from ..optimizers import Optimizer
 from ..parameters import Parameters
 from ..proposers import ActionProposer, CreativeActions, RandomActions
 from .action_noise import ActionNoise
 from .cross_entropy import CrossEntropy
-from .main_idea import MainIdeaCopies, WithMainIdea
+from .joined import Joined
+from .main_idea import MainIdeaCopies
 from .proposal_distribution import ProposalDistribution
 from .sobol import SobolActions
 
@@ -71,9 +71,9 @@ def make_creative(
         own = _others(p.novelty, others, memory, values, generator)
         if p.keep_main_idea:
             assert memory is not None
-            own = WithMainIdea(memory, own)
+            own = Joined(MainIdeaCopies(memory, 1), own)
     if p.random_ideas:
-        return WithRandomIdeas(own, RandomActions(p.random_ideas, generator))
+        return Joined(own, RandomActions(p.random_ideas, generator))
     return own
 
 

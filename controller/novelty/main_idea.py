@@ -1,12 +1,10 @@
-"""The memory's main idea among the proposed actions: once before others, or in every place."""
+"""The memory's main idea among the proposed actions."""
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from ..creative_memory import Memory
-from ..proposers import ActionProposer
 
 
 class MainIdeaCopies:
@@ -25,20 +23,3 @@ class MainIdeaCopies:
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""
         return self._memory.recall(state)[:, None].repeat(1, self._count, 1)
-
-
-class WithMainIdea:
-    """Proposes the memory's main idea, followed by the actions of another proposer.
-
-    The maximum is over as many distinct actions as there are places.
-    """
-
-    def __init__(self, memory: Memory, others: ActionProposer) -> None:
-        """Takes the memory, and the proposer of the other actions."""
-        self._memory = memory
-        self._others = others
-
-    def propose(self, state: Tensor) -> Tensor:
-        """See `ActionProposer.propose`."""
-        main = self._memory.recall(state)[:, None]
-        return torch.cat([main, self._others.propose(state)], dim=1)

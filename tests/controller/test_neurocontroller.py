@@ -240,7 +240,7 @@ def test_robots_behave_the_same_alone_and_in_a_batch():
             torch.testing.assert_close(tensor, own, atol=1e-5, rtol=1e-5)
 
 
-SENSES = Senses((Signal(-1.0, 1.0, 10.0), *[Signal(-1.0, 1.0)] * 4), Signal(-1.0, 1.0, 10.0))
+SENSES = Senses((Signal(0.0, 1.0, 10.0), *[Signal(-1.0, 1.0)] * 4), Signal(0.0, 1.0, 10.0))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from musebot.controller import Parameters
@@ -149,6 +150,12 @@ def test_an_error_names_the_field_its_range_and_the_value(name, value, message):
 def test_the_random_ideas_are_rounded_and_leave_one_idea_to_the_memory(count, random):
     assert Parameters(ideas=count, random_share=0.32).random_ideas == random
     assert Parameters(ideas=count, random_share=0.99).random_ideas == count - 1
+
+
+def test_numbers_of_numpy_become_pythons():
+    own = Parameters(epsilon=np.float64(0.5), ideas=np.int64(3), raw_signals=np.bool_(True))
+    assert own == Parameters(epsilon=0.5, ideas=3, raw_signals=True)
+    assert [type(x) for x in (own.epsilon, own.ideas, own.raw_signals)] == [float, int, bool]
 
 
 def test_parameters_cannot_be_changed():

@@ -21,6 +21,11 @@ def test_an_empty_range_and_a_maximum_that_is_not_positive_are_refused(numbers):
         Signal(*numbers)
 
 
+def test_a_signal_that_saturates_cannot_be_negative():
+    with pytest.raises(ValueError, match="a signal that saturates is not negative, got low -1"):
+        Signal(-1.0, 1.0, 10.0)  # the raw signal of a punishment would be 0
+
+
 def test_a_signal_saturates_at_the_maximal_raw_signal():
     assert Signal(0.0, 1.0, 10.0).saturated == 10 / 11
     assert Signal(0.0, 1.0).saturated == float("inf")

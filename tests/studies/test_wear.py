@@ -214,7 +214,7 @@ def test_more_robots_and_arms_are_added_to_a_study(finished, tmp_path, here):
         (["--arm", FROZEN, FROZEN], "arm must name different ones, got frozen frozen"),
         (["--robots", "0"], "robots must be at least 1, got 0"),
         (["--time-scale", "0"], "the time scale must lie in"),
-        (["--kinematics", "lag=-1"], "lag must not be negative"),
+        (["--kinematics", "lag=-1"], "lag must be finite and not negative"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(words, sentence, tmp_path, capsys):

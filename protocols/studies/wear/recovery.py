@@ -183,8 +183,8 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
         return "Noise helps, but is not essential."
     if without and faster == without:
         return (
-            "The claim fails: noise speeds recovery only where no ideas are random, so novelty need "
-            "not come from noise."
+            "The claim fails: noise speeds recovery only where no ideas are random, so novelty "
+            "need not come from noise."
         )
     if slower and not faster:
         return "The claim fails: noise hinders."

@@ -22,13 +22,6 @@ def distribution(robots=3, seed=0):
     return ProposalDistribution(BEST, robots, 2, torch.Generator().manual_seed(seed))
 
 
-@pytest.fixture
-def double_precision():
-    torch.set_default_dtype(torch.float64)
-    yield
-    torch.set_default_dtype(torch.float32)
-
-
 @pytest.mark.usefixtures("double_precision")
 def test_a_step_follows_the_gradient_of_log_density_and_entropy():
     own = distribution()

@@ -12,7 +12,8 @@ from scipy import stats
 from musebot.controller import BRAINS, CreativeMemory, Neurocontroller, Parameters, RandomActions
 from musebot.controller.novelty.action_noise import ActionNoise, cholesky_factor
 from musebot.controller.novelty.cross_entropy import CrossEntropy
-from musebot.controller.novelty.main_idea import MainIdeaCopies, WithMainIdea
+from musebot.controller.novelty.joined import Joined
+from musebot.controller.novelty.main_idea import MainIdeaCopies
 from musebot.controller.novelty.sobol import SobolActions
 from musebot.controller.senses import Senses, Signal
 
@@ -68,7 +69,7 @@ def test_copies_are_the_main_idea():
 def test_the_main_idea_precedes_other_actions():
     memory = CreativeMemory(Parameters(), 2, 3, seeded())
     state = torch.rand(2, 3, generator=seeded(1))
-    proposed = WithMainIdea(memory, RandomActions(4, seeded(7))).propose(state)
+    proposed = Joined(MainIdeaCopies(memory, 1), RandomActions(4, seeded(7))).propose(state)
     assert torch.equal(proposed[:, 0], memory.recall(state))
     assert torch.equal(proposed[:, 1:], RandomActions(4, seeded(7)).propose(state))
 
@@ -308,15 +309,31 @@ def test_uniform_ideas_without_the_main_idea_are_those_of_the_random_proposer():
         ),
         (
             {"noise_adaptation": 0.1, "keep_main_idea": True, "noise": 0},
-            "noise_adaptation needs a noise above 0",
+            "noise_adaptation needs noise and noisy_share above 0",
+        ),
+        (
+            {"noise_adaptation": 0.1, "keep_main_idea": True, "noisy_share": 0},
+            "noise_adaptation needs noise and noisy_share above 0",
         ),
         (
             {"noise_adaptation": 0.1, "keep_main_idea": True, "ideas": 1},
-            "noise_adaptation needs at least 2 ideas of the memory, got 1",
+            "noise_adaptation needs .* at least 2 ideas of the memory$",
         ),
         (
             {"noise_adaptation": 0.1, "keep_main_idea": True, "stopping_steps": 5},
             "noise_adaptation and stopping_steps exclude each other",
+        ),
+        (
+            {"separate_smell": True, "context_neurons": 2},
+            "separate_smell and context_neurons exclude each other",
+        ),
+        (
+            {"separate_smell": True, "evaluation_hidden": 1},
+            "separate_smell needs evaluation_hidden of at least 2",
+        ),
+        (
+            {"stopping_steps": 5, "test_epsilon": 0.1},
+            "stopping_steps and test_epsilon exclude each other",
         ),
     ],
 )
