@@ -95,7 +95,7 @@ def _yaml(text: str) -> Any:
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, [*"-+.0123456789"])
     try:
         return yaml.load(text, Loader)  # a SafeLoader: it makes plain data only
-    except (yaml.YAMLError, TypeError) as error:
+    except (yaml.YAMLError, TypeError, LookupError, AttributeError) as error:
         raise ValueError(str(error)) from error
 
 

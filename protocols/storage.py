@@ -446,5 +446,5 @@ def digest(arrays: Mapping[str, np.ndarray], notes: str = "") -> str:
     content = hashlib.blake2b(notes.encode(), digest_size=16)
     for name, array in sorted(arrays.items()):
         content.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        content.update(np.ascontiguousarray(array).tobytes())
+        content.update(np.ascontiguousarray(array).data)
     return content.hexdigest()

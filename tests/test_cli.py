@@ -186,7 +186,7 @@ def test_tables_as_json_hold_both(run, capsys):
     ("arguments", "words"),
     [
         (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding, got 'dancing'"),
-        (["--proposer", "magic"], "there is no agent 'magic'"),
+        (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
         (["--proposer", "fixed", "--proposer=random"], "--proposer is given twice"),
         (["--time-scale", "0.1", "--time_scale", "0.2"], "--time-scale is given twice"),
         (["--robots", "0"], "robots must be at least 1, got 0"),
@@ -239,6 +239,10 @@ def test_tables_as_json_hold_both(run, capsys):
             "the protocol continual has only spot_finding, got wall_avoidance",
         ),
         (["--agent", "hand"], "there is no agent 'hand': did you mean hand_coded?"),
+        (
+            ["--agent", "dqn", "--robots=100000", "--cohort-size=100000"],
+            "dqn would need about",
+        ),
     ],
 )
 def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, tmp_path, capsys):
@@ -247,6 +251,24 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(arguments, words, 
     assert words in message
     assert message.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_prime_number_of_robots_may_be_one_cohort(tmp_path, capsys, commands_in_process):
+    command = ["run", str(tmp_path / "prime"), "--robots", "251"]
+    assert cli.main(command) == 2
+    assert "or name a cohort size" in capsys.readouterr().err
+    tiny = "--cohort-size 251 --time-scale 0.0001 --task spot_finding --proposer fixed".split()
+    assert cli.main([*command, *tiny, "--body", "kinematic"]) == 0
+
+
+def test_settings_of_an_agent_may_be_given_in_any_order(tmp_path, commands_in_process):
+    file = tmp_path / "run.yaml"
+    file.write_text("experiment: {time_scale: 0.001, settings: [rate=0.1, discount=0.8]}\n")
+    tiny = ["--agent", "sarsa_lambda", "--robots", "1", "--task", "spot_finding"]
+    command = ["run", str(tmp_path / "out"), *tiny]
+    assert cli.main([*command, "--config", str(file)]) == 0
+    assert cli.main([*command, "--agent-set", "discount=0.8", "rate=0.1"]) == 0
+    assert cli.main([*command, "--agent-set", "discount=0.9", "rate=0.1"]) == 2
 
 
 def test_a_reading_of_the_paper_is_recorded_and_options_differ_from_it(

@@ -107,6 +107,9 @@ ALIASES = "experiment: [&a0 [x, x, x]" + "".join(
         ("experiment: {seed: one}", "seed must be a whole number, got 'one'"),
         ("experiment: {seed: 1, seed: 2}", "seed is given twice"),
         ("experiment: {seed: 1", "cannot be read (while parsing"),
+        ("experiment: {seed: !!bool perhaps}", "cannot be read"),
+        ("experiment: {seed: !!int ''}", "cannot be read"),
+        ("experiment: {seed: !!timestamp now}", "cannot be read"),
         ("experiment: !!python/object:os.system {}", "cannot be read (could not determine"),
         ("plan: {a: 1}", "plan must be a list of rows"),
         (

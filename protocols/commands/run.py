@@ -145,7 +145,7 @@ class RunCommand:
             raise InputError(f"save-every must be positive, got {self.save_every}")
         config = read_config(self.config) if self.config else Config()
         held = planned(self.out)
-        trust(*map(recorded_name, (*self.proposer, *self.agent)))
+        trust(*self.proposer, *map(recorded_name, self.agent))
         if self.trust_agent:
             trust(*(recorded_name(proposer) for _, proposer in config.robots))
             trust(*(condition.proposer for condition in held.robots) if held else ())
@@ -189,9 +189,8 @@ class RunCommand:
             experiment = held.experiment
             check_same_experiment(self.out, experiment, wanted)
         else:
-            wanted.setdefault(
-                "cohort_size", default_cohort_size(math.gcd(*rows.values()) or robots)
-            )
+            if "cohort_size" not in wanted:
+                wanted["cohort_size"] = default_cohort_size(math.gcd(*rows.values()) or robots)
             experiment = Experiment(**wanted)
         if rows:
             return Plan(experiment, rows)

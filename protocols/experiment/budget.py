@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ...controller.noise import NoisePatterns
 from ..errors import InputError
+from ..storage import MOST_BYTES
 from .networks import network_shapes
 
 if TYPE_CHECKING:
@@ -93,8 +94,16 @@ def check_agent_memory(plan: Plan, condition: Condition, state: int, weights: in
     """
     robots = plan.robots[condition]
     kept = 2 * weights * robots // plan.experiment.cohort_size  # before and after training
-    _check_fits(f"a cohort of {condition}", _COPIES * state)
-    _check_fits(f"{robots} robots of {condition}", _COPIES * kept)
+    for what, size in (
+        (f"a cohort of {condition}", state),
+        (f"{robots} robots of {condition}", kept),
+    ):
+        _check_fits(what, _COPIES * size)
+        if size > MOST_BYTES:
+            raise InputError(
+                f"{what} would need a file of {size / 2**30:.1f} GiB; files may have "
+                f"{MOST_BYTES / 2**30:.0f} GiB"
+            )
 
 
 def _check_fits(what: str, needed: int) -> None:

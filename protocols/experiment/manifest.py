@@ -156,6 +156,8 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
     for name, value in wanted.items():
         if value == (own := getattr(held, name)):
             continue
+        if name == "settings" and sorted(value) == sorted(own):
+            continue
         if name == "brain":
             own, value = held.brain_name, brain_name(value)
         if name == "kinematics":

@@ -90,7 +90,7 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
     output = resolved_file(output)
     fps = _check_output(output).fps
     count = frame_count(seconds, speed, episode.seconds, fps)
-    with contextlib.closing(Scene(episode.task, episode.batch.dimensions.half_length)) as scene:
+    with contextlib.closing(Scene(episode.task, episode.batch.dimensions)) as scene:
         notice(f"drawing with {scene.renderer}")
         if count < round(seconds * fps):
             notice(f"the episode lasts {episode.seconds:g} s, so the film lasts {count / fps:g} s")

@@ -7,7 +7,7 @@ import dataclasses
 import mujoco
 import numpy as np
 
-from ...models import enlarge, half_size, robot_qpos
+from ...models import Dimensions, centre_nose, enlarge, half_size, robot_qpos
 from ...tasks.rules import RANGEFINDERS
 from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
@@ -61,19 +61,21 @@ class Scene:
       renderer: Name that OpenGL reports for its renderer.
     """
 
-    def __init__(self, task: str, half_length: float | None = None) -> None:
+    def __init__(self, task: str, dimensions: Dimensions | None = None) -> None:
         """Compiles the arena of a task.
 
         Args:
           task: Task of the domain "arena".
-          half_length: Half of the arena's length in [m], if it is enlarged.
+          dimensions: Dimensions of the robots' model; None for the task's own.
 
         Raises:
           InputError: there is no EGL.
         """
         spec = TASKS[task].spec()
-        if half_length and (factor := half_length / half_size(spec)[0]) > 1:
+        if dimensions and (factor := dimensions.half_length / half_size(spec)[0]) > 1:
             enlarge(spec, factor)
+        if dimensions and dimensions.nose == 0:
+            centre_nose(spec)
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._rules = TASKS[task].rules.of(self._model)

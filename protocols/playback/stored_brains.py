@@ -123,9 +123,7 @@ def robots_named(task: str, proposer: str | None, agent: str | None) -> Conditio
     """
     if proposer and agent:
         raise InputError("a robot has a proposer or an agent, not both")
-    if not agent:
-        return Condition(task, proposer or "creative")
-    name = recorded_name(agent)
+    name = recorded_name(agent) if agent else proposer or "creative"
     trust(name)
     return Condition(task, name)
 

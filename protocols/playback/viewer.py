@@ -62,6 +62,10 @@ class Driver:
             raise InputError(
                 f"the window shows the ordinary arena, got one {scale:g} times as large"
             )
+        if experiment.nose_place != "front":
+            raise InputError(
+                f"the window shows the nose at the front, got one at the {experiment.nose_place}"
+            )
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
         task = experiment.arena_task(condition.task)
         return cls(name, Sensing(robot.act), experiment.nose, task)

@@ -11,9 +11,10 @@ from ...models.arrays import namespace
 from ...tasks.batch import Robots
 from ...tasks.tensors.parts import Part
 from ..agents.factory import make_agent
+from ..agents.names import is_own
 from ..errors import InputError
 from ..experiment.budget import check_agent_memory, check_memory
-from ..experiment.conditions import CohortKey
+from ..experiment.conditions import CohortKey, Condition
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Plan
 from ..experiment.random_streams import random_streams
@@ -260,6 +261,16 @@ def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:
     }
 
 
+def _check_one(plan: Plan, condition: Condition) -> None:
+    """Estimates the memory of a cohort's agent from that of one robot, before it is allocated."""
+    experiment = plan.experiment
+    if not is_own(condition.proposer) or any("," in word for word in experiment.settings):
+        return  # a user's agent may need all robots, and so do settings in which robots differ
+    agent = make_agent(experiment, condition, 1, 0)
+    sizes = (sum(x.nbytes for x in some.values()) for some in (agent.state(), agent.weights()))
+    check_agent_memory(plan, condition, *(size * experiment.cohort_size for size in sizes))
+
+
 def check_agents(plan: Plan, held: Results | None = None) -> None:
     """Makes a cohort of every user's agent in a plan and lets the agent act once.
 
@@ -275,6 +286,7 @@ def check_agents(plan: Plan, held: Results | None = None) -> None:
     for condition in plan.conditions:
         if condition.has_brain:
             continue
+        _check_one(plan, condition)
         cohort = Cohort(plan.experiment, CohortKey(condition, 0))
         cohort.agent.reset()
         state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)

@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import Interrupted, RunError
 from ..terminal import JobProgress
 from .jobs import Job, run_job
-from .signals import StopRequest, stop_on_signals
+from .signals import StopRequest, handling, stop_on_signals
 from .worker import (
     children_without_script,
     follow_parent,
@@ -49,7 +49,8 @@ class Local:
             stop_on_signals() as request,
             ProcessPoolExecutor(count, context, _prepare, (stop, reports)) as pool,
         ):
-            with children_without_script():
+            # Workers inherit this until `_prepare`: Ctrl-C reaches them, too, while they import.
+            with children_without_script(), handling(signal.SIG_IGN, signal.SIGINT):
                 waiting = {pool.submit(_run, *each): each[1] for each in enumerate(jobs)}
                 workers = {*multiprocessing.active_children()} - others
             complete = True

@@ -34,7 +34,9 @@ def stop_on_signals() -> Iterator[StopRequest]:
 
 
 @contextlib.contextmanager
-def handling(handler: Callable[[int, object], None], *numbers: signal.Signals) -> Iterator[None]:
+def handling(
+    handler: Callable[[int, object], None] | signal.Handlers, *numbers: signal.Signals
+) -> Iterator[None]:
     """Lets a handler receive signals; only the main thread has them, others change nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -72,7 +72,7 @@ def follow_parent() -> None:
 def stopped_by(error: Exception) -> RunError:
     """Returns the error that says in one sentence what stopped a simulation."""
     what = (
-        f"a file could not be written ({error})"
+        f"a file could not be read or written ({error})"
         if isinstance(error, OSError)
         else "a process died, perhaps for want of memory"
     )

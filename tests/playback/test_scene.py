@@ -80,18 +80,25 @@ def test_signal_is_grey_at_0_and_hot_at_1():
     assert scene.heat(0.5, hot) == scene.AMBER
 
 
-def test_the_walls_of_a_larger_arena_are_drawn_where_they_are(egl: None) -> None:
+def test_the_walls_of_a_larger_arena_and_a_nose_at_the_centre_are_drawn_where_they_are(
+    egl: None,
+) -> None:
     command = (
         "from musebot.protocols.playback.scene import Scene\n"
-        "from musebot.models import half_size\n"
-        "for half in (None, 0.525, 0.7):\n"
-        "    scene = Scene('spot_finding', half)\n"
-        "    print(*half_size(scene._model))\n"
+        "import dataclasses\n"
+        "from musebot.models import Dimensions, half_size\n"
+        "from musebot.tasks.suite import TASKS\n"
+        "own = Dimensions.of(TASKS['spot_finding'].spec().compile())\n"
+        "larger = dataclasses.replace(own, half_length=0.7)\n"
+        "for dimensions in (None, own, larger, dataclasses.replace(own, nose=0.0)):\n"
+        "    scene = Scene('spot_finding', dimensions)\n"
+        "    print(*half_size(scene._model), scene._model.site('nose').pos[0])\n"
         "    scene.close()\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", command], capture_output=True, text=True, check=True
     )
     sizes = [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
-    assert sizes[0] == sizes[1] == pytest.approx([0.525, 0.35])
-    assert sizes[2] == pytest.approx([0.7, 0.35 * 4 / 3])
+    assert sizes[0] == sizes[1] == pytest.approx([0.525, 0.35, 0.0275])
+    assert sizes[2] == pytest.approx([0.7, 0.35 * 4 / 3, 0.0275])
+    assert sizes[3] == pytest.approx([0.525, 0.35, 0.0])

@@ -49,6 +49,7 @@ def test_unknown_task_or_robot_is_one_sentence(stored, newborn):
     [
         ({"body": "kinematic"}, "the window shows the body mujoco, got a run of kinematic"),
         ({"arena_scale": 2.0}, "the window shows the ordinary arena, got one 2 times as large"),
+        ({"nose_place": "centre"}, "the window shows the nose at the front, got one at the centre"),
         ({"motor_speed": 0.1}, "the window shows the robot's own motor speed, got 0.1 m/s"),
     ],
 )

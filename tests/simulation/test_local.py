@@ -141,7 +141,7 @@ def test_a_signal_stops_the_jobs_and_keeps_what_is_done(how, kinds, tmp_path):
     ("kind", "sentence"),
     [
         ("Die", "a process died, perhaps for want of memory"),
-        ("Fail", "a file could not be written ([Errno 28] No space left on device)"),
+        ("Fail", "a file could not be read or written ([Errno 28] No space left on device)"),
     ],
 )
 def test_a_job_that_cannot_go_on_is_one_sentence(kind, sentence, kinds, tmp_path):

@@ -230,7 +230,7 @@ def test_a_full_disk_is_one_sentence_and_the_run_continues_once_there_is_room(
             check=False,
         )
         assert failed.returncode == 1
-        assert "a file could not be written" in failed.stderr
+        assert "a file could not be read or written" in failed.stderr
         assert "No space left" in failed.stderr
         assert "Traceback" not in failed.stderr
         ballast.unlink()

@@ -56,7 +56,7 @@ def test_a_signal_becomes_a_request_and_the_old_handler_returns(number):
 @pytest.mark.parametrize(
     ("error", "sentence"),
     [
-        (OSError(28, "full"), "a file could not be written ([Errno 28] full)"),
+        (OSError(28, "full"), "a file could not be read or written ([Errno 28] full)"),
         (ValueError(), "a process died, perhaps for want of memory"),
     ],
 )
