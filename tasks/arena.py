@@ -92,7 +92,6 @@ class Task(base.Task):
         physics.place_robot(*robot)
         physics.place_spot(*spot)
         self.steps = 0
-        super().initialize_episode(physics)
 
     def before_step(self, action: np.ndarray, physics: Physics) -> None:
         """Sets the motors, and moves the spot when a jump is due.
@@ -173,6 +172,7 @@ class Environment(control.Environment):
         self.task.episode.start_with(options)  # refuses before anything changes
         self.task.options = options
         timestep = super().reset()
+        self.task.after_step(self.physics)  # dm_control calls it before the pose is in the sensors
         self.lifecycle.become("running")
         return timestep
 

@@ -143,7 +143,10 @@ class Robots(abc.ABC):
 
     @abc.abstractmethod
     def arrays(self) -> dict[str, np.ndarray]:
-        """Returns everything that the next steps depend on, for a checkpoint."""
+        """Returns everything that the next steps depend on, for a checkpoint.
+
+        On the host the arrays themselves, not copies.
+        """
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores a checkpoint; the robots continue from it bit-exactly.
@@ -213,7 +216,7 @@ class Robots(abc.ABC):
 
 
 def copy_arrays(arrays: Mapping[str, np.ndarray], targets: Mapping[str, np.ndarray]) -> None:
-    """Overwrites arrays by others of the same names.
+    """Overwrites arrays by others of the same names, all or none of them.
 
     Raises:
       ValueError: An array is missing or has the wrong shape.
@@ -222,6 +225,7 @@ def copy_arrays(arrays: Mapping[str, np.ndarray], targets: Mapping[str, np.ndarr
         if name not in arrays or arrays[name].shape != target.shape:
             got = f"shape {arrays[name].shape}" if name in arrays else "none"
             raise ValueError(f"{name} must have shape {target.shape}, got {got}")
+    for name, target in targets.items():
         target[:] = arrays[name]
 
 

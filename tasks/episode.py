@@ -168,6 +168,11 @@ class Lifecycle:
         if self.stage == "closed":
             self.refuse()
 
+    def check_running(self) -> None:
+        """Raises RuntimeError unless an episode is under way."""
+        if not self.running:
+            self.refuse()
+
     def refuse(self) -> NoReturn:
         """Raises RuntimeError: says what must be done before the next step."""
         raise RuntimeError(_REFUSALS[self.stage])
@@ -241,7 +246,10 @@ def set_stream_state(random: Random, state: Any) -> None:
 
 
 def check_state(state: Any, like: Mapping[str, Any]) -> None:
-    """Raises ValueError unless a state has the keys, types and shapes of another state."""
+    """Raises ValueError unless a state has the keys, types and shapes of another state.
+
+    A list that is not empty must have as many parts.
+    """
     if not isinstance(state, Mapping) or set(state) != set(like):
         got = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
         raise ValueError(f"state must have the keys {sorted(like)}, got {got}")
@@ -249,6 +257,8 @@ def check_state(state: Any, like: Mapping[str, Any]) -> None:
         if type(state[name]) is not type(own):
             kinds = type(own).__name__, type(state[name]).__name__
             raise ValueError(f"state[{name!r}] must be of type {kinds[0]}, got {kinds[1]}")
+        if isinstance(own, list) and own and len(state[name]) != len(own):
+            raise ValueError(f"state[{name!r}] must have {len(own)} parts, got {len(state[name])}")
         wanted = (own.shape, own.dtype) if isinstance(own, np.ndarray) else None
         if wanted and (state[name].shape, state[name].dtype) != wanted:
             got = state[name].shape, str(state[name].dtype)

@@ -58,6 +58,8 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
         raise ValueError(
             f"spot_seconds must be 0, or at least 0.1 s, got {definition.spot_seconds}"
         )
+    if abs(definition.spot_steps * CONTROL_TIMESTEP - definition.spot_seconds) > 1e-9:
+        raise ValueError(f"spot_seconds must be a multiple of 0.1 s, got {definition.spot_seconds}")
     identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
     if identifier in GYMNASIUM_TASKS:
         raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")

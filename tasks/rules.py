@@ -50,7 +50,15 @@ class SensorLayout:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> SensorLayout:
-        """Reads the layout of a compiled arena."""
+        """Reads the layout of a compiled arena.
+
+        Raises:
+          KeyError: The arena lacks a sensor.
+          ValueError: The rangefinders do not follow each other in the order of `RANGEFINDERS`.
+        """
+        starts = [sensor_slice(model, name, 1).start for name in RANGEFINDERS]
+        if starts != [*range(starts[0], starts[0] + len(starts))]:
+            raise ValueError(f"the sensors {', '.join(RANGEFINDERS)} must stand in this order")
         return cls(
             sensor_slice(model, RANGEFINDERS[0], len(RANGEFINDERS)),
             sensor_slice(model, "touch", 1),

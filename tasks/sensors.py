@@ -68,7 +68,9 @@ class Nose:
     def __post_init__(self) -> None:
         """Raises ValueError, with the field's name, for a value out of range."""
         if self.form not in ("inverse", "printed"):
-            raise ValueError(f"form must be 'inverse' or 'printed', got {self.form!r}")
+            raise ValueError(
+                f"the form of the nose must be 'inverse' or 'printed', got {self.form!r}"
+            )
         for name in ("odour", "frustum", "spot_radius"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")

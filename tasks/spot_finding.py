@@ -76,13 +76,13 @@ class TwoNosesRules(SpotFindingRules):
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns `noses` (..., 2): Eq. 3 of the left and of the right nose."""
-        signals = [self.nose.signal(sensordata[..., side]) for side in (self.left, self.right)]
-        return {"noses": np.stack(signals, axis=-1)}
+        sides = [sensordata[..., side] for side in (self.left, self.right)]
+        return {"noses": self.nose.signal(np.stack(sides, axis=-2))}
 
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the mean of the two signals, in [0, 1)."""
-        left, right = np.moveaxis(self.observations(sensordata)["noses"], -1, 0)
-        return (left + right) / 2
+        noses = self.observations(sensordata)["noses"]
+        return (noses[..., 0] + noses[..., 1]) / 2
 
 
 class SpotAmongWallsRules(SpotFindingRules):

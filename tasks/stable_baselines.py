@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ except ModuleNotFoundError as error:
     ) from error
 
 from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS
-from .gymnasium_env import ArenaVectorEnv
+from .gymnasium_env import INFO, ArenaVectorEnv
+from .gymnasium_env.common import FPS
 
 
 class ArenaVecEnv(VecEnv):
@@ -46,6 +48,8 @@ class ArenaVecEnv(VecEnv):
         self._actions = np.zeros((num_envs, 2), dtype=np.float32)
         robots = self._robots
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
+        told: dict[str, Any] = self.metadata
+        told["render_fps"] = FPS  # `VecVideoRecorder` reads it
 
     def reset(self) -> np.ndarray:
         """Starts an episode of every robot; returns the observations, shape (B, S).
@@ -58,7 +62,8 @@ class ArenaVecEnv(VecEnv):
         first, *others = self._options
         if any(options != first for options in others):
             raise ValueError("options must be the same for all robots of a batch")
-        observations, _ = self._robots.reset(seed=self._seeds, options=first)
+        observations, info = self._robots.reset(seed=self._seeds, options=first)
+        self.reset_infos = [_of(info, robot) for robot in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -68,13 +73,17 @@ class ArenaVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Simulates 0.1 s; returns observations (B, S), rewards (B,), ends (B,) and infos."""
+        """Simulates 0.1 s; returns observations (B, S), rewards (B,), ends (B,) and infos.
+
+        The infos hold the entries of `INFO` at the end of an episode only, to save time.
+        """
         observations, rewards, _, truncations, info = self._robots.step(self._actions)
         infos: list[dict[str, Any]] = [
             {"TimeLimit.truncated": bool(truncated)} for truncated in truncations
         ]
         for robot in np.flatnonzero(truncations):
             infos[robot]["terminal_observation"] = info["final_obs"][robot]
+            infos[robot] |= _of(info["final_info"], robot)
         return observations, rewards.astype(np.float32), truncations, infos
 
     def close(self) -> None:
@@ -103,3 +112,8 @@ class ArenaVecEnv(VecEnv):
     ) -> list[bool]:
         """Returns False for every robot: robots of a batch have no wrappers."""
         return [False] * sum(1 for _ in self._get_indices(indices))
+
+
+def _of(info: Mapping[str, Any], robot: Any) -> dict[str, Any]:
+    """Returns the entries of `INFO` of a robot."""
+    return {name: info[name][robot] for name in INFO}

@@ -124,8 +124,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
           RuntimeError: There was no reset, or the environment is closed.
         """
         environment = self._environment
-        if not environment.lifecycle.running:
-            environment.lifecycle.refuse()
+        environment.lifecycle.check_running()
         timestep = environment.step(action)
         self._show()
         return _state(timestep.observation), timestep.reward, False, False, self._info(1)
@@ -165,15 +164,16 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
           RuntimeError: There was no reset, or none after a PhysicsError, or it is closed.
         """
-        if not self._environment.lifecycle.running:
-            self._environment.lifecycle.refuse()
+        self._environment.lifecycle.check_running()
         counts = {"counts": list(self._counts), "seed": self.np_random_seed}
         return self._environment.get_state() | counts
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues from a state, bit-exactly, see `arena.Environment.set_state`."""
         rest = dict(state) if isinstance(state, Mapping) else {}
-        check_state({k: rest.pop(k, None) for k in ("counts", "seed")}, {"counts": [], "seed": 0})
+        own = {name: rest.pop(name, None) for name in ("counts", "seed")}
+        like: dict[str, Any] = {"counts": [0, 0], "seed": 0}
+        check_state(own, like)
         self._environment.task.reseed(self.np_random)
         self._environment.set_state(rest)
         self._counts, self._np_random_seed = list(state["counts"]), state["seed"]

@@ -91,7 +91,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         nose = kwargs.pop("nose", "inverse")
-        self._batch = make_batch(task, num_envs, nose=nose, threads=threads)
+        robots = 1 if backend == "warp" else num_envs  # Warp needs its model and rules only
+        self._batch = make_batch(task, robots, nose=nose, threads=threads)
         if backend == "warp":
             from ..warp.robots import WarpBatch
 
@@ -144,7 +145,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         Raises:
           TypeError: An option is unknown.
           ValueError: The number of seeds is not the number of robots, a place is outside the arena
-            or inside an obstacle, or the mask leaves out a robot that needs a reset.
+            or inside an obstacle; or the mask is no array of B Booleans with one True, or leaves
+            out robots before the first reset or after a PhysicsError.
           gymnasium.error.Error: A seed is negative.
           RuntimeError: The batch is closed.
         """
@@ -183,8 +185,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             episode has ended was not reset.
         """
         batch = self._batch
-        if not self._lifecycle.running:
-            self._lifecycle.refuse()
+        self._lifecycle.check_running()
         starting = np.flatnonzero(self._over)  # never with SAME_STEP
         motors = self._episode.batch_motors(actions, self.num_envs, starting)
         if len(starting) and self._mode is AutoresetMode.DISABLED:
@@ -301,8 +302,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         Raises:
           RuntimeError: There was no reset, or none after a PhysicsError, or the batch is closed.
         """
-        if not self._lifecycle.running:
-            self._lifecycle.refuse()
+        self._lifecycle.check_running()
         return {
             "batch": self._batch.get_state(),
             "randoms": [stream_state(random) for random in self.np_random],
@@ -324,7 +324,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         """
         self._lifecycle.check_open()
         arrays = {"steps": self._steps, "counts": self._counts, "over": self._over}
-        check_state(state, {"batch": {}, "randoms": [], "seeds": [], **arrays})
+        randoms: list[Any] = [None] * self.num_envs
+        check_state(state, {"batch": {}, "randoms": randoms, "seeds": self._seeds, **arrays})
         check_state(state["batch"], self._batch.arrays())
         for random, one in zip(self.np_random, state["randoms"], strict=True):
             set_stream_state(random, one)

@@ -73,10 +73,10 @@ class KinematicBatch(Robots):
         self._wheels[robots] = 0
         near = self._kinematics.felt == "near"
         self._touch[robots] = touches(self._poses[robots], self.dimensions) if near else 0
-        others = np.delete(np.arange(self.robots), robots)
-        before = self.sensordata[others].copy()
-        self._sense()
-        self.sensordata[others] = before
+        sensed = np.zeros((len(robots), self.sensordata.shape[1]))
+        world = self._poses[robots], self._spots[robots], self._touch[robots]
+        measure(sensed, self.rules.layout, world, self.dimensions)
+        self.sensordata[robots] = np.where(self.valid[robots, None], sensed, 0)
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """See `Robots.place_spot`."""
@@ -86,7 +86,7 @@ class KinematicBatch(Robots):
     def step(self, motors: np.ndarray) -> None:
         """See `Robots.step`."""
         motors = np.clip(self._finite_motors(motors), -0.5, 0.5) * self._gains
-        self._poses, self._wheels[:], self._touch[:] = after_control_step(
+        self._poses[:], self._wheels[:], self._touch[:] = after_control_step(
             self._poses, self._wheels, motors, self._kinematics, self.dimensions
         )
         self._sense()

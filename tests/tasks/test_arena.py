@@ -138,6 +138,18 @@ def test_visualize_reward_changes_colours_only(task):
     )
 
 
+def test_the_first_picture_of_an_episode_shows_its_own_reward():
+    far = {"random": 1, "robot": (-0.4, -0.2, np.pi), "spot": (0.4, 0.2)}  # the nose smells nothing
+    shown, plain = (
+        musebot.load("arena", "spot_finding", far, visualize_reward=flag) for flag in (True, False)
+    )
+    colours = []
+    for environment in (shown, plain):
+        environment.reset()
+        colours.append(environment.physics.named.model.mat_rgba["musebot_shell"].copy())
+    np.testing.assert_array_equal(*colours)
+
+
 def test_environment_kwargs_and_time_limit_are_applied(task):
     environment = musebot.load(
         *task, task_kwargs={"time_limit": 1.0}, environment_kwargs={"flat_observation": True}

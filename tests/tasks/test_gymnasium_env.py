@@ -210,7 +210,7 @@ def test_unknown_names_and_keywords_are_refused_with_the_known_ones():
             make("musebot/WallAvoidance-v0", nose="printed")
         with pytest.raises(TypeError, match=r"\['nose', 'robot', 'spot'\], got \['colour'\]"):
             make("musebot/SpotFinding-v0", colour="red")
-        with pytest.raises(ValueError, match="nose|form must be 'inverse' or 'printed'"):
+        with pytest.raises(ValueError, match="the form of the nose must be 'inverse' or"):
             make("musebot/SpotFinding-v0", nose="long")
     with pytest.raises(ValueError, match=r"must be one of \['rgb_array'\] or None, got 'human'"):
         gymnasium.make_vec("musebot/WallAvoidance-v0", render_mode="human")
@@ -225,7 +225,7 @@ def test_an_unstable_robot_raises_an_error():
     batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 3)
     batch.reset(seed=0)
     batch.unwrapped._batch.arrays()["state"][1, 10:] = np.inf
-    with pytest.raises(Exception, match=r"robots \[1\] became unstable"):
+    with pytest.raises(PhysicsError, match=r"robots \[1\] became unstable"):
         batch.step(np.zeros((3, 2), np.float32))
 
 

@@ -62,7 +62,7 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
     assert musebot.ALL_TASKS == listed and musebot.SUITE["stand_still"].__doc__ == Still.__doc__
 
 
-@pytest.mark.parametrize(("limit", "steps"), [(0.25, 3), (0.14, 2), (0.3, 3)])
+@pytest.mark.parametrize(("limit", "steps"), [(0.25, 3), (0.14, 2), (3 * 0.1, 3)])
 def test_an_episode_has_the_same_length_in_every_interface(limit, steps, forgotten):
     forgotten.append("short")
     musebot.register_task("short", Still, time_limit=limit)
@@ -99,6 +99,13 @@ def test_what_rules_return_is_not_changed_by_later_steps(forgotten):
     np.testing.assert_array_equal(rewards, before)
 
 
+def renamed(spec):
+    """Exchanges the names of two rangefinders."""
+    left, right = spec.sensor("left"), spec.sensor("right")
+    left.name, right.name = "other", "left"
+    left.name = "right"
+
+
 @pytest.mark.parametrize(
     ("name", "rules", "settings", "error", "words"),
     [
@@ -112,6 +119,13 @@ def test_what_rules_return_is_not_changed_by_later_steps(forgotten):
         ("mine", Still, {"spot_seconds": np.nan}, ValueError, "spot_seconds must be 0, or at "),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("touch")),)},
          KeyError, "touch"),
+        ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("back")),)},
+         KeyError, "back"),
+        ("mine", Still, {"edits": (renamed,)},
+         ValueError, "the sensors front, back, left, right must stand in this order"),
+        ("mine", Still, {"edits": (lambda spec: spec.delete(spec.camera("overhead")),)},
+         ValueError, "the arena must have a camera 'overhead', got none"),
+        ("mine", Still, {"spot_seconds": 0.25}, ValueError, "spot_seconds must be a multiple of"),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.geom("north")),)},
          ValueError, "the arena must have a geom 'north', got none"),
         ("mine", Still, {"edits": (lambda spec: spec.body("spot").add_joint(name="slide"),)},

@@ -207,5 +207,6 @@ def test_a_value_out_of_range_is_refused_with_its_name(name, value):
 
 
 def test_an_unknown_form_is_refused():
-    with pytest.raises(ValueError, match="^form must be 'inverse' or 'printed', got 'upright'"):
+    words = "^the form of the nose must be 'inverse' or 'printed', got 'upright'"
+    with pytest.raises(ValueError, match=words):
         Nose(form="upright")

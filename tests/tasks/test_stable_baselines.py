@@ -8,8 +8,9 @@ pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
 import torch  # noqa: E402
 from stable_baselines3 import PPO  # noqa: E402
 from stable_baselines3.common.callbacks import BaseCallback  # noqa: E402
+from stable_baselines3.common.vec_env import VecMonitor  # noqa: E402
 
-from musebot.tasks.gymnasium_env import ArenaVectorEnv  # noqa: E402
+from musebot.tasks.gymnasium_env import INFO, ArenaVectorEnv  # noqa: E402
 from musebot.tasks.stable_baselines import ArenaVecEnv  # noqa: E402
 
 TASK = "wall_avoidance_obstacles"
@@ -32,6 +33,24 @@ def test_it_returns_the_batch_and_the_last_observation_of_an_episode():
     np.testing.assert_array_equal(finals, last)
     # The batch starts the next episode in its next step.
     np.testing.assert_array_equal(observations, batch.step(actions)[0])
+
+
+def test_the_ends_of_episodes_name_what_gymnasium_does_and_films_have_the_tasks_speed():
+    ours = VecMonitor(ArenaVecEnv(TASK, 3, max_episode_steps=4), info_keywords=(*INFO,))
+    batch = ArenaVectorEnv(TASK, 3, max_episode_steps=4)
+    ours.seed(5)
+    ours.reset()
+    _, first = batch.reset(seed=5)
+    assert {*ours.venv.reset_infos[0]} == {*INFO}
+    for name, values in first.items():
+        if name in INFO:
+            np.testing.assert_array_equal([i[name] for i in ours.venv.reset_infos], values)
+    for _ in range(4):
+        infos = ours.step(np.full((3, 2), 0.5, np.float32))[3]
+        last = batch.step(np.full((3, 2), 0.5, np.float32))[4]
+    for name in INFO:
+        np.testing.assert_array_equal([info[name] for info in infos], last[name])
+    assert ours.venv.metadata["render_fps"] == 10
 
 
 def test_attributes_are_those_of_each_robot():
