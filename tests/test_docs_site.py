@@ -156,6 +156,13 @@ def test_the_page_of_a_notebook_has_its_results(generator):
     assert all(files[DOCS / "reference" / "notebooks" / name] for name in pictures)
 
 
+def test_the_example_of_a_brain_alone_runs():
+    (example,) = re.findall(r"```python\n(.*?)```", (DOCS / "faq.md").read_text(), re.DOTALL)
+    found: dict[str, float] = {}
+    exec(example, found)
+    assert abs(found["left"]) <= 0.5 and abs(found["right"]) <= 0.5
+
+
 @pytest.mark.slow
 def test_the_pictures_of_the_installation_page_are_drawn_without_a_display(egl, tmp_path):
     pytest.importorskip("gymnasium", reason="needs the extra `gym`")
