@@ -125,12 +125,11 @@ def invented_results(experiment, rows, seed=0):
     """
     from musebot.protocols.experiment.conditions import Condition
     from musebot.protocols.experiment.networks import network_shapes
-    from musebot.protocols.results.checks import minutes_of_life
     from musebot.protocols.results.results import WHEN, ConditionResults
 
     draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
     schedule = experiment.schedule(condition.task)
-    steps = minutes_of_life(schedule)
+    steps = schedule.steps_of_minutes()
     counts = draw.integers(0, steps + 1, (len(rows), len(steps)))
     for part in ("pre", "post"):
         minutes = schedule.minutes_of(part)

@@ -154,6 +154,8 @@ def draw(sizes: Sequence[PairedTiming], path: Path) -> None:
     """
     from matplotlib.figure import Figure
 
+    from ..reporting.style import write
+
     robots = [timing.setting.robots for timing in sizes]
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.add_subplot()
@@ -167,4 +169,4 @@ def draw(sizes: Sequence[PairedTiming], path: Path) -> None:
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(path)
+    write(figure, path)

@@ -11,11 +11,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from ..errors import RunError
-from ..simulation.worker import prepare_process
+from ..simulation.worker import DIED, prepare_process
 from ..storage import save_arrays
 from .lives import Setting, begin_training, new_cohort
-
-_DIED = "a process died, perhaps because memory ran out"
 
 
 def peak_memory(setting: Setting) -> float:
@@ -35,7 +33,7 @@ def peak_memory(setting: Setting) -> float:
     try:
         return near.recv()
     except EOFError as error:
-        raise RunError(_DIED) from error
+        raise RunError(DIED) from error
     finally:
         process.join()
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
+from ..reporting.markdown import table
+
 
 @dataclasses.dataclass(frozen=True)
 class Section:
@@ -23,6 +25,5 @@ class Section:
 
     def markdown(self) -> str:
         """Returns heading, paragraph and table as Markdown."""
-        rule = ("---", *("---:" for _ in self.head[1:]))
-        table = "\n".join(f"| {' | '.join(row)} |" for row in (self.head, rule, *self.rows))
-        return f"### {self.title}\n\n{self.text}\n\n{table}\n"
+        lines = "\n".join(table([self.head, *self.rows]))
+        return f"### {self.title}\n\n{self.text}\n\n{lines}\n"

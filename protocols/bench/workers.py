@@ -14,11 +14,10 @@ from typing import Literal
 import torch
 
 from ..errors import RunError
-from ..simulation.worker import prepare_process
+from ..simulation.worker import DIED, prepare_process
 from .lives import Setting, TimedCohort
 
 Work = Literal["live", "replay"]  # a block of a cohort, or the bare replay of the last block
-_DIED = "a process died, perhaps because memory ran out"
 
 
 class BlockWorker:
@@ -51,7 +50,7 @@ class BlockWorker:
         try:
             return self._pipe.recv()
         except (EOFError, OSError) as error:
-            raise RunError(_DIED) from error
+            raise RunError(DIED) from error
 
     def close(self) -> None:
         """Ends the process."""

@@ -59,7 +59,7 @@ def results_bytes(plan: Plan) -> int:
     """Returns about how many bytes the results of a plan need while they are written."""
     total = 0
     for condition, robots in plan.robots.items():
-        minutes = sum(plan.experiment.schedule(condition.task).steps()) / 600
+        minutes = len(plan.experiment.schedule(condition.task).steps_of_minutes())
         weights = sum(map(math.prod, (network_shapes(plan.experiment, condition) or {}).values()))
         total += round(robots * (_ROW + _FLOAT * (2 * weights + 2 * minutes)))
     return _COPIES * total

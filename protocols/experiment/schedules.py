@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.starts import CORNERS
 
@@ -112,6 +114,13 @@ class Schedule:
         """Returns the number of control steps of a part of the life."""
         pairs = zip(self.phases, self.steps(), strict=True)
         return sum(steps for phase, steps in pairs if phase.part == part)
+
+    def steps_of_minutes(self) -> np.ndarray:
+        """Returns the number of control steps of each simulated minute of a life, shape (M,)."""
+        total, minute = sum(self.steps()), control_steps(1)
+        steps = np.full(-(-total // minute), minute)
+        steps[-1] = total - steps[:-1].sum()
+        return steps
 
     def minutes_of(self, part: Part) -> slice:
         """Returns a slice: the part's minutes in a curve with one value per minute of the life.

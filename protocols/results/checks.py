@@ -22,14 +22,6 @@ if TYPE_CHECKING:
 _TOLERANCE = 1e-9  # of Learn Ability: files of earlier versions were computed elsewhere
 
 
-def minutes_of_life(schedule: Schedule) -> np.ndarray:
-    """Returns the number of control steps of each simulated minute of a life, shape (M,)."""
-    total, minute = sum(schedule.steps()), control_steps(1)
-    steps = np.full(-(-total // minute), minute)
-    steps[-1] = total - steps[:-1].sum()
-    return steps
-
-
 def check_rows(plan: Plan, condition: Condition, rows: Mapping[int, Robot]) -> None:
     """Checks the rows of a condition against the plan and against each other.
 
@@ -108,7 +100,7 @@ def check_curves(schedule: Schedule, curves: np.ndarray, rows: Sequence[Robot]) 
         robot, minute = wrong[0]
         value = curves[robot, minute]
         raise ValueError(f"row {robot}, minute {minute}: must lie in [0, 1], got {value}")
-    counts = np.rint(curves.astype(float) * minutes_of_life(schedule)).astype(int)
+    counts = np.rint(curves.astype(float) * schedule.steps_of_minutes()).astype(int)
     tests: tuple[tuple[Part, np.ndarray], ...] = (
         ("pre", _steps([row.t_pre_s for row in rows])),
         ("post", _steps([row.t_post_s for row in rows])),
@@ -215,7 +207,7 @@ def check_lives_shapes(experiment: Experiment, key: CohortKey, shapes: Shapes) -
       ValueError: an array is missing, foreign, or of another dtype or shape.
     """
     robots, condition = experiment.cohort_size, key.condition
-    minutes = len(minutes_of_life(experiment.schedule(condition.task)))
+    minutes = len(experiment.schedule(condition.task).steps_of_minutes())
     counts: Shapes = {
         "events": ("I32", (robots, len(PARTS))),
         "minutes": ("I16", (robots, minutes)),
@@ -268,7 +260,7 @@ def check_events(schedule: Schedule, events: np.ndarray, minutes: np.ndarray, st
     """
     done = np.array([schedule.steps_of(part) for part in PARTS])
     within = np.clip(step - np.concatenate([[0], done.cumsum()[:-1]]), 0, done)
-    whole = minutes_of_life(schedule)
+    whole = schedule.steps_of_minutes()
     of_minutes = np.clip(step - np.arange(len(whole)) * control_steps(1), 0, whole)
     for name, counts, most in (("events", events, within), ("minutes", minutes, of_minutes)):
         wrong = np.argwhere((counts < 0) | (counts > most))

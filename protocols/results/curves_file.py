@@ -11,7 +11,6 @@ import numpy as np
 from ..errors import DamagedFileError
 from ..experiment.plan import Plan
 from ..storage import read_whole
-from .checks import minutes_of_life
 
 _MOST_BYTES_OF_HEADER = 4096
 
@@ -19,7 +18,7 @@ _MOST_BYTES_OF_HEADER = 4096
 def read_curves(path: Path, plan: Plan) -> dict[str, np.ndarray]:
     """Reads the curves; sizes are compared with the plan's before anything is unpacked."""
     planned = {f"{condition}.npy": condition for condition in plan.conditions}
-    minutes = {c: len(minutes_of_life(plan.experiment.schedule(c.task))) for c in plan.conditions}
+    minutes = {c: len(plan.experiment.schedule(c.task).steps_of_minutes()) for c in plan.conditions}
     sizes = [4 * n * minutes[c] + 2 * _MOST_BYTES_OF_HEADER for c, n in plan.robots.items()]
     content = read_whole(path, sum(sizes) + _MOST_BYTES_OF_HEADER)
     try:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...tasks.arena import CONTROL_TIMESTEP
 from ..experiment.conditions import CohortKey, Condition
-from ..experiment.schedules import SCHEDULES, control_steps
+from ..experiment.schedules import SCHEDULES
 from .learn_ability import INVALID, category, learn_ability
 
 if TYPE_CHECKING:
@@ -139,8 +139,7 @@ def _of_cohort(experiment: Experiment, key: CohortKey, lives: Lives) -> Conditio
         )
         for index, valid in enumerate(lives.valid)
     ]
-    steps = np.full(lives.minutes.shape[1], control_steps(1), dtype=np.float32)
-    steps[-1] = sum(schedule.steps()) - steps[:-1].sum()
+    steps = schedule.steps_of_minutes().astype(np.float32)
     curves = (lives.minutes / steps).astype(np.float32)
     return ConditionResults(robots, curves, {"before": lives.before, "after": lives.after})
 

@@ -14,6 +14,8 @@ import torch
 from ...tasks.batch import silence_warnings, stop_timers
 from ..errors import RunError
 
+DIED = "a process died, perhaps for want of memory"
+
 
 def prepare_process() -> None:
     """Gives this process one torch thread, no MuJoCo timers and no MuJoCo log."""
@@ -71,9 +73,5 @@ def follow_parent() -> None:
 
 def stopped_by(error: Exception) -> RunError:
     """Returns the error that says in one sentence what stopped a simulation."""
-    what = (
-        f"a file could not be read or written ({error})"
-        if isinstance(error, OSError)
-        else "a process died, perhaps for want of memory"
-    )
+    what = f"a file could not be read or written ({error})" if isinstance(error, OSError) else DIED
     return RunError(f"{what}; the same command continues from the last checkpoints")

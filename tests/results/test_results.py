@@ -159,10 +159,15 @@ def cohort(task, proposer, index):
     return CohortKey(Condition(task, proposer), index)
 
 
+def no_minutes(task):
+    """Returns the counts of a cohort whose event never happened in training."""
+    return np.zeros((2, len(SHORT.schedule(task).steps_of_minutes())), dtype=np.int16)
+
+
 def finished(pre, post, valid=(True, True), minutes=None, brain=0.0):
     """Returns what a cohort of two robots leaves, from its control steps with the event."""
     events = np.array([pre, (0, 0), post]).T
-    minutes = np.zeros((2, 2), dtype=np.int16) if minutes is None else np.array(minutes)
+    minutes = no_minutes("wall_avoidance") if minutes is None else np.array(minutes)
     networks = {"evaluation.output_biases": np.full((2, 1), brain, dtype=np.float32)}
     after = {name: array + 0.5 for name, array in networks.items()}
     return Lives(events.astype(np.int32), minutes, np.array(valid), networks, after)
@@ -174,7 +179,10 @@ def test_finished_cohorts_become_rows():
         [
             (cohort("wall_avoidance", "random", 1), finished((30, 0), (10, 0))),
             (cohort("wall_avoidance", "random", 0), finished((7, 9), (0, 9), (True, False))),
-            (cohort("spot_finding", "random", 0), finished((0, 30), (0, 10))),
+            (
+                cohort("spot_finding", "random", 0),
+                finished((0, 30), (0, 10), minutes=no_minutes("spot_finding")),
+            ),
             (cohort("wall_avoidance", "fixed", 0), finished((0, 5), (3, 5))),
         ],
     )
@@ -199,7 +207,10 @@ def test_finished_cohorts_become_rows():
 
 def test_conditions_are_collected_in_the_order_of_the_tables():
     keys = [cohort(c.task, c.proposer, 0) for c in (CONDITIONS[4], CONDITIONS[1], CONDITIONS[3])]
-    results = collect(SHORT, [(key, finished((0, 0), (0, 0))) for key in keys])
+    results = collect(
+        SHORT,
+        [(key, finished((0, 0), (0, 0), minutes=no_minutes(key.condition.task))) for key in keys],
+    )
     assert [*results] == [CONDITIONS[1], CONDITIONS[3], CONDITIONS[4]]
 
 
