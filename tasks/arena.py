@@ -172,6 +172,7 @@ class Environment(control.Environment):
         self.task.episode.start_with(options)  # refuses before anything changes
         self.task.options = options
         timestep = super().reset()
+        self.lifecycle.become("failed")  # until the pose has been found stable
         self.task.after_step(self.physics)  # dm_control calls it before the pose is in the sensors
         self.lifecycle.become("running")
         return timestep

@@ -58,7 +58,9 @@ class SensorLayout:
         """
         starts = [sensor_slice(model, name, 1).start for name in RANGEFINDERS]
         if starts != [*range(starts[0], starts[0] + len(starts))]:
-            raise ValueError(f"the sensors {', '.join(RANGEFINDERS)} must stand in this order")
+            raise ValueError(
+                f"the sensors {', '.join(RANGEFINDERS)} must follow each other in this order"
+            )
         return cls(
             sensor_slice(model, RANGEFINDERS[0], len(RANGEFINDERS)),
             sensor_slice(model, "touch", 1),

@@ -241,7 +241,7 @@ def test_tables_as_json_hold_both(run, capsys):
         (["--agent", "hand"], "there is no agent 'hand': did you mean hand_coded?"),
         (
             ["--agent", "dqn", "--robots=100000", "--cohort-size=100000"],
-            "dqn would need about",
+            "dqn would need ",
         ),
     ],
 )

@@ -11,7 +11,7 @@ from ...models.arrays import namespace
 from ...tasks.batch import Robots
 from ...tasks.tensors.parts import Part
 from ..agents.factory import make_agent
-from ..agents.names import is_own
+from ..agents.names import is_own, short_name
 from ..errors import InputError
 from ..experiment.budget import check_agent_memory, check_memory
 from ..experiment.conditions import CohortKey, Condition
@@ -261,14 +261,20 @@ def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:
     }
 
 
-def _check_one(plan: Plan, condition: Condition) -> None:
-    """Estimates the memory of a cohort's agent from that of one robot, before it is allocated."""
+def _check_few(plan: Plan, condition: Condition) -> None:
+    """Estimates the memory of a cohort's agent from those of few robots, before it is allocated."""
     experiment = plan.experiment
-    if not is_own(condition.proposer) or any("," in word for word in experiment.settings):
-        return  # a user's agent may need all robots, and so do settings in which robots differ
-    agent = make_agent(experiment, condition, 1, 0)
-    sizes = (sum(x.nbytes for x in some.values()) for some in (agent.state(), agent.weights()))
-    check_agent_memory(plan, condition, *(size * experiment.cohort_size for size in sizes))
+    if not is_own(condition.proposer) or short_name(condition.proposer) == "ppo":
+        return  # it may need all its robots
+    if any("," in word for word in experiment.settings):  # values of all robots
+        return
+    few = [make_agent(experiment, condition, robots, 0) for robots in (1, 2)]
+    parts = ([agent.state() for agent in few], [agent.weights() for agent in few])
+    sizes = []
+    for part in parts:
+        one, two = (sum(array.nbytes for array in some.values()) for some in part)
+        sizes.append(one + (experiment.cohort_size - 1) * (two - one))
+    check_agent_memory(plan, condition, *sizes)
 
 
 def check_agents(plan: Plan, held: Results | None = None) -> None:
@@ -286,7 +292,7 @@ def check_agents(plan: Plan, held: Results | None = None) -> None:
     for condition in plan.conditions:
         if condition.has_brain:
             continue
-        _check_one(plan, condition)
+        _check_few(plan, condition)
         cohort = Cohort(plan.experiment, CohortKey(condition, 0))
         cohort.agent.reset()
         state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)

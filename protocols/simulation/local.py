@@ -49,7 +49,8 @@ class Local:
             stop_on_signals() as request,
             ProcessPoolExecutor(count, context, _prepare, (stop, reports)) as pool,
         ):
-            # Workers inherit this until `_prepare`: Ctrl-C reaches them, too, while they import.
+            # Workers inherit this until `_prepare`: Ctrl-C reaches them, too, while they import. In
+            # these milliseconds it is lost. A mask would be removed by Python's resource tracker.
             with children_without_script(), handling(signal.SIG_IGN, signal.SIGINT):
                 waiting = {pool.submit(_run, *each): each[1] for each in enumerate(jobs)}
                 workers = {*multiprocessing.active_children()} - others

@@ -94,10 +94,10 @@ def test_a_parameter_that_cannot_be_searched_is_refused(names, sentence):
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("noise", "noise cannot be evolved: at 0, noise_adaptation needs a noise above 0"),
+        ("noise", "noise cannot be evolved: at 0, noise_adaptation needs noise and noisy_share above 0"),
         (
             "random_share",
-            "random_share cannot be evolved: at 0.9, noise_adaptation needs at least 2",
+            "random_share cannot be evolved: at 0.9, noise_adaptation needs .* at least 2 ideas",
         ),
     ],
 )
@@ -136,13 +136,14 @@ def test_the_winner_is_the_mean_of_the_search_and_lives_on_fresh_seeds(finished)
     assert {load_arrays(path)[1]["brain.noise"] for path in winners} == {brain.noise}
     assert "| winner | 12 |" in page.markdown
     assert "Difference " in page.markdown
-    (words,) = re.findall(r"`--set (.*)`\.", page.markdown)
+    (words,) = re.findall(r"`--brain steady --set (.*)`\.", page.markdown)
     assert with_overrides(named_brain("steady"), words.split()) == brain
 
 
 def test_the_printed_winner_holds_what_was_set_before_the_search():
     study = dataclasses.replace(TINY, set=("discount=0.8",))
-    assert study.overrides(study.start.brain) == ("discount=0.8",)
+    assert study.options_of(study.start.brain) == "--brain steady --set discount=0.8"
+    assert study.options_of(STEADY) == "--brain steady"
 
 
 def test_a_search_that_was_stopped_makes_the_same_brains(finished, tmp_path, in_process):

@@ -11,6 +11,7 @@ from musebot.protocols import cli
 from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.placement import place
+from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.wear import branches, lives
 from musebot.protocols.studies.wear.arms import ARMS, FACTORS, FROZEN, NEWBORN, pairs
@@ -184,6 +185,36 @@ def test_a_finished_study_is_kept_without_its_lives(finished, tmp_path, in_proce
     shutil.copytree(out, kept, ignore=lambda folder, names: {*names} & {"life-0000.safetensors"})
     assert conduct(TINY, kept, in_process()).markdown == first.markdown
     assert not list((kept / LIVES).iterdir())
+
+
+def test_lives_that_were_deleted_can_be_begun_again_and_stopped(
+    finished, tmp_path, in_process, monkeypatch, capfd
+):
+    out, _ = finished
+    kept = tmp_path / "kept"
+    shutil.copytree(out, kept, ignore=lambda folder, names: {*names} & {"life-0000.safetensors"})
+    more = dataclasses.replace(TINY, arm=(*TINY.arm, "born-noise-own-old"))
+    monkeypatch.setattr(lives, "_CHUNK", 20)
+    (life,) = more._lives(kept)
+    assert not life.run(stopping_after(5), lambda cost, message: None)
+    assert all(job.done() for job in TINY._branches(kept))
+    text = conduct(more, kept, in_process()).markdown
+    assert "| `born-noise-own-old` |" in text and "run again" not in capfd.readouterr().err
+
+
+def test_arms_of_other_lives_are_named_and_run_again(finished, tmp_path, here, capfd):
+    out, _ = finished
+    kept = tmp_path / "kept"
+    shutil.copytree(out, kept, ignore=lambda folder, names: {*names} & {"life-0000.safetensors"})
+    frozen = kept / "polarity" / "frozen-0000.safetensors"
+    arrays, notes = load_arrays(frozen)
+    save_arrays(frozen, arrays, **notes | {"life": "another"})
+    more = dataclasses.replace(TINY, arm=(*TINY.arm, "born-noise-own-old"))
+    conduct(more, kept, here)
+    assert "so these run again: polarity, frozen, cohort 0\n" in capfd.readouterr().err
+    ran = [job.arm for job in here.jobs if isinstance(job, BranchJob)]
+    assert {*ran} == {"frozen", "born-noise-own-old"}
+    assert load_arrays(frozen)[1]["life"] != "another"
 
 
 def test_a_file_of_another_arm_is_named_and_refused(finished, tmp_path):

@@ -122,7 +122,7 @@ def renamed(spec):
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("back")),)},
          KeyError, "back"),
         ("mine", Still, {"edits": (renamed,)},
-         ValueError, "the sensors front, back, left, right must stand in this order"),
+         ValueError, "the sensors front, back, left, right must follow each other in this order"),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.camera("overhead")),)},
          ValueError, "the arena must have a camera 'overhead', got none"),
         ("mine", Still, {"spot_seconds": 0.25}, ValueError, "spot_seconds must be a multiple of"),

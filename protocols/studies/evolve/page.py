@@ -48,14 +48,14 @@ class Evolution:
       generations: Finished generations.
       start: Shares of the robots with the first brain on fresh seeds, shape (B,); None if missing.
       winner: Those of the robots with the winner.
-      words: Overrides that make the winner from the named brain, as in `musebot run --set`.
+      words: Options of `musebot run` that choose the winner's brain.
     """
 
     over: Sequence[str]
     generations: list[Generation] = dataclasses.field(default_factory=list)
     start: np.ndarray | None = None
     winner: np.ndarray | None = None
-    words: tuple[str, ...] = ()
+    words: str = ""
 
     @property
     def best(self) -> tuple[str, float] | None:
@@ -149,7 +149,7 @@ def page(
             "",
             f"Difference {with_interval(f'{change:+.3f}', gain)}. The best brain seen had "
             f"{seen:.3f} on its own seed. The winner is the mean of the search: "
-            f"`--set {' '.join(evolution.words)}`. In brackets 95 % intervals ({MEANS}).",
+            f"`{evolution.words}`. In brackets 95 % intervals ({MEANS}).",
             "",
         ]
     return Page("\n".join(lines), {"evolve": draw(evolution, sign, schedule.event)})

@@ -137,7 +137,8 @@ class Evolve(Study):
 
     def details(self) -> Mapping[str, Any]:
         """See `Study.details`; the budget may be increased later."""
-        return {"over": list(self.over), "generation": self.generation, "task": self.task}
+        ranges = {name: dataclasses.asdict(RANGES[name]) for name in self.over}
+        return {"over": ranges, "generation": self.generation, "task": self.task}
 
     def folders(self, out: Path) -> Sequence[Path]:
         """See `Study.folders`."""
@@ -174,13 +175,14 @@ class Evolve(Study):
         tests = [self._finals(out, brain) for brain in (self.start.brain, winner)]
         if all(job.done() for jobs in tests for job in jobs):
             before, after = (np.concatenate([job.shares() for job in jobs]) for jobs in tests)
-            words = self.overrides(winner)
+            words = self.options_of(winner)
             return dataclasses.replace(evolution, start=before, winner=after, words=words)
         return evolution
 
-    def overrides(self, brain: Parameters) -> tuple[str, ...]:
-        """Returns a brain as overrides of the named one, for `musebot run --brain NAME --set`."""
-        return tuple(overrides_of(brain, named_brain(self.brain)))
+    def options_of(self, brain: Parameters) -> str:
+        """Returns the options of `musebot run` that choose a brain."""
+        changes = overrides_of(brain, named_brain(self.brain))
+        return " ".join([f"--brain {self.brain}", *(["--set", *changes] if changes else [])])
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""

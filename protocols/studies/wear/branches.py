@@ -151,8 +151,8 @@ class BranchJob:
         arrays, notes = self._read()
         if len(arrays["shares"]) <= PERIODS:
             return False
-        # A finished study is kept without the lives, which are large.
-        return not self.life.path.exists() or notes["life"] == self.life.brains().digest
+        # A finished study is kept without the lives, which are large; they may be begun again.
+        return not self.life.done() or notes["life"] == self.life.brains().digest
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from the last probe that was stored."""

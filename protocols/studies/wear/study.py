@@ -104,7 +104,7 @@ class Wear(Study):
         left = [job for job in branches if job not in finished]
         yield [life for life in self._lives(out) if any(job.life == life for job in left)]
         if again := [str(job) for job in finished if not job.done()]:
-            notice(f"these have other brains than the new lives, so they run again: {again}")
+            notice(f"other brains than the new lives', so these run again: {'; '.join(again)}")
         yield branches
 
     def page(self, out: Path) -> Page:
