@@ -123,7 +123,9 @@ def robots_named(task: str, proposer: str | None, agent: str | None) -> Conditio
     """
     if proposer and agent:
         raise InputError("a robot has a proposer or an agent, not both")
-    name = recorded_name(agent) if agent else proposer or "creative"
+    if not agent:
+        return Condition(task, proposer or "creative")
+    name = recorded_name(agent)
     trust(name)
     return Condition(task, name)
 
