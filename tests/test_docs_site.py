@@ -156,6 +156,26 @@ def test_the_page_of_a_notebook_has_its_results(generator):
     assert all(files[DOCS / "reference" / "notebooks" / name] for name in pictures)
 
 
+def test_the_scores_of_the_leaderboard_are_those_of_the_benchmark(generator):
+    page = DOCS / "leaderboard.md"
+    scores = generator("leaderboard_page").updated(DOCS)
+    assert page.read_text() == scores, "run: python docs/generator"
+    assert "| sarsa_lambda | **0.744 [0.618, 0.875]** |" in scores
+
+
+def test_the_numbers_of_the_leaderboard_are_those_of_its_example(monkeypatch, capsys):
+    text = (DOCS / "leaderboard.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    exec(example, {})
+    found = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines()}
+    assert found["paper-steady-raw"][0] == "0" and found["paper-avg-raw"][0] == "4"
+    assert found["paper-sarsa_lambda-raw"] == ["24", "23"]
+    for name in ("dqn", "stream_q", "amortised_q"):
+        never, of_these = found[f"paper-{name}-raw"]
+        assert f"`{name}`: {of_these} of {never}" in text
+
+
 def test_the_example_of_a_brain_alone_runs():
     (example,) = re.findall(r"```python\n(.*?)```", (DOCS / "faq.md").read_text(), re.DOTALL)
     found: dict[str, float] = {}
