@@ -27,6 +27,7 @@ from musebot.protocols.results.run_files import planned, read_results
 from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies import STUDIES, study_class
+from musebot.protocols.studies.learners.benchmark import Benchmark
 from musebot.protocols.studies.learners.tune import Tune
 from musebot.protocols.studies.proposers.cells import PartName
 from musebot.tasks.sensors import NoseForm
@@ -75,6 +76,15 @@ def study_of(page):
         return kind.read(page.parent)
     fields = {field.name for field in dataclasses.fields(kind)}
     manifest = json.loads(page.with_name("study.json").read_text())
+    if kind is Benchmark:  # its runs are named board-learner-track
+        names = [name.split("-") for name in manifest["experiments"]]
+        one = experiment_from(next(iter(manifest["experiments"].values())))
+        return kind(
+            body=one.body,
+            board=tuple(dict.fromkeys(first for first, *_ in names)),
+            signals=tuple(dict.fromkeys(last for *_, last in names if last in ("paper", "raw"))),
+            tuned=tuple(sorted((RESULTS / "tuned").iterdir())),
+        )
     if {"seed", "body", "kinematics"} <= fields and "runs" not in fields:
         one = experiment_from(next(iter(manifest["experiments"].values())))
         words = tuple(overrides_of(one.kinematics, Kinematics()))
@@ -143,7 +153,7 @@ def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():
     for folder in folders:
         pages = [
             folder.parent / f"{study}.md"
-            for study in ("sensitivity", "ablation", "reading", "proposers")
+            for study in ("sensitivity", "ablation", "reading", "proposers", "benchmark")
         ]
         assert (folder / "tables.md").exists() or any(page.exists() for page in pages)
 
