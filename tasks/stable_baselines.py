@@ -48,8 +48,8 @@ class ArenaVecEnv(VecEnv):
         self._actions = np.zeros((num_envs, 2), dtype=np.float32)
         robots = self._robots
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
-        told: dict[str, Any] = self.metadata
-        told["render_fps"] = FPS  # `VecVideoRecorder` reads it
+        metadata: dict[str, Any] = self.metadata
+        metadata["render_fps"] = FPS  # `VecVideoRecorder` reads it
 
     def reset(self) -> np.ndarray:
         """Starts an episode of every robot; returns the observations, shape (B, S).

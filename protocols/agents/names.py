@@ -30,6 +30,7 @@ RECORDED_NAMES = {name: f"{recorded}:{name}" for name, (recorded, _) in _OWN.ite
 MOVED = {
     RECORDED_NAMES[name]: f"{__package__}.{module}:{name}" for name, (_, module) in _OWN.items()
 }
+TRAINED_BEFORE = "ppo"  # our agent that learned before its life
 OWN_ENCODING = {RECORDED_NAMES["newborn"]}  # a brain that reads raw signals by itself
 
 

@@ -11,7 +11,8 @@ from ...models.arrays import namespace
 from ...tasks.batch import Robots
 from ...tasks.tensors.parts import Part
 from ..agents.factory import make_agent
-from ..agents.names import is_own, short_name
+from ..agents.names import TRAINED_BEFORE, is_own, short_name
+from ..agents.settings import settings_from
 from ..errors import InputError
 from ..experiment.budget import check_agent_memory, check_memory
 from ..experiment.conditions import CohortKey, Condition
@@ -264,9 +265,10 @@ def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:
 def _check_few(plan: Plan, condition: Condition) -> None:
     """Estimates the memory of a cohort's agent from those of few robots, before it is allocated."""
     experiment = plan.experiment
-    if not is_own(condition.proposer) or short_name(condition.proposer) == "ppo":
+    if not is_own(condition.proposer) or short_name(condition.proposer) == TRAINED_BEFORE:
         return  # it may need all its robots
-    if any("," in word for word in experiment.settings):  # values of all robots
+    settings = settings_from(experiment.settings, several=True)
+    if any(len(values) > 1 for values in settings.values()):  # a tuning, whose robots differ
         return
     few = [make_agent(experiment, condition, robots, 0) for robots in (1, 2)]
     parts = ([agent.state() for agent in few], [agent.weights() for agent in few])

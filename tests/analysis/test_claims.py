@@ -397,9 +397,9 @@ def test_a_run_with_the_papers_counts_supports_its_claims_about_categories():
     # 282 against 260 of 500 is no significant difference: the paper's claim rests on chance.
     assert found["Creative has most robots with L = 1."] == "undecided"
     # The table and the single robots give the same verdict.
-    told = [f for f in results if "Fisher" in f.why and f.paper != "not judged"]
-    assert told
-    assert all(f.paper == f.verdict for f in told)
+    tested = [f for f in results if "Fisher" in f.why and f.paper != "not judged"]
+    assert tested
+    assert all(f.paper == f.verdict for f in tested)
 
 
 @pytest.mark.parametrize("brain", ["steady", "paper-stopping"])

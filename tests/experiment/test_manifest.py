@@ -291,30 +291,30 @@ def test_a_kept_run_is_readable_with_the_meaning_it_had(path):
         (dataclasses.asdict(experiment), defaults[0], fields),
         (dataclasses.asdict(brain), defaults[1], fields["brain"]),
     ):
-        told = translated(stored)
+        today = translated(stored)
         for name, value in ours.items():
             if name in ("brain", "kinematics"):
                 continue
-            wanted = told.get(name, default[name])
+            wanted = today.get(name, default[name])
             assert value == (tuple(wanted) if isinstance(wanted, list) else wanted), name
     assert experiment.kinematics == Kinematics(**fields.get("kinematics", {}))
 
 
 def translated(stored):
     """Returns stored fields by this version's names, from the tables of these tests."""
-    told = dict(stored)
-    if "random_ideas" in told:
-        told["random_share"] = told.pop("random_ideas") / told["ideas"]
+    today = dict(stored)
+    if "random_ideas" in today:
+        today["random_share"] = today.pop("random_ideas") / today["ideas"]
     for old, new in [*OLD_BRAIN, *OLD_EXPERIMENT]:
         (old_name, old_value), (new_name, new_value) = *old.items(), *new.items()
         if old_name in stored:
             value = stored[old_name]
             if old_name != new_name:
-                told.pop(old_name, None)
-                told.setdefault(new_name, value)
+                today.pop(old_name, None)
+                today.setdefault(new_name, value)
             if value == old_value and isinstance(value, str):
-                told[new_name] = new_value
-    return told
+                today[new_name] = new_value
+    return today
 
 
 def test_there_are_kept_runs_of_several_versions():

@@ -68,7 +68,7 @@ def _judged(kind, what, outcome, folders):
             return "set aside, starts anew"
         for kinds, changes, reason in UNTOLD:
             if kind.name in kinds and what in changes:
-                return f"cannot be told: {reason}"
+                return f"is unknown: {reason}"
         return f"wrong: accepted with other results after {what}"
     if wrong := oracle.complaint(outcome):
         return f"wrong: {wrong}"

@@ -133,8 +133,8 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     damaged = out / "checkpoints" / "wall_avoidance-creative-0001.finished.safetensors"
     damaged.write_bytes(b"damaged")
     assert cli.main(["run", str(out), "--robots", "2"]) == 0
-    told = capsys.readouterr().err
-    assert "\x1b[2J" not in told and "set aside" in told
+    printed = capsys.readouterr().err
+    assert "\x1b[2J" not in printed and "set aside" in printed
     behaviour = measured_behaviour.Behaviour({}, {})
     monkeypatch.setattr(measured_behaviour, "observe", lambda run, tick: behaviour)
     monkeypatch.setattr(report, "_figures", lambda *_: iter(()))

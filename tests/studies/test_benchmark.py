@@ -144,9 +144,9 @@ def test_tuned_settings_are_used_and_the_page_ranks_both_tracks(
     assert (
         cli.main([*command, "--agent", "sarsa_lambda", "paper", "steady", "--board", "paper"]) == 0
     )
-    told = capsys.readouterr().err
-    assert "sarsa_lambda was not tuned with paper signals: its defaults" in told
-    assert told.count("was not tuned") == 1
+    printed = capsys.readouterr().err
+    assert "sarsa_lambda was not tuned with paper signals: its defaults" in printed
+    assert printed.count("was not tuned") == 1
     page = (out / "benchmark.md").read_text()
     assert not brains.exists()
     for title in ("Wall avoidance, protocol paper, ", "Spot finding, protocol paper, "):

@@ -89,7 +89,7 @@ def test_an_arms_brain_has_its_noise_and_its_ideas_and_equally_many_candidates()
 def test_without_a_change_an_old_brain_lives_on_as_if_nothing_had_happened(life, monkeypatch):
     """The robots' own learning, from the checkpoint, is that of an uninterrupted life."""
     monkeypatch.setattr(branches, "CHANGES", {"none": BodyChange("nothing changes")})
-    branch = Branch(life, "none", ARMS[TODAY])
+    branch = Branch(life, life.brains(), "none", ARMS[TODAY])
     for _ in range(3):
         branch.advance(lambda: None)
     cohort = Cohort(life.experiment, life.key)
@@ -112,7 +112,7 @@ def test_without_a_change_an_old_brain_lives_on_as_if_nothing_had_happened(life,
 
 
 def test_swapped_wheels_move_the_robot_the_other_way(life):
-    start = Branch(life, "polarity", ARMS[TODAY])
+    start = Branch(life, life.brains(), "polarity", ARMS[TODAY])
     plain = life.experiment.batch(CONDITION.task, 1)
     changed = life.experiment.batch(CONDITION.task, 1, [CHANGES["polarity"]])
     for batch in (plain, changed):
@@ -122,12 +122,12 @@ def test_swapped_wheels_move_the_robot_the_other_way(life):
 
 
 def test_a_newborn_is_the_brain_that_the_old_one_was(life):
-    newborn = Branch(life, "polarity", ARMS[NEWBORN])
+    newborn = Branch(life, life.brains(), "polarity", ARMS[NEWBORN])
     assert same(newborn.agent.weights(), life.brains().part("before"))
 
 
 def test_a_frozen_brain_never_learns(life):
-    frozen = Branch(life, "polarity", ARMS[FROZEN])
+    frozen = Branch(life, life.brains(), "polarity", ARMS[FROZEN])
     before = {name: array.copy() for name, array in frozen.agent.weights().items()}
     for _ in range(3):
         frozen.advance(lambda: None)
@@ -144,7 +144,8 @@ def test_all_arms_of_a_cohort_are_probed_at_the_same_places(finished, monkeypatc
 
     monkeypatch.setattr(branches, "probe", spy)
     for arm in TINY.arm:
-        branch = Branch(TINY._lives(out)[0], "polarity", ARMS[arm])
+        life = TINY._lives(out)[0]
+        branch = Branch(life, life.brains(), "polarity", ARMS[arm])
         for _ in range(2):
             branch.advance(lambda: None)
     assert len({str(streams) for streams in seen.values()}) == 1 and len(seen) == 4
@@ -326,13 +327,13 @@ def test_a_born_memory_does_not_decide():
     assert verdict({}, []) == "No noise pair with a trained memory is finished."
     nothing = recovery([None], reference=0.1)
     arms = four((nothing, nothing), (nothing, nothing))
-    assert verdict(arms, noise_pairs(arms)) == "Nothing can be told: no robot had learned."
+    assert verdict(arms, noise_pairs(arms)) == "Undecided: no robot had learned."
 
 
 def test_a_change_that_costs_nothing_tells_nothing():
     at_once = recovery(0, robots=40)
     arms = four((at_once, at_once), (at_once, at_once))
-    sentence = "Nothing can be told: the change cost most robots nothing."
+    sentence = "Undecided: the change cost most robots nothing."
     assert verdict(arms, noise_pairs(arms)) == sentence
     arms = four((at_once, FAST), (FAST, SLOW))
     assert verdict(arms, noise_pairs(arms)) != sentence

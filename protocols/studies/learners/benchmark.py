@@ -13,7 +13,13 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from ....controller import PROPOSERS
 from ....models import Kinematics
 from ...agents.factory import factory_of
-from ...agents.names import RECORDED_NAMES, name_in_track, recorded_name, short_name
+from ...agents.names import (
+    RECORDED_NAMES,
+    TRAINED_BEFORE,
+    name_in_track,
+    recorded_name,
+    short_name,
+)
 from ...agents.trust import trust
 from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
@@ -29,9 +35,9 @@ from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .ranking import FOLDER, cost_jobs, measured, ranking
 from .tune import efforts, tunings
 
-LEARNERS = tuple(name for name in RECORDED_NAMES if name not in ("ppo", LOWER, UPPER))
+LEARNERS = tuple(name for name in RECORDED_NAMES if name not in (TRAINED_BEFORE, LOWER, UPPER))
 _BRAINS = ("paper", "steady")
-_PAPER_ALONE = ("paper", recorded_name("ppo"))  # have no raw signals
+_PAPER_ALONE = ("paper", recorded_name(TRAINED_BEFORE))  # have no raw signals
 _SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
 # In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
 _COHORTS: Mapping[Body, int] = MappingProxyType({"mujoco": 30, "kinematic": 60})

@@ -16,7 +16,7 @@ from scipy import stats
 
 from ....controller import BRAINS
 from ....models import Kinematics
-from ...agents.names import short_name
+from ...agents.names import TRAINED_BEFORE, short_name
 from ...analysis.hypothesis_tests import holm, same_statistic
 from ...errors import InputError
 from ...experiment.conditions import Condition
@@ -27,7 +27,6 @@ from ...experiment.schedules import TASK_NAMES
 from ...results.run import Run
 
 LOWER, UPPER = "newborn", "hand_coded"
-TRAINED_BEFORE = "ppo"
 _RESAMPLES, _SEED = 2000, 1
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
 _MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board

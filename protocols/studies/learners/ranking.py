@@ -11,13 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...agents.agent_check import Costs
-from ...agents.names import MOVED, is_own, name_in_track
+from ...agents.names import MOVED, TRAINED_BEFORE, is_own, name_in_track
 from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
 from .boards import (
-    TRAINED_BEFORE,
     Board,
     Entry,
     Ranking,

@@ -14,7 +14,7 @@ from ....models import CHANGES
 from ....tasks import Robots
 from ....tasks.arena import CONTROL_TIMESTEP
 from ...agents.factory import make_agent
-from ...errors import DamagedFileError
+from ...errors import DamagedFileError, InputError
 from ...experiment.experiment import Experiment
 from ...experiment.manifest import UNREADABLE
 from ...experiment.random_streams import random_streams
@@ -38,15 +38,15 @@ class Branch:
       shares: Share of time in the spot in each probe so far, arrays of shape (B,).
     """
 
-    def __init__(self, life: LifeJob, change: str, arm: Arm) -> None:
+    def __init__(self, life: LifeJob, old: OldBrains, change: str, arm: Arm) -> None:
         """Changes the body of a finished life's robots.
 
         Args:
           life: Finished job of the robots' life.
+          old: What that job left.
           change: Name of the change, a key of `CHANGES`.
           arm: Arm that says what is kept of the brains.
         """
-        old = life.brains()
         self._life, self._arm, self._edits = life, arm, [CHANGES[change]]
         self.experiment = dataclasses.replace(
             life.experiment, brain=arm.brain(life.experiment.brain)
@@ -152,11 +152,19 @@ class BranchJob:
         if len(arrays["shares"]) <= PERIODS:
             return False
         # A finished study is kept without the lives, which are large; they may be begun again.
-        return not self.life.done() or notes["life"] == self.life.brains().digest
+        old = self.life.brains()
+        return old is None or notes["life"] == old.digest
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; continues bit-exactly from the last probe that was stored."""
-        branch, life = Branch(self.life, self.change, ARMS[self.arm]), self.life.brains().digest
+        """See `Job.run`; continues bit-exactly from the last probe that was stored.
+
+        Raises:
+          InputError: the life is not finished.
+        """
+        old = self.life.brains()
+        if old is None:
+            raise InputError(f"{self.life.folder} lacks the whole of {self.life.path.name}")
+        branch, life = Branch(self.life, old, self.change, ARMS[self.arm]), old.digest
         if self.path.exists():
             arrays, notes = self._read()
             if notes["life"] == life:
@@ -174,8 +182,7 @@ class BranchJob:
         except StoppedError:
             self._save(*kept, life)
             return False
-        reference = self.life.brains().reference
-        self._save({"shares": np.array(branch.shares), "reference": reference}, {}, life)
+        self._save({"shares": np.array(branch.shares), "reference": old.reference}, {}, life)
         report(self.cost, "")
         return True
 

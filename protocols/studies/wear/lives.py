@@ -131,15 +131,15 @@ class LifeJob:
         report(self.cost, "")
         return True
 
-    def brains(self) -> OldBrains:
-        """Reads the finished job's file.
+    def brains(self) -> OldBrains | None:
+        """Reads the job's file; None if the job is not finished.
 
         Raises:
-          InputError: the job is not finished, or its file is damaged or another's.
+          DamagedFileError: the file is damaged, or another job's.
         """
         cohort, reference = self._restored()
         if len(reference) != REFERENCES:
-            raise InputError(f"{self.folder} lacks the whole of {self.path.name}")
+            return None
         arrays, notes = cohort.checkpoint()
         return OldBrains(arrays, notes, reference)
 

@@ -42,8 +42,8 @@ def page(changes: Mapping[str, Arms], experiment: Experiment) -> Page:
     if experiment.body == "kinematic":
         kinematics = overrides_of(experiment.kinematics, Kinematics())
         simulator = " ".join(["Kinematic simulator", *kinematics])
-    told = f"{simulator}; seed {experiment.seed}."
-    lines = [f"Old brains in a changed body (docs/plans/wear.md). {told}", ""]
+    where = f"{simulator}; seed {experiment.seed}."
+    lines = [f"Old brains in a changed body (docs/plans/wear.md). {where}", ""]
     figures = {}
     for change, found in changes.items():
         arms = {name: found[name] for name in ARMS if name in found}

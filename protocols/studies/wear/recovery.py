@@ -90,9 +90,9 @@ class Pair:
 
     @property
     def sign(self) -> int:
-        """-1 if the first is faster, 1 if it is slower, 0 if that cannot be told."""
-        told = not math.isnan(self.p) and self.p < ALPHA
-        return int(np.sign(self.difference)) if told else 0
+        """-1 if the first is faster, 1 if it is slower, 0 if that is undecided."""
+        decided = not math.isnan(self.p) and self.p < ALPHA
+        return int(np.sign(self.difference)) if decided else 0
 
 
 def compared(arms: Arms, wanted: Sequence[tuple[str, str]]) -> list[Pair]:
@@ -168,10 +168,10 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
     if not own:
         return "No noise pair with a trained memory is finished."
     if not all(len(arms[name].durations) for pair in own for name in (pair.first, pair.second)):
-        return "Nothing can be told: no robot had learned."
+        return "Undecided: no robot had learned."
     spared = [FROZEN] if FROZEN in arms else [n for pair in own for n in (pair.first, pair.second)]
     if all(arms[name].unharmed > 0.5 for name in spared):
-        return "Nothing can be told: the change cost most robots nothing."
+        return "Undecided: the change cost most robots nothing."
     signs = {pair.first: pair.sign for pair in own}
     faster = {name for name, sign in signs.items() if sign < 0}
     slower = {name for name, sign in signs.items() if sign > 0}

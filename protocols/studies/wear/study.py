@@ -102,8 +102,9 @@ class Wear(Study):
         branches = self._branches(out)
         finished = [job for job in branches if job.done()]
         left = [job for job in branches if job not in finished]
-        yield [life for life in self._lives(out) if any(job.life == life for job in left)]
-        if again := [str(job) for job in finished if not job.done()]:
+        lives = [life for life in self._lives(out) if any(job.life == life for job in left)]
+        yield lives
+        if lives and (again := [str(job) for job in finished if not job.done()]):
             notice(f"other brains than the new lives', so these run again: {'; '.join(again)}")
         yield branches
 
