@@ -8,6 +8,19 @@ from collections.abc import Mapping
 import numpy as np
 
 
+def sound(weights: Mapping[str, np.ndarray], robots: int) -> np.ndarray:
+    """Returns which robots have finite weights only, shape (B,).
+
+    Args:
+      weights: Weights by name, each of shape (B, ...), see `Agent.weights`.
+      robots: Number of robots, B.
+    """
+    found = np.ones(robots, dtype=bool)
+    for array in weights.values():
+        found &= np.isfinite(array).reshape(robots, -1).all(axis=1)
+    return found
+
+
 class Agent(abc.ABC):
     """An agent that drives B robots in lockstep.
 

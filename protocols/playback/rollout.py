@@ -47,23 +47,33 @@ def evaluate(
     return watch(batch, agent, control_steps(minutes), learning=False, tick=tick)
 
 
-def watch(batch: Robots, agent: Agent, steps: int, *, learning: bool, tick: Tick) -> Track:
+def watch(
+    batch: Robots,
+    agent: Agent,
+    steps: int,
+    *,
+    learning: bool,
+    tick: Tick,
+    exploring: bool | None = None,
+) -> Track:
     """Simulates robots from their current poses and records their track.
 
     Args:
       batch: Batch of B robots that have been placed.
       agent: Agent that drives the robots.
       steps: Number of control steps.
-      learning: Whether the robots learn and explore.
+      learning: Whether the robots learn.
       tick: Function called after every simulated minute.
+      exploring: Whether the robots explore; None if they explore where they learn.
     """
     poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
     events = np.empty((steps, batch.robots), dtype=bool)
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
     smell = batch.rules.layout.smell
+    explore = learning if exploring is None else exploring
     for step in range(steps):
-        motors = agent.act(batch.rules.state(batch.sensordata).astype(np.float32), learning)
+        motors = agent.act(batch.rules.state(batch.sensordata).astype(np.float32), explore)
         if learning:
             agent.learn(batch.rules.reward(batch.sensordata).astype(np.float32))
         batch.step(motors)

@@ -10,6 +10,7 @@ import numpy as np
 from ...models.arrays import namespace
 from ...tasks.batch import Robots
 from ...tasks.tensors.parts import Part
+from ..agents.base import sound
 from ..agents.factory import make_agent
 from ..agents.names import TRAINED_BEFORE, is_own, short_name
 from ..agents.settings import settings_from
@@ -123,9 +124,7 @@ class Cohort:
 
     def _stop_unsound(self) -> None:
         """Stops robots with a weight that is not finite: at birth, every minute, at the end."""
-        for weights in self.agent.weights().values():
-            finite = np.isfinite(weights).reshape(self.batch.robots, -1)
-            self.batch.stop(np.flatnonzero(~finite.all(axis=1)))
+        self.batch.stop(np.flatnonzero(~sound(self.agent.weights(), self.batch.robots)))
 
     def lives(self) -> Lives:
         """Returns the results of the finished cohort."""

@@ -59,6 +59,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Benchmark",
             "Simulate learners by the same schedules, each with its tuned settings, and rank them.",
         ),
+        "continued-learning": (
+            "learners.continued",
+            "ContinuedLearning",
+            "Repeat the test after training while agents explore, or while they go on learning.",
+        ),
         "leaderboard": (
             "learners.leaderboard",
             "Leaderboard",

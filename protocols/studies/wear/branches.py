@@ -13,6 +13,7 @@ import numpy as np
 from ....models import CHANGES
 from ....tasks import Robots
 from ....tasks.arena import CONTROL_TIMESTEP
+from ...agents.base import sound
 from ...agents.factory import make_agent
 from ...errors import DamagedFileError, InputError
 from ...experiment.experiment import Experiment
@@ -25,7 +26,7 @@ from ...storage import load_arrays, save_arrays
 from ..study import MinuteTick, StoppedError, check_shares
 from .arms import ARMS, FROZEN, NEWBORN, Arm
 from .lives import SAVE_EVERY, LifeJob, OldBrains
-from .probes import CONDITION, PERIODS, PERIODS_PER_SPOT, TRAINING, finite, period, probe
+from .probes import CONDITION, PERIODS, PERIODS_PER_SPOT, TRAINING, period, probe
 
 
 class Branch:
@@ -68,7 +69,7 @@ class Branch:
             if (len(self.shares) - 1) % PERIODS_PER_SPOT == 0:
                 place(self.batch, TRAINING, self._random)
             watch(self.batch, self.agent, period(self.experiment), learning=True, tick=tick)
-            self.batch.stop(~finite(self.agent.weights()))
+            self.batch.stop(~sound(self.agent.weights(), self.batch.robots))
         stream = "changed", self._life.index, len(self.shares)
         shares = probe(self.experiment, self.agent.weights(), stream, self._edits, tick)
         self.shares.append(np.where(self.batch.valid, shares, np.nan))

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ....tasks.arena import Edit
+from ...agents.base import sound
 from ...agents.factory import make_agent
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
@@ -62,10 +63,4 @@ def probe(
     batch = experiment.batch(CONDITION.task, robots, edits)
     place(batch, PROBE, np.random.default_rng(world))
     track = watch(batch, agent, period(experiment), learning=False, tick=tick)
-    return np.where(batch.valid & finite(networks), track.events.mean(axis=0), np.nan)
-
-
-def finite(networks: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Returns which of B brains have finite weights only, shape (B,)."""
-    each = [np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in networks.values()]
-    return np.all(each, axis=0)
+    return np.where(batch.valid & sound(networks, robots), track.events.mean(axis=0), np.nan)
