@@ -156,6 +156,13 @@ VERBS = {
             "--proposer": TEXTS, **_WORKERS,
         },
     ),
+    "study continued-learning": (
+        ["OUT", "--runs", "RUN"],
+        {
+            "--runs": _PLACES, "--agent": TEXTS, "--robots": NUMBERS, "--seed": NUMBERS,
+            **_WORKERS,
+        },
+    ),
     "study learning-progress": (
         ["OUT", "--brains", "paper", "--robots", "2", "--body", "kinematic"],
         {
