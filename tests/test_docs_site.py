@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from musebot.protocols.results.run_files import read_rows
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
@@ -174,6 +176,21 @@ def test_the_numbers_of_the_leaderboard_are_those_of_its_example(monkeypatch, ca
     for name in ("sarsa_lambda", "dqn", "stream_q", "amortised_q", "stream_ac", "q_learner", "avg"):
         never, of_these = found[f"paper-{name}-raw"]
         assert f"{never} and {of_these} of `{name}`" in text
+
+
+def test_the_films_of_the_leaderboard_show_each_learners_median_robot():
+    page = (DOCS / "leaderboard.md").read_text()
+    rows = re.findall(r"\| `(\w+)` \| (\d+), ([\d.]+) s of 3600 s \| .*\((images/.*)\) \|", page)
+    folder = DOCS / "results" / "benchmark-kinematic"
+    assert {name for name, *_ in rows} == {
+        path.name.split("-")[1] for path in folder.glob("paper-*-raw")
+    }
+    for name, robot, seconds, film in rows:
+        run = read_rows(folder / f"paper-{name}-raw")
+        found = sorted((one.t_post_s, one.robot) for one in run.valid(run.conditions()[-1]))
+        time, middle = found[(len(found) - 1) // 2]
+        assert (middle, f"{time:.1f}") == (int(robot), seconds)
+        assert (DOCS / film).name == f"{name}.gif" and (DOCS / film).exists()
 
 
 def test_the_shares_of_the_leaderboard_are_those_of_the_benchmark():
