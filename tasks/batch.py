@@ -21,7 +21,7 @@ from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
 from .arena import CONTROL_TIMESTEP
-from .episode import whole_number
+from .episode import real_numbers, whole_number
 from .rules import Rules
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -230,11 +230,7 @@ def copy_arrays(arrays: Mapping[str, np.ndarray], targets: Mapping[str, np.ndarr
 
 
 def _real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        array = np.asarray(values)
-    except ValueError:  # rows of different lengths
-        array = np.empty(0)
-    if array.shape != shape or array.dtype.kind not in "fiu":
+    if (array := real_numbers(values, shape)) is None:
         raise ValueError(f"{what} must be real numbers of shape {shape}, got {values!r:.200}")
     return array
 

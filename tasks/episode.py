@@ -122,11 +122,7 @@ class Episode:
 
 
 def _numbers(action: Any, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        values = np.asarray(action)
-    except ValueError:  # rows of different lengths
-        _refuse_action(action, shape)
-    if values.shape != shape or values.dtype.kind not in "fiu":
+    if (values := real_numbers(action, shape)) is None:
         _refuse_action(action, shape)
     return values
 
@@ -185,6 +181,15 @@ def check_keywords(
     unknown = sorted(map(str, set(given) - set(allowed)))
     if unknown:
         raise TypeError(f"{whose} takes the {kind} {sorted(allowed)}, got {unknown}")
+
+
+def real_numbers(values: Any, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Returns values as an array; None unless they are real numbers of this shape."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # parts of different lengths
+        return None
+    return array if array.shape == shape and array.dtype.kind in "fiu" else None
 
 
 def whole_number(name: str, value: Any, least: int) -> int:

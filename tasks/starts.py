@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..models.arena import Dimensions, arena_spec, half_size
+from .episode import real_numbers
 
 Corner = Literal["upper_left", "upper_right"]
 Random = np.random.RandomState | np.random.Generator
@@ -128,11 +129,7 @@ def _in_numbers(place: Corner | tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _finite(name: str, place: Any, length: int) -> tuple[float, ...]:
-    try:
-        values = np.asarray(place)
-    except ValueError:  # parts of different lengths
-        values = np.empty(0)
-    shaped = values.shape == (length,) and values.dtype.kind in "fiu"
-    if not shaped or not np.isfinite(values).all():
+    values = real_numbers(place, (length,))
+    if values is None or not np.isfinite(values).all():
         raise ValueError(f"{name} must be {length} finite numbers, got {place!r:.200}")
     return tuple(map(float, values))
