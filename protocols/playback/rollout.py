@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -47,42 +47,69 @@ def evaluate(
     return watch(batch, agent, control_steps(minutes), learning=False, tick=tick)
 
 
-def watch(
-    batch: Robots,
-    agent: Agent,
-    steps: int,
-    *,
-    learning: bool,
-    tick: Tick,
-    exploring: bool | None = None,
-) -> Track:
+def watch(batch: Robots, agent: Agent, steps: int, *, learning: bool, tick: Tick) -> Track:
     """Simulates robots from their current poses and records their track.
 
     Args:
       batch: Batch of B robots that have been placed.
       agent: Agent that drives the robots.
       steps: Number of control steps.
-      learning: Whether the robots learn.
+      learning: Whether the robots learn and explore.
       tick: Function called after every simulated minute.
-      exploring: Whether the robots explore; None if they explore where they learn.
     """
     poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
     events = np.empty((steps, batch.robots), dtype=bool)
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
     smell = batch.rules.layout.smell
-    explore = learning if exploring is None else exploring
-    for step in range(steps):
-        motors = agent.act(batch.rules.state(batch.sensordata).astype(np.float32), explore)
-        if learning:
-            agent.learn(batch.rules.reward(batch.sensordata).astype(np.float32))
-        batch.step(motors)
+    for step, event in enumerate(_events(batch, agent, steps, learning, learning, tick)):
         poses[step + 1] = batch.pose
-        events[step] = batch.rules.event(batch.sensordata)
+        events[step] = event
         nose[step] = batch.sensordata[:, smell][:, :2]
-        if (step + 1) % control_steps(1) == 0 or step + 1 == steps:
-            tick()
     return Track(poses, events, batch.spot[0], nose)
+
+
+def count_events(
+    batch: Robots,
+    agent: Agent,
+    steps: int,
+    *,
+    tick: Tick,
+    learning: bool = False,
+    exploring: bool = False,
+) -> np.ndarray:
+    """Simulates robots from their current poses, without a record of their track.
+
+    Args:
+      batch: Batch of B robots that have been placed.
+      agent: Agent that drives the robots.
+      steps: Number of control steps.
+      tick: Function called after every simulated minute.
+      learning: Whether the robots learn.
+      exploring: Whether the robots explore.
+
+    Returns:
+      Number of control steps in contact, or in the spot, of each robot, int32, shape (B,).
+    """
+    counts = np.zeros(batch.robots, dtype=np.int32)
+    for event in _events(batch, agent, steps, learning, exploring, tick):
+        counts += event
+    return counts
+
+
+def _events(
+    batch: Robots, agent: Agent, steps: int, learning: bool, exploring: bool, tick: Tick
+) -> Iterator[np.ndarray]:
+    """Yields after every control step which robots are in contact, or in the spot, shape (B,)."""
+    rules = batch.rules
+    for step in range(1, steps + 1):
+        motors = agent.act(rules.state(batch.sensordata).astype(np.float32), exploring)
+        if learning:
+            agent.learn(rules.reward(batch.sensordata).astype(np.float32))
+        batch.step(motors)
+        yield rules.event(batch.sensordata)
+        if step % control_steps(1) == 0 or step == steps:
+            tick()
 
 
 def minutes_of(minutes: float) -> int:

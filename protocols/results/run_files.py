@@ -143,6 +143,13 @@ def run_names(directories: Sequence[Path]) -> list[str]:
     return names if len({*names}) == len(names) else [str(directory) for directory in directories]
 
 
+def check_names(directories: Sequence[Path]) -> None:
+    """Raises InputError where two runs have the same name, under which a study keeps its files."""
+    names = [resolved(directory).name for directory in directories]
+    if len({*names}) < len(names):
+        raise InputError(f"the runs must have different names, got {', '.join(names)}")
+
+
 def flat_networks(results: Results, when: Sequence[When] = WHEN) -> NetworkArrays:
     """Returns all networks, named as in the file: "task/proposer/before|after/network.tensor"."""
     return {

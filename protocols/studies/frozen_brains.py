@@ -19,7 +19,7 @@ from ..experiment.conditions import CohortKey, Condition
 from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.schedules import control_steps
-from ..playback.rollout import Tick, watch
+from ..playback.rollout import Tick, count_events
 from ..results.checks import check_same_shapes
 from ..simulation.cohort import Cohort, shapes_of
 from ..simulation.jobs import Report, Stop
@@ -306,8 +306,9 @@ def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -
         batch = experiment.batch(CONDITION.task, which.shape[1])
         place(batch, test, np.random.default_rng(0))
         agent = progress.brains(which, seed)
-        track = watch(batch, agent, control_steps(test.minutes), learning=False, tick=tick)
-        shares.append(np.where(batch.valid, track.events.mean(axis=0), np.nan))
+        steps = control_steps(test.minutes)
+        counts = count_events(batch, agent, steps, tick=tick)
+        shares.append(np.where(batch.valid, counts / steps, np.nan))
     return np.concatenate(shares).reshape(len(progress.hours), -1)
 
 

@@ -30,17 +30,17 @@ from ..experiment.schedules import (
 )
 from ..playback.episode import check_seed
 from ..playback.measured_behaviour import sample, with_brains
-from ..playback.rollout import Tick, watch
+from ..playback.rollout import Tick, count_events
 from ..playback.stored_brains import stored_brains
 from ..reporting import markdown
 from ..reporting.labels import described
 from ..results.results import When
 from ..results.run import Run
-from ..results.run_files import flat_networks, read_run
+from ..results.run_files import check_names, flat_networks, read_runs
 from ..shared_options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..simulation.jobs import Job, Report, Stop
 from ..simulation.placement import place
-from ..storage import digest, resolved, save_arrays
+from ..storage import digest, save_arrays
 from .study import MinuteTick, Page, StoppedError, Study, check_positive, own_arrays
 
 _WALLS, _SPOTS = ("wall_avoidance",), ("spot_finding",)
@@ -160,12 +160,8 @@ class Robustness(Study):
                 raise InputError(
                     f"the proposer must be one of {', '.join(PROPOSERS)}, got {name!r}"
                 )
-        if not self.runs:
-            raise InputError("at least one run is needed")
-        names = [resolved(run).name for run in self.runs]
-        if len({*names}) < len(names):
-            raise InputError(f"the runs must have different names, got {', '.join(names)}")
-        found = [self._evaluated(read_run(run, replay=True)) for run in self.runs]
+        check_names(self.runs)
+        found = [self._evaluated(run) for run in read_runs(self.runs, replay=True)]
         scales = sorted({one.run.experiment.time_scale for one in found})
         if len(scales) > 1:
             raise InputError(
@@ -410,8 +406,7 @@ def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndar
     for phase in perturbation.test(experiment.schedule(task), batch.dimensions):
         place(batch, phase, random)
         agent.reset()
-        track = watch(batch, agent, control_steps(phase.minutes), learning=False, tick=tick)
-        events += track.events.sum(axis=0, dtype=np.int32)
+        events += count_events(batch, agent, control_steps(phase.minutes), tick=tick)
     return {"events": events, "valid": batch.valid}
 
 

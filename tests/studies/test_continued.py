@@ -108,17 +108,23 @@ def test_each_mode_explores_and_learns_as_it_says(runs, tmp_path, in_process, mo
     conduct(study, out, in_process())
     condition = Condition("spot_finding", USERS)
     monkeypatch.setattr(Restless, "breaks", True)
-    for name, mode in MODES.items():
+    does = {"frozen": (0, 0), "exploring": (1, 0), "learning": (1, 1)}
+    assert does.keys() == MODES.keys()
+    for name, (explores, learns) in does.items():
         Restless.made.clear()
         one = job(study, out, condition, name)
         one.path.unlink()
         assert one.run(lambda: False, lambda done, message: None)
         (agent,) = Restless.made
         steps = read_run(runs / "restless").experiment.schedule(condition.task).steps_of("post")
-        assert (agent.acted, agent.explored) == (steps, mode.exploring * steps)
-        assert agent.learned == mode.learning * steps
+        assert (agent.acted, agent.explored) == (steps, explores * steps)
+        assert agent.learned == learns * steps
         # The last robot's weight is not finite once it has learned.
-        assert np.isnan(one.shares()).tolist() == [False] * 5 + [mode.learning]
+        assert np.isnan(one.shares()).tolist() == [False] * 5 + [learns == 1]
+
+    # That robot is left out of all modes, so that the means are of the same robots.
+    (row,) = [line for line in study.page(out).markdown.splitlines() if "`restless`" in line][:1]
+    assert "| 5 of 6 |" in row
 
 
 def test_agents_of_ours_have_the_age_of_the_end_of_training(finished, monkeypatch):
@@ -129,7 +135,7 @@ def test_agents_of_ours_have_the_age_of_the_end_of_training(finished, monkeypatc
         ages.append(agent.state()["age"].item())
         raise RuntimeError
 
-    monkeypatch.setattr(continued, "watch", spy)
+    monkeypatch.setattr(continued, "count_events", spy)
     for condition in (SPOT, Condition("spot_finding", "creative")):
         with pytest.raises(RuntimeError):
             job(study, out, condition, "learning").run(lambda: False, lambda *_: None)
@@ -184,6 +190,7 @@ def test_a_file_of_another_mode_is_refused(finished, runs, tmp_path, in_process)
     ("words", "sentence"),
     [
         (["--robots", "0"], "robots must be at least 1, got 0"),
+        (["--runs", "a/run", "b/run"], "the runs must have different names, got run, run"),
         (["--seed", "-1"], "the seed must lie in [0, 2^63), got -1"),
         (["--agent", "avg"], "no run has robots of avg"),
         (["--agent", "dnq"], "there is no agent 'dnq': did you mean dqn?"),

@@ -22,13 +22,13 @@ from ...experiment.random_streams import random_streams
 from ...experiment.schedules import TASK_NAMES, control_steps
 from ...playback.episode import check_seed
 from ...playback.measured_behaviour import sample
-from ...playback.rollout import Tick, watch
+from ...playback.rollout import Tick, count_events
 from ...playback.stored_brains import stored_agent
 from ...reporting.labels import described
 from ...reporting.markdown import MEANS, mean_cell, table, with_interval
 from ...results.results import When
 from ...results.run import Run
-from ...results.run_files import read_run, read_runs
+from ...results.run_files import check_names, read_run, read_runs
 from ...shared_options import Runs, option
 from ...simulation.jobs import Job, Report, Stop
 from ...simulation.placement import place
@@ -84,6 +84,7 @@ class ContinuedLearning(Study):
 
     @functools.cached_property
     def _runs(self) -> list[Run]:
+        check_names(self.runs)
         return read_runs(self.runs, brains=False)
 
     def experiments(self) -> Mapping[str, Experiment]:
@@ -103,10 +104,13 @@ class ContinuedLearning(Study):
             for folder, run in zip(self.runs, self._runs, strict=True)
             for condition in run.conditions()
             if not wanted or condition.proposer in wanted
+            if run.valid_rows(condition)
         ]
         for name in wanted:
             if not any(condition.proposer == name for *_, condition in found):
                 raise InputError(f"no run has robots of {short_name(name)}")
+        if not found:
+            raise InputError("all robots of the runs were stopped")
         return found
 
     def details(self) -> Mapping[str, Any]:
@@ -119,12 +123,15 @@ class ContinuedLearning(Study):
 
     def check(self, out: Path) -> None:
         """See `Study.check`: whether the agents take over their weights, before any test."""
+        left: dict[tuple[Path, Condition], ContinuedTest] = {}
         for job in self._jobs(out):
             if job.done():
                 job.shares()
             else:
                 check_trusted(job.condition.proposer, job.folder)
-                stored_agent(job.with_brains(), job.condition, job.which[:1], self.seed)
+                left[job.folder, job.condition] = job
+        for job in left.values():
+            stored_agent(job.with_brains(), job.condition, job.which[:1], self.seed)
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: a job for each condition and mode."""
@@ -160,11 +167,12 @@ class ContinuedLearning(Study):
                 lines += [f"### {title}", "", *table([head, *rows]), ""]
         lines += [
             "The test after training once more: share of the time in the spot, or without contact. "
-            "*frozen*: as in the run; *exploring*: as in training, with frozen weights; "
-            "*learning*: also with learning. Mean over robots, in brackets its 95 % interval "
-            f"({MEANS}); the difference robot by robot. Stopped robots have no share. The agents "
-            "have the weights and the age of the end of training; an optimizer's moments, traces "
-            "and a replay memory begin as at birth.",
+            "*frozen*: as in the run; *exploring*: as in training, without learning (running "
+            "moments of the signals go on); *learning*: exploring and learning. Mean over robots, "
+            f"in brackets its 95 % interval ({MEANS}); the difference robot by robot, without "
+            "robots that were stopped in one of the modes. The agents have the weights and the age "
+            "of the end of training; an optimizer's moments, traces and a replay memory begin as "
+            "at birth.",
             "",
             *(described(run) for run in self._runs),
             "",
@@ -174,15 +182,18 @@ class ContinuedLearning(Study):
     def _row(self, out: Path, run: Run, condition: Condition) -> list[str]:
         jobs = [j for j in self._jobs(out) if (j.evaluated, j.condition) == (run, condition)]
         found = {job.mode: job.shares() for job in jobs}
+        robots = len(jobs[0].rows)
+        sound = ~np.isnan([*found.values()]).any(axis=0)
+        found = {mode: shares[sound] for mode, shares in found.items()}
         frozen, learning = found["frozen"], found["learning"]
         interval = intervals.difference_of_means(
             learning, frozen, paired=True, span=intervals.SHARE
         )
         return [
             f"{short_name(condition.proposer)} (`{run.name}`)",
-            str(len(frozen)),
-            *(mean_cell(own[~np.isnan(own)], intervals.SHARE) for own in found.values()),
-            with_interval(f"{np.nanmean(learning - frozen):+.3f}", interval),
+            f"{len(frozen)} of {robots}",
+            *(mean_cell(own, intervals.SHARE) for own in found.values()),
+            with_interval(f"{(learning - frozen).mean():+.3f}", interval),
         ]
 
 
@@ -253,20 +264,19 @@ class ContinuedTest:
         if is_own(self.condition.proposer):
             _let_age(agent, schedule.steps_of("training"))
         batch = run.experiment.batch(self.condition.task, robots)
-        events = np.zeros(robots)
+        events = np.zeros(robots, dtype=np.int32)
         for phase in schedule.phases:
             if phase.part == "post":
                 place(batch, phase, random)
                 agent.reset()
-                track = watch(
+                events += count_events(
                     batch,
                     agent,
                     control_steps(phase.minutes),
+                    tick=tick,
                     learning=mode.learning,
                     exploring=mode.exploring,
-                    tick=tick,
                 )
-                events += track.events.sum(axis=0)
         shares = events / schedule.steps_of("post")
         valid = batch.valid & sound(agent.weights(), robots)
         return np.where(valid, shares if schedule.wanted else 1 - shares, np.nan)

@@ -15,7 +15,7 @@ from ...errors import RunError
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...experiment.schedules import control_steps
-from ...playback.rollout import watch
+from ...playback.rollout import count_events
 from ...results.run import Run
 from ...results.run_files import read_run
 from ...simulation.jobs import Report, Stop
@@ -137,9 +137,9 @@ class SeatJob:
         agent.load_weights(weights)
         batch = experiment.batch(now.task, len(rows))
         place(batch, experiment.schedule(now.task).phases[-1], np.random.default_rng(_SEED))
-        track = watch(batch, agent, self._steps, learning=False, tick=tick)
+        counts = count_events(batch, agent, self._steps, tick=tick)
         shares = np.full(self._robots, np.nan)
-        shares[rows] = np.where(batch.valid, track.events.mean(axis=0), np.nan)
+        shares[rows] = np.where(batch.valid, counts / self._steps, np.nan)
         return shares
 
 

@@ -13,7 +13,7 @@ from ...agents.factory import make_agent
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...experiment.schedules import SPOT_FINDING, Phase, control_steps
-from ...playback.rollout import Tick, watch
+from ...playback.rollout import Tick, count_events
 from ...simulation.placement import place
 
 CONDITION = Condition("spot_finding", "creative")
@@ -62,5 +62,6 @@ def probe(
     agent.load_weights(networks)
     batch = experiment.batch(CONDITION.task, robots, edits)
     place(batch, PROBE, np.random.default_rng(world))
-    track = watch(batch, agent, period(experiment), learning=False, tick=tick)
-    return np.where(batch.valid & sound(networks, robots), track.events.mean(axis=0), np.nan)
+    steps = period(experiment)
+    counts = count_events(batch, agent, steps, tick=tick)
+    return np.where(batch.valid & sound(networks, robots), counts / steps, np.nan)
