@@ -59,13 +59,10 @@ def test_agent_learns_in_every_step_only_where_learning_is_on():
 
 @pytest.mark.parametrize(("learning", "exploring"), [(False, False), (False, True), (True, True)])
 def test_events_are_counted_as_a_track_records_them(learning, exploring):
-    agent, batch, again = (
-        Recorder(),
-        make_batch("wall_avoidance", 2),
-        make_batch("wall_avoidance", 2),
-    )
+    agent = Recorder()
+    batch, again = (make_batch("wall_avoidance", 2) for _ in range(2))
     for robots in (batch, again):  # one of them at a wall
-        robots.place(np.arange(2), np.array([[0.46, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+        robots.place(np.arange(2), np.array([[0.49, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     counts = rollout.count_events(
         batch, agent, 9, tick=lambda: None, learning=learning, exploring=exploring
     )

@@ -190,7 +190,6 @@ def test_a_file_of_another_mode_is_refused(finished, runs, tmp_path, in_process)
     ("words", "sentence"),
     [
         (["--robots", "0"], "robots must be at least 1, got 0"),
-        (["--runs", "a/run", "b/run"], "the runs must have different names, got run, run"),
         (["--seed", "-1"], "the seed must lie in [0, 2^63), got -1"),
         (["--agent", "avg"], "no run has robots of avg"),
         (["--agent", "dnq"], "there is no agent 'dnq': did you mean dqn?"),
@@ -203,6 +202,14 @@ def test_bad_options_are_refused_in_one_sentence(runs, tmp_path, capsys, words, 
     error = capsys.readouterr().err
     assert sentence in error and len(error.strip().splitlines()) == 1
     assert not out.exists()
+
+
+def test_runs_of_the_same_name_are_refused(tmp_path, capsys):
+    """The study keeps its files under the runs' names."""
+    runs = [str(tmp_path / name / "run") for name in ("a", "b")]
+    command = ["study", "continued-learning", str(tmp_path / "out"), "--runs", *runs]
+    assert cli.main(command) == 2
+    assert "the runs must have different names, got run, run" in capsys.readouterr().err
 
 
 def test_a_run_without_brains_is_refused_before_any_test(runs, tmp_path, capsys):
