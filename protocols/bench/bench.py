@@ -153,8 +153,10 @@ def _check_output(path: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def _car(path: Path | None) -> mujoco.MjModel | None:
+    if (path := path or models.car_xml()) is None:
+        return None
     try:
-        return models.car_xml(path)
+        return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path} is not a model that MuJoCo can read ({reason})") from error

@@ -81,22 +81,13 @@ _ENDLESS = 10**9  # time limit of an episode in [s]
 OURS, SENSELESS, LIKE_CAR, CAR_XML = "ours", "ours, sensors off", "car-like", "MuJoCo's car.xml"
 
 
-def car_xml(path: Path | None) -> mujoco.MjModel | None:
-    """Returns MuJoCo's own car; None if there is no such file.
-
-    Args:
-      path: File to read; None searches the folders where MuJoCo is usually unpacked.
-
-    Raises:
-      ValueError: The file at `path` cannot be read or compiled.
-    """
-    if path is not None:
-        return mujoco.MjModel.from_xml_path(str(path))
+def car_xml() -> Path | None:
+    """Returns the file of MuJoCo's own car, where MuJoCo is usually unpacked; None without one."""
     places = [Path(mujoco.__file__).parent, Path("/usr/share/mujoco"), Path("/usr/local/mujoco")]
     places += sorted(Path("/opt").glob("mujoco*")) + sorted(Path.home().glob(".mujoco/mujoco*"))
     for place in places:
         if (found := place / "model" / "car" / "car.xml").exists():
-            return mujoco.MjModel.from_xml_path(str(found))
+            return found
     return None
 
 

@@ -196,7 +196,11 @@ class RunCommand:
             return Plan(experiment, rows)
         if held and not self.task and not chosen:
             return Plan.of(experiment, held.robots, robots) if self.robots else held
-        pairs = itertools.product(self.task or experiment.tasks, chosen or PROPOSERS)
+        here = list(held.robots) if held else []
+        pairs = itertools.product(
+            self.task or dict.fromkeys(c.task for c in here) or experiment.tasks,
+            chosen or dict.fromkeys(c.proposer for c in here) or PROPOSERS,
+        )
         conditions = [Condition(*pair) for pair in pairs]
         return Plan.of(experiment, conditions, robots)
 

@@ -62,6 +62,12 @@ class Timestep(Study):
         """See `Study.details`."""
         return {"robots": self.robots, "minutes": self.minutes}
 
+    def check(self, out: Path) -> None:
+        """See `Study.check`."""
+        for job in self._jobs(out):
+            if job.done():
+                job.measured()
+
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: a job for each timestep."""
         yield self._jobs(out)

@@ -2,14 +2,25 @@
 
 import pytest
 
-from musebot.protocols.agents.factory import senses_of
+from musebot.controller.senses import Senses, Signal
+from musebot.protocols.experiment.networks import senses_of
 from musebot.tasks.suite import TASKS
+
+DISTANCES, CONTACT = (Signal(0, 1),) * 4, Signal(-1, 0)
+SMELL, SPEED = Signal(0, 1, maximal=10), Signal(-1, 1)
+PUNISHED, PAID = Signal(-1, 0), Signal(0, 1)
+SENSES = {
+    "wall_avoidance": Senses((*DISTANCES, CONTACT), PUNISHED),
+    "wall_avoidance_unit": Senses((*DISTANCES, CONTACT), PAID),
+    "wall_avoidance_obstacles": Senses((*DISTANCES, CONTACT, SPEED), PAID),
+    "spot_finding": Senses((SMELL,), SMELL),
+    "spot_finding_unit": Senses((SMELL,), SMELL),
+    "spot_finding_jumping": Senses((SMELL,), SMELL),
+    "spot_finding_two_noses": Senses((SMELL, SMELL), SMELL),
+    "spot_finding_walls": Senses((SMELL, *DISTANCES, CONTACT), SMELL),
+}
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_every_task_describes_its_signals(task):
-    senses = senses_of(task)
-    rules = TASKS[task].rules
-    assert len(senses.state) == sum(length for length, _, _ in rules.shapes.values())
-    assert (senses.reward.low, senses.reward.high) == rules.rewards
-    assert set(rules.maximal) <= {*rules.shapes, "reward"}
+def test_every_task_describes_its_signals_and_its_reward(task):
+    assert senses_of(task) == SENSES[task]

@@ -461,3 +461,9 @@ def test_a_true_claim_rarely_fails_and_a_false_one_rarely_holds():
     ]
     assert found.count("holds") <= 10
     assert found.count("does not hold") <= 15
+    found = [
+        judge(claim, three(WA, "one", *random.binomial(60, [0.6, 0.3, 0.3]), of=60)).verdict
+        for _ in range(200)
+    ]
+    assert found.count("holds") >= 120  # both of its inequalities: power about 0.85 to 0.9 each
+    assert found.count("does not hold") == 0

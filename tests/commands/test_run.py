@@ -14,6 +14,7 @@ from musebot.protocols.config import Config
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.results.run import Run
 
 SHORT = {"time_scale": 0.001, "body": "kinematic", "quiet": True}
@@ -53,6 +54,21 @@ def test_the_options_above_are_all_fields_of_an_experiment_that_the_command_has(
     fields = {field.name for field in dataclasses.fields(Experiment)}
     # Parameters are given by words: settings, kinematics; a setting of tests is no option.
     assert {*CHANGED} == (options & fields) - {"kinematics"} == {*module._FIELDS}
+
+
+@pytest.mark.parametrize(
+    ("options", "planned"),
+    [
+        ({"task": ("spot_finding",)}, [("spot_finding", "random", 4)]),
+        ({"proposer": ("fixed",)}, [("wall_avoidance", "fixed", 4)]),
+        ({"agent": ("dqn",), "robots": 2}, [("wall_avoidance", "musebot:dqn", 2)]),
+        ({}, [("wall_avoidance", "random", 4)]),
+    ],
+)
+def test_tasks_and_proposers_that_are_not_given_are_those_of_the_run(tmp_path, options, planned):
+    held = Plan.of(Experiment(cohort_size=2), [Condition("wall_avoidance", "random")], 4)
+    plan = RunCommand(tmp_path / "run", **options)._plan(held, Config())
+    assert [(c.task, c.proposer, n) for c, n in plan.robots.items()] == planned
 
 
 def test_an_unknown_option_is_refused_with_all_names(tmp_path):

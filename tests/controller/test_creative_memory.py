@@ -152,7 +152,8 @@ def test_a_quarter_of_the_connections_is_noisy(sensors, connections, noisy):
     assert patterns.shape == (1000, connections)
     assert ((patterns != 0).sum(1) == noisy).all()
     assert set(patterns.unique().tolist()) == set(torch.tensor([-0.76, 0.0, 0.76]).tolist())
-    assert noisy * 0.76 / connections == pytest.approx(0.19, abs=0.015)
+    # The mean over all connections; 9 of 35 and 4 of 15 are nearly a quarter.
+    assert float(patterns.abs().mean()) == pytest.approx(0.76 / 4, abs=0.015)
 
 
 @pytest.mark.parametrize(("sensors", "connections"), [(5, 42), (1, 22)])

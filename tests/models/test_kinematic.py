@@ -136,7 +136,9 @@ def test_slip_and_turn_at_a_wall_are_those_of_the_mujoco_body(motor):
         close = {0.5: 0.06, 0.4: 0.08, 0.3: 0.11, 0.2: 0.02 + 0.15 * slip}[motor]
         close = 0.003 if angle < 50 else close
         assert ours[1, 0] / speed == pytest.approx(slip, abs=close)
-        assert -turned[0] == pytest.approx(turn, abs=0.14)
+        # Between 60 and 76 degrees a body's turn also depends on its motion before.
+        close = 0.14 if motor > 0.3 and 60 < angle < 76 else 0.05
+        assert -turned[0] == pytest.approx(turn, abs=close)
 
 
 def test_a_robot_that_grazes_a_wall_slips_into_the_corner():

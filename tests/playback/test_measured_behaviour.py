@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from musebot.protocols.analysis.behaviour import Track
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.playback import measured_behaviour
 from musebot.protocols.results.results import ConditionResults
@@ -22,6 +23,45 @@ def test_all_conditions_are_observed_and_every_tick_is_announced(run):
     assert len(ticks) == measured_behaviour.ticks(run) > 0
 
 
+def test_tests_before_and_after_training_are_told_apart(run, monkeypatch):
+    """Robot 1 spins after training only, robot 2 comes nearer to the centre before it only."""
+    condition = Condition("wall_avoidance", "fixed")
+    alone = dataclasses.replace(run, results={condition: run.results[condition]})
+
+    def hand_made(given, what, which, minutes, tick):
+        assert (given, what) == (alone, condition)
+        assert which == [(row, when) for when in ("before", "after") for row in range(3)]
+        poses = np.zeros((21, 6, 3))
+        poses[:, :, 0] = 0.4
+        poses[:, 3 + 1, 2] = 0.5 * np.arange(21)  # five radians a second
+        poses[:, 2, 0] -= np.linspace(0, 0.1, 21)
+        return Track(poses, np.zeros((20, 6), bool), np.zeros(2), np.zeros((20, 6, 2)))
+
+    monkeypatch.setattr(measured_behaviour, "evaluate", hand_made)
+    behaviour = measured_behaviour.observe(alone)
+    np.testing.assert_array_equal(behaviour.spinning[condition], [[0, 0], [0, 1], [0, 0]])
+    np.testing.assert_allclose(behaviour.nearer[condition], [[0, 0], [0, 0], [0.1, 0]], atol=1e-12)
+
+
+def test_newborns_start_with_the_nose_at_the_rim_and_learn(run, monkeypatch):
+    condition, seen = Condition("spot_finding", "creative"), []
+
+    def spy(batch, agent, steps, *, learning, tick):
+        seen.append((batch.pose, batch.spot, learning, agent.weights()))
+        return Track(np.zeros((2, 2, 3)), np.zeros((1, 2), bool), np.zeros(2), np.ones((1, 2, 2)))
+
+    monkeypatch.setattr(measured_behaviour, "watch", spy)
+    _, radius = measured_behaviour.from_the_rim(run, condition, [2, 0], lambda: None)
+    ((pose, spot, learning, weights),) = seen
+    size = run.experiment.batch(condition.task, 1).dimensions
+    ahead = np.stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])], axis=1)
+    nose = pose[:, :2] + size.nose * ahead
+    assert radius == size.spot_radius == 0.06 and learning is True
+    np.testing.assert_allclose(np.linalg.norm(nose - spot, axis=1), radius, atol=1e-9)
+    for name, array in run.networks(condition, "before").items():
+        np.testing.assert_array_equal(weights[name], array[[2, 0]])
+
+
 def test_only_robots_that_found_the_spot_start_at_it_again(run):
     condition = Condition("spot_finding", "creative")
     part = run.results[condition]
@@ -32,10 +72,13 @@ def test_only_robots_that_found_the_spot_start_at_it_again(run):
     }
     scaled = dataclasses.replace(run.experiment, time_scale=1 / 60)  # minutes 1 to 4 are training
     curves = np.zeros((4, 6))
-    curves[[0, 2], 1:5] = 0.5
-    curves[1, [0, 5]] = 1.0
+    curves[[0, 2], 1:5] = [[0.11], [0.1]]
+    curves[1, [0, 5]] = 1.0  # in the tests only
+    curves[3, 1:5] = 0.09
     results = {condition: ConditionResults(four, curves, networks)}
-    behaviour = measured_behaviour.observe(Run("run", scaled, results))
+    found = Run("run", scaled, results)
+    assert measured_behaviour.finders(found, condition) == [0, 2]
+    behaviour = measured_behaviour.observe(found)
     assert len(behaviour.stays["creative"].staying) == 2
 
 

@@ -291,10 +291,19 @@ def test_curves_whose_shape_was_altered_are_damaged(folder, results, without_dig
 
 def test_a_flipped_bit_in_robots_csv_ends_in_results_or_is_named(folder, without_digests):
     without_digests(folder)
-    named = 0
+
+    def rows():
+        """The rows, without the last digits of Learn Ability, which are not checked."""
+        return [
+            dataclasses.replace(row, learn_ability=round(row.learn_ability, 6))
+            for part in read_results(folder).values()
+            for row in part.robots
+        ]
+
+    named, true = 0, repr(rows())
     for _ in flips(folder / ROBOTS_FILE, 1):
         try:
-            assert isinstance(read_results(folder), dict)  # a last digit of Learn Ability
+            assert repr(rows()) == true
         except DamagedFileError as error:
             assert str(folder) in str(error)
             named += 1

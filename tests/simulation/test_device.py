@@ -364,7 +364,7 @@ def test_a_run_is_not_continued_on_another_device(tmp_path, capsys):
     assert cli.main([*words, "--task", "wall_avoidance", "--proposer", "fixed"]) == 0
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     assert cli.main(["run", str(out), "--device", "cuda"]) == 2
-    assert "device" in capsys.readouterr().err
+    assert "holds an experiment with device cpu, not cuda" in capsys.readouterr().err
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 

@@ -1,7 +1,9 @@
 """Jobs: a cohort as a piece of work that stops and continues, and jobs with progress."""
 
+import itertools
 import queue
 
+import numpy as np
 import pytest
 
 from musebot.protocols.errors import Interrupted
@@ -47,6 +49,16 @@ def test_a_job_saves_as_often_as_it_is_told(tmp_path, monkeypatch, save_every, l
     monkeypatch.setattr(jobs, "save_checkpoint", lambda *_: saved.append(1))
     job_in(tmp_path, save_every).run(never, lambda *_: None)
     assert least <= len(saved) <= most
+
+
+def test_the_time_between_two_saves_is_counted_from_the_last_one(tmp_path, monkeypatch):
+    saved, seconds = [], itertools.count()
+    monkeypatch.setattr(jobs, "save_checkpoint", lambda *_: saved.append(next(seconds)))
+    monkeypatch.setattr(jobs, "_CHUNK", 1)
+    monkeypatch.setattr(jobs.time, "monotonic", lambda: next(seconds))  # a second a look
+    job_in(tmp_path, save_every=20).run(never, lambda *_: None)
+    assert len(saved) > 5
+    assert set(np.diff(saved)) <= {21, 22, 23, 24}
 
 
 def test_an_executor_is_closed_where_the_reader_of_its_jobs_fails(tmp_path):

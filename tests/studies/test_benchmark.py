@@ -41,6 +41,19 @@ def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
     assert Benchmark(robots=30).experiments() == Benchmark(robots=60).experiments()
 
 
+def test_steady_stands_in_wall_avoidance_in_the_papers_track_alone():
+    """Nothing saturates there; the run is that of both tracks, to which spot finding can come."""
+    plans = Benchmark(agent=("steady",), signals=("paper",)).plans()
+    assert {*plans} == {
+        "paper-bounds", "paper-steady-paper", "paper-steady-raw", "walls-bounds",
+        "walls-steady-paper",
+    }  # fmt: skip
+    assert [c.task for c in plans["paper-steady-raw"].robots] == ["wall_avoidance"]
+    assert [c.task for c in plans["paper-steady-paper"].robots] == ["spot_finding"]
+    both = Benchmark(agent=("steady",)).plans()
+    assert both["paper-steady-raw"].experiment == plans["paper-steady-raw"].experiment
+
+
 def test_the_held_out_boards_have_seeds_of_their_own():
     chosen = Benchmark(agent=("dqn",), board=("continual", "larger"), signals=("raw",))
     found = {name: plan.experiment for name, plan in chosen.plans().items()}
@@ -170,4 +183,5 @@ def test_an_unfinished_tuning_is_refused_and_another_agents_is_not_read(
     assert cli.main([*command, "--agent", "dqn"]) == 2
     assert "is not finished: `musebot study tune` continues it" in capsys.readouterr().err
     assert not out.exists()
-    assert "sarsa_lambda" in Benchmark(tuned=(tuned,), agent=("sarsa_lambda",)).plans().__repr__()
+    others = Benchmark(tuned=(tuned,), agent=("sarsa_lambda",), board=("walls",)).plans()
+    assert others["walls-sarsa_lambda-raw"].experiment.settings == ()

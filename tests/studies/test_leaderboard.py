@@ -316,6 +316,13 @@ def test_a_robot_that_was_stopped_counts_as_the_worst(runs, task):
         np.testing.assert_array_equal(getattr(after, name), expected)
 
 
+def test_bounds_alone_are_no_leaderboard(runs, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["study", "leaderboard", str(out), "--runs", str(runs[0])]) == 2
+    assert "the runs hold no learner, only bounds" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys, commands_in_process):
     tiny = "--trials 3 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
     tuned = tmp_path / "tuned"

@@ -13,11 +13,11 @@ from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.placement import place
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.study import conduct
-from musebot.protocols.studies.wear import branches, lives
+from musebot.protocols.studies.wear import branches, lives, probes
 from musebot.protocols.studies.wear.arms import ARMS, FACTORS, FROZEN, NEWBORN, pairs
 from musebot.protocols.studies.wear.branches import Branch, BranchJob
 from musebot.protocols.studies.wear.page import draw, page
-from musebot.protocols.studies.wear.probes import CONDITION, PERIODS, TRAINING, period
+from musebot.protocols.studies.wear.probes import CONDITION, PERIODS, TRAINING, period, probe
 from musebot.protocols.studies.wear.recovery import (
     Pair,
     Recovery,
@@ -112,13 +112,39 @@ def test_without_a_change_an_old_brain_lives_on_as_if_nothing_had_happened(life,
 
 
 def test_swapped_wheels_move_the_robot_the_other_way(life):
-    start = Branch(life, life.brains(), "polarity", ARMS[TODAY])
     plain = life.experiment.batch(CONDITION.task, 1)
     changed = life.experiment.batch(CONDITION.task, 1, [CHANGES["polarity"]])
     for batch in (plain, changed):
         batch.step(np.array([[0.4, 0.4]], np.float32))
     assert changed.pose[0, 0] == pytest.approx(-plain.pose[0, 0]) != 0
+
+
+def test_a_branch_trains_and_probes_robots_of_the_changed_body(life, monkeypatch):
+    edits = []
+
+    def spy(experiment, networks, stream, given, tick):
+        edits.append(given)
+        return np.zeros(3)
+
+    monkeypatch.setattr(branches, "probe", spy)
+    start = Branch(life, life.brains(), "polarity", ARMS[TODAY])
+    assert start.batch.dimensions.gains == CHANGES["polarity"].gains == (-1, -1)
     assert np.array_equal(start.batch.valid, life.brains().part("batch")["valid"])
+    start.advance(lambda: None)
+    assert edits == [[CHANGES["polarity"]]]
+
+
+def test_a_probe_is_made_in_the_edited_body(life, monkeypatch):
+    gains = []
+
+    def spy(batch, agent, steps, tick):
+        gains.append(batch.dimensions.gains)
+        return np.zeros(batch.robots, dtype=np.int32)
+
+    monkeypatch.setattr(probes, "count_events", spy)
+    for edits in ((), [CHANGES["polarity"]]):
+        probe(life.experiment, life.brains().part("before"), ("reference", 0, 0), edits)
+    assert gains == [(1, 1), (-1, -1)]
 
 
 def test_a_newborn_is_the_brain_that_the_old_one_was(life):

@@ -24,6 +24,16 @@ def test_the_nose_nearer_to_the_spot_smells_more(side, stronger):
     assert noses[stronger] > 1.2 * noses[1 - stronger] > 0
 
 
+def test_the_reward_of_two_noses_is_their_mean():
+    """Eq. 3 with r/d for each nose, of its angle and its distance to the spot's centre."""
+    place = {"robot": (0.0, 0.0, 0.0), "spot": (0.25, 0.04)}
+    environment = musebot.load("arena", "spot_finding_two_noses", place)
+    noses = environment.reset().observation["noses"]
+    assert noses[0] > 3 * noses[1] > 0
+    timestep = environment.step(np.zeros(2))
+    assert timestep.reward == pytest.approx((noses[0] + noses[1]) / 2, rel=0.01)
+
+
 def test_both_noses_signal_equally_ahead_and_maximally_inside():
     ahead = {"robot": (0.0, 0.0, 0.0), "spot": (0.25, 0.0)}
     noses = musebot.load("arena", "spot_finding_two_noses", ahead).reset().observation["noses"]

@@ -8,6 +8,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
 import torch  # noqa: E402
 from stable_baselines3 import PPO  # noqa: E402
 from stable_baselines3.common.callbacks import BaseCallback  # noqa: E402
+from stable_baselines3.common.monitor import Monitor  # noqa: E402
 from stable_baselines3.common.vec_env import VecMonitor  # noqa: E402
 
 from musebot.tasks.gymnasium_env import INFO, ArenaVectorEnv  # noqa: E402
@@ -121,3 +122,14 @@ def test_ppo_learns_to_drive_among_obstacles():
     random_mean, random_half = interval(chance)
     assert last - last_half > first + first_half
     assert last - last_half > random_mean + random_half
+
+
+def test_robots_have_no_attributes_methods_or_wrappers_of_their_own():
+    ours = ArenaVecEnv(TASK, 3)
+    with pytest.raises(AttributeError, match="no attributes of their own, got speed"):
+        ours.set_attr("speed", 1)
+    with pytest.raises(AttributeError, match="no methods of their own, got fly"):
+        ours.env_method("fly")
+    assert ours.env_is_wrapped(Monitor, [1, 2]) == [False, False]
+    assert ours.env_is_wrapped(Monitor) == [False] * 3
+    ours.close()

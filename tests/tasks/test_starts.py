@@ -4,11 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import musebot
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks import make_batch
-from musebot.tasks.starts import CORNERS, Start, random_poses
+from musebot.tasks.starts import CORNERS, Start, random_poses, random_spots
 
 
 @pytest.fixture(params=musebot.ALL_TASKS, ids="/".join)
@@ -65,6 +66,26 @@ def test_a_start_within_an_obstacle_is_refused_by_name_as_in_numbers(place):
     blocked = dataclasses.replace(size, obstacles=((x, y, 0.05),))
     with pytest.raises(ValueError, match="from the centre of the obstacle"):
         Start(robot=place).check(blocked)
+
+
+def test_random_places_are_uniform_up_to_the_walls():
+    size = make_batch("spot_finding", 1).dimensions
+    random, count = np.random.default_rng(0), 5000
+    clear = size.radius + 0.01
+    for places, high in (
+        (
+            random_poses(random, size, count),
+            (size.half_length - clear, size.half_width - clear, np.pi),
+        ),
+        (
+            random_spots(random, size, count),
+            (size.half_length - size.spot_radius, size.half_width - size.spot_radius),
+        ),
+    ):
+        assert places.shape == (count, len(high))
+        for column, most in zip(places.T, high, strict=True):
+            assert stats.kstest(column, stats.uniform(-most, 2 * most).cdf).pvalue > 0.001
+            assert 0.998 * most < np.abs(column).max() <= most
 
 
 def test_random_poses_are_clear_of_obstacles_by_1_cm():

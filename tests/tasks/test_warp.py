@@ -107,7 +107,7 @@ def test_ten_minutes_of_scripts_end_where_c_mujoco_ends():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kept", "task", "bound"), [("steady", "spot_finding", 0.02), ("mujoco", "wall_avoidance", 0.1)]
+    ("kept", "task", "bound"), [("steady", "spot_finding", 0.02), ("mujoco", "wall_avoidance", 0.4)]
 )
 def test_trained_brains_are_as_long_in_the_spot_or_in_contact_as_in_c_mujoco(kept, task, bound):
     run = read_run(KEPT / kept)
@@ -120,7 +120,7 @@ def test_trained_brains_are_as_long_in_the_spot_or_in_contact_as_in_c_mujoco(kep
         times.append(track.events.mean(axis=0))
     pairs = times[1] - times[0]
     print(f"{kept}, {task}: {times[0].mean():.3f}, {pairs.mean():+.4f}, {pairs.std(ddof=1):.4f}")
-    assert 0.02 < times[0].mean() < 0.98 and abs(pairs.mean()) < bound
+    assert 0.02 < times[0].mean() < 0.98 and abs(pairs.mean()) < bound * times[0].mean()
 
 
 def test_tensors_do_what_the_batch_on_the_host_does_and_read_no_number():

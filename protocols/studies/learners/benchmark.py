@@ -122,7 +122,9 @@ class Benchmark(VariantStudy):
             bounds = tuple(map(recorded_name, (LOWER, UPPER)))
             tasks = self._tasks(board)
             found.append(Variant(f"{board}-bounds", BOARDS[board], tasks, bounds))
-            pairs = itertools.product(learners, dict.fromkeys(self.signals))
+            pairs = [*itertools.product(learners, dict.fromkeys(self.signals))]
+            if "raw" not in self.signals and "steady" in learners:
+                pairs.append(("steady", "raw"))  # where nothing saturates
             rows = [row for pair in pairs if (row := self._row(board, *pair))]
             if not rows:
                 raise InputError(
@@ -144,17 +146,22 @@ class Benchmark(VariantStudy):
         proposers = ("creative",)
         if name == "paper":
             proposers = PROPOSERS
-        elif name == "steady" and track == "raw":
-            fields["brain"] = named_brain(name)
         elif name == "steady":
-            fields["brain"] = with_overrides(named_brain(name), _SATURATED)
-            # Where nothing saturates, both tracks are the same.
+            # Where nothing saturates, both tracks are the same; such runs are named as raw ones.
             start = dataclasses.replace(self.baseline(), **BOARDS[board])
-            tasks = tuple(task for task in tasks if saturates(start, task))
+            both = tuple(task for task in tasks if not saturates(start, task))
+            if track == "paper":
+                tasks = tuple(task for task in tasks if task not in both)
+                fields["brain"] = with_overrides(named_brain(name), _SATURATED)
+            else:
+                tasks = tasks if "raw" in self.signals else both
+                fields["brain"] = named_brain(name)
         else:
             settings = tuned.get(name_in_track(name, track), ())
             fields |= {"signals": track, "settings": settings}
             proposers = (name,)
+        if not tasks:
+            return None
         row = f"{board}-{short_name(name).replace(':', '-')}-{track}"
         return Variant(row, fields, tasks, proposers)
 

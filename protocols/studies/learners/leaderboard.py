@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+from ...errors import InputError
 from ...experiment.experiment import Experiment
 from ...results.run import Run
 from ...results.run_files import read_runs
@@ -40,7 +41,9 @@ class Leaderboard(Study):
 
     @functools.cached_property
     def _boards(self) -> dict[Board, list[Entry]]:
-        return boards(self._read)
+        if not (found := boards(self._read)):
+            raise InputError("the runs hold no learner, only bounds")
+        return found
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`."""
@@ -54,6 +57,10 @@ class Leaderboard(Study):
     def folders(self, out: Path) -> Sequence[Path]:
         """See `Study.folders`."""
         return [out / FOLDER]
+
+    def check(self, out: Path) -> None:
+        """See `Study.check`."""
+        measured(out, self._boards)
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: measures each learner once on each board."""

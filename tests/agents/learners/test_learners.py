@@ -235,6 +235,13 @@ def test_both_ends_of_every_setting_can_be_simulated(name, share):
     assert all(setting.says for setting in settings.values())
 
 
+# Of the highest reward, 1: a little below what 20 robots with the default settings reach.
+LEARNED = {
+    "q_learner": 0.8, "sarsa_lambda": 0.8, "stream_q": 0.5, "stream_ac": 0.95, "avg": 0.7,
+    "amortised_q": 0.95, "dqn": 0.95,
+}  # fmt: skip
+
+
 def test_the_action_with_the_highest_reward_is_learned(name):
     agent = made(name, robots=20)
     state = np.tile(np.array([0.8, -0.4], np.float32), (20, 1))
@@ -247,4 +254,5 @@ def test_the_action_with_the_highest_reward_is_learned(name):
         near = state * np.float32(1 + 0.1 * np.sin(step))
         motors = agent.act(near, True)
         agent.learn(paid)
-    assert agent.act(state, False).sum(axis=1).mean() > max(early, 0) + 0.3
+    learned = agent.act(state, False).sum(axis=1).mean()
+    assert learned > LEARNED[name] > max(early, 0) + 0.3
