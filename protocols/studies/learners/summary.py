@@ -33,7 +33,10 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         lines += [f"## {track[0].upper()}{track[1:]}", "", *table(_rows(own)), ""]
     return [
         *lines,
-        "Score: 0 like the mean newborn, 1 like the mean hand-coded robot. Rows are sorted by the "
+        "Score of a robot: the mean of its time in the spot after training and of that during "
+        "training, each scaled so that the mean newborn has 0 and the mean hand-coded robot 1. "
+        "Score of a learner: the interquartile mean over its robots, with its 95 % interval; the "
+        "newborns' own is therefore not exactly 0. Rows are sorted by the "
         "mean score of a learner's boards, those that lack a board last. Bold: the first of a "
         f"board, and all that do not differ significantly from it (p at least {LEVEL}); between "
         "few robots only large differences are significant. Touch a wall: robots with any "
