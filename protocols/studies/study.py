@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import contextlib
 import dataclasses
 import functools
 import json
@@ -14,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...controller.parameters import shown
-from ..errors import DamagedFileError, InputError
+from ..errors import DamagedFileError, InputError, Interrupted, RunError
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment, check_same, flat
 from ..experiment.manifest import UNREADABLE, experiment_from
@@ -68,9 +69,12 @@ class Study(abc.ABC):
 
     Attributes:
       name: Name of the study on the command line, and of the files of its page and figures.
+      shows_finished: Whether `page` shows what is finished while jobs are left. The page is then
+        also written when the study is stopped.
     """
 
     name: ClassVar[str]
+    shows_finished: ClassVar[bool] = False
 
     @abc.abstractmethod
     def experiments(self) -> Mapping[str, Experiment]:
@@ -146,16 +150,26 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
         for folder in study.folders(out):
             folder.mkdir(exist_ok=True)
             remove_drafts(folder)
-        for jobs in study.stages(out):
-            left = [job for job in jobs if not job.done()]
-            execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)
+        try:
+            for jobs in study.stages(out):
+                left = [job for job in jobs if not job.done()]
+                execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)
+        except (Interrupted, RunError):
+            if study.shows_finished:
+                with contextlib.suppress(InputError):  # the next call says what is wrong
+                    _write_page(study, out)
+            raise
         for folder in study.folders(out):  # what jobs left that were killed after their end
             remove_files(folder, lambda name: name.endswith(CHECKPOINT))
-        page = study.page(out)
-        write_text(page_file(study, out), page.markdown)
-        with style.styled():
-            for name, figure in page.figures.items():
-                style.save(figure, out, name)
+        return _write_page(study, out)
+
+
+def _write_page(study: Study, out: Path) -> Page:
+    page = study.page(out)
+    write_text(page_file(study, out), page.markdown)
+    with style.styled():
+        for name, figure in page.figures.items():
+            style.save(figure, out, name)
     return page
 
 

@@ -129,6 +129,38 @@ def test_an_interrupted_study_continues(tmp_path, here):
     assert paths(here.jobs) == ["3", "sum"]
 
 
+class Progress(Squares):
+    """A study whose page shows what is finished."""
+
+    shows_finished = True
+
+    def page(self, out):
+        done = sum(path.exists() for path in (out / "squares" / f"{n}" for n in self.numbers))
+        if done == 1:
+            raise InputError("one square is too few")
+        return Page(f"{done} squares are finished.\n", {"squares": Figure()})
+
+
+@pytest.mark.parametrize(("most", "text"), [(2, "2 squares are finished.\n"), (1, None)])
+def test_a_stopped_study_writes_a_page_of_what_is_finished(tmp_path, in_process, most, text):
+    out = tmp_path / "out"
+    with pytest.raises(Interrupted):
+        conduct(Progress(), out, in_process(most=most))
+    page = out / "squares.md"
+    assert (page.read_text() if page.exists() else None) == text
+    assert conduct(Progress(), out, in_process()).markdown == "3 squares are finished.\n"
+    assert page.read_text() == "3 squares are finished.\n"
+
+
+@pytest.mark.parametrize("name", ["wear", "proposers", "reading", "evolve"])
+def test_studies_that_show_what_is_finished_have_a_page_before_their_first_job(name, tmp_path):
+    if name == "evolve":
+        pytest.importorskip("cmaes", reason="needs the extra `evolve`")
+    found = study_class(name)()
+    assert found.shows_finished
+    assert isinstance(found.page(tmp_path).markdown, str)
+
+
 def test_each_finished_job_is_handed_to_the_study(tmp_path, here):
     finished = []
 

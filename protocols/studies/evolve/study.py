@@ -53,6 +53,7 @@ class Evolve(Study):
     """
 
     name: ClassVar[str] = "evolve"
+    shows_finished: ClassVar[bool] = True
 
     brain: str = "steady"
     """brain from which the search starts"""

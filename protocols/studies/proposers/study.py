@@ -30,6 +30,7 @@ class Proposers(VariantStudy):
     """
 
     name: ClassVar[str] = "proposers"
+    shows_finished: ClassVar[bool] = True
     needs: ClassVar[Needs] = "rows"
 
     part: PartName = "first"

@@ -31,10 +31,12 @@ class Reading(VariantStudy):
 
     Stage 0 simulates the plain reading, stage 1 the tests before training of newborns in other
     worlds, stage 2 creative robots with twelve combinations of eight choices, stage 3 the
-    finalists (docs/plans/reading.md). The page shows what is finished.
+    finalists (docs/plans/reading.md). The page shows what is finished, also when the study is
+    stopped.
     """
 
     name: ClassVar[str] = "reading"
+    shows_finished: ClassVar[bool] = True
     needs: ClassVar[Needs] = "rows"
 
     robots: int = 500

@@ -33,11 +33,13 @@ class Wear(Study):
     """Change the body of robots that have learned, and watch how they recover.
 
     Robots with the brain `steady` learn spot finding for four hours; then the body changes, and
-    they learn for four hours more (docs/plans/wear.md). The page shows the arms that are finished.
+    they learn for four hours more (docs/plans/wear.md). The page shows the arms that are
+    finished, also when the study is stopped.
     The folder `lives` can be deleted when all are.
     """
 
     name: ClassVar[str] = "wear"
+    shows_finished: ClassVar[bool] = True
 
     change: Annotated[tuple[str, ...], option(f"{{{','.join(CHANGES)}}} ..", "polarity")] = (
         "polarity",
