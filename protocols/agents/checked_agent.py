@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError, RunError
 from ..storage import DTYPES
-from .base import Agent
+from .base import Agent, sound
 
 # A fault of a user's code lies neither here, nor in Python, nor in these libraries.
 _LIBRARIES = Path(np.__file__).parents[1]
@@ -145,9 +145,7 @@ class CheckedAgent(Agent):
 
     def _check_finite(self, motors: np.ndarray) -> None:
         """Raises RunError unless the weights show why: such robots are stopped and counted."""
-        wrong = ~np.isfinite(motors).all(axis=1)
-        for array in self.weights().values():
-            wrong &= np.isfinite(array).reshape(self._robots, -1).all(axis=1)
+        wrong = ~np.isfinite(motors).all(axis=1) & sound(self.weights(), self._robots)
         if wrong.any():
             robot = int(np.flatnonzero(wrong)[0])
             raise RunError(

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...tasks.rules import RANGEFINDERS
 from ...tasks.sensors import distance_signal
-from .factory import senses_of
+from ..experiment.networks import senses_of
 from .neurocontroller import NeurocontrollerAgent
 
 

@@ -16,15 +16,15 @@ from typing import Any
 
 import mujoco
 import torch
-from rich.console import Console
-from rich.markdown import Markdown
 
 from ...tasks import stop_timers
 from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.provenance import machine
+from ..reporting import style
 from ..shared_options import cores
 from ..storage import check_place, resolved_file, write_atomically
+from ..terminal import show_markdown
 from . import lives, models, population, sections, workers
 from .lives import PairedTiming, Setting, TimedCohort
 from .measurements import (
@@ -107,9 +107,10 @@ def run(
       RunError: A process died, or the final states of a replay differ from its cohort's.
     """
     json_file, figure = (path and resolved_file(path) for path in (json_file, figure))
-    for path, suffixes in ((json_file, ()), (figure, (".svg", ".png", ".pdf"))):
-        if path is not None:
-            _check_output(path, suffixes)
+    if json_file is not None:
+        check_place(json_file)
+    if figure is not None:
+        style.check_output(figure, (*style.FORMATS, "pdf"))
     others = {"--interfaces": interfaces, "--device": device is not None}
     for option in (name for name, given in others.items() if given):
         if figure or own_car:
@@ -144,12 +145,6 @@ def run(
     if json_file is not None:
         content |= {"machine": here}
         write_atomically(json_file, (json.dumps(content, indent=2) + "\n").encode())
-
-
-def _check_output(path: Path, suffixes: tuple[str, ...]) -> None:
-    if suffixes and path.suffix.lower() not in suffixes:
-        raise InputError(f"the figure must be one of {', '.join(suffixes)}, got {path}")
-    check_place(path)
 
 
 def _car(path: Path | None) -> mujoco.MjModel | None:
@@ -255,7 +250,6 @@ class _Printer:
     """Prints sections to standard output and progress to standard error."""
 
     def __init__(self) -> None:
-        self._console = Console()
         self._began = time.monotonic()
 
     def begin(self, what: str) -> None:
@@ -266,7 +260,5 @@ class _Printer:
 
     def show(self, section: Section) -> None:
         """Prints a section: formatted on a terminal, as Markdown otherwise."""
-        if self._console.is_terminal:
-            self._console.print(Markdown(section.markdown()))
-        else:
-            print(section.markdown(), flush=True)
+        show_markdown(section.markdown())
+        sys.stdout.flush()

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 import tyro
 
 from ..simulation.executor_choice import HERE, WorkersOption
-from ..studies import STUDIES, study_class
-from ..terminal import say, show_markdown
+from ..studies import study_class
+from ..terminal import show_markdown
+from .listing import ListCommand
 
 
 @dataclasses.dataclass
@@ -19,8 +20,7 @@ class ListStudies:
 
     def __call__(self) -> None:
         """Prints a line for each study."""
-        for name, (_, _, line) in STUDIES.items():
-            say(f"{name:{max(map(len, STUDIES))}}  {line}")
+        ListCommand("studies")()
 
 
 def study_command(name: str) -> type:

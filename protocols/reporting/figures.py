@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
 from ..analysis.paper_tables import paper_column
@@ -17,7 +18,6 @@ from ..experiment.experiment import Experiment
 from ..experiment.schedules import PARTS, SCHEDULES, TASK_NAMES, control_steps
 from ..results.learn_ability import CATEGORIES, Summary
 from ..results.run import Run
-from .labels import short_name
 from .style import CATEGORY_COLOURS, INK, canvas, colour, in_per_cent
 
 _STEPS = 36  # of a learning curve, about

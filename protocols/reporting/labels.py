@@ -7,7 +7,12 @@ from ..experiment.schedules import TASK_NAMES
 from ..results.run import Run
 
 TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
-_STATED_APART = ("seed", "cohort_size", "time_scale", "protocol")  # or not at all
+_STATED_APART = (
+    "seed",
+    "cohort_size",
+    "time_scale",
+    "protocol",
+)  # the first two nowhere
 
 
 def title(task: str, experiment: Experiment, *others: Experiment) -> str:
@@ -38,11 +43,6 @@ def particulars(experiment: Experiment) -> list[str]:
     if experiment.time_scale != 1:
         found.append(f"all durations times {experiment.time_scale:g}")
     return found
-
-
-def short_name(proposer: str) -> str:
-    """Returns the name of a proposer, or the last part of the name of an agent's factory."""
-    return proposer.rpartition(":")[2]
 
 
 def described(run: Run) -> str:

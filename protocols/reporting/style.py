@@ -90,10 +90,10 @@ def write(figure: Figure, path: Path) -> None:
     write_atomically(path, buffer.getvalue())
 
 
-def check_output(path: Path) -> None:
+def check_output(path: Path, formats: Sequence[str] = FORMATS) -> None:
     """Raises InputError if no figure can be written to `path`; to be called before long work."""
-    if path.suffix[1:].lower() not in FORMATS:
-        raise InputError(f"the figure must be an .{' or .'.join(FORMATS)}, got {path}")
+    if path.suffix[1:].lower() not in formats:
+        raise InputError(f"the figure must be an .{' or .'.join(formats)}, got {path}")
     check_place(path)
 
 

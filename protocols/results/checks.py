@@ -235,10 +235,10 @@ def check_same_shapes(wanted: Shapes, found: Shapes) -> None:
 
 
 def check_lives(experiment: Experiment, key: CohortKey, lives: Lives) -> None:
-    """Checks what a finished cohort left.
+    """Checks the values that a finished cohort left; `check_lives_shapes` comes first.
 
     Raises:
-      ValueError: an array is of another dtype or shape, or a value is impossible.
+      ValueError: a value is impossible.
     """
     schedule = experiment.schedule(key.condition.task)
     check_events(schedule, lives.events, lives.minutes, sum(schedule.steps()))

@@ -91,7 +91,7 @@ class Run:
         )
 
     def test_seconds(self, task: str) -> float:
-        """Returns the duration of the test after training, in simulated seconds."""
+        """Returns the duration of a test, equal before and after training, in simulated seconds."""
         return self.experiment.schedule(task).steps_of("post") * CONTROL_TIMESTEP
 
     def to_frame(self) -> Any:

@@ -248,7 +248,7 @@ class Robustness(Study):
                 head += ["difference", f"never {event}"]
                 found = [evaluated.shares(out, condition, one) for one in rows]
                 for row, shares in zip(table, found, strict=True):
-                    row += cells(shares, found[0])
+                    row += cells(shares, None if shares is found[0] else found[0])
         if len(head) == 1:
             return ""
         title = f"### {TASK_NAMES[task]}"
@@ -410,27 +410,24 @@ def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndar
     return {"events": events, "valid": batch.valid}
 
 
-def cells(shares: np.ndarray, reference: np.ndarray) -> list[str]:
+def cells(shares: np.ndarray, reference: np.ndarray | None) -> list[str]:
     """Returns a condition's cells of a row: share, difference, robots without the event.
 
     Args:
       shares: Share of the test in contact (or in the spot) of each robot, shape (B,); NaN if its
         simulation became unstable.
-      reference: Shares without a perturbation, shape (B,); the object `shares` itself in the first
-        row, which has no difference.
+      reference: Shares without a perturbation, shape (B,); None for these themselves, which have
+        no difference.
     """
     sound = shares[~np.isnan(shares)]
-    mean = np.nanmean
-    share = _joined(markdown.number(float(mean(sound))), intervals.mean(sound, intervals.SHARE))
+    mean = markdown.number(float(sound.mean()))
+    share = markdown.with_interval(mean, intervals.mean(sound, intervals.SHARE))
     never = f"{int((sound == 0).sum())} of {len(sound)}"
-    if shares is reference:
+    if reference is None:
         return [share, "", never]
     both = ~np.isnan(shares - reference)
     interval = intervals.difference_of_means(
         shares[both], reference[both], paired=True, span=intervals.SHARE
     )
-    return [share, _joined(f"{float(mean((shares - reference)[both])):+.4f}", interval), never]
-
-
-def _joined(number: str, interval: intervals.Interval) -> str:
-    return " ".join(filter(None, (number, markdown.bracket(interval))))
+    difference = f"{float((shares - reference)[both].mean()):+.4f}"
+    return [share, markdown.with_interval(difference, interval), never]

@@ -33,5 +33,3 @@ def test_the_title_of_several_runs_has_what_they_share():
 def test_a_run_is_described_by_its_brain_and_its_fields():
     found = labels.described(Run("mine", Experiment(seed=7, brain=BRAINS["steady"]), {}))
     assert found == "- mine: brain steady, seed 7"
-    assert labels.short_name("package.module:factory") == "factory"
-    assert labels.short_name("creative") == "creative"

@@ -1,4 +1,4 @@
-"""What the study simulates: ways to propose actions, and the cells of its four parts."""
+"""What the study simulates: ways to propose actions, and the cells of its parts."""
 
 from __future__ import annotations
 
