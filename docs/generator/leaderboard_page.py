@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from musebot.protocols.studies.learners.ranking import BOARDS
+from musebot.protocols.studies.learners.page import BOARDS
 
 NAME = "leaderboard.md"
 BEGIN = "<!-- Scores, copied by `python docs/generator`: edit above or below. -->"

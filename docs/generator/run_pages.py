@@ -6,7 +6,8 @@ from pathlib import Path
 
 from tables import table
 
-from musebot.protocols.reporting.labels import particulars, short_name
+from musebot.protocols.agents.names import short_name
+from musebot.protocols.reporting.labels import particulars
 from musebot.protocols.results.run_files import read_rows
 
 

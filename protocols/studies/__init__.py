@@ -76,7 +76,7 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
         ),
         "learning-progress": (
             "learning_progress",
-            "LearningProgressStudy",
+            "LearningProgress",
             "Evaluate frozen brains at nine times of their training in spot finding.",
         ),
         "continual": (

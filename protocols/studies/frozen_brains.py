@@ -27,7 +27,7 @@ from ..simulation.placement import place
 from ..storage import digest, load_arrays, save_arrays
 from .study import MinuteTick, StoppedError, check_shares, own_arrays
 
-TIMES = 8  # of the training, besides its beginning
+TIMES = 9  # of the training, its beginning and its end among them
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
 SMELLS = {"no smell": None, "weak: 20 cm ahead": 0.2, "strong: 7 cm ahead": 0.07, "maximal": 0.0}
 
@@ -38,7 +38,7 @@ _STORED = "known."  # prefix of the networks' names in the file of a life
 
 
 @dataclasses.dataclass(frozen=True)
-class LearningProgress:
+class BrainsInTime:
     """Networks of R robots at T times of their training.
 
     Attributes:
@@ -87,7 +87,7 @@ class Evaluation:
       regret: Regret of the ideas (`analysis.regret`) for each of S smells, shape (T, S, R).
     """
 
-    progress: LearningProgress
+    progress: BrainsInTime
     tests: np.ndarray
     spread: np.ndarray
     regret: np.ndarray
@@ -112,7 +112,7 @@ class Evaluation:
 def times(experiment: Experiment) -> list[int]:
     """Returns the T control steps of a life at which the networks are stored."""
     before, training, _ = experiment.schedule(CONDITION.task).steps()
-    return (before + np.linspace(0, training, TIMES + 1).round().astype(int)).tolist()
+    return (before + np.linspace(0, training, TIMES).round().astype(int)).tolist()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,7 +144,7 @@ class LifeJob:
 
     def done(self) -> bool:
         """See `Job.done`."""
-        return self.path.exists() and len(_first(self.restored()[1])) == TIMES + 1
+        return self.path.exists() and len(_first(self.restored()[1])) == TIMES
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from the last time at which networks were stored."""
@@ -196,7 +196,7 @@ class LifeJob:
             raise DamagedFileError(f"{self.path} is of other robots ({error!r})") from error
         return cohort, stored
 
-    def progress(self) -> LearningProgress:
+    def progress(self) -> BrainsInTime:
         """Returns the networks of the valid robots at all times.
 
         Raises:
@@ -204,7 +204,7 @@ class LifeJob:
           RunError: no robot is valid.
         """
         cohort, stored = self.restored()
-        if len(_first(stored)) <= TIMES:
+        if len(_first(stored)) < TIMES:
             raise InputError(f"{self.path} lacks networks of later times")
         valid = cohort.batch.valid
         if not valid.any():
@@ -212,7 +212,7 @@ class LifeJob:
         networks = {name: array[:, valid] for name, array in stored.items()}
         steps = np.array(times(self.experiment))
         hours = (steps - steps[0]) / control_steps(60)
-        return LearningProgress(self.experiment, self.name, hours, networks, int((~valid).sum()))
+        return BrainsInTime(self.experiment, self.name, hours, networks, int((~valid).sum()))
 
     def _seconds(self, steps: int) -> float:
         return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
@@ -247,7 +247,7 @@ class FrozenTest:
         """See `Job.cost`; assumes that all robots are valid."""
         experiment = self.life.experiment
         steps = control_steps(experiment.schedule(CONDITION.task).phases[-1].minutes)
-        return steps * CONTROL_TIMESTEP * experiment.cohort_size * (TIMES + 1)
+        return steps * CONTROL_TIMESTEP * experiment.cohort_size * TIMES
 
     def done(self) -> bool:
         """See `Job.done`; False for the file of other brains, such as those of another machine."""
@@ -258,7 +258,7 @@ class FrozenTest:
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; a test that was stopped starts from the beginning."""
         progress = self.life.progress()
-        brains = progress.robots * (TIMES + 1)
+        brains = progress.robots * TIMES
         groups = -(-brains // _TOGETHER)
         try:
             tick = MinuteTick(self, brains / groups, stop, report)
@@ -268,7 +268,7 @@ class FrozenTest:
         save_arrays(self.path, {"shares": shares}, **self._notes(progress))
         return True
 
-    def shares(self, progress: LearningProgress) -> np.ndarray:
+    def shares(self, progress: BrainsInTime) -> np.ndarray:
         """Reads the shares that `evaluate` returned for these brains.
 
         Raises:
@@ -276,16 +276,16 @@ class FrozenTest:
         """
         if not self.path.exists():
             raise InputError(f"{self.life.out} lacks {self.path.name}")
-        shapes = {"shares": ("F64", (TIMES + 1, progress.robots))}
+        shapes = {"shares": ("F64", (TIMES, progress.robots))}
         shares = own_arrays(self.path, shapes, self._notes(progress))["shares"]
         check_shares(self.path, shares)
         return shares
 
-    def _notes(self, progress: LearningProgress) -> dict[str, Any]:
+    def _notes(self, progress: BrainsInTime) -> dict[str, Any]:
         return {"seed": self.seed, "brains": digest(progress.networks)}
 
 
-def evaluate(progress: LearningProgress, seed: int, tick: Tick = lambda: None) -> np.ndarray:
+def evaluate(progress: BrainsInTime, seed: int, tick: Tick = lambda: None) -> np.ndarray:
     """Evaluates all brains in the test after training, with frozen weights.
 
     Args:
@@ -336,7 +336,7 @@ def smells(experiment: Experiment) -> np.ndarray:
 
 
 @torch.inference_mode()
-def ideas(progress: LearningProgress) -> tuple[np.ndarray, np.ndarray]:
+def ideas(progress: BrainsInTime) -> tuple[np.ndarray, np.ndarray]:
     """Returns `Evaluation.spread` and `Evaluation.regret` of brains at each of `SMELLS`."""
     count, robots = len(progress.hours), progress.robots
     spread, missing = np.zeros((2, count, len(SMELLS), robots))

@@ -42,7 +42,7 @@ SHOWN = (0, 2, 4, 8)  # times in the figure of values
 
 
 @dataclasses.dataclass
-class LearningProgressStudy(Study):
+class LearningProgress(Study):
     """Evaluate frozen brains at nine times of their training in spot finding.
 
     Simulates a cohort of creative robots with each brain. The brains at the beginning and at eight

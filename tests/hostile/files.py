@@ -27,7 +27,7 @@ from musebot.protocols.simulation import checkpoints
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.frozen_brains import evaluation
-from musebot.protocols.studies.learning_progress import LearningProgressStudy
+from musebot.protocols.studies.learning_progress import LearningProgress
 from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.timestep import Timestep
 
@@ -128,7 +128,7 @@ class Alike:
 
 def progress(seed):
     """Returns a study that reads brains of its own."""
-    return LearningProgressStudy(
+    return LearningProgress(
         brains=("paper",), robots=2, seed=seed, body="kinematic", time_scale=0.002
     )
 

@@ -62,7 +62,7 @@ def test_progress_begins_with_the_newborn_and_ends_with_the_trained_brains(progr
     cohort = Cohort(SHORT, KEY)
     cohort.advance(10**9)
     lives = cohort.lives()
-    assert len(progress.hours) == TIMES + 1
+    assert len(progress.hours) == TIMES
     assert (progress.hours[0], progress.hours[-1]) == (0, pytest.approx(4 * 0.005))
     for name, networks in progress.networks.items():
         np.testing.assert_array_equal(networks[0], lives.before[name])
@@ -129,7 +129,7 @@ def test_weights_of_a_valid_robot_that_are_not_finite_are_refused(copy):
 
 def test_shares_that_are_none_are_refused(copy):
     test, progress = FrozenTest(copy, 0), copy.progress()
-    for shares in (np.full((TIMES + 1, 3), 1.5), np.zeros((TIMES + 1, 2)), np.zeros(3)):
+    for shares in (np.full((TIMES, 3), 1.5), np.zeros((TIMES, 2)), np.zeros(3)):
         save_arrays(test.path, {"shares": shares}, **test._notes(progress))
         with pytest.raises(InputError, match="test-steady-0.safetensors is damaged"):
             test.shares(progress)
@@ -150,7 +150,7 @@ def test_a_simulated_minute_counts_for_the_brains_of_a_group(copy, monkeypatch):
 
 
 def test_frozen_brains_are_those_of_their_time_and_robot(progress):
-    which = np.array([[0, TIMES, 2], [2, 0, 1]])
+    which = np.array([[0, TIMES - 1, 2], [2, 0, 1]])
     networks = progress.brains(which).controller.networks()
     for name, tensor in networks.items():
         for row, (when, robot) in enumerate(which.T):
@@ -162,7 +162,7 @@ def test_robots_that_became_unstable_in_training_are_left_out(copy):
     altered(copy, {"batch.valid": valid & (np.arange(3) != 1)})
     found = copy.progress()
     assert (found.robots, found.invalid) == (2, 1)
-    assert {array.shape[:2] for array in found.networks.values()} == {(TIMES + 1, 2)}
+    assert {array.shape[:2] for array in found.networks.values()} == {(TIMES, 2)}
     altered(copy, {"batch.valid": np.zeros_like(valid)})
     with pytest.raises(RunError, match="steady: every simulation became unstable"):
         copy.progress()
@@ -176,7 +176,7 @@ def test_a_robot_that_becomes_unstable_in_a_test_has_no_share(progress):
     broken["memory.output_biases"][-1, 1] = np.nan
     spoilt = dataclasses.replace(progress, networks=broken)
     shares = frozen_brains.evaluate(spoilt, 0)
-    assert shares.shape == (TIMES + 1, 3)
+    assert shares.shape == (TIMES, 3)
     assert np.isnan(shares).sum() == 1
     assert np.isnan(shares[-1, 1])
 

@@ -26,8 +26,9 @@ from musebot.protocols.studies.learners.boards import (
     ranked,
     scores,
 )
+from musebot.protocols.studies.learners.costs import cost_jobs
 from musebot.protocols.studies.learners.leaderboard import Leaderboard
-from musebot.protocols.studies.learners.ranking import cost_jobs, draw, markdown, standings
+from musebot.protocols.studies.learners.page import draw, markdown, standings
 from musebot.protocols.studies.learners.summary import placed, summary
 
 

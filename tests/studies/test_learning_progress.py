@@ -10,8 +10,8 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.storage import is_draft
 from musebot.protocols.studies import learning_progress
-from musebot.protocols.studies.frozen_brains import Evaluation, LearningProgress
-from musebot.protocols.studies.learning_progress import LearningProgressStudy
+from musebot.protocols.studies.frozen_brains import BrainsInTime, Evaluation
+from musebot.protocols.studies.learning_progress import LearningProgress
 from musebot.protocols.studies.study import conduct
 
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic")
@@ -23,7 +23,7 @@ def of(first, second, invalid=0):
     experiment = dataclasses.replace(SHORT, cohort_size=np.shape(first)[1] + invalid)
     blank = np.zeros((len(first), 4, np.shape(first)[1]))
     tests = np.array([first, second], dtype=float)
-    progress = LearningProgress(experiment, "one", np.arange(len(first)), {}, invalid)
+    progress = BrainsInTime(experiment, "one", np.arange(len(first)), {}, invalid)
     return Evaluation(progress, tests, blank, blank)
 
 
@@ -37,7 +37,7 @@ def test_the_second_test_gives_the_shares_at_the_times_that_the_first_chose():
 
 
 def test_a_reading_sets_body_kinematics_and_nose():
-    study = LearningProgressStudy(brains=("paper",), reading="plain")
+    study = LearningProgress(brains=("paper",), reading="plain")
     experiment = study.experiments()["paper"]
     assert (experiment.body, experiment.nose, experiment.nose_place) == (
         "kinematic", "printed", "centre"
@@ -64,7 +64,7 @@ def test_robots_that_became_unstable_are_left_out_and_counted():
 
 
 def test_a_study_has_a_page_and_figures_and_does_again_only_what_is_lost(tmp_path, here, listing):
-    study = LearningProgressStudy(**SMALL)
+    study = LearningProgress(**SMALL)
     page = conduct(study, tmp_path, here)
     assert page.markdown.startswith("| brain | robots | in the spot, at its best time |")
     tests = [f"test {seed} of {brain}" for brain in study.brains for seed in (0, 1)]
@@ -108,7 +108,7 @@ def test_a_stopped_study_continues_to_the_same_bytes(tmp_path, here, listing, st
     assert sorted(kept) == ["brains-steady.safetensors", "study.json"]
     for out in ("stopped", "whole"):
         options = SMALL | {"time_scale": 0.01, "seed": 2}
-        conduct(LearningProgressStudy(("steady",), **options), tmp_path / out, here)
+        conduct(LearningProgress(("steady",), **options), tmp_path / out, here)
     assert listing(tmp_path / "stopped") == listing(tmp_path / "whole")
 
 
@@ -124,4 +124,4 @@ def test_a_stopped_study_continues_to_the_same_bytes(tmp_path, here, listing, st
 )
 def test_an_invalid_option_is_refused(options, words):
     with pytest.raises(InputError, match=words):
-        LearningProgressStudy(**(SMALL | options)).experiments()
+        LearningProgress(**(SMALL | options)).experiments()

@@ -10,7 +10,7 @@ from torch.distributions import Normal
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import LARGEST, OnlineLearner, epsilon_steps, for_each
+from .base import LARGEST, OnlineLearner, epsilon, epsilon_steps, for_each, hidden
 from .networks import Adam, LayeredNetworks, column
 
 
@@ -105,12 +105,10 @@ class AmortisedQ(OnlineLearner):
     rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the values", log=True, each=True),
     proposer_rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the proposals", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.99, "discount of the next value", each=True),
-    epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
-    ),
+    epsilon=epsilon(0.05),
     epsilon_steps=epsilon_steps(1.0),
     entropy=Setting(0.1, 0.01, 1.0, "weight of the proposals' entropy", log=True, each=True),
-    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
+    hidden=hidden(),
 )
 def amortised_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Amortised Q-learning: a learned distribution proposes actions (Van de Wiele et al. 2020).

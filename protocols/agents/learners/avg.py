@@ -11,7 +11,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import LARGEST, OnlineLearner, for_each
+from .base import LARGEST, OnlineLearner, for_each, hidden
 from .moments import Moments
 from .networks import Adam, LayeredNetworks, of_unit_length
 
@@ -132,7 +132,7 @@ def make_orthogonal(weights: Tensor, generator: torch.Generator) -> None:
     actor_rate=Setting(0.0063, 1e-5, 1e-2, "learn rate of the actor", log=True, each=True),
     critic_rate=Setting(0.0087, 1e-5, 1e-2, "learn rate of the critic", log=True, each=True),
     entropy=Setting(0.07, 0.001, 0.5, "weight of the policy's entropy", log=True, each=True),
-    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 256", tuned=False),
+    hidden=hidden("published 256"),
 )
 def avg(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Action Value Gradient: an incremental soft actor-critic (Vasan et al. 2024).

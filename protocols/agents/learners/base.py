@@ -37,6 +37,22 @@ def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | 
     return last + (1 - last) * (left.clamp(min=0) if isinstance(left, Tensor) else max(left, 0.0))
 
 
+def epsilon(default: float) -> Setting:
+    """Returns the setting of the probability of a random action in the end."""
+    says = "probability of a random action after `epsilon_steps`"
+    return Setting(default, 0.01, 0.2, says, log=True, each=True)
+
+
+def hidden(published: str = "") -> Setting:
+    """Returns the setting of the size of two hidden layers, which is not tuned.
+
+    Args:
+      published: What the source of the learner has; empty if it has no such number.
+    """
+    says = f"neurons of each of two hidden layers{published and '; '}{published}"
+    return Setting(32, 4, 256, says, tuned=False)
+
+
 def epsilon_steps(default: float) -> Setting:
     """Returns the setting of the steps in which epsilon falls from 1; with 1 it is constant."""
     says = "training steps in which epsilon falls from 1; with 1 it is constant"

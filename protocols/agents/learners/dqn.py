@@ -9,7 +9,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon_steps, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon, epsilon_steps, for_each, grid_of_actions, hidden
 from .networks import Adam, LayeredNetworks, column
 
 
@@ -84,11 +84,9 @@ class DQN(OnlineLearner):
 @tunable(
     rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True, each=True),
     discount=Setting(0.95, 0.6, 0.99, "discount of the next value", each=True),
-    epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
-    ),
+    epsilon=epsilon(0.05),
     epsilon_steps=epsilon_steps(7200.0),
-    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers", tuned=False),
+    hidden=hidden(),
 )
 def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """DQN: Q-learning from a memory of the last 50,000 transitions (Mnih et al. 2015).

@@ -10,7 +10,7 @@ from ....controller.networks import Networks
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon_steps, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon, epsilon_steps, for_each, grid_of_actions
 
 
 class QLearner(OnlineLearner):
@@ -65,9 +65,7 @@ class QLearner(OnlineLearner):
 @tunable(
     rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.95, "discount of the next value; above it diverges", each=True),
-    epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
-    ),
+    epsilon=epsilon(0.05),
     epsilon_steps=epsilon_steps(1.0),
 )
 def q_learner(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:

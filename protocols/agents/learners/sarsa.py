@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon_steps, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon, epsilon_steps, for_each, grid_of_actions
 from .networks import column
 
 _PRIMES = 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967, 86_028_121, 32_452_843
@@ -113,9 +113,7 @@ class SarsaLambda(OnlineLearner):
     discount=Setting(0.9, 0.6, 0.99, "discount of the next value", each=True),
     trace=Setting(0.8, 0.0, 0.9, "lambda: traces decay by discount times lambda", each=True),
     initial=Setting(0.0, 0.0, 5.0, "initial value of every action", each=True),
-    epsilon=Setting(
-        0.05, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
-    ),
+    epsilon=epsilon(0.05),
     epsilon_steps=epsilon_steps(1.0),
     tiles=Setting(7, 4, 12, "tiles that cover the range of a signal", each=True),
 )

@@ -10,7 +10,7 @@ from torch.distributions import Normal
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import LARGEST, for_each
+from .base import LARGEST, for_each, hidden
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -102,7 +102,7 @@ def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
         each=True,
     ),
     entropy=Setting(0.01, 0.001, 0.1, "weight of the policy's entropy", log=True, each=True),
-    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; published 128", tuned=False),
+    hidden=hidden("published 128"),
 )
 def stream_ac(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Stream AC(lambda): an actor-critic with traces and bounded steps (Elsayed 2024).

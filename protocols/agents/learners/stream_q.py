@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import epsilon_steps, for_each, grid_of_actions
+from .base import epsilon, epsilon_steps, for_each, grid_of_actions, hidden
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -67,11 +67,9 @@ class StreamQ(StreamLearner):
     kappa=Setting(
         2.0, 1.0, 10.0, "factor by which steps are smaller than the bound", log=True, each=True
     ),
-    epsilon=Setting(
-        0.01, 0.01, 0.2, "probability of a random action after `epsilon_steps`", log=True, each=True
-    ),
+    epsilon=epsilon(0.01),
     epsilon_steps=epsilon_steps(7200.0),  # the published 5 % of 144,000
-    hidden=Setting(32, 4, 256, "neurons of each of two hidden layers; as published", tuned=False),
+    hidden=hidden("as published"),
 )
 def stream_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Stream Q(lambda): Q-learning with traces and bounded steps, no replay (Elsayed 2024).

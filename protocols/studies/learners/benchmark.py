@@ -32,7 +32,8 @@ from ...terminal import notice
 from ..study import Page, check_positive
 from ..variants import Needs, Variant, VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
-from .ranking import FOLDER, cost_jobs, measured, ranking
+from .costs import FOLDER, cost_jobs, measured
+from .page import page
 from .tune import efforts, tunings
 
 LEARNERS = tuple(name for name in RECORDED_NAMES if name not in (TRAINED_BEFORE, LOWER, UPPER))
@@ -213,7 +214,7 @@ class Benchmark(VariantStudy):
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
         found = self._boards(out)
-        return ranking(found, measured(out, found), efforts(self.tuned))
+        return page(found, measured(out, found), efforts(self.tuned))
 
     def _boards(self, out: Path) -> dict[Board, list[Entry]]:
         found = boards(read_runs([out / name for name in self.plans()], brains=False))

@@ -1,18 +1,29 @@
-"""The job that measures what a learner costs: its time and its memory."""
+"""The jobs that measure what learners cost: their time and their memory."""
 
 from __future__ import annotations
 
 import dataclasses
+import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ...agents.agent_check import Costs, costs
+from ...agents.names import TRAINED_BEFORE, is_own
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...simulation.jobs import Report, Stop
 from ...storage import save_arrays
 from ..study import identity_of, own_arrays
+from .boards import Board, Entry
+
+FOLDER = "costs"
+Boards = Mapping[Board, Sequence[Entry]]
+Measured = Mapping[Board, Mapping[str, Costs]]
+"""What learners cost, by board and name."""
+
+_LONGEST = 100  # characters of a learner in the name of a file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,3 +70,40 @@ class CostJob:
         identity = identity_of(self.experiment, self.condition)
         arrays = own_arrays(self.path, {"costs": ("F64", (3,))}, identity)
         return Costs._make(arrays["costs"].tolist())
+
+
+def cost_jobs(out: Path, found: Boards) -> list[CostJob]:
+    """Returns the jobs that measure what our own learners cost.
+
+    Without `ppo`: its number of robots is that of its policies.
+    """
+    return [
+        _cost_job(out, board, entry)
+        for board, entries in found.items()
+        for entry in entries
+        if is_own(entry.condition.proposer) and entry.name != TRAINED_BEFORE
+    ]
+
+
+def measured(out: Path, found: Boards) -> Measured:
+    """Returns what was measured of each learner, by its board and its name.
+
+    Raises:
+      DamagedFileError: a file is damaged, or another learner's.
+    """
+    jobs = {
+        board: {entry.name: _cost_job(out, board, entry) for entry in entries}
+        for board, entries in found.items()
+    }
+    return {
+        board: {name: job.costs() for name, job in own.items() if job.done()}
+        for board, own in jobs.items()
+    }
+
+
+def _cost_job(out: Path, board: Board, entry: Entry) -> CostJob:
+    learner = entry.name.replace(", ", "-").replace(" ", "-")
+    if len(learner) > _LONGEST:  # a brain with many changes: the file's name would be too long
+        learner = f"{learner[:_LONGEST]}-{zlib.crc32(learner.encode()):08x}"
+    name = f"{board.name}-{learner}"
+    return CostJob(out / FOLDER / f"{name}.safetensors", entry.experiment, entry.condition)

@@ -16,7 +16,8 @@ from ...shared_options import Runs, option
 from ...simulation.jobs import Job
 from ..study import Page, Study
 from .boards import Board, Entry, boards
-from .ranking import FOLDER, cost_jobs, measured, ranking
+from .costs import FOLDER, cost_jobs, measured
+from .page import page
 from .tune import efforts
 
 
@@ -72,4 +73,4 @@ class Leaderboard(Study):
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
-        return ranking(self._boards, measured(out, self._boards), self._effort)
+        return page(self._boards, measured(out, self._boards), self._effort)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import zlib
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ...agents.agent_check import Costs
-from ...agents.names import MOVED, TRAINED_BEFORE, is_own, name_in_track
+from ...agents.names import MOVED, TRAINED_BEFORE, name_in_track
 from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
@@ -24,50 +22,16 @@ from .boards import (
     interquartile_mean,
     ranked,
 )
-from .costs import CostJob
+from .costs import Boards, Measured
 from .summary import LEVEL, placed, summary
 
-FOLDER = "costs"
 BOARDS = "## Boards"
 """Title of the part of the page that follows the summary."""
-Boards = Mapping[Board, Sequence[Entry]]
-Measured = Mapping[Board, Mapping[str, Costs]]
-"""What learners cost, by board and name."""
 
 _LINE_STYLES = ("-", "--")
-_LONGEST = 100  # characters of a learner in the name of a file
 
 
-def cost_jobs(out: Path, found: Boards) -> list[CostJob]:
-    """Returns the jobs that measure what our own learners cost.
-
-    Without `ppo`: its number of robots is that of its policies.
-    """
-    return [
-        _cost_job(out, board, entry)
-        for board, entries in found.items()
-        for entry in entries
-        if is_own(entry.condition.proposer) and entry.name != TRAINED_BEFORE
-    ]
-
-
-def measured(out: Path, found: Boards) -> Measured:
-    """Returns what was measured of each learner, by its board and its name.
-
-    Raises:
-      DamagedFileError: a file is damaged, or another learner's.
-    """
-    jobs = {
-        board: {entry.name: _cost_job(out, board, entry) for entry in entries}
-        for board, entries in found.items()
-    }
-    return {
-        board: {name: job.costs() for name, job in own.items() if job.done()}
-        for board, own in jobs.items()
-    }
-
-
-def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
+def page(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
     """Returns the page of all boards.
 
     Args:
@@ -82,14 +46,6 @@ def ranking(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
             parts += markdown(board, order, tests, costs.get(board, {}), efforts)
             figures[board.name] = draw(order)
     return Page("\n".join(parts), figures)
-
-
-def _cost_job(out: Path, board: Board, entry: Entry) -> CostJob:
-    learner = entry.name.replace(", ", "-").replace(" ", "-")
-    if len(learner) > _LONGEST:  # a brain with many changes: the file's name would be too long
-        learner = f"{learner[:_LONGEST]}-{zlib.crc32(learner.encode()):08x}"
-    name = f"{board.name}-{learner}"
-    return CostJob(out / FOLDER / f"{name}.safetensors", entry.experiment, entry.condition)
 
 
 def markdown(
