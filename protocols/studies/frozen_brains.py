@@ -25,14 +25,13 @@ from ..simulation.cohort import Cohort, shapes_of
 from ..simulation.jobs import Report, Stop
 from ..simulation.placement import place
 from ..storage import digest, load_arrays, save_arrays
-from .study import MinuteTick, StoppedError, check_shares, own_arrays
+from .study import MinuteTick, StoppedError, advance, check_shares, own_arrays
 
 TIMES = 9  # of the training, its beginning and its end among them
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
 SMELLS = {"no smell": None, "weak: 20 cm ahead": 0.2, "strong: 7 cm ahead": 0.07, "maximal": 0.0}
 
 CONDITION = Condition("spot_finding", "creative")
-_STRIDE = control_steps(1)
 _TOGETHER = 250  # robots in lockstep in a test
 _STORED = "known."  # prefix of the networks' names in the file of a life
 
@@ -149,12 +148,13 @@ class LifeJob:
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from the last time at which networks were stored."""
         cohort, stored = self.restored()
+        robots, begun = self.experiment.cohort_size, self._seconds(cohort.step)
+        tick = MinuteTick(self, robots, stop, report, begun)
         for time in times(self.experiment)[len(_first(stored)) :]:
-            while cohort.step < time:
-                report(self._seconds(cohort.step), "")
-                if stop():
-                    return False
-                cohort.advance(min(_STRIDE, time - cohort.step))
+            try:
+                advance(cohort, time, tick)
+            except StoppedError:
+                return False
             for name, weights in cohort.agent.weights().items():
                 stored[name] = np.concatenate([stored[name], weights[None]], dtype=weights.dtype)
             arrays, notes = cohort.checkpoint()

@@ -7,7 +7,8 @@ import contextlib
 import dataclasses
 import functools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -44,6 +45,8 @@ from ..storage import (
 
 STUDY_FILE = "study.json"
 CHECKPOINT = ".checkpoint"  # ending of a job's file from which it continues
+SAVE_EVERY = 60.0  # wall-clock seconds between two checkpoints
+_CHUNK = control_steps(1)
 
 _DEFAULT = {"default": Experiment()}  # whose physics a study without experiments is checked by
 
@@ -234,15 +237,32 @@ class MinuteTick:
             raise StoppedError
 
 
-def advance(cohort: Cohort, until: int, tick: MinuteTick) -> None:
+def advance(
+    cohort: Cohort, until: int, tick: MinuteTick, save: Callable[[], object] = lambda: None
+) -> None:
     """Simulates a cohort up to a control step, and counts the minutes.
+
+    Args:
+      cohort: Cohort to simulate.
+      until: Control step at which it ends.
+      tick: Counter of the minutes.
+      save: Function that stores the cohort, called once a minute of the wall clock, and when the
+        job is asked to stop.
 
     Raises:
       StoppedError: the job is asked to stop.
     """
-    while cohort.step < until:
-        cohort.advance(min(control_steps(1), until - cohort.step))
-        tick()
+    saved = time.monotonic()
+    try:
+        while cohort.step < until:
+            cohort.advance(min(_CHUNK, until - cohort.step))
+            tick()
+            if time.monotonic() - saved > SAVE_EVERY:
+                save()
+                saved = time.monotonic()
+    except StoppedError:
+        save()
+        raise
 
 
 def check_shares(path: Path, shares: np.ndarray) -> None:

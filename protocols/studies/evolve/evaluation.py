@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,11 @@ from ...agents.trust import trust
 from ...errors import InputError, RunError
 from ...experiment.conditions import CohortKey, Condition
 from ...experiment.experiment import Experiment
-from ...experiment.schedules import PARTS, Part, control_steps
+from ...experiment.schedules import PARTS, Part
 from ...simulation.checkpoints import restored_cohort, save_checkpoint
 from ...simulation.jobs import Report, Stop
 from ...storage import remove_files, save_arrays
-from ..study import CHECKPOINT, MinuteTick, StoppedError, identity_of, own_arrays
-
-_SAVE_EVERY = 60.0  # seconds
+from ..study import CHECKPOINT, MinuteTick, StoppedError, advance, identity_of, own_arrays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,16 +54,10 @@ class EvaluationJob:
         cohort, message = restored_cohort(path, self.experiment, CohortKey(self.condition, 0))
         done = cohort.step * CONTROL_TIMESTEP * robots
         report(done, message)
-        tick, saved = MinuteTick(self, robots, stop, report, done), time.monotonic()
+        tick = MinuteTick(self, robots, stop, report, done)
         try:
-            while not cohort.finished:
-                cohort.advance(control_steps(1))
-                tick()
-                if time.monotonic() - saved > _SAVE_EVERY:
-                    save_checkpoint(path, cohort)
-                    saved = time.monotonic()
+            advance(cohort, cohort.steps, tick, lambda: save_checkpoint(path, cohort))
         except StoppedError:
-            save_checkpoint(path, cohort)
             return False
         except (InputError, RunError) as error:  # of an agent
             raise type(error)(f"{error}, in {self} at step {cohort.step}") from error

@@ -23,9 +23,9 @@ from ...playback.rollout import Tick, count_events
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import load_arrays, save_arrays
-from ..study import MinuteTick, StoppedError, check_shares
+from ..study import SAVE_EVERY, MinuteTick, StoppedError, check_shares
 from .arms import ARMS, FROZEN, NEWBORN, Arm
-from .lives import SAVE_EVERY, LifeJob, OldBrains
+from .lives import LifeJob, OldBrains
 from .probes import CONDITION, PERIODS, PERIODS_PER_SPOT, TRAINING, period, probe
 
 

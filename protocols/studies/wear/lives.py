@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,8 @@ from ...experiment.manifest import UNREADABLE, experiment_from
 from ...simulation.cohort import Cohort, shapes_of
 from ...simulation.jobs import Report, Stop
 from ...storage import digest, load_arrays, save_arrays
-from ..study import MinuteTick, StoppedError, check_shares
+from ..study import MinuteTick, StoppedError, advance, check_shares
 from .probes import CONDITION, REFERENCES, period, probe
-
-SAVE_EVERY = 60.0  # wall-clock seconds between two checkpoints
-_CHUNK = 600  # control steps between two looks at the clock
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,20 +97,10 @@ class LifeJob:
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from its last checkpoint."""
         cohort, reference = self._restored()
-        saved = time.monotonic()
-        while cohort.step < self.steps:
-            report(self._seconds(cohort.step), "")
-            if stop():
-                self._save(cohort, reference)
-                return False
-            cohort.advance(min(_CHUNK, self.steps - cohort.step))
-            if time.monotonic() - saved > SAVE_EVERY:
-                self._save(cohort, reference)
-                saved = time.monotonic()
-        tick = MinuteTick(
-            self, self.experiment.cohort_size, stop, report, self._seconds(cohort.step)
-        )
+        begun = self._seconds(cohort.step)
+        tick = MinuteTick(self, self.experiment.cohort_size, stop, report, begun)
         try:
+            advance(cohort, self.steps, tick, lambda: self._save(cohort, reference))
             shares = [
                 probe(
                     self.experiment,
