@@ -112,7 +112,7 @@ def run_named(name):
 
 
 def made_again(page, capsys):
-    """Returns what the results beside a page give, by the command that docs/results.md names."""
+    """Returns what the results beside a page give, by the command that docs/methods.md names."""
     if page.stem in STUDIES:
         return study_of(page).page(page.parent).markdown
     arguments = [str(page.parent)]
@@ -138,7 +138,7 @@ def test_every_page_of_results_in_docs_is_made_again_from_its_results(page, caps
 
 
 def test_the_example_of_the_page_on_results_reads_a_run(capfd):
-    (example,) = re.findall(r"```python\n(.*?)```", (RESULTS / "../results.md").read_text(), re.S)
+    (example,) = re.findall(r"```python\n(.*?)```", (RESULTS / "../methods.md").read_text(), re.S)
     command = [sys.executable, "-c", example]
     subprocess.run(command, cwd=RESULTS.parents[1], check=True)
     row, curves, weights, motors = capfd.readouterr().out.splitlines()

@@ -27,7 +27,7 @@ def pages(docs: Path) -> dict[str, str]:
         "runs.md": f"""# Kept runs
 
 Every run in `docs/results`, from its own files. A link opens its tables;
-[results.md](../results.md#files-and-commands) explains the files.
+[methods.md](../methods.md#files-and-commands) explains the files.
 `musebot tables docs/results/NAME` prints the tables again,
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
 *Rows only*: only `robots.csv` is kept. The column *experiment* names all that differs from the
