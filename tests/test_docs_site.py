@@ -158,6 +158,11 @@ def test_the_page_of_a_notebook_has_its_results(generator):
     assert all(files[DOCS / "reference" / "notebooks" / name] for name in pictures)
 
 
+def test_the_changelog_has_no_links_into_docs():
+    """The site shows it in another folder, where they would lead nowhere."""
+    assert "](docs/" not in (ROOT / "CHANGELOG.md").read_text()
+
+
 def test_the_scores_of_the_leaderboard_are_those_of_the_benchmark(generator):
     page = DOCS / "leaderboard.md"
     scores = generator("leaderboard_page").updated(DOCS)
