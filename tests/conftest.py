@@ -1,6 +1,5 @@
 """Settings and fixtures of all tests."""
 
-import json
 import os
 import signal
 import subprocess
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from digests import forget_digests
 
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
 os.environ.setdefault("MUJOCO_GL", "off")
@@ -84,14 +84,6 @@ def commands_in_process(monkeypatch):
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
-
-
-def forget_digests(directory):
-    """Makes a run look as if an earlier version, which recorded no digests, had written it."""
-    path = directory / "experiment.json"
-    content = json.loads(path.read_bytes())
-    del content["files"], content["digest"]
-    path.write_text(json.dumps(content, indent=2) + "\n")
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import safetensors
+from digests import forget_digests
 from hostile import mutations as change
 from hostile.mutations import one
 
@@ -298,7 +299,7 @@ def _forged(draw, path, other):
 
 
 def _other_numbers(draw, path, other):
-    """Changes rows or arrays of a run without a digest so that the file is whole."""
+    """Changes rows or arrays of a run so that the file is whole."""
     del other
     mutator = change.rows_mutated if path.suffix == ".csv" else change.npz_mutated
     path.write_bytes(mutator(draw, path.read_bytes()))
@@ -319,6 +320,7 @@ class Kind:
       read: Function that reads what the folder holds and returns a pair: settings, and results.
       changes: Functions that change the file, each with its weight.
       writes: Whether the reader writes: it sets aside a damaged checkpoint, or makes a page again.
+      digests: Whether the run has digests of its files, which those of earlier versions lack.
     """
 
     name: str
@@ -326,6 +328,7 @@ class Kind:
     read: object
     changes: tuple
     writes: bool = False
+    digests: bool = True
 
     def changed(self, draw, folder, other):
         """Changes the file in a folder; returns the name of the change."""
@@ -352,6 +355,8 @@ KINDS = (
     Kind("file of a study", "timestep/substeps-010.safetensors", timestep_of, _ARRAYS),
     Kind("brains of a study", "progress/brains-paper.safetensors", progress_of, _ARRAYS),
     Kind("test of a study", "progress/test-paper-0.safetensors", progress_of, _ARRAYS),
+    Kind("old robots.csv", "run/robots.csv", run_of, _ROWS, digests=False),
+    Kind("old curves.npz", "run/curves.npz", run_of, _ROWS, digests=False),
 )
 
 
@@ -361,6 +366,8 @@ def copied(kind, base, folder):
     folder.mkdir(parents=True)
     copy = shutil.copytree if (base / part).is_dir() else shutil.copy
     copy(base / part, folder / part)
+    if not kind.digests:
+        forget_digests(folder / part)
 
 
 def working(kind, folder):

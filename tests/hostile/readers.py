@@ -12,8 +12,8 @@ ANY = ("flip", "truncate", "extend", "insert", "cut", "repeat", "blank", "bytes_
 OTHERS = ("swapped", "mixed_up", "link_to_other")
 UNTOLD = (
     (("experiment.json",), (*ANY, "json_mutated", *OTHERS), "another sound setting"),
-    (("robots.csv",), (*ANY, "rows_mutated"), "other sound rows"),
-    (("curves.npz",), ("npz_mutated",), "other sound shares, with a checksum of their own"),
+    (("old robots.csv",), (*ANY, "rows_mutated"), "other sound rows"),
+    (("old curves.npz",), ("npz_mutated",), "other sound shares, with a checksum of their own"),
     (
         ("brains.safetensors", "film of a run", "policies"),
         OTHERS,
