@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from digests import forget_digests
+from helpers import forget_digests
 
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
 os.environ.setdefault("MUJOCO_GL", "off")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from helpers import files_below
 
 import musebot
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
@@ -41,14 +42,6 @@ def run(tmp_path_factory, in_process):
     plan = Plan.of(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
     simulate(directory, plan, in_process(), quiet=True)
     return directory
-
-
-def listing(directory):
-    return {
-        str(path.relative_to(directory)): path.read_bytes()
-        for path in Path(directory).rglob("*")
-        if path.is_file()
-    }
 
 
 def test_tables_show_ours_next_to_the_papers_and_name_a_rehearsal(run, capsys):
@@ -349,14 +342,14 @@ def test_a_foreign_folder_is_refused_and_left_alone(tmp_path, capsys):
     (tmp_path / "thesis.tex").write_text("precious")
     assert cli.main(["run", str(tmp_path)]) == 2
     assert "is not empty and holds no experiment of musebot's" in capsys.readouterr().err
-    assert listing(tmp_path) == {"thesis.tex": b"precious"}
+    assert files_below(tmp_path) == {Path("thesis.tex"): b"precious"}
 
 
 def test_a_foreign_experiment_json_is_refused_and_left_alone(tmp_path, capsys):
     (tmp_path / "experiment.json").write_text('{"lab": "mine"}')
     assert cli.main(["run", str(tmp_path)]) == 2
     assert "is not an experiment of musebot's" in capsys.readouterr().err
-    assert listing(tmp_path) == {"experiment.json": b'{"lab": "mine"}'}
+    assert files_below(tmp_path) == {Path("experiment.json"): b'{"lab": "mine"}'}
 
 
 def test_an_out_that_is_a_file_or_below_one_is_refused(tmp_path, capsys):
@@ -375,7 +368,7 @@ def test_an_unwritable_out_is_refused(tmp_path, capsys, monkeypatch):
 
 
 def test_other_parameters_than_a_folders_own_are_refused_and_nothing_changes(run, capsys):
-    before = listing(run)
+    before = files_below(run)
     others = (
         ("seed", "7", "1"),
         ("cohort-size", "1", "2"),
@@ -385,7 +378,7 @@ def test_other_parameters_than_a_folders_own_are_refused_and_nothing_changes(run
     for name, value, own in others:
         assert cli.main(["run", str(run), f"--{name}", value]) == 2
         assert f"with {name.replace('-', '_')} {own}" in capsys.readouterr().err
-    assert listing(run) == before
+    assert files_below(run) == before
 
 
 def test_a_run_of_another_brain_continues_with_it_and_names_it(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from helpers import same, snapshot
 
 from musebot.controller import (
     BRAINS,
@@ -36,14 +37,6 @@ def sensed(steps, robots=ROBOTS, seed=0):
     nose *= torch.rand(steps, robots, generator=generator) < 0.6
     contact = -(torch.rand(steps, robots, generator=generator) < 0.3).to(nose.dtype)
     return torch.stack([nose, contact], dim=-1)
-
-
-def snapshot(tensors):
-    return {name: tensor.clone() for name, tensor in tensors.items()}
-
-
-def same(first, second):
-    return first.keys() == second.keys() and all(torch.equal(first[k], second[k]) for k in first)
 
 
 def run(brain, states):

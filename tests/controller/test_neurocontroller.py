@@ -6,6 +6,7 @@ import sys
 
 import pytest
 import torch
+from helpers import same, snapshot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -27,14 +28,6 @@ every_proposer = pytest.mark.parametrize("proposer", PROPOSERS)
 def states(steps, robots, sensors, seed=0):
     generator = torch.Generator().manual_seed(seed)
     return torch.rand(steps, robots, sensors, generator=generator) * 2 - 1
-
-
-def snapshot(tensors):
-    return {name: tensor.clone() for name, tensor in tensors.items()}
-
-
-def same(first, second):
-    return first.keys() == second.keys() and all(torch.equal(first[k], second[k]) for k in first)
 
 
 # Learning step by step

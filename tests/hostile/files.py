@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import safetensors
-from digests import forget_digests
+from helpers import forget_digests
 from hostile import mutations as change
 from hostile.mutations import one
 

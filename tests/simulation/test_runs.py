@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import files_below
 
 from musebot.protocols import storage
 from musebot.protocols.errors import InputError, Interrupted
@@ -382,10 +383,6 @@ def test_a_run_that_had_begun_names_both_machines(tmp_path, monkeypatch, in_proc
 # Runs that are refused
 
 
-def files(directory):
-    return {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
-
-
 @pytest.mark.parametrize(
     ("what", "seed", "words"),
     [
@@ -407,10 +404,10 @@ def test_nothing_is_changed_in_a_run_that_cannot_be_continued(
         content = json.loads((directory / MANIFEST).read_text())
         content["physics"][0] += 1
         write_json(directory / MANIFEST, content)
-    before, executor = files(tmp_path), in_process()
+    before, executor = files_below(tmp_path), in_process()
     with pytest.raises(InputError, match=words):
         simulate(directory, plan(seed=seed), executor, quiet=True)
-    assert files(tmp_path) == before and executor.jobs == []
+    assert files_below(tmp_path) == before and executor.jobs == []
 
 
 def test_a_finished_run_of_another_physics_can_be_read(tmp_path, in_process):

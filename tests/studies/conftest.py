@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from helpers import files_below
 
 from musebot.protocols.agents import agent_check
 from musebot.protocols.simulation.jobs import run_job
@@ -27,12 +28,8 @@ def here():
 
 @pytest.fixture
 def listing():
-    """A function that returns all files below a folder with their content."""
-
-    def listing(folder):
-        return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-    return listing
+    """The function `files_below`."""
+    return files_below
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 import torch
+from helpers import same, snapshot
 
 from musebot.controller import BRAINS, Neurocontroller, Parameters, Senses, Signal
 
@@ -19,14 +20,6 @@ def sensed(steps, seed=0):
     nose *= torch.rand(steps, ROBOTS, generator=generator) < 0.6
     contact = -(torch.rand(steps, ROBOTS, generator=generator) < 0.3).to(nose.dtype)
     return torch.stack([nose, contact], dim=-1)
-
-
-def snapshot(tensors):
-    return {name: tensor.clone() for name, tensor in tensors.items()}
-
-
-def same(first, second):
-    return first.keys() == second.keys() and all(torch.equal(first[k], second[k]) for k in first)
 
 
 def stopping(steps, brain="paper", seed=1, proposer="creative", **fields):

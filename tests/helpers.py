@@ -1,0 +1,26 @@
+"""Small functions that several tests need."""
+
+import json
+
+
+def forget_digests(directory):
+    """Makes a run look as if an earlier version, which recorded no digests, had written it."""
+    path = directory / "experiment.json"
+    content = json.loads(path.read_bytes())
+    del content["files"], content["digest"]
+    path.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def files_below(folder):
+    """Returns the content of all files below a folder, by their paths within it."""
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def snapshot(tensors):
+    """Returns copies of tensors by name."""
+    return {name: tensor.clone() for name, tensor in tensors.items()}
+
+
+def same(first, second):
+    """Returns whether tensors by name are equal."""
+    return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)
