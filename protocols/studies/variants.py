@@ -28,13 +28,23 @@ Needs = Literal["brains", "curves", "rows"]
 """All files of a run; its robots.csv and its curves; or robots.csv alone."""
 
 
+def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
+    """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part."""
+    for name, value in values.items():
+        part, _, inner = name.partition(".")
+        if inner:
+            value = dataclasses.replace(getattr(experiment, part), **{inner: value})
+        experiment = dataclasses.replace(experiment, **{part: value})
+    return experiment
+
+
 @dataclasses.dataclass(frozen=True)
 class Variant:
     """A run that differs from the baseline in one thing.
 
     Attributes:
       name: Name of the run and of its folder.
-      fields: Fields of the experiment that differ from the baseline's.
+      fields: Fields of the experiment that differ from the baseline's, as for `changed`.
       tasks: Tasks in which the difference can affect the robots; in other tasks, their lives would
         equal the baseline's bit-exactly.
       proposers: Proposers with which the difference can affect the robots; with other proposers,
@@ -55,7 +65,7 @@ class Variant:
 
     def experiment(self, baseline: Experiment) -> Experiment:
         """Returns the baseline's experiment, changed by this difference."""
-        return dataclasses.replace(baseline, **self.fields)
+        return changed(baseline, self.fields)
 
 
 class VariantStudy(Study):

@@ -74,7 +74,7 @@ def test_a_finalist_differs_from_the_plain_reading_in_what_it_says():
     plain = plans["final-plain"].experiment
     assert plain.seed not in {one.experiment.seed for one in TINY.screen().values()}
     for name, finalist in FINALISTS.items():
-        assert set(differing(plain, plans[name].experiment)) == set(finalist.values)
+        assert set(differing(plain, plans[name].experiment)) == set(finalist.fields)
         assert {c.task for c in plans[name].robots} == set(finalist.tasks)
         assert {c.proposer for c in plans[name].robots} == set(finalist.proposers)
 
@@ -92,7 +92,7 @@ def test_the_page_has_a_row_of_each_finalist(finished):
         ]
         tables = [word.split()[0] for word in cells[8].split(", ") if word]
         names = {"wall_avoidance": "wall", "spot_finding": "spot"}
-        wanted = [names[task] for task in finalist.tasks] if finalist.values else []
+        wanted = [names[task] for task in finalist.tasks] if finalist.fields else []
         assert tables == wanted
 
 

@@ -12,6 +12,7 @@ from ....controller import PROPOSERS
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.overrides import READINGS
+from ..variants import Variant, changed
 
 PLAIN = "plain"
 SEEDS = (2004, 2104, 2204, 2304)  # of the four stages
@@ -72,16 +73,6 @@ def plain(seed: int, robots: int, time_scale: float) -> Experiment:
     return Experiment(seed=seed, cohort_size=robots, time_scale=time_scale, **own)
 
 
-def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
-    """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part."""
-    for name, value in values.items():
-        part, _, inner = name.partition(".")
-        if inner:
-            value = dataclasses.replace(getattr(experiment, part), **{inner: value})
-        experiment = dataclasses.replace(experiment, **{part: value})
-    return experiment
-
-
 def combined(start: Experiment, row: np.ndarray) -> Experiment:
     """Returns an experiment with the choices' values at the levels of a row of `DESIGN`."""
     for choice, sign in zip(CHOICES, row, strict=False):
@@ -89,34 +80,22 @@ def combined(start: Experiment, row: np.ndarray) -> Experiment:
     return start
 
 
-@dataclasses.dataclass(frozen=True)
-class Finalist:
-    """A reading of stage 3.
-
-    Attributes:
-      says: What differs from the plain reading, in words.
-      values: Values of the experiment's fields that differ, by field as in `Choice`.
-      tasks: Tasks that are simulated; in the other task the robots live as in the plain reading.
-      proposers: Proposers that are simulated; with the others the robots live as in the plain
-        reading, or as in the finalist whose other values are the same.
-    """
-
-    says: str
-    values: Mapping[str, Any]
-    tasks: tuple[str, ...] = PAPER_TASKS
-    proposers: tuple[str, ...] = PROPOSERS
-
-
-FINALISTS: Mapping[str, Finalist] = {
-    "final-plain": Finalist("the plain reading", {}),
-    "final-inverse": Finalist("r/d in Eq. 3", {"nose": "inverse"}, ("spot_finding",)),
-    "final-front": Finalist("nose at the front", {"nose_place": "front"}, ("spot_finding",)),
-    "final-holds": Finalist("moves up to the wall", {"kinematics.wall": "holds"}),
-    "final-noise": Finalist("noise for life", {"brain.noise_steps": 0}, proposers=("creative",)),
-    "final-noise-inverse": Finalist(
-        "noise for life, r/d in Eq. 3",
+_FINALISTS = (
+    Variant("final-plain", {}, says="the plain reading"),
+    Variant("final-inverse", {"nose": "inverse"}, ("spot_finding",), says="r/d in Eq. 3"),
+    Variant("final-front", {"nose_place": "front"}, ("spot_finding",), says="nose at the front"),
+    Variant("final-holds", {"kinematics.wall": "holds"}, says="moves up to the wall"),
+    Variant(
+        "final-noise", {"brain.noise_steps": 0}, proposers=("creative",), says="noise for life"
+    ),
+    Variant(
+        "final-noise-inverse",
         {"brain.noise_steps": 0, "nose": "inverse"},
         ("spot_finding",),
         ("creative",),
+        "noise for life, r/d in Eq. 3",
     ),
-}
+)
+FINALISTS = {finalist.name: finalist for finalist in _FINALISTS}
+"""The readings of stage 3. In other conditions robots live as in the plain reading, or as in the
+finalist whose other fields are the same."""

@@ -17,9 +17,9 @@ from ...experiment.plan import Plan
 from ...results.run_files import ROBOTS_FILE, read_rows
 from ...simulation.jobs import Job
 from ..study import Page, check_positive
-from ..variants import Needs, Variant, VariantStudy
+from ..variants import Needs, Variant, VariantStudy, changed
 from . import page
-from .choices import DESIGN, FINALISTS, PLAIN, SEEDS, SPEEDS, WALLS, changed, combined, plain
+from .choices import DESIGN, FINALISTS, PLAIN, SEEDS, SPEEDS, WALLS, combined, plain
 from .newborns import NewbornJob
 
 NEWBORNS = "newborns"  # folder of stage 1
@@ -82,15 +82,7 @@ class Reading(VariantStudy):
         """Returns the plans of stage 3, by name."""
         start = plain(SEEDS[3], self.finalists, self.time_scale)
         return {
-            name: Plan.of(
-                changed(start, finalist.values),
-                [
-                    Condition(task, proposer)
-                    for task in finalist.tasks
-                    for proposer in finalist.proposers
-                ],
-                self.finalists,
-            )
+            name: Plan.of(finalist.experiment(start), finalist.conditions, self.finalists)
             for name, finalist in FINALISTS.items()
         }
 
