@@ -1,13 +1,18 @@
-"""Plans: which robots of an experiment are wanted, and into which cohorts they split."""
+"""Plans: which robots of an experiment are wanted, and into which cohorts they split.
+
+A variant is a plan's difference from a baseline.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from ...controller.parameters import shown
+from ...controller.proposers import PROPOSERS
 from ..errors import InputError
-from .conditions import CohortKey, Condition
+from .conditions import PAPER_TASKS, CohortKey, Condition
 from .experiment import Experiment
 
 MOST_ROBOTS = 1_000_000  # in a condition
@@ -97,3 +102,43 @@ def default_cohort_size(robots: int, most: int = 250) -> int:
             f"take {round(robots / most) * most} robots, or name a cohort size"
         )
     return size
+
+
+def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
+    """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part."""
+    for name, value in values.items():
+        part, _, inner = name.partition(".")
+        if inner:
+            value = dataclasses.replace(getattr(experiment, part), **{inner: value})
+        experiment = dataclasses.replace(experiment, **{part: value})
+    return experiment
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """A run that differs from the baseline in one thing.
+
+    Attributes:
+      name: Name of the run and of its folder.
+      fields: Fields of the experiment that differ from the baseline's, as for `changed`.
+      tasks: Tasks in which the difference can affect the robots; in other tasks, their lives would
+        equal the baseline's bit-exactly.
+      proposers: Proposers with which the difference can affect the robots; with other proposers,
+        their lives would equal the baseline's bit-exactly.
+      says: The difference in words, for a page.
+    """
+
+    name: str
+    fields: Mapping[str, Any]
+    tasks: tuple[str, ...] = PAPER_TASKS
+    proposers: tuple[str, ...] = PROPOSERS
+    says: str = ""
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """Conditions in which the difference can affect the robots, in the order of the tables."""
+        return [Condition(task, proposer) for task in self.tasks for proposer in self.proposers]
+
+    def experiment(self, baseline: Experiment) -> Experiment:
+        """Returns the baseline's experiment, changed by this difference."""
+        return changed(baseline, self.fields)

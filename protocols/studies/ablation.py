@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Body, Experiment
 from ..experiment.overrides import with_overrides
-from ..experiment.plan import default_cohort_size
+from ..experiment.plan import Variant, default_cohort_size
 from ..experiment.schedules import TASK_NAMES
 from ..reporting import comparison_tables
 from ..reporting.labels import described, title
@@ -22,7 +22,7 @@ from ..reporting.markdown import probability, table
 from ..results.run import Run
 from ..shared_options import COHORT_SIZE, TASK_CHOICES, KinematicsOption, option
 from .study import Page
-from .variants import Variant, VariantStudy
+from .variants import VariantStudy
 
 WHOLE = "steady"
 _PROPOSER = "creative"

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..examples import ROBOT
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Experiment
+from ..experiment.plan import Variant
 from ..experiment.schedules import SCHEDULES, TASK_NAMES
 from ..playback.film import film
 from ..playback.stored_brains import StoredRobot
@@ -23,7 +24,7 @@ from ..results.run_files import read_run
 from ..simulation.jobs import Job
 from ..terminal import notice
 from .study import Page
-from .variants import Variant, VariantStudy
+from .variants import VariantStudy
 
 FILMS, TRAINED = "films", "trained_robot"
 _PROPOSER = "creative"

@@ -12,14 +12,14 @@ from ...models import Kinematics
 from ..analysis.comparison import CELLS, Cell, Match, compare_all, resamples_for
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.experiment import Experiment
-from ..experiment.plan import default_cohort_size
+from ..experiment.plan import Variant, default_cohort_size
 from ..experiment.schedules import TASK_NAMES
 from ..reporting import comparison_tables
 from ..reporting.labels import title
 from ..reporting.markdown import probability, table
 from ..results.run import Run
 from .study import Page
-from .variants import Variant, VariantStudy
+from .variants import VariantStudy
 
 BASELINE, NOISE = "baseline", "another-seed"
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import abc
 import contextlib
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from ...controller import PROPOSERS
 from ..errors import InputError
 from ..experiment.budget import check_memory
-from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
-from ..experiment.plan import Plan
+from ..experiment.plan import Plan, Variant
 from ..results.run import Run
 from ..results.run_files import is_kept_without_brains, planned, read_run
 from ..simulation.jobs import CohortJob, Job
@@ -26,46 +23,6 @@ from .study import Study, check_positive
 
 Needs = Literal["brains", "curves", "rows"]
 """All files of a run; its robots.csv and its curves; or robots.csv alone."""
-
-
-def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
-    """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part."""
-    for name, value in values.items():
-        part, _, inner = name.partition(".")
-        if inner:
-            value = dataclasses.replace(getattr(experiment, part), **{inner: value})
-        experiment = dataclasses.replace(experiment, **{part: value})
-    return experiment
-
-
-@dataclasses.dataclass(frozen=True)
-class Variant:
-    """A run that differs from the baseline in one thing.
-
-    Attributes:
-      name: Name of the run and of its folder.
-      fields: Fields of the experiment that differ from the baseline's, as for `changed`.
-      tasks: Tasks in which the difference can affect the robots; in other tasks, their lives would
-        equal the baseline's bit-exactly.
-      proposers: Proposers with which the difference can affect the robots; with other proposers,
-        their lives would equal the baseline's bit-exactly.
-      says: The difference in words, for a page.
-    """
-
-    name: str
-    fields: Mapping[str, Any]
-    tasks: tuple[str, ...] = PAPER_TASKS
-    proposers: tuple[str, ...] = PROPOSERS
-    says: str = ""
-
-    @property
-    def conditions(self) -> list[Condition]:
-        """Conditions in which the difference can affect the robots, in the order of the tables."""
-        return [Condition(task, proposer) for task in self.tasks for proposer in self.proposers]
-
-    def experiment(self, baseline: Experiment) -> Experiment:
-        """Returns the baseline's experiment, changed by this difference."""
-        return changed(baseline, self.fields)
 
 
 class VariantStudy(Study):

@@ -9,10 +9,10 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import PAPER_TASKS, CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment, differing
 from musebot.protocols.experiment.manifest import read_manifest
+from musebot.protocols.experiment.plan import Variant
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.studies.sensitivity import BASELINE, CHOICES, NOISE, Sensitivity
 from musebot.protocols.studies.study import conduct
-from musebot.protocols.studies.variants import Variant
 
 PROPOSERS = ("fixed", "random", "creative")
 EVERYWHERE = [Condition(task, proposer) for task in PAPER_TASKS for proposer in PROPOSERS]

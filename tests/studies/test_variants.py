@@ -8,11 +8,11 @@ import pytest
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import MANIFEST, write_manifest
-from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.experiment.plan import Plan, Variant
 from musebot.protocols.results.run_files import read_run
 from musebot.protocols.storage import locked
 from musebot.protocols.studies.study import Page, conduct
-from musebot.protocols.studies.variants import Variant, VariantStudy
+from musebot.protocols.studies.variants import VariantStudy
 
 WALLS = ("wall_avoidance",)
 SLOW = Variant("slow", {"motor_speed": 0.1}, WALLS, ("fixed",))

@@ -24,13 +24,14 @@ from ...agents.trust import trust
 from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
 from ...experiment.overrides import named_brain, with_overrides
+from ...experiment.plan import Variant
 from ...results.run_files import has_all_rows, read_runs
 from ...shared_options import BODY_EFFECTS, option
 from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
 from ...terminal import notice
 from ..study import Page, check_positive
-from ..variants import Needs, Variant, VariantStudy
+from ..variants import Needs, VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .costs import FOLDER, cost_jobs, measured
 from .page import page

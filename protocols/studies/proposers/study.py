@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from ...experiment.experiment import Experiment
-from ...experiment.plan import default_cohort_size
+from ...experiment.plan import Variant, default_cohort_size
 from ...results.run_files import has_all_rows, read_rows
 from ...simulation.jobs import Job
 from ..study import Page
-from ..variants import Needs, Variant, VariantStudy
+from ..variants import Needs, VariantStudy
 from . import page
 from .cells import PARTS, WAYS, Part, PartName
 from .page import Outcome

@@ -12,7 +12,7 @@ from ....controller import PROPOSERS
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.overrides import READINGS
-from ..variants import Variant, changed
+from ...experiment.plan import Variant, changed
 
 PLAIN = "plain"
 SEEDS = (2004, 2104, 2204, 2304)  # of the four stages

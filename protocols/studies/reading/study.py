@@ -13,11 +13,11 @@ from ...errors import InputError
 from ...experiment.budget import check_memory
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
-from ...experiment.plan import Plan
+from ...experiment.plan import Plan, Variant, changed
 from ...results.run_files import ROBOTS_FILE, read_rows
 from ...simulation.jobs import Job
 from ..study import Page, check_positive
-from ..variants import Needs, Variant, VariantStudy, changed
+from ..variants import Needs, VariantStudy
 from . import page
 from .choices import DESIGN, FINALISTS, PLAIN, SEEDS, SPEEDS, WALLS, combined, plain
 from .newborns import NewbornJob
