@@ -79,7 +79,7 @@ def test_the_first_round_has_half_the_robots_and_another_seed():
     for job in (first, second):
         assert job.condition.task == "spot_finding" and job.experiment.time_scale == 0.1
         assert job.experiment.settings == ("rate=0.01",)
-    assert Tune(robots=1)._robots(0) == 1
+    assert Tune(agent="dqn", robots=1)._robots(False) == 1
 
 
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
@@ -137,7 +137,7 @@ def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"agent": ""}, "the study needs the name of an agent"),
+        ({"agent": ""}, "there is no agent ''"),
         ({"agent": "creative"}, "is a proposer of the brain"),
         ({"task": "spot_finding_unit"}, "the task must be one of wall_avoidance, spot_finding"),
         ({"agent": "streamq"}, "did you mean stream_q"),

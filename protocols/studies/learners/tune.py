@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+import tyro
 from scipy.stats import qmc
 
 from ....controller.parameters import shown
@@ -77,7 +78,7 @@ class Tune(Study):
 
     name: ClassVar[str] = "tune"
 
-    agent: Annotated[str, option("AGENT", "required")] = ""
+    agent: Annotated[str, tyro.conf.arg(metavar="AGENT")]
     """name of the agent, or a factory of yours as package.module:factory"""
     signals: Signals = "paper"
     """raw: smell and reward before they saturate"""
@@ -145,19 +146,18 @@ class Tune(Study):
         scale = f", durations times {self.time_scale:g}" if self.time_scale != 1 else ""
         return (
             f"{self.trials} settings{task}, then the best {self.kept}; robots of a setting: "
-            f"{self._robots(0)}, then {self.robots}{other}{scale}"
+            f"{self._robots(False)}, then {self.robots}{other}{scale}"
         )
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`: that of the second round."""
-        if self.agent:
-            trust(recorded_name(self.agent))  # the command names it
+        trust(recorded_name(self.agent))  # the command names it
         drawn = self.drawn()
-        for number, trials in enumerate((drawn, drawn[: self.kept])):
+        for again, trials in ((False, drawn), (True, drawn[: self.kept])):
             for some in self._cohorts(trials):
-                experiment = self._round(number, some)
+                experiment = self._round(again, some)
                 check_memory(Plan.of(experiment, [self._condition], experiment.cohort_size))
-        return {"trials": self._round(1, [Trial(0, ())])}
+        return {"trials": self._round(True, [Trial(0, ())])}
 
     @functools.cached_property
     def settings(self) -> Mapping[str, Setting]:
@@ -170,8 +170,6 @@ class Tune(Study):
         check_positive(robots=self.robots)
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
-        if not self.agent:
-            raise InputError("the study needs the name of an agent: --agent AGENT")
         if self.seed < 0:
             raise InputError(f"the seed must not be negative, got {shown(self.seed)}")
         name = recorded_name(self.agent)
@@ -218,8 +216,8 @@ class Tune(Study):
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all trials, then the best again."""
-        yield self._jobs(out, 0, self.drawn())
-        yield self._jobs(out, 1, self._best(out))
+        yield self._jobs(out, False, self.drawn())
+        yield self._jobs(out, True, self._kept_trials(out))
 
     def ranked(self, out: Path) -> list[tuple[Trial, np.ndarray, np.ndarray | None]]:
         """Returns the finished trials, best first, with each robot's shares in both rounds.
@@ -227,8 +225,8 @@ class Tune(Study):
         Shares have the shape (2, robots of the round), after training and during training; None
         where a trial has no second round.
         """
-        early = self._values(out, 0, self.drawn())
-        later = self._values(out, 1, self._best(out))
+        early = self._values(out, False, self.drawn())
+        later = self._values(out, True, self._kept_trials(out))
         found = [(trial, values, later.get(trial)) for trial, values in early.items()]
         return sorted(
             found,
@@ -265,8 +263,8 @@ class Tune(Study):
             *table(rows),
             "",
             f"{_SHARES[self.task]}: mean of two shares, in the test after training and during "
-            f"training. Robots of a setting: {self._robots(0)}, then {self.robots}. The last two "
-            "columns belong to the second round; brackets hold 95 % intervals over robots. The "
+            f"training. Robots of a setting: {self._robots(False)}, then {self.robots}. The last "
+            "two columns belong to the second round; brackets hold 95 % intervals over robots. The "
             "best of several trials was also lucky: only runs on other seeds measure it.",
             "",
             f"Best: trial {winner.number}, `musebot run OUT --agent {name}{chosen} --signals "
@@ -279,14 +277,15 @@ class Tune(Study):
     def _condition(self) -> Condition:
         return Condition(self.task, recorded_name(self.agent))
 
-    def _robots(self, number: int) -> int:
-        return self.robots if number else max(1, self.robots // 2)
+    def _robots(self, again: bool) -> int:
+        """Returns the number of robots of a trial, in the first round or when simulated again."""
+        return self.robots if again else max(1, self.robots // 2)
 
     def _cohorts(self, trials: Sequence[Trial]) -> list[Sequence[Trial]]:
         size = _TOGETHER if all(setting.each for setting in self.settings.values()) else 1
         return [trials[start : start + size] for start in range(0, len(trials), size)]
 
-    def _round(self, number: int, trials: Sequence[Trial]) -> Experiment:
+    def _round(self, again: bool, trials: Sequence[Trial]) -> Experiment:
         """Returns the experiment of the trials of a cohort, with equal shares of its robots."""
         words = trials[0].settings
         if len(trials) > 1:
@@ -295,8 +294,8 @@ class Tune(Study):
                 f"{name}={','.join(one[name] for one in values)}" for name in self.settings
             )
         return Experiment(
-            seed=self.seed + number,
-            cohort_size=self._robots(number) * len(trials),
+            seed=self.seed + again,
+            cohort_size=self._robots(again) * len(trials),
             time_scale=self.time_scale,
             body="kinematic",
             kinematics=with_overrides(Kinematics(), self.kinematics),
@@ -304,23 +303,23 @@ class Tune(Study):
             settings=words,
         )
 
-    def _jobs(self, out: Path, number: int, trials: Sequence[Trial]) -> list[EvaluationJob]:
-        return [self._job(out, number, some) for some in self._cohorts(trials)]
+    def _jobs(self, out: Path, again: bool, trials: Sequence[Trial]) -> list[EvaluationJob]:
+        return [self._job(out, again, some) for some in self._cohorts(trials)]
 
-    def _job(self, out: Path, number: int, trials: Sequence[Trial]) -> EvaluationJob:
+    def _job(self, out: Path, again: bool, trials: Sequence[Trial]) -> EvaluationJob:
         name = "-".join(f"{trial.number:04}" for trial in trials)
-        path = out / FOLDER / f"{name}-{number}.safetensors"
-        return EvaluationJob(path, self._round(number, trials), self._condition)
+        path = out / FOLDER / f"{name}-{int(again)}.safetensors"
+        return EvaluationJob(path, self._round(again, trials), self._condition)
 
-    def _best(self, out: Path) -> list[Trial]:
-        early = self._values(out, 0, self.drawn())
+    def _kept_trials(self, out: Path) -> list[Trial]:
+        early = self._values(out, False, self.drawn())
         return sorted(early, key=lambda trial: -float(early[trial].mean()))[: self.kept]
 
-    def _values(self, out: Path, number: int, trials: Sequence[Trial]) -> dict[Trial, np.ndarray]:
+    def _values(self, out: Path, again: bool, trials: Sequence[Trial]) -> dict[Trial, np.ndarray]:
         """Returns the shares of each finished trial's robots, shape (2, robots)."""
         found = {}
         for some in self._cohorts(trials):
-            job = self._job(out, number, some)
+            job = self._job(out, again, some)
             if not job.done():
                 continue
             shares = np.array([job.shares("post"), job.shares("training")])
