@@ -194,12 +194,23 @@ def own_arrays(path: Path, shapes: Shapes, identity: Mapping[str, Any]) -> dict[
       DamagedFileError: the file is damaged, or another job's.
     """
     arrays, notes = load_arrays(path, functools.partial(check_same_shapes, shapes))
-    for name, wanted in _plain(identity).items():
-        if name in notes and notes[name] != wanted:
-            raise DamagedFileError(
-                f"{path} is another's: its {name} is {notes[name]!r:.100}, not {wanted!r:.100}"
-            )
+    check_notes(path, notes, {k: value for k, value in identity.items() if k in notes})
     return arrays
+
+
+def check_notes(path: Path, notes: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
+    """Raises DamagedFileError where a file's notes lack a value of its job, or have another.
+
+    Args:
+      path: File with the notes.
+      notes: Notes of the file.
+      identity: What says whose file it is, as plain data.
+    """
+    for name, wanted in _plain(identity).items():
+        if (held := notes.get(name)) != wanted:
+            raise DamagedFileError(
+                f"{path} is another's: its {name} is {held!r:.100}, not {wanted!r:.100}"
+            )
 
 
 class StoppedError(Exception):

@@ -23,7 +23,7 @@ from ...playback.rollout import Tick, count_events
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import load_arrays, save_arrays
-from ..study import SAVE_EVERY, MinuteTick, StoppedError, check_shares
+from ..study import SAVE_EVERY, MinuteTick, StoppedError, check_notes, check_shares
 from .arms import ARMS, FROZEN, NEWBORN, Arm
 from .lives import LifeJob, OldBrains
 from .probes import CONDITION, PERIODS, PERIODS_PER_SPOT, TRAINING, period, probe
@@ -208,9 +208,8 @@ class BranchJob:
 
     @property
     def _identity(self) -> dict[str, Any]:
-        change = dataclasses.asdict(CHANGES[self.change])
         return {
-            "change": change | {"gains": [*change["gains"]]},
+            "change": dataclasses.asdict(CHANGES[self.change]),
             "arm": self.arm,
             "experiment": self.life.experiment.seed,
         }
@@ -218,12 +217,7 @@ class BranchJob:
     def _read(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         arrays, notes = load_arrays(self.path)
         robots = self.life.experiment.cohort_size
-        for name, wanted in self._identity.items():
-            if notes.get(name) != wanted:
-                held = notes.get(name)
-                raise DamagedFileError(
-                    f"{self.path} is another's: its {name} is {held!r:.100}, not {wanted!r:.100}"
-                )
+        check_notes(self.path, notes, self._identity)
         shares = arrays.get("shares")
         if "life" not in notes or shares is None or shares.dtype != np.float64:
             raise DamagedFileError(f"{self.path} is damaged (it has no shares)")
