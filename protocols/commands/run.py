@@ -133,6 +133,7 @@ class RunCommand:
         from ..agents.names import recorded_name
         from ..agents.trust import trust
         from ..config import Config, read_config
+        from ..experiment.budget import check_memory
         from ..results.run_files import planned
         from ..simulation.runs import simulate
         from ..simulation.tensorboard_log import check_tensorboard
@@ -157,6 +158,8 @@ class RunCommand:
                 "changed with --set, for example --set raw_signals=true"
             )
         executor = self.workers.executor(plan.experiment.device)
+        if not plan.experiment.on_tensors:
+            check_memory(plan, self.workers.at_once)
         return simulate(self.out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
 
     def _plan(self, held: Plan | None, config: Config) -> Plan:

@@ -76,10 +76,24 @@ def machine_bytes() -> int:
     return total
 
 
-def check_memory(plan: Plan) -> None:
-    """Raises InputError where a plan needs more memory than the machine has."""
+def check_memory(plan: Plan, at_once: int = 1) -> None:
+    """Raises InputError where a plan needs more memory than the machine has.
+
+    Args:
+      plan: Robots that are wanted.
+      at_once: Number of jobs that the machine runs at a time.
+    """
     for what, needed in job_bytes(plan):
         _check_fits(what, needed)
+    if at_once > 1:
+        size = plan.experiment.cohort_size
+        each = [
+            cohort_bytes(plan.experiment, condition)
+            for condition, robots in plan.robots.items()
+            for _ in range(min(robots // size, at_once))
+        ]
+        largest = sorted(each)[-at_once:]
+        _check_fits(f"{len(largest)} cohorts at a time (--processes)", sum(largest))
     _check_fits(f"{sum(plan.robots.values())} robots", results_bytes(plan))
 
 

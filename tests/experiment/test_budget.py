@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 
 from musebot.controller import BRAINS, PROPOSERS, Parameters
+from musebot.protocols import cli
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment import budget
@@ -73,3 +74,23 @@ def test_an_agent_that_needs_more_memory_than_there_is_is_refused(monkeypatch):
         InputError, match=r"a cohort of spot_finding/.*dqn would need about 0\.[12]"
     ):
         check_agents(plan)
+
+
+def test_cohorts_that_run_at_a_time_need_their_memory_together(monkeypatch, tmp_path, capsys):
+    plan = Plan.of(Experiment(cohort_size=100), ALL, 300)
+    each = sorted(
+        (budget.cohort_bytes(plan.experiment, condition) for condition in ALL for _ in range(3)),
+        reverse=True,
+    )
+    monkeypatch.setattr(budget, "results_bytes", lambda plan: 0)
+    for at_once in (1, 2, 5, 18):
+        monkeypatch.setattr(budget, "machine_bytes", lambda n=at_once: sum(each[:n]))
+        budget.check_memory(plan, at_once)
+        if at_once < len(each):
+            with pytest.raises(InputError, match=f"^{at_once + 1} cohorts at a time"):
+                budget.check_memory(plan, at_once + 1)
+    monkeypatch.setattr(budget, "machine_bytes", lambda: each[0])
+    words = ["run", str(tmp_path / "out"), "--robots", "300", "--cohort-size", "100"]
+    assert cli.main([*words, "--processes", "2"]) == 2
+    assert "2 cohorts at a time (--processes) would need about" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
