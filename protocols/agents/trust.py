@@ -34,5 +34,5 @@ def check_trusted(name: str, source: object) -> None:
     if not is_own(name) and name not in _TRUSTED:
         raise InputError(
             f"{source} names the agent {name}, whose code would be run: allow it by --agent "
-            f"{name} or by --trust-agent"
+            f"{name}, or in `musebot run` by --trust-agent"
         )

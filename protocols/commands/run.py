@@ -50,9 +50,9 @@ class RunCommand:
 
     out: Out
     """folder for all files of the run; an unfinished run continues"""
-    task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "those of the protocol")] = ()
+    task: Annotated[tuple[str, ...], _kept(f"{TASK_CHOICES} ..", "those of the protocol")] = ()
     """tasks to learn"""
-    proposer: Annotated[tuple[str, ...], option(f"{PROPOSER_CHOICES} ..", "all three")] = ()
+    proposer: Annotated[tuple[str, ...], _kept(f"{PROPOSER_CHOICES} ..", "all three")] = ()
     """how actions are proposed; none of these if only agents are given"""
     agent: Annotated[tuple[str, ...], option("AGENT ..", "none")] = ()
     """names that `musebot list agents` prints, or a factory of yours as package.module:factory"""
@@ -133,7 +133,6 @@ class RunCommand:
         from ..agents.names import recorded_name
         from ..agents.trust import trust
         from ..config import Config, read_config
-        from ..experiment.budget import check_memory
         from ..results.run_files import planned
         from ..simulation.runs import simulate
         from ..simulation.tensorboard_log import check_tensorboard
@@ -158,8 +157,6 @@ class RunCommand:
                 "changed with --set, for example --set raw_signals=true"
             )
         executor = self.workers.executor(plan.experiment.device)
-        if not plan.experiment.on_tensors:
-            check_memory(plan, self.workers.at_once)
         return simulate(self.out, plan, executor, save_every=self.save_every, quiet=quiet, log=log)
 
     def _plan(self, held: Plan | None, config: Config) -> Plan:
@@ -205,6 +202,8 @@ class RunCommand:
             chosen or dict.fromkeys(c.proposer for c in here) or PROPOSERS,
         )
         conditions = [Condition(*pair) for pair in pairs]
+        if not (self.task and chosen):
+            conditions = [c for c in conditions if c in here] or conditions
         return Plan.of(experiment, conditions, robots)
 
     def _wanted(self, held: Plan | None, config: Config) -> dict[str, Any]:

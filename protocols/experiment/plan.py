@@ -106,12 +106,13 @@ def default_cohort_size(robots: int, most: int = 250) -> int:
 
 def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
     """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part."""
+    fields = {name: value for name, value in values.items() if "." not in name}
     for name, value in values.items():
         part, _, inner = name.partition(".")
         if inner:
-            value = dataclasses.replace(getattr(experiment, part), **{inner: value})
-        experiment = dataclasses.replace(experiment, **{part: value})
-    return experiment
+            own = fields.get(part, getattr(experiment, part))
+            fields[part] = dataclasses.replace(own, **{inner: value})
+    return dataclasses.replace(experiment, **fields)
 
 
 @dataclasses.dataclass(frozen=True)

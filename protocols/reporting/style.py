@@ -93,7 +93,7 @@ def write(figure: Figure, path: Path) -> None:
 def check_output(path: Path, formats: Sequence[str] = FORMATS) -> None:
     """Raises InputError if no figure can be written to `path`; to be called before long work."""
     if path.suffix[1:].lower() not in formats:
-        raise InputError(f"the figure must be an .{' or .'.join(formats)}, got {path}")
+        raise InputError(f"the figure must be one of .{', .'.join(formats)}, got {path}")
     check_place(path)
 
 

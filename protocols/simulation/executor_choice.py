@@ -28,11 +28,6 @@ class Workers:
     address: str = "auto"
     """address of the Ray cluster, as host:port"""
 
-    @property
-    def at_once(self) -> int:
-        """Number of jobs that use this machine's memory at a time, on its CPU."""
-        return self.processes if self.engine == "local" else 1
-
     def executor(self, device: str = "cpu") -> Executor:
         """Returns the executor; with Ray, it is connected to the cluster.
 

@@ -69,8 +69,9 @@ def simulate(
     check_device(plan)
     directory = resolved(directory)  # an agent may change the working directory
     held = UnfinishedRun.read(directory, plan)
-    if (missing := held.missing) is not None:
-        check_agents(missing, held.results)  # before anything is written
+    if (missing := held.missing) is not None:  # before anything is written
+        check_memory(missing, at_once=getattr(executor, "processes", 1))
+        check_agents(missing, held.results)
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
         messages = run.begin()

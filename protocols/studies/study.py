@@ -47,6 +47,7 @@ STUDY_FILE = "study.json"
 CHECKPOINT = ".checkpoint"  # ending of a job's file from which it continues
 SAVE_EVERY = 60.0  # wall-clock seconds between two checkpoints
 _CHUNK = control_steps(1)
+_UNFINISHED = "*Unfinished: only what is done so far.*\n\n"
 
 _DEFAULT = {"default": Experiment()}  # whose physics a study without experiments is checked by
 
@@ -159,12 +160,19 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
                 execute(f"{study.name}: {len(left)} jobs", left, executor, study.finished)
         except (Interrupted, RunError):
             if study.shows_finished:
-                with contextlib.suppress(InputError):  # the next call says what is wrong
-                    _write_page(study, out)
+                with contextlib.suppress(InputError, RunError, OSError):  # the first error counts
+                    _write_unfinished_page(study, out)
             raise
         for folder in study.folders(out):  # what jobs left that were killed after their end
             remove_files(folder, lambda name: name.endswith(CHECKPOINT))
         return _write_page(study, out)
+
+
+def _write_unfinished_page(study: Study, out: Path) -> None:
+    """Writes a page that says that it is unfinished, unless OUT has a finished one."""
+    path = page_file(study, out)
+    if not path.exists() or path.read_text().startswith(_UNFINISHED):
+        write_text(path, _UNFINISHED + study.page(out).markdown)
 
 
 def _write_page(study: Study, out: Path) -> Page:

@@ -233,7 +233,7 @@ def test_env_step_is_compared_with_its_physics_steps():
     [
         (["--json", "{}"], "is a folder"),
         (["--json", "{}/nowhere/bench.json"], "there is no folder"),
-        (["--figure", "{}/cost.txt"], "must be an .svg or .png or .pdf"),
+        (["--figure", "{}/cost.txt"], "must be one of .svg, .png, .pdf"),
         (["--figure", "{}/nowhere/cost.svg"], "there is no folder"),
         (["--car-xml", "{}/car.xml"], "is not a model that MuJoCo can read"),
     ],

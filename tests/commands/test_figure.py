@@ -18,7 +18,7 @@ def test_the_architecture_is_written_as_an_svg(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["robot", "robot.gif"], "the figure must be an .svg or .png"),
+        (["robot", "robot.gif"], "the figure must be one of .svg, .png"),
         (["robot", "robot.png", "run"], "only typical takes one"),
         (["typical", "typical.png"], "typical needs the folder of a run"),
         (["robot", "robot.png", "--task", "spot_finding"], "--task chooses the architecture"),

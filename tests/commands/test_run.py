@@ -71,6 +71,17 @@ def test_tasks_and_proposers_that_are_not_given_are_those_of_the_run(tmp_path, o
     assert [(c.task, c.proposer, n) for c, n in plan.robots.items()] == planned
 
 
+def test_a_task_alone_has_the_proposers_that_the_run_has_in_it(tmp_path):
+    both = [Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")]
+    held = Plan.of(Experiment(cohort_size=2), both, 4)
+    for options, only in (
+        ({"task": ("spot_finding",)}, both[1]),
+        ({"proposer": ("fixed",)}, both[0]),
+    ):
+        plan = RunCommand(tmp_path / "run", robots=6, **options)._plan(held, Config())
+        assert plan.robots == {only: 6}
+
+
 def test_an_unknown_option_is_refused_with_all_names(tmp_path):
     with pytest.raises(TypeError, match="takes the options address, agent, .*, got robot$"):
         musebot.run(tmp_path / "run", robot=2)

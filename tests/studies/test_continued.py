@@ -1,6 +1,7 @@
 """Agents that are frozen, explore or learn in the test after training."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ from musebot.protocols import cli
 from musebot.protocols.agents.base import Agent
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import DamagedFileError, Interrupted
-from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.results.run_files import BRAINS_FILE, read_run
 from musebot.protocols.simulation import local
+from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.learners import continued
 from musebot.protocols.studies.learners.continued import MODES, ContinuedLearning
@@ -89,17 +91,12 @@ def job(study, out, condition, mode):
 
 
 def test_a_frozen_agent_repeats_the_test_of_its_run(finished, runs):
-    study, out, _ = finished
-    frozen = job(study, out, SPOT, "frozen").shares()
-    np.testing.assert_array_equal(frozen, read_run(runs / "dqn").shares(SPOT, "post")[:4])
-
-
-def test_without_contact_counts_in_wall_avoidance(finished, runs):
+    """Without contact is what counts in wall avoidance."""
     study, out, _ = finished
     walls = dataclasses.replace(SPOT, task="wall_avoidance")
-    frozen = job(study, out, walls, "frozen").shares()
     contact = read_run(runs / "dqn").shares(walls, "post")[:4]
-    np.testing.assert_allclose(frozen, 1 - contact)
+    assert contact.any() and not contact.all()
+    np.testing.assert_allclose(job(study, out, walls, "frozen").shares(), 1 - contact)
 
 
 def test_each_mode_explores_and_learns_as_it_says(runs, tmp_path, in_process, monkeypatch):
@@ -127,20 +124,34 @@ def test_each_mode_explores_and_learns_as_it_says(runs, tmp_path, in_process, mo
     assert "| 5 of 6 |" in row
 
 
-def test_agents_of_ours_have_the_age_of_the_end_of_training(finished, monkeypatch):
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+@pytest.mark.parametrize(("name", "proposer"), [("dqn", SPOT.proposer), ("steady", "creative")])
+def test_agents_of_ours_have_the_age_of_the_end_of_their_lives(
+    finished, runs, monkeypatch, task, name, proposer
+):
     study, out, _ = finished
-    ages = []
+    ages, condition = [], Condition(task, proposer)
 
     def spy(batch, agent, steps, **words):
         ages.append(agent.state()["age"].item())
         raise RuntimeError
 
     monkeypatch.setattr(continued, "count_events", spy)
-    for condition in (SPOT, Condition("spot_finding", "creative")):
-        with pytest.raises(RuntimeError):
-            job(study, out, condition, "learning").run(lambda: False, lambda *_: None)
-        schedule = job(study, out, condition, "learning").evaluated.experiment.schedule(SPOT.task)
-        assert ages.pop() == schedule.steps_of("training")
+    with pytest.raises(RuntimeError):
+        job(study, out, condition, "learning").run(lambda: False, lambda *_: None)
+    cohort = Cohort(read_run(runs / name).experiment, CohortKey(condition, 0))
+    cohort.advance(cohort.steps)
+    assert ages == [cohort.agent.state()["age"].item()] and ages[0] > 100
+
+
+def test_a_condition_whose_robots_were_all_stopped_in_a_mode_has_a_row(finished, tmp_path):
+    study, out, _ = finished
+    kept = tmp_path / "kept"
+    shutil.copytree(out, kept)
+    learning = job(study, kept, SPOT, "learning")
+    _, notes = load_arrays(learning.path)
+    save_arrays(learning.path, {"shares": np.full(4, np.nan)}, **notes)
+    assert "| dqn (`dqn`) | 0 of 4 | - | - | - | - |" in study.page(kept).markdown
 
 
 def test_the_page_has_a_row_for_each_condition_and_is_made_without_brains(finished, runs, tmp_path):
@@ -232,5 +243,6 @@ def test_the_code_of_an_agent_that_only_a_file_names_is_not_run(
     monkeypatch.setattr(trust, "_TRUSTED", set())
     command = ["study", "continued-learning", str(tmp_path / "out")]
     assert cli.main([*command, "--runs", str(runs / "restless")]) == 2
-    assert f"whose code would be run: allow it by --agent {USERS}" in capsys.readouterr().err
+    sentence = f"allow it by --agent {USERS}, or in `musebot run` by --trust-agent"
+    assert sentence in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -147,9 +147,26 @@ def test_a_stopped_study_writes_a_page_of_what_is_finished(tmp_path, in_process,
     with pytest.raises(Interrupted):
         conduct(Progress(), out, in_process(most=most))
     page = out / "squares.md"
-    assert (page.read_text() if page.exists() else None) == text
+    unfinished = "*Unfinished: only what is done so far.*\n\n"
+    assert (page.read_text() if page.exists() else None) == (text and unfinished + text)
     assert conduct(Progress(), out, in_process()).markdown == "3 squares are finished.\n"
     assert page.read_text() == "3 squares are finished.\n"
+    # A finished page is kept, if the study goes on.
+    (out / "sum").unlink()
+    with pytest.raises(Interrupted):
+        conduct(Progress(), out, in_process(most=0))
+    assert page.read_text() == "3 squares are finished.\n"
+
+
+def test_a_page_that_cannot_be_written_does_not_hide_why_a_study_stopped(
+    tmp_path, in_process, monkeypatch
+):
+    def full(*_):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(study, "_write_unfinished_page", full)
+    with pytest.raises(Interrupted):
+        conduct(Progress(), tmp_path / "out", in_process(most=2))
 
 
 @pytest.mark.parametrize("name", ["wear", "proposers", "reading", "evolve"])

@@ -67,8 +67,9 @@ MODES: Mapping[str, Mode] = MappingProxyType(
 class ContinuedLearning(Study):
     """Repeat the test after training while agents explore, or while they go on learning.
 
-    The agents have the weights and the age that they had after training. What runs do not keep
-    begins as at birth: an optimizer's moments, traces, and a replay memory.
+    The agents have the weights that they had after training, and agents of ours their age. What
+    runs do not keep begins as at birth: moments of an optimizer and of the reward, traces, a replay
+    memory, and a target network, which is soon copied.
     """
 
     name: ClassVar[str] = "continued-learning"
@@ -170,9 +171,9 @@ class ContinuedLearning(Study):
             "*frozen*: as in the run; *exploring*: as in training, without learning (running "
             "moments of the signals go on); *learning*: exploring and learning. Mean over robots, "
             f"in brackets its 95 % interval ({MEANS}); the difference robot by robot, without "
-            "robots that were stopped in one of the modes. The agents have the weights and the age "
-            "of the end of training; an optimizer's moments, traces and a replay memory begin as "
-            "at birth.",
+            "robots that were stopped in one of the modes. The agents have the weights of the end "
+            "of training, agents of ours also the age; moments of an optimizer and of the reward, "
+            "traces, a replay memory and a target network begin as at birth.",
             "",
             *(described(run) for run in self._runs),
             "",
@@ -183,15 +184,17 @@ class ContinuedLearning(Study):
         jobs = [j for j in self._jobs(out) if (j.evaluated, j.condition) == (run, condition)]
         found = {job.mode: job.shares() for job in jobs}
         robots = len(jobs[0].rows)
-        sound = ~np.isnan([*found.values()]).any(axis=0)
-        found = {mode: shares[sound] for mode, shares in found.items()}
+        kept = ~np.isnan([*found.values()]).any(axis=0)
+        found = {mode: shares[kept] for mode, shares in found.items()}
         frozen, learning = found["frozen"], found["learning"]
         interval = intervals.difference_of_means(
             learning, frozen, paired=True, span=intervals.SHARE
         )
+        row = [f"{short_name(condition.proposer)} (`{run.name}`)", f"{len(frozen)} of {robots}"]
+        if not len(frozen):
+            return [*row, *["-"] * (len(MODES) + 1)]
         return [
-            f"{short_name(condition.proposer)} (`{run.name}`)",
-            f"{len(frozen)} of {robots}",
+            *row,
             *(mean_cell(own, intervals.SHARE) for own in found.values()),
             with_interval(f"{(learning - frozen).mean():+.3f}", interval),
         ]

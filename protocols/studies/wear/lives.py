@@ -101,6 +101,9 @@ class LifeJob:
         tick = MinuteTick(self, self.experiment.cohort_size, stop, report, begun)
         try:
             advance(cohort, self.steps, tick, lambda: self._save(cohort, reference))
+        except StoppedError:
+            return False
+        try:
             shares = [
                 probe(
                     self.experiment,
