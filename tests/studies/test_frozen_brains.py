@@ -72,7 +72,7 @@ def test_progress_begins_with_the_newborn_and_ends_with_the_trained_brains(progr
 
 def test_a_life_stopped_at_any_time_continues_to_the_same_bytes(job, tmp_path):
     other = LifeJob(tmp_path, "steady", SHORT)
-    for asked in (0, 1, 3, 2):
+    for asked in (0, 1, 2, 1):  # after 1, 3, 6 and 8 of the nine times
         count = iter(range(10**9))
         assert run(other, stop=lambda count=count, asked=asked: next(count) == asked) is False
         assert not other.done()
