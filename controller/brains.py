@@ -15,7 +15,7 @@ from .exploration import EpsilonGreedy, Exploration
 from .extensions.adam import Adam
 from .extensions.bootstraps import ClippedBootstrap, max_value
 from .extensions.context import EchoContext
-from .extensions.decay import Decay
+from .extensions.decay import Decay, Schedule
 from .extensions.encoding import InputEncoding, RawReward, separated
 from .extensions.exploration import PersistentExploration
 from .extensions.memory_targets import best_action
@@ -103,9 +103,6 @@ BRAINS: Mapping[str, Parameters] = MappingProxyType(
     }
 )
 
-# A parameter as a function of the number of training steps.
-Decaying = Callable[[Tensor], float]
-
 
 @dataclasses.dataclass(frozen=True)
 class Parts:
@@ -122,9 +119,8 @@ class Parts:
         that does not learn.
       proposer: Action proposer.
       exploration: Source of the exploratory actions.
-      epsilon: Probability of an exploratory action, as a function of the number of training steps.
-      learn_rate: Learn rate of the evaluation network, as a function of the number of training
-        steps.
+      epsilon: Probability of an exploratory action.
+      learn_rate: Learn rate of the evaluation network.
     """
 
     encoding: Encoding
@@ -136,8 +132,8 @@ class Parts:
     lesson: Lesson | None
     proposer: ActionProposer
     exploration: Exploration
-    epsilon: Decaying
-    learn_rate: Decaying
+    epsilon: Schedule
+    learn_rate: Schedule
 
 
 def assemble(
@@ -262,5 +258,5 @@ def _proposer(
     return make_creative(p, memory, values, generator)
 
 
-def _schedule(initial: float | None, final: float, steps: float) -> Decaying:
-    return (lambda age: final) if initial is None else Decay(initial, final, steps)
+def _schedule(initial: float | None, final: float, steps: float) -> Schedule:
+    return Schedule(final) if initial is None else Decay(initial, final, steps)

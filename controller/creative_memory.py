@@ -18,12 +18,12 @@ from .step import Step
 # Takes a step, its TD error, 1 or 0 for a robot that learns or does not, and the learn rate of the
 # evaluation network. Returns the memory's target action, each robot's learn rate, and a factor by
 # which all of these rates are multiplied.
-Lesson = Callable[[Step, Tensor, Tensor, float], tuple[Tensor, Tensor, float]]
+Lesson = Callable[[Step, Tensor, Tensor, float | Tensor], tuple[Tensor, Tensor, float | Tensor]]
 
 
 def selected_action(
-    before: Step, error: Tensor, learning: Tensor, rate: float
-) -> tuple[Tensor, Tensor, float]:
+    before: Step, error: Tensor, learning: Tensor, rate: float | Tensor
+) -> tuple[Tensor, Tensor, float | Tensor]:
     """Returns the selected action, with the TD error as learn rate, as in the paper.
 
     Args:
@@ -47,6 +47,10 @@ class Memory(Protocol):
     networks: Networks
     optimizer: Optimizer
 
+    def renew(self) -> None:
+        """Does the host's part of the next `ideas`; without it, `ideas` does it."""
+        ...
+
     def ideas(self, state: Tensor, count: int) -> Tensor:
         """Returns A ideas, motor values of shape (B, A, 2), for network inputs, shape (B, I)."""
         ...
@@ -55,7 +59,9 @@ class Memory(Protocol):
         """Returns the main idea, motor values of shape (B, 2), for network inputs, shape (B, I)."""
         ...
 
-    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: float = 1.0) -> None:
+    def learn(
+        self, state: Tensor, action: Tensor, rates: Tensor, rate: float | Tensor = 1.0
+    ) -> None:
         """Learns an action, shape (B, 2), with each robot's learn rate, shape (B,)."""
         ...
 
@@ -114,6 +120,10 @@ class CreativeMemory:
         rate = parameters.noise_adaptation
         self.rule = SuccessRule(robots, rate) if rate else None
 
+    def renew(self) -> None:
+        """See `Memory.renew`."""
+        self.patterns.renew()
+
     def ideas(self, state: Tensor, count: int) -> Tensor:
         """Returns ideas: actions of the memory, each with its own noise in the connections.
 
@@ -128,7 +138,7 @@ class CreativeMemory:
         hidden_size = self._parameters.memory_hidden
         patterns = self.patterns.draw(robots * count).view(robots, count, -1)
         if self._parameters.keep_main_idea:
-            patterns[:, 0] = 0
+            patterns[:, 0].zero_()
         if self.rule is not None:
             patterns *= self.rule.scale[..., None]
         noise = patterns.split(self._sizes, dim=-1)
@@ -161,7 +171,9 @@ class CreativeMemory:
         """
         return self.networks.forward(state)[1].sigmoid() - 0.5
 
-    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: float = 1.0) -> None:
+    def learn(
+        self, state: Tensor, action: Tensor, rates: Tensor, rate: float | Tensor = 1.0
+    ) -> None:
         """Learns an action by one step of back-propagation on half the squared error.
 
         Args:

@@ -124,7 +124,7 @@ class EvaluationNetwork:
         action: Tensor,
         target: Tensor,
         learning: Tensor,
-        rate: float,
+        rate: float | Tensor,
     ) -> Tensor:
         """Learns from one step by TD(0) (Eq. 1): w += eta [target - V] grad V.
 

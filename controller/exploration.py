@@ -11,7 +11,7 @@ from torch import Tensor
 class Exploration(Protocol):
     """Draws exploratory actions."""
 
-    def draw(self, ideas: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
+    def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
         """Draws the robots that explore, and their actions.
 
         Args:
@@ -36,13 +36,13 @@ class EpsilonGreedy:
         """Takes the random stream of the draws."""
         self._generator = generator
 
-    def draw(self, ideas: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
+    def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
         """See `Exploration.draw`."""
         size = ideas.shape[:1]
         device, generator = ideas.device, self._generator
         drawn = torch.randint(ideas.shape[1], size, generator=generator, device=device)
         explores = torch.rand(size, generator=generator, device=device) < epsilon
-        return ideas, torch.where(explores, drawn, -1)
+        return ideas, drawn.masked_fill_(~explores, -1)
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns no tensors."""

@@ -31,6 +31,7 @@ class Neurocontroller:
     Attributes:
       evaluation: Evaluation network, which computes the values of actions.
       memory: Creative memory, which proposes actions; None if no proposed action comes from one.
+      generator: Random stream of all draws.
     """
 
     def __init__(
@@ -56,8 +57,8 @@ class Neurocontroller:
         Raises:
           ValueError: The proposer is unknown, or the parameters need senses that are not given.
         """
-        self._generator = torch.Generator(torch.get_default_device()).manual_seed(seed)
-        parts = assemble(parameters, proposer, robots, sensors, self._generator, senses)
+        self.generator = torch.Generator(torch.get_default_device()).manual_seed(seed)
+        parts = assemble(parameters, proposer, robots, sensors, self.generator, senses)
         self.evaluation = parts.evaluation
         self.memory = parts.memory
         self._encoding = parts.encoding
@@ -72,6 +73,7 @@ class Neurocontroller:
         self._rule = parts.memory.rule if isinstance(parts.memory, CreativeMemory) else None
         self._own_ideas = parameters.own_ideas
         self._age = torch.tensor(0, device="cpu")  # steps of training, read in every step
+        self._swapped = False
         inputs = self._encoding.inputs + parameters.context_neurons
         self._before, self._now = (parts.step(robots, inputs) for _ in range(2))
 
@@ -85,23 +87,8 @@ class Neurocontroller:
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
         """
-        inputs = self._inputs(state)
-        ideas = actions = self._proposer.propose(inputs)
-        exploratory = None
-        if explore or self._test_epsilon:
-            epsilon = self._epsilon(self._age) if explore else self._test_epsilon
-            actions, exploratory = self._exploration.draw(ideas, epsilon)
-        values = self._values(inputs, actions)
-        if explore and self._rule is not None:
-            self._rule.update(values[:, : self._own_ideas])
-        best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
-        if exploratory is not None:
-            selected = torch.where(exploratory < 0, best, exploratory)
-        self._before, self._now = self._now, self._before
-        self._now.record(inputs, actions, values, selected, best)
-        if self._context is not None:
-            self._context.advance(inputs[:, : self._encoding.inputs])
-        return self._now.action.clone()
+        self.begin()
+        return self.select(state, explore)
 
     def learn(self, reward: Tensor) -> Tensor:
         """Learns from the previous step and from the reward for its action (Eq. 1, section 3).
@@ -112,13 +99,57 @@ class Neurocontroller:
         Returns:
           The TD error, shape (B,); 0 for a robot without a previous step.
         """
-        before, rate = self._before, self._learn_rate(self._age)
+        error = self.update(reward)
+        self.end()
+        return error
+
+    # A step has parts for the host, `begin` and `end`, and parts for the device, `select` and
+    # `update`. A GPU can record the latter and replay them (see `protocols.simulation.device`).
+
+    def begin(self) -> bool:
+        """Begins a step: draws what several steps share, and sets what depends on the age.
+
+        Returns:
+          Which of two alternating steps it is; they have different memory.
+        """
+        self._proposer.renew()
+        self._epsilon.update(self._age)
+        self._learn_rate.update(self._age)
+        self._before, self._now = self._now, self._before
+        self._swapped = not self._swapped
+        return self._swapped
+
+    def end(self) -> None:
+        """Ends a step of training, which makes the robots older."""
+        self._age += 1
+
+    def select(self, state: Tensor, explore: bool) -> Tensor:
+        """Does what `act` does, after `begin`."""
+        inputs = self._inputs(state)
+        ideas = actions = self._proposer.propose(inputs)
+        exploratory = None
+        if explore or self._test_epsilon:
+            epsilon = self._epsilon.value if explore else self._test_epsilon
+            actions, exploratory = self._exploration.draw(ideas, epsilon)
+        values = self._values(inputs, actions)
+        if explore and self._rule is not None:
+            self._rule.update(values[:, : self._own_ideas])
+        best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
+        if exploratory is not None:
+            selected = torch.where(exploratory < 0, best, exploratory)
+        self._now.record(inputs, actions, values, selected, best)
+        if self._context is not None:
+            self._context.advance(inputs[:, : self._encoding.inputs])
+        return self._now.action.clone()
+
+    def update(self, reward: Tensor) -> Tensor:
+        """Does what `learn` does, before `end`."""
+        before, rate = self._before, self._learn_rate.value
         target, learning = self._target(reward, before, self._now)
         action = self._encoding.motors(before.action)
         error = self.evaluation.learn(before.state, action, target, learning, rate)
         if self.memory is not None and self._lesson is not None:
             self.memory.learn(before.state, *self._lesson(before, error, learning, rate))
-        self._age += 1
         return error
 
     def forget_step(self, robots: Tensor | None = None) -> None:
@@ -198,7 +229,7 @@ class Neurocontroller:
         """
         by_value = self._state_by_value()
         load_into(self._state_in_place() | by_value, tensors)
-        self._generator.set_state(by_value.pop("generator"))
+        self.generator.set_state(by_value.pop("generator"))
         self._now.load({name.removeprefix("now."): t for name, t in by_value.items()})
 
     def _state_in_place(self) -> dict[str, Tensor]:
@@ -215,7 +246,7 @@ class Neurocontroller:
 
     def _state_by_value(self) -> dict[str, Tensor]:
         """Returns copies of the state that each step replaces."""
-        return {"generator": self._generator.get_state()} | _prefixed("now", self._now.tensors())
+        return {"generator": self.generator.get_state()} | _prefixed("now", self._now.tensors())
 
 
 def _prefixed(owner: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

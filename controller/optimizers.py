@@ -13,7 +13,12 @@ class Optimizer(Protocol):
     """Moves the weights of B networks along a gradient."""
 
     def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor
+        self,
+        inputs: Tensor,
+        hidden: Tensor,
+        steps: Tensor,
+        rate: float | Tensor,
+        learning: Tensor,
     ) -> None:
         """Moves the weights of every robot along the gradient of its output sums.
 
@@ -39,7 +44,12 @@ class SGD:
         self._networks = networks
 
     def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor
+        self,
+        inputs: Tensor,
+        hidden: Tensor,
+        steps: Tensor,
+        rate: float | Tensor,
+        learning: Tensor,
     ) -> None:
         """See `Optimizer.ascend`."""
         del learning  # steps of 0 change no weight

@@ -17,6 +17,9 @@ PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
 class ActionProposer(Protocol):
     """Proposes A actions to each robot."""
 
+    def renew(self) -> None:
+        """Does the host's part of the next `propose`; without it, `propose` does it."""
+
     def propose(self, state: Tensor) -> Tensor:
         """Returns motor values in [-0.5, 0.5], shape (B, A, 2).
 
@@ -26,7 +29,7 @@ class ActionProposer(Protocol):
         ...
 
 
-class FixedActions:
+class FixedActions(ActionProposer):
     """Proposes all pairs of some motor values in every step."""
 
     def __init__(self, motors: tuple[float, ...]) -> None:
@@ -38,7 +41,7 @@ class FixedActions:
         return self._actions.expand(len(state), -1, -1)
 
 
-class RandomActions:
+class RandomActions(ActionProposer):
     """Proposes actions drawn uniformly from [-0.5, 0.5] x [-0.5, 0.5] in every step."""
 
     def __init__(self, count: int, generator: torch.Generator) -> None:
@@ -52,13 +55,17 @@ class RandomActions:
         return torch.rand(size, generator=self._generator, device=state.device) - 0.5
 
 
-class CreativeActions:
+class CreativeActions(ActionProposer):
     """Proposes the ideas of a creative memory."""
 
     def __init__(self, memory: Memory, count: int) -> None:
         """Takes the memory, and the number of ideas per robot."""
         self._memory = memory
         self._count = count
+
+    def renew(self) -> None:
+        """See `ActionProposer.renew`."""
+        self._memory.renew()
 
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""

@@ -52,8 +52,8 @@ class Step:
         """
         del best  # the paper's brain learns from the selected action only
         self.state.copy_(state)  # the caller may overwrite its own
-        self.action = actions[self._rows, selected]
-        self.value = values[self._rows, selected]
+        self.action.copy_(actions[self._rows, selected])
+        self.value.copy_(values[self._rows, selected])
         self.chained.fill_(1)
 
     def forget(self, robots: Tensor | None = None) -> None:
@@ -71,7 +71,5 @@ class Step:
 
     def load(self, tensors: dict[str, Tensor]) -> None:
         """Restores a step from the tensors that `tensors` returned."""
-        self.state.copy_(tensors["state"])
-        self.action = tensors["action"].to(self.state.device, copy=True)
-        self.value = tensors["value"].to(self.state.device, copy=True)
-        self.chained.copy_(tensors["chained"])
+        for name in ("state", "action", "value", "chained"):
+            getattr(self, name).copy_(tensors[name])

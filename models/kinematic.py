@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from .arena import Dimensions
-from .arrays import namespace
+from .arrays import at_least, at_most, interpolated, namespace, replaced, signs
 
 Wall = Literal["holds", "slides", "sticks", "turns", "refuses"]
 WALLS: tuple[Wall, ...] = get_args(Wall)
@@ -158,14 +158,14 @@ def drive(
     reached = xp.minimum(xp.maximum(target, -room), room)
     pushing = xp.any(reached != target, axis=0)
     if how.wall == "sticks":
-        turn = xp.where(pushing, 0.0, turn)
+        turn = replaced(turn, pushing, 0.0)
     if how.wall == "refuses":
         reached = xp.where(pushing, start, target)
     elif how.wall != "slides":
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             shares = (xp.copysign(room, step) - start) / step
-        shares = xp.where(step == 0, 1.0, shares)
-        share = xp.minimum(xp.maximum(xp.min(shares, axis=0), 0.0), 1.0)
+        shares = replaced(shares, step == 0, 1.0)
+        share = at_most(at_least(xp.min(shares, axis=0), 0.0), 1.0)
         held = start + share * step
         if how.wall == "turns":
             left_over, speed = 1 - share, xp.abs(left + right) / 2
@@ -194,35 +194,15 @@ def graze(
       shape (B,).
     """
     xp = namespace(lost)
-    ahead, along = xp.where(into, lost, 0.0), xp.where(into, 0.0, lost)
+    ahead, along = replaced(lost, ~into, 0.0), replaced(lost, into, 0.0)
     sideways, straight = (xp.sum(xp.abs(part), axis=0) for part in (along, ahead))
     angle = xp.atan2(sideways, straight) * (180 / np.pi)
     slow, fast = (interpolated(angle, _ANGLES, kept) for kept in (_SLOW_SLIPS, _SLIPS))
     kept = slow + (fast - slow) * interpolated(speed, _SLIPPING, _NONE_TO_ALL)
-    slip = xp.sign(along) * xp.hypot(lost[0], lost[1]) * kept
+    slip = signs(along) * xp.hypot(lost[0], lost[1]) * kept
     rate = interpolated(angle, _ANGLES, _TURNS) * interpolated(speed, _TURNING, _NONE_TO_ALL)
-    towards = xp.sign(along[0] * ahead[1] - along[1] * ahead[0])
+    towards = signs(along[0] * ahead[1] - along[1] * ahead[0])
     return slip, towards * rate * seconds
-
-
-def interpolated(values: np.ndarray, known: np.ndarray, results: np.ndarray) -> np.ndarray:
-    """Returns what `numpy.interp` returns, also for tensors of PyTorch.
-
-    Args:
-      values: Where to interpolate, any shape.
-      known: Increasing points.
-      results: Results at these points.
-    """
-    if isinstance(values, np.ndarray):
-        return np.interp(values, known, results)
-    # A sum of ramps, one for each piece: no table has to be copied to the tensor's device.
-    xp, points, heights = namespace(values), known.tolist(), results.tolist()
-    total = xp.full_like(values, heights[0])
-    for k in range(len(points) - 1):
-        width = points[k + 1] - points[k]
-        part = xp.minimum(xp.maximum(values - points[k], 0.0), width)
-        total = total + part * ((heights[k + 1] - heights[k]) / width)
-    return total
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
@@ -260,7 +240,7 @@ def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     ):
         with np.errstate(divide="ignore", over="ignore"):
             rays.append((xp.copysign(xp.full_like(part, half), part) - own) / part)
-    return xp.maximum(xp.minimum(*rays) - size.radius, 0.0)
+    return at_least(xp.minimum(*rays) - size.radius, 0.0)
 
 
 def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..models.arrays import namespace
+from ..models.arrays import at_least, namespace, replaced
 
 NoseForm = Literal["inverse", "printed"]
 
@@ -27,11 +27,10 @@ def distance_signal(distance: np.ndarray) -> np.ndarray:
       Signal in [0, 1], of the same shape; 0 for a ray that hits nothing.
     """
     # (1 + d)^10 by four products: ten times faster than a power, and identical on every machine.
-    xp = namespace(distance)
-    base = 1.0 + xp.maximum(distance, 0.0)
+    base = 1.0 + at_least(distance, 0.0)
     square = base * base
     fourth = square * square
-    return xp.where(distance < 0, 0.0, 1.0 / (fourth * fourth * square))
+    return replaced(1.0 / (fourth * fourth * square), distance < 0, 0.0)
 
 
 def contact_signal(force: np.ndarray) -> np.ndarray:
@@ -102,11 +101,11 @@ class Nose:
         xp = namespace(spot)
         beta = xp.abs(xp.atan2(spot[..., 1], spot[..., 0]))
         # Inside the spot the distance is not used: the maximum only avoids a division by 0.
-        ratio = self.spot_radius / xp.maximum(distance, self.spot_radius)
+        ratio = self.spot_radius / at_least(distance, self.spot_radius)
         if self.form == "printed":
             ratio = 1.0 / ratio
-        raw = self.odour * ratio * xp.maximum(1.0 - 2.0 * beta / self.frustum, 0.0)
-        raw = xp.where(distance < self.spot_radius, self.odour, raw)
+        raw = self.odour * ratio * at_least(1.0 - 2.0 * beta / self.frustum, 0.0)
+        raw = replaced(raw, distance < self.spot_radius, self.odour)
         return raw / (1.0 + raw)
 
 

@@ -24,7 +24,12 @@ class Adam:
         self._steps = torch.zeros(len(weights), 1)
 
     def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: float, learning: Tensor
+        self,
+        inputs: Tensor,
+        hidden: Tensor,
+        steps: Tensor,
+        rate: float | Tensor,
+        learning: Tensor,
     ) -> None:
         """See `Optimizer.ascend`."""
         gradient = self._networks.gradient(inputs, hidden, steps)

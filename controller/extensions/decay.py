@@ -1,13 +1,32 @@
-"""Decay of epsilon and of the learn rate over training."""
+"""Epsilon and the learn rate, constant or decaying over training."""
 
 from __future__ import annotations
 
 import math
 
+import torch
 from torch import Tensor
 
 
-class Decay:
+class Schedule:
+    """A parameter as a function of the number of training steps; this one is constant.
+
+    Attributes:
+      value: Value in the present step: a number on the host, on another device a tensor of shape ()
+        that keeps its place, so that a recorded step finds it there.
+    """
+
+    value: float | Tensor
+
+    def __init__(self, value: float) -> None:
+        """Takes the value."""
+        self.value = value
+
+    def update(self, age: Tensor) -> None:
+        """Sets the value after `age` steps of training."""
+
+
+class Decay(Schedule):
     """An exponential decay from an initial to a final value."""
 
     def __init__(self, initial: float, final: float, steps: float) -> None:
@@ -15,7 +34,11 @@ class Decay:
         self._initial = initial
         self._final = final
         self._steps = steps
+        on_host = torch.get_default_device().type == "cpu"
+        self._shared = None if on_host else torch.zeros(())  # of steps that are recorded
+        super().__init__(initial)
 
-    def __call__(self, age: Tensor) -> float:
-        """Returns the value after `age` steps of training."""
-        return self._final + (self._initial - self._final) * math.exp(-int(age) / self._steps)
+    def update(self, age: Tensor) -> None:
+        """See `Schedule.update`."""
+        value = self._final + (self._initial - self._final) * math.exp(-int(age) / self._steps)
+        self.value = value if self._shared is None else self._shared.fill_(value)

@@ -22,7 +22,7 @@ class PersistentExploration:
         self._pair = torch.zeros(robots, 2)
         self._left = torch.zeros(robots, dtype=torch.int64)
 
-    def draw(self, ideas: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
+    def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
         """See `Exploration.draw`; a robot that explores continues until its steps are over."""
         robots, count = ideas.shape[:2]
         generator, device = self._generator, ideas.device
@@ -35,7 +35,8 @@ class PersistentExploration:
         self._left.copy_(torch.where(starts, lengths, self._left))
         explores = self._left > 0
         self._left -= explores.long()
-        return torch.cat([ideas, self._pair[:, None]], dim=1), torch.where(explores, count, -1)
+        actions = torch.cat([ideas, self._pair[:, None]], dim=1)
+        return actions, explores * (count + 1) - 1  # the index `count`, or -1
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns the motor pairs and their remaining steps, for a checkpoint."""

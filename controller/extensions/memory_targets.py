@@ -8,8 +8,8 @@ from ..step import Step
 
 
 def best_action(
-    before: Step, error: Tensor, learning: Tensor, rate: float
-) -> tuple[Tensor, Tensor, float]:
+    before: Step, error: Tensor, learning: Tensor, rate: float | Tensor
+) -> tuple[Tensor, Tensor, float | Tensor]:
     """Returns the best proposed action as target, at the learn rate of the evaluation network.
 
     Args:

@@ -61,11 +61,11 @@ class RememberedReward:
     def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
         """See `Target.__call__`."""
         if not before.rewarded:
-            before.reward = torch.zeros_like(reward)
+            before.reward.zero_()
         if self._decay:
             left = self._decay * before.reward * before.chained
             reward = torch.where(reward < 0, reward, torch.maximum(reward, left))
-        now.reward = reward.clone()  # the caller may overwrite its own
+        now.reward.copy_(reward)  # the caller may overwrite its own
         now.rewarded = True
         target, learning = self._target(reward, before, now)
         return target, learning if before.rewarded else torch.zeros_like(learning)

@@ -24,8 +24,8 @@ class DetailedStep(Step):
     ) -> None:
         """See `Step.record`; the reward is not known yet."""
         super().record(state, actions, values, selected, best)
-        self.best_action = actions[self._rows, best]
-        self.best_value = values[self._rows, best]
+        self.best_action.copy_(actions[self._rows, best])
+        self.best_value.copy_(values[self._rows, best])
         self.rewarded = False
 
     def tensors(self) -> dict[str, Tensor]:
@@ -42,5 +42,5 @@ class DetailedStep(Step):
         """See `Step.load`."""
         super().load(tensors)
         for name in ("best_action", "best_value", "reward"):
-            setattr(self, name, tensors[name].to(self.state.device, copy=True))
+            getattr(self, name).copy_(tensors[name])
         self.rewarded = bool(tensors["rewarded"])

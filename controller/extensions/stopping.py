@@ -33,7 +33,7 @@ class StoppingRule:
     def update(self, reward: Tensor) -> None:
         """Counts a step with these reward signals, shape (B,)."""
         continues = (reward >= self._maximal) | self.stopped()
-        self._steps.copy_(torch.where(continues, self._steps + 1, 0))
+        self._steps.copy_((self._steps + 1) * continues)
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns the counted steps, for a checkpoint."""
@@ -63,10 +63,10 @@ class StoppingExploration:
         self._exploration = exploration
         self._rule = rule
 
-    def draw(self, ideas: Tensor, epsilon: float) -> tuple[Tensor, Tensor]:
+    def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
         """See `Exploration.draw`."""
         actions, exploratory = self._exploration.draw(ideas, epsilon)
-        return actions, torch.where(self._rule.stopped(), -1, exploratory)
+        return actions, exploratory.masked_fill(self._rule.stopped(), -1)
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns the tensors of the exploration and of the rule, for a checkpoint."""

@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 
 from ..creative_memory import CreativeMemory
+from ..proposers import ActionProposer
 
 
-class ActionNoise:
+class ActionNoise(ActionProposer):
     """Proposes the memory's main idea plus Gaussian noise on the motor values.
 
     The idea is a_k = clip(a + L z_k, -0.5, 0.5), with the main idea a, standard normal z_k and the
@@ -30,6 +31,10 @@ class ActionNoise:
         self._count = count
         self._generator = generator
 
+    def renew(self) -> None:
+        """See `ActionProposer.renew`."""
+        self._memory.renew()
+
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""
         samples = self._memory.ideas(state, self.SAMPLES)
@@ -50,7 +55,7 @@ def cholesky_factor(samples: Tensor) -> Tensor:
     around = samples - samples.mean(dim=1, keepdim=True)
     covariance = around.mT @ around / (samples.shape[1] - 1)
     first = covariance[:, 0, 0].sqrt()
-    both = torch.where(first > 0, covariance[:, 0, 1] / first, 0.0)
+    both = (covariance[:, 0, 1] / first).masked_fill_(~(first > 0), 0.0)
     second = (covariance[:, 1, 1] - both * both).clamp(min=0).sqrt()
     factor = torch.zeros_like(covariance)
     factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1] = first, both, second

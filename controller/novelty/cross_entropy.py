@@ -8,8 +8,10 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from ..proposers import ActionProposer
 
-class CrossEntropy:
+
+class CrossEntropy(ActionProposer):
     """Proposes actions in two rounds of the cross-entropy method.
 
     The first half, rounded up, is uniform. Its best quarter, at least one action, is the elite. The

@@ -5,9 +5,10 @@ from __future__ import annotations
 from torch import Tensor
 
 from ..creative_memory import Memory
+from ..proposers import ActionProposer
 
 
-class MainIdeaCopies:
+class MainIdeaCopies(ActionProposer):
     """Proposes the memory's main idea, the action without noise, in every place.
 
     The copies are evaluated as other ideas are, so the cost is equal. They are one candidate for

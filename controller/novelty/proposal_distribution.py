@@ -70,6 +70,9 @@ class ProposalDistribution:
         mean, spread = self.networks.forward(state)[1].sigmoid().split(2, dim=1)
         return mean - 0.5, self.SMALLEST + (self.LARGEST - self.SMALLEST) * spread
 
+    def renew(self) -> None:
+        """See `Memory.renew`; all draws are those of one step."""
+
     def ideas(self, state: Tensor, count: int) -> Tensor:
         """Returns actions drawn from the distribution, motor values of shape (B, A, 2).
 
@@ -90,7 +93,9 @@ class ProposalDistribution:
         """
         return self.distribution(state)[0]
 
-    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: float = 1.0) -> None:
+    def learn(
+        self, state: Tensor, action: Tensor, rates: Tensor, rate: float | Tensor = 1.0
+    ) -> None:
         """Learns an action by one step of gradient ascent on the objective of this class.
 
         Args:

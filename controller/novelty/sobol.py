@@ -6,8 +6,10 @@ import torch
 from torch import Tensor
 from torch.quasirandom import SobolEngine
 
+from ..proposers import ActionProposer
 
-class SobolActions:
+
+class SobolActions(ActionProposer):
     """Proposes the first points of the Sobol sequence, shifted anew for each robot and step.
 
     An action is (x_k + u) mod 1 - 1/2, with the points x_k of the two-dimensional sequence (Sobol,

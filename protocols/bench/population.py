@@ -26,6 +26,7 @@ _CPU, _GPU = (50, 250, 1000), (250, 1024, 4096, 16_384, 65_536)
 # Control steps between two looks at the clock. A life copies its tally to the host once a block, in
 # `musebot run` once in 600 steps.
 _CPU_BLOCK, _GPU_BLOCK = 5, 300
+_PROFILED = 100  # control steps
 # PyTorch's and Warp's sentences.
 _OUT_OF_MEMORY = re.compile("out of memory|Failed to allocate")
 _TRANSFERS = ("Memcpy HtoD", "Memcpy DtoH")  # in PyTorch's profile of a GPU
@@ -47,8 +48,8 @@ class Rate:
     robots: int
     physics: dict[str, float | None]
     life: dict[str, float | None]
-    kernels: dict[str, int]
-    transfers: dict[str, int]
+    kernels: dict[str, float]
+    transfers: dict[str, float]
     longest: dict[str, list[str]]
 
 
@@ -136,7 +137,7 @@ def _cells(rate: Rate, world: str, device: str) -> list[str]:
     counts = (rate.kernels.get(world), rate.transfers.get(world))
     cells = ["out of memory" if speed is None else f"{speed:,.0f}" for speed in speeds]
     if device != "cpu":
-        cells += ["" if count is None else f"{count:,}" for count in counts]
+        cells += ["" if count is None else f"{count:,.1f}" for count in counts]
     return cells
 
 
@@ -159,24 +160,20 @@ def _steps_a_second(
     return steps / passed
 
 
-def _profile(cohort: Cohort, device: str) -> tuple[int, int, list[str]]:
+def _profile(cohort: Cohort, device: str) -> tuple[float, float, list[str]]:
     """Returns numbers of kernels and transfers in a control step, and the longest operations."""
     from torch.profiler import ProfilerActivity, profile
 
-    agent, batch = cohort.agent, cohort.batch
-    rules: Any = cohort.rules  # of tensors
+    cohort.advance(_PROFILED)  # records what can be recorded
+    _wait(device)
     with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as profiled:
-        # What `Cohort` does in a step between two simulated minutes.
-        motors = agent.act(rules.state(batch.sensordata).to(torch.float32), True)
-        agent.learn(rules.reward(batch.sensordata).to(torch.float32))
-        batch.step(motors)
-        rules.event(batch.sensordata)
+        cohort.advance(_PROFILED)
         _wait(device)
     # Operations of the host have their kernels' time, too.
     events = [e for e in profiled.key_averages() if e.device_type.name == "CUDA"]
     events.sort(key=lambda e: e.self_device_time_total, reverse=True)
-    kernels = sum(e.count for e in events if not e.key.startswith("Mem"))
-    transfers = sum(e.count for e in events if e.key.startswith(_TRANSFERS))
+    kernels = sum(e.count for e in events if not e.key.startswith("Mem")) / _PROFILED
+    transfers = sum(e.count for e in events if e.key.startswith(_TRANSFERS)) / _PROFILED
     return kernels, transfers, [e.key[:60] for e in events[:3]]
 
 

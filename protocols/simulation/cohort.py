@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...models.arrays import namespace
 from ...tasks.batch import Robots
 from ...tasks.tensors.parts import Part
 from ..agents.base import sound
@@ -24,7 +23,7 @@ from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.checks import check_events, check_networks, check_same_shapes
 from ..results.results import Lives, Results
 from ..storage import DTYPES, Shapes
-from .device import agent_on_device, on_host, robots_on_device
+from .device import agent_on_device, on_host, robots_on_device, steps_on_device
 from .placement import legs, place
 
 _MINUTE = control_steps(1)
@@ -39,6 +38,7 @@ class Cohort:
       batch: Robots in their arenas.
       rules: Observations, reward and event of the task.
       agent: Agent that drives the robots.
+      control: What the cohort does in a control step besides the physics.
       step: Number of control steps simulated so far.
       steps: Number of control steps of a whole life.
     """
@@ -59,6 +59,7 @@ class Cohort:
             experiment, lambda: make_agent(experiment, key.condition, robots, seed)
         )
         self.rules = self.batch.rules
+        self.control = steps_on_device(self.agent, self.batch)
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = legs(experiment.schedule(task))
         self.step = 0
@@ -104,21 +105,16 @@ class Cohort:
             self.agent.reset()
 
     def _simulate(self, phase: Phase, until: int) -> Iterator[Any]:
-        batch, rules, agent = self.batch, self.rules, self.agent
-        part, tally = PARTS.index(phase.part), 0
+        part, first = PARTS.index(phase.part), self.step
         while self.step < until:
-            motors = agent.act(_single(rules.state(batch.sensordata)), phase.learning)
-            if phase.learning:
-                agent.learn(_single(rules.reward(batch.sensordata)))
-            yield motors  # the physics' step
-            tally = tally + rules.event(batch.sensordata)
+            yield self.control.decide(phase.learning, fresh=self.step < first + 2)
+            self.control.count()  # after the physics' step
             self.step += 1
             over = self.step % _MINUTE == 0 or self.finished
             if over or self.step == until:
-                counted = on_host(tally)
+                counted = self.control.counted()
                 self._events[:, part] += counted
                 self._minutes[:, (self.step - 1) // _MINUTE] += counted
-                tally = 0
             if over:
                 self._stop_unsound()
 
@@ -245,12 +241,6 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
         whole.step(motors)
     for cohort, state in zip(resting, states, strict=True):
         cohort.batch.set_state(state)
-
-
-def _single(values: Any) -> Any:
-    """Returns values in single precision, in which brains compute."""
-    xp = namespace(values)
-    return xp.astype(values, xp.float32)
 
 
 def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:

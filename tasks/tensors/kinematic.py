@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..kinematic.robots import KinematicBatch, after_control_step, measure
+from .recording import Recorded
 from .robots import TensorRobots
 
 
@@ -21,11 +22,15 @@ class KinematicTensors(TensorRobots):
         super().__init__(batch)
         self._kinematics = batch.kinematics
         self._gains = self._constant(np.array(batch.dimensions.gains, dtype=np.float32))
+        self._simulate = Recorded(self._simulated, self._device)
 
-    def step(self, motors: Any) -> None:
-        """See `TensorRobots.step`."""
+    def _advance(self) -> None:
+        """See `TensorRobots._advance`."""
+        self._simulate()
+
+    def _simulated(self) -> None:
         own = self._tensors
-        motors = self._commanded(motors) * self._gains
+        motors: Any = self._commanded().float() * self._gains
         poses, wheels, contact = after_control_step(
             own["poses"], own["wheels"], motors, self._kinematics, self.dimensions
         )

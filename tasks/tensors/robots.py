@@ -30,6 +30,9 @@ class TensorRobots(Robots):
         self._tensors: dict[str, Any] = {  # of tensors
             name: self._constant(array) for name, array in batch.arrays().items()
         }
+        self._given = torch.zeros(  # motors of a step
+            batch.robots, 2, dtype=torch.float64, device=self._device
+        )
         self.sensordata: Any = self._tensors["sensordata"]
         self.valid: Any = self._tensors["valid"]
 
@@ -64,7 +67,6 @@ class TensorRobots(Robots):
             self._host.stop(robots)
             self._send()
 
-    @abc.abstractmethod
     def step(self, motors: Any) -> None:
         """Simulates a control step of 0.1 s.
 
@@ -75,6 +77,15 @@ class TensorRobots(Robots):
         Raises:
           ValueError: the motors have another shape.
         """
+        if motors.shape != (self.robots, 2):
+            shape = self.robots, 2
+            raise ValueError(f"motors must have shape {shape}, got {tuple(motors.shape)}")
+        self._given.copy_(motors)
+        self._advance()
+
+    @abc.abstractmethod
+    def _advance(self) -> None:
+        """Simulates a control step with the motors in `_given`."""
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `Robots.arrays`; copies on the host."""
@@ -85,19 +96,14 @@ class TensorRobots(Robots):
         self._host.load_arrays(arrays)
         self._send()
 
-    def _commanded(self, motors: Any) -> Tensor:
+    def _commanded(self) -> Tensor:
         """Returns motor values that the motors follow, shape (B, 2).
 
         Invalidates robots whose motors are not finite.
-
-        Raises:
-          ValueError: the motors have another shape.
         """
-        if motors.shape != (self.robots, 2):
-            shape = self.robots, 2
-            raise ValueError(f"motors must have shape {shape}, got {tuple(motors.shape)}")
+        motors = self._given
         self.valid &= motors.isfinite().all(dim=1)
-        return torch.where(self.valid[:, None], motors, 0.0).clamp(-0.5, 0.5)
+        return motors.masked_fill(~self.valid[:, None], 0.0).clamp(-0.5, 0.5)
 
     def _unsound(self, places: Tensor) -> Tensor:
         """Invalidates robots out of bounds, and makes all invalid robots sense zeros.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..batch import Batch
 from ..warp.robots import WarpBatch
+from .recording import Recorded
 from .robots import TensorRobots
 
 
@@ -21,12 +20,22 @@ class WarpTensors(TensorRobots):
         self._warp = batch.warp
         self._motors = self._tensors["control"][:, : batch.model.nu]
         self._rest = self._constant(batch.arrays()["state"][0])
+        self._before = Recorded(self._load, self._device)
+        self._after = Recorded(self._read, self._device)
 
-    def step(self, motors: Any) -> None:
-        """See `TensorRobots.step`."""
+    def _advance(self) -> None:
+        """See `TensorRobots._advance`."""
+        self._before()
+        self._warp.run()  # a recording of Warp's
+        self._after()
+
+    def _load(self) -> None:
+        self._motors.copy_(self._commanded())
+        self._warp.load(self._tensors["state"], self._tensors["control"])
+
+    def _read(self) -> None:
         state = self._tensors["state"]
-        self._motors.copy_(self._commanded(motors))
-        self.sensordata.copy_(self._warp.simulate(state, self._tensors["control"]))
+        self.sensordata.copy_(self._warp.read(state))
         unsound = self._unsound(state[:, 1:7])[:, None]
         state.copy_(self._rest.where(unsound, state))
         self._motors.masked_fill_(unsound, 0.0)

@@ -85,12 +85,21 @@ class WarpEngine:
         Returns:
           Measurements, shape (B, nsensordata), valid until the next call.
         """
+        self.load(state, control)
+        self.run()
+        return self.read(state)
+
+    def load(self, state: Tensor, control: Tensor) -> None:
+        """Takes over state and control, the first part of `simulate`."""
         nq, nu = self._position.shape[1], self._motors.shape[1]
         self._position.copy_(state[:, 1 : 1 + nq])
         self._velocity.copy_(state[:, 1 + nq :])
         self._motors.copy_(control[:, :nu])
         self._spots[:, 0].copy_(control[:, nu:])
-        self._run()
+
+    def read(self, state: Tensor) -> Tensor:
+        """Overwrites the state and returns the measurements, the last part of `simulate`."""
+        nq = self._position.shape[1]
         state[:, 0] += len(self._models) * self._timestep
         state[:, 1 : 1 + nq].copy_(self._position)
         # A wheel's angle in single precision stops growing after hours; only its remainder counts.
@@ -115,8 +124,8 @@ class WarpEngine:
                 full,
             )
 
-    def _run(self) -> None:
-        """Launches the kernels of all substeps; on a GPU on PyTorch's stream."""
+    def run(self) -> None:
+        """Launches the kernels of all substeps, on a GPU on PyTorch's stream."""
         if not self._wp_device.is_cuda:
             wp.capture_launch(self._graph)
             return

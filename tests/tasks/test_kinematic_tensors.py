@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.models import Kinematics
-from musebot.models.kinematic import interpolated
+from musebot.models.arrays import interpolated
 from musebot.tasks import make_kinematic_batch
 from musebot.tasks.tensors.kinematic import KinematicTensors
 

@@ -1,0 +1,192 @@
+"""Steps that a GPU records and replays, emulated on the host: a replay repeats the recorded
+operations of PyTorch, with the tensors that they had, and nothing of the code around them.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
+
+from musebot.controller import BRAINS, Parameters
+from musebot.controller.extensions.decay import Decay
+from musebot.models import Kinematics
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.simulation import device
+from musebot.protocols.simulation.cohort import Cohort, advance_together
+from musebot.protocols.simulation.device import RecordedSteps, robots_on_device
+from musebot.tasks.tensors import recording
+
+# Copies of numbers between the host and a device, which a recording cannot hold.
+HOST_COPIES = ("lift_fresh", "scalar_tensor", "_local_scalar_dense", "is_nonzero", "where.Scalar")
+
+
+class Tape(TorchDispatchMode):
+    """Keeps operations, and the numbers that tensors had before any of them."""
+
+    def __init__(self):
+        super().__init__()
+        self.operations, self.before, self.made = [], {}, set()
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        name = str(function)
+        assert not any(copy in name for copy in HOST_COPIES), f"{name} copies a number"
+        for tensor in tensors_of((args, kwargs)):
+            place = tensor.untyped_storage()
+            if place.data_ptr() not in self.made | self.before.keys():
+                self.before[place.data_ptr()] = place, place.clone()
+        out = function(*args, **(kwargs or {}))
+        self.made |= {tensor.untyped_storage().data_ptr() for tensor in tensors_of(out)}
+        self.made -= self.before.keys()
+        self.operations.append((function, args, kwargs or {}, out))
+        return out
+
+    def undo(self):
+        for place, numbers in self.before.values():
+            place.copy_(numbers)
+
+    def play(self):
+        for function, args, kwargs, out in self.operations:
+            again = function(*args, **kwargs)
+            for old, new in zip(tensors_of(out), tensors_of(again), strict=True):
+                if old.data_ptr() != new.data_ptr():
+                    old.copy_(new)
+
+
+def tensors_of(tree):
+    return [leaf for leaf in tree_leaves(tree) if isinstance(leaf, torch.Tensor)]
+
+
+@pytest.fixture
+def tapes(monkeypatch):
+    """Cohorts on tensors that record as on a GPU; holds the tapes."""
+    tapes = []
+
+    def record(work, generator=None):
+        state = None if generator is None else generator.get_state()
+        with torch.inference_mode(), Tape() as tape:
+            result = work()
+        tape.undo()
+        if state is not None:
+            generator.set_state(state)
+        tapes.append(tape)
+        return torch.inference_mode()(tape.play), result
+
+    monkeypatch.setattr(Experiment, "on_tensors", True)
+    monkeypatch.setattr(recording, "record", record)
+    monkeypatch.setattr(recording, "records", lambda device: True)
+    return tapes
+
+
+STEADY = BRAINS["steady"]
+WAYS = {
+    "paper": Parameters(),
+    "steady": STEADY,
+    "recurrent": BRAINS["recurrent"],
+    "stopping": Parameters(stopping_steps=5),
+    "held-noise": Parameters(noise_steps=7),
+    "noise-for-life": Parameters(noise_steps=0, test_epsilon=0.1),
+    "noise-on-biases": Parameters(noise_on_biases=True),
+    "adapted": dataclasses.replace(STEADY, keep_main_idea=True, noise_adaptation=0.01),
+    **{
+        name: dataclasses.replace(STEADY, novelty=name)
+        for name in ("none", "action", "uniform", "sobol", "cross_entropy", "learned")
+    },
+}
+LIKE_MUJOCO = Kinematics(felt="pushed", wall="turns", lag=0.08)
+
+
+def cohort(brain, proposer="creative", task="wall_avoidance", kinematics=LIKE_MUJOCO):
+    # 960 steps of training, more than a pool of noise patterns serves.
+    experiment = Experiment(
+        seed=3,
+        cohort_size=3,
+        time_scale=0.01,
+        body="kinematic",
+        brain=brain,
+        kinematics=kinematics,
+    )
+    made = Cohort(experiment, CohortKey(Condition(task, proposer), 0))
+    for schedule in (made.agent.controller._epsilon, made.agent.controller._learn_rate):
+        if isinstance(schedule, Decay):  # as on another device
+            schedule._shared = torch.zeros((), dtype=torch.float64)
+    return made
+
+
+def direct(monkeypatch, *args, **fields):
+    with monkeypatch.context() as patch:
+        patch.setattr(recording, "records", lambda device: False)
+        made = cohort(*args, **fields)
+    made.advance(made.steps)
+    return made
+
+
+def assert_equal(ours, theirs):
+    ours, theirs = ours.checkpoint()[0], theirs.checkpoint()[0]
+    assert ours.keys() == theirs.keys()
+    for name, array in ours.items():
+        assert np.array_equal(array, theirs[name]), name
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_life_of_replayed_steps_equals_one_of_direct_steps(way, tapes, monkeypatch):
+    ours = cohort(WAYS[way])
+    assert isinstance(ours.control, RecordedSteps)
+    ours.advance(ours.steps)
+    assert_equal(ours, direct(monkeypatch, WAYS[way]))
+    assert len(tapes) == 6  # training and test, each twice; events; physics
+
+
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+@pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
+def test_replayed_steps_equal_direct_ones_in_both_tasks(task, proposer, tapes, monkeypatch):
+    ideal = Kinematics()
+    ours = cohort(Parameters(), proposer, task, ideal)
+    ours.advance(ours.steps)
+    assert_equal(ours, direct(monkeypatch, Parameters(), proposer, task, ideal))
+
+
+def test_a_life_cut_anywhere_goes_on_from_its_checkpoint(tapes, monkeypatch):
+    whole = direct(monkeypatch, STEADY)
+    ours = cohort(STEADY)
+    while not ours.finished:
+        ours.advance(137)
+        arrays, notes = ours.checkpoint()
+        arrays = {name: array.copy() for name, array in arrays.items()}
+        ours = cohort(STEADY)
+        ours.restore(arrays, notes)
+    assert_equal(ours, whole)
+
+
+def test_cohorts_on_one_batch_replay_their_own_steps(tapes, monkeypatch):
+    proposers = ("fixed", "random", "creative")
+    experiment = cohort(Parameters()).experiment
+    parts = robots_on_device(experiment, "wall_avoidance", len(proposers))
+    keys = [CohortKey(Condition("wall_avoidance", proposer), 0) for proposer in proposers]
+    ours = [Cohort(experiment, *pair) for pair in zip(keys, parts, strict=True)]
+    while not ours[0].finished:
+        advance_together(ours, 200)
+    for mine, proposer in zip(ours, proposers, strict=True):
+        assert_equal(mine, direct(monkeypatch, Parameters(), proposer))
+
+
+def test_a_number_that_changes_on_the_host_only_would_be_found(tapes, monkeypatch):
+    """The comparisons above can fail: here the learn rate is not shared with the recording."""
+    ours = cohort(STEADY)
+    ours.agent.controller._learn_rate._shared = None
+    ours.advance(ours.steps)
+    with pytest.raises(AssertionError):
+        assert_equal(ours, direct(monkeypatch, STEADY))
+
+
+def test_a_copied_number_would_be_found(tapes):
+    with pytest.raises(AssertionError, match="copies a number"), Tape():
+        torch.where(torch.ones(2, dtype=torch.bool), torch.zeros(2), 1.0)
+
+
+def test_agents_other_than_brains_and_devices_without_recordings_are_stepped_directly(monkeypatch):
+    monkeypatch.setattr(Experiment, "on_tensors", True)
+    assert type(cohort(Parameters()).control) is device.Steps
