@@ -22,7 +22,7 @@ from .section import Section
 
 CONDITION = Condition("spot_finding", "creative")
 WORLDS = {"kinematic": {"body": "kinematic"}, "C MuJoCo": {}, "MuJoCo Warp": {"physics": "warp"}}
-_CPU, _GPU = (50, 250, 1000), (250, 1024, 4096, 16_384, 65_536)
+_CPU, _GPU = (50, 250, 1000), (250, 1024, 4096, 16_384, 65_536, 262_144)
 # Control steps between two looks at the clock. A life copies its tally to the host once a block, in
 # `musebot run` once in 600 steps.
 _CPU_BLOCK, _GPU_BLOCK = 5, 300

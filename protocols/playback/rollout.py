@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ...tasks import Robots
 from ..agents.base import Agent
 from ..analysis.behaviour import Track
 from ..experiment.conditions import Condition
-from ..experiment.schedules import control_steps
+from ..experiment.schedules import Phase, control_steps
 from ..results.results import When
 from ..results.run import Run
 from ..simulation.placement import place
@@ -94,6 +94,41 @@ def count_events(
     counts = np.zeros(batch.robots, dtype=np.int32)
     for event in _events(batch, agent, steps, learning, exploring, tick):
         counts += event
+    return counts
+
+
+def repeat_test(
+    batch: Robots,
+    agent: Agent,
+    phases: Iterable[Phase],
+    random: np.random.Generator,
+    *,
+    tick: Tick,
+    learning: bool = False,
+    exploring: bool = False,
+) -> np.ndarray:
+    """Simulates the phases of a test, each from its own placement.
+
+    Args:
+      batch: Batch of B robots.
+      agent: Agent that drives the robots; it is reset at each placement.
+      phases: Phases of the test.
+      random: Random stream of the placements.
+      tick: Function called after every simulated minute.
+      learning: Whether the robots learn.
+      exploring: Whether the robots explore.
+
+    Returns:
+      Number of control steps in contact, or in the spot, of each robot, int32, shape (B,).
+    """
+    counts = np.zeros(batch.robots, dtype=np.int32)
+    for phase in phases:
+        place(batch, phase, random)
+        agent.reset()
+        steps = control_steps(phase.minutes)
+        counts += count_events(
+            batch, agent, steps, tick=tick, learning=learning, exploring=exploring
+        )
     return counts
 
 

@@ -26,11 +26,10 @@ from ..experiment.schedules import (
     UPPER_LEFT,
     Phase,
     Schedule,
-    control_steps,
 )
 from ..playback.episode import check_seed
 from ..playback.measured_behaviour import sample, with_brains
-from ..playback.rollout import Tick, count_events
+from ..playback.rollout import Tick, repeat_test
 from ..playback.stored_brains import stored_brains
 from ..reporting import markdown
 from ..reporting.labels import described
@@ -39,7 +38,6 @@ from ..results.run import Run
 from ..results.run_files import check_names, flat_networks, read_runs
 from ..shared_options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..simulation.jobs import Job, Report, Stop
-from ..simulation.placement import place
 from ..storage import digest, save_arrays
 from .study import MinuteTick, Page, StoppedError, Study, check_positive, own_arrays
 
@@ -402,11 +400,8 @@ def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndar
         brains, experiment.arena_task(task), random, perturbation.noise, perturbation.dead
     )
     batch = perturbation.batch(experiment, task, len(job.rows))
-    events = np.zeros(batch.robots, dtype=np.int32)
-    for phase in perturbation.test(experiment.schedule(task), batch.dimensions):
-        place(batch, phase, random)
-        agent.reset()
-        events += count_events(batch, agent, control_steps(phase.minutes), tick=tick)
+    phases = perturbation.test(experiment.schedule(task), batch.dimensions)
+    events = repeat_test(batch, agent, phases, random, tick=tick)
     return {"events": events, "valid": batch.valid}
 
 

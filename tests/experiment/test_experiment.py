@@ -52,7 +52,7 @@ experiments = st.builds(
             "the seed must be below 2^128, got a number of too many digits",
             id="digits",
         ),
-        ({"cohort_size": 10**8}, "the cohort size must be at most 100000, got 100000000"),
+        ({"cohort_size": 10**8}, "the cohort size must be at most 1000000, got 100000000"),
         ({"time_scale": "1"}, "time_scale must be a number, got '1'"),
         ({"turned_start": True}, "turned_start must be a number, got True"),
         ({"turned_start": 1e300}, "the turn at the start must lie in [-360, 360], got 1e+300"),

@@ -19,10 +19,10 @@ from ...errors import InputError
 from ...experiment.conditions import CohortKey, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.random_streams import random_streams
-from ...experiment.schedules import TASK_NAMES, control_steps
+from ...experiment.schedules import TASK_NAMES
 from ...playback.episode import check_seed
 from ...playback.measured_behaviour import sample
-from ...playback.rollout import Tick, count_events
+from ...playback.rollout import Tick, repeat_test
 from ...playback.stored_brains import stored_agent
 from ...reporting.labels import described
 from ...reporting.markdown import MEANS, mean_cell, table, with_interval
@@ -31,7 +31,6 @@ from ...results.run import Run
 from ...results.run_files import check_names, read_run, read_runs
 from ...shared_options import Runs, option
 from ...simulation.jobs import Job, Report, Stop
-from ...simulation.placement import place
 from ...storage import digest, resolved, save_arrays
 from ..study import (
     MinuteTick,
@@ -156,13 +155,12 @@ class ContinuedLearning(Study):
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
+        tests: dict[tuple[Path, Condition], list[ContinuedTest]] = {}
+        for job in self._jobs(out):
+            tests.setdefault((job.folder, job.condition), []).append(job)
         lines: list[str] = []
         for task, title in TASK_NAMES.items():
-            rows = [
-                self._row(out, run, condition)
-                for _, run, condition in self._tested
-                if condition.task == task
-            ]
+            rows = [_row(jobs) for (_, condition), jobs in tests.items() if condition.task == task]
             if rows:
                 head = ["robots", "number", *MODES, "learning - frozen"]
                 lines += [f"### {title}", "", *table([head, *rows]), ""]
@@ -179,25 +177,6 @@ class ContinuedLearning(Study):
             "",
         ]
         return Page("\n".join(lines))
-
-    def _row(self, out: Path, run: Run, condition: Condition) -> list[str]:
-        jobs = [j for j in self._jobs(out) if (j.evaluated, j.condition) == (run, condition)]
-        found = {job.mode: job.shares() for job in jobs}
-        robots = len(jobs[0].rows)
-        kept = ~np.isnan([*found.values()]).any(axis=0)
-        found = {mode: shares[kept] for mode, shares in found.items()}
-        frozen, learning = found["frozen"], found["learning"]
-        interval = intervals.difference_of_means(
-            learning, frozen, paired=True, span=intervals.SHARE
-        )
-        row = [f"{short_name(condition.proposer)} (`{run.name}`)", f"{len(frozen)} of {robots}"]
-        if not len(frozen):
-            return [*row, *["-"] * (len(MODES) + 1)]
-        return [
-            *row,
-            *(mean_cell(own, intervals.SHARE) for own in found.values()),
-            with_interval(f"{(learning - frozen).mean():+.3f}", interval),
-        ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -267,19 +246,16 @@ class ContinuedTest:
         if is_own(self.condition.proposer):
             _let_age(agent, schedule.steps_of("training"))
         batch = run.experiment.batch(self.condition.task, robots)
-        events = np.zeros(robots, dtype=np.int32)
-        for phase in schedule.phases:
-            if phase.part == "post":
-                place(batch, phase, random)
-                agent.reset()
-                events += count_events(
-                    batch,
-                    agent,
-                    control_steps(phase.minutes),
-                    tick=tick,
-                    learning=mode.learning,
-                    exploring=mode.exploring,
-                )
+        phases = [phase for phase in schedule.phases if phase.part == "post"]
+        events = repeat_test(
+            batch,
+            agent,
+            phases,
+            random,
+            tick=tick,
+            learning=mode.learning,
+            exploring=mode.exploring,
+        )
         shares = events / schedule.steps_of("post")
         valid = batch.valid & sound(agent.weights(), robots)
         return np.where(valid, shares if schedule.wanted else 1 - shares, np.nan)
@@ -306,6 +282,24 @@ class ContinuedTest:
             "test_seed": self.seed,
             "run": digest({"times": np.array(times)}),
         }
+
+
+def _row(jobs: Sequence[ContinuedTest]) -> list[str]:
+    """Returns the row of a condition's tests, one in each mode."""
+    first, found = jobs[0], {job.mode: job.shares() for job in jobs}
+    kept = ~np.isnan([*found.values()]).any(axis=0)
+    found = {mode: shares[kept] for mode, shares in found.items()}
+    frozen, learning = found["frozen"], found["learning"]
+    interval = intervals.difference_of_means(learning, frozen, paired=True, span=intervals.SHARE)
+    name = f"{short_name(first.condition.proposer)} (`{first.evaluated.name}`)"
+    row = [name, f"{len(frozen)} of {len(first.rows)}"]
+    if not len(frozen):
+        return [*row, *["-"] * (len(MODES) + 1)]
+    return [
+        *row,
+        *(mean_cell(own, intervals.SHARE) for own in found.values()),
+        with_interval(f"{(learning - frozen).mean():+.3f}", interval),
+    ]
 
 
 def _let_age(agent: Agent, steps: int) -> None:
