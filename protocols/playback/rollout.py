@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
@@ -20,6 +21,22 @@ SEED = 0  # of the random streams that a run does not store
 
 Tick = Callable[[], None]
 """Called after every simulated minute of a batch."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Mode:
+    """What agents do besides acting.
+
+    Attributes:
+      exploring: Whether they explore.
+      learning: Whether they learn.
+    """
+
+    exploring: bool = False
+    learning: bool = False
+
+
+FROZEN = Mode()
 
 
 def evaluate(
@@ -57,12 +74,13 @@ def watch(batch: Robots, agent: Agent, steps: int, *, learning: bool, tick: Tick
       learning: Whether the robots learn and explore.
       tick: Function called after every simulated minute.
     """
+    mode = Mode(exploring=learning, learning=learning)
     poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
     events = np.empty((steps, batch.robots), dtype=bool)
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
     smell = batch.rules.layout.smell
-    for step, event in enumerate(_events(batch, agent, steps, learning, learning, tick)):
+    for step, event in enumerate(_events(batch, agent, steps, mode, tick)):
         poses[step + 1] = batch.pose
         events[step] = event
         nose[step] = batch.sensordata[:, smell][:, :2]
@@ -75,8 +93,7 @@ def count_events(
     steps: int,
     *,
     tick: Tick,
-    learning: bool = False,
-    exploring: bool = False,
+    mode: Mode = FROZEN,
 ) -> np.ndarray:
     """Simulates robots from their current poses, without a record of their track.
 
@@ -85,14 +102,13 @@ def count_events(
       agent: Agent that drives the robots.
       steps: Number of control steps.
       tick: Function called after every simulated minute.
-      learning: Whether the robots learn.
-      exploring: Whether the robots explore.
+      mode: What the robots do besides acting.
 
     Returns:
       Number of control steps in contact, or in the spot, of each robot, int32, shape (B,).
     """
     counts = np.zeros(batch.robots, dtype=np.int32)
-    for event in _events(batch, agent, steps, learning, exploring, tick):
+    for event in _events(batch, agent, steps, mode, tick):
         counts += event
     return counts
 
@@ -104,8 +120,7 @@ def repeat_test(
     random: np.random.Generator,
     *,
     tick: Tick,
-    learning: bool = False,
-    exploring: bool = False,
+    mode: Mode = FROZEN,
 ) -> np.ndarray:
     """Simulates the phases of a test, each from its own placement.
 
@@ -115,8 +130,7 @@ def repeat_test(
       phases: Phases of the test.
       random: Random stream of the placements.
       tick: Function called after every simulated minute.
-      learning: Whether the robots learn.
-      exploring: Whether the robots explore.
+      mode: What the robots do besides acting.
 
     Returns:
       Number of control steps in contact, or in the spot, of each robot, int32, shape (B,).
@@ -126,20 +140,18 @@ def repeat_test(
         place(batch, phase, random)
         agent.reset()
         steps = control_steps(phase.minutes)
-        counts += count_events(
-            batch, agent, steps, tick=tick, learning=learning, exploring=exploring
-        )
+        counts += count_events(batch, agent, steps, tick=tick, mode=mode)
     return counts
 
 
 def _events(
-    batch: Robots, agent: Agent, steps: int, learning: bool, exploring: bool, tick: Tick
+    batch: Robots, agent: Agent, steps: int, mode: Mode, tick: Tick
 ) -> Iterator[np.ndarray]:
     """Yields after every control step which robots are in contact, or in the spot, shape (B,)."""
     rules = batch.rules
     for step in range(1, steps + 1):
-        motors = agent.act(rules.state(batch.sensordata).astype(np.float32), exploring)
-        if learning:
+        motors = agent.act(rules.state(batch.sensordata).astype(np.float32), mode.exploring)
+        if mode.learning:
             agent.learn(rules.reward(batch.sensordata).astype(np.float32))
         batch.step(motors)
         yield rules.event(batch.sensordata)

@@ -63,9 +63,8 @@ def test_events_are_counted_as_a_track_records_them(learning, exploring):
     batch, again = (make_batch("wall_avoidance", 2) for _ in range(2))
     for robots in (batch, again):  # one of them at a wall
         robots.place(np.arange(2), np.array([[0.49, 0.0, 0.0], [0.0, 0.0, 0.0]]))
-    counts = rollout.count_events(
-        batch, agent, 9, tick=lambda: None, learning=learning, exploring=exploring
-    )
+    mode = rollout.Mode(exploring=exploring, learning=learning)
+    counts = rollout.count_events(batch, agent, 9, tick=lambda: None, mode=mode)
     assert agent.calls == [("act", exploring), *[("learn", np.float32)] * learning] * 9
     track = rollout.watch(again, Recorder(), 9, learning=False, tick=lambda: None)
     np.testing.assert_array_equal(counts, track.events.sum(axis=0))

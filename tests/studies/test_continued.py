@@ -11,11 +11,11 @@ from musebot.protocols.agents.base import Agent
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import DamagedFileError, Interrupted
 from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.playback import rollout
 from musebot.protocols.results.run_files import BRAINS_FILE, read_run
 from musebot.protocols.simulation import local
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import load_arrays, save_arrays
-from musebot.protocols.studies.learners import continued
 from musebot.protocols.studies.learners.continued import MODES, ContinuedLearning
 from musebot.protocols.studies.study import conduct
 
@@ -136,7 +136,7 @@ def test_agents_of_ours_have_the_age_of_the_end_of_their_lives(
         ages.append(agent.state()["age"].item())
         raise RuntimeError
 
-    monkeypatch.setattr(continued, "count_events", spy)
+    monkeypatch.setattr(rollout, "count_events", spy)
     with pytest.raises(RuntimeError):
         job(study, out, condition, "learning").run(lambda: False, lambda *_: None)
     cohort = Cohort(read_run(runs / name).experiment, CohortKey(condition, 0))

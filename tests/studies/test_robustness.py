@@ -14,6 +14,7 @@ from musebot.protocols.experiment.manifest import write_manifest
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.experiment.schedules import SPOT_FINDING, WALL_AVOIDANCE, control_steps
+from musebot.protocols.playback import rollout
 from musebot.protocols.playback.rollout import watch
 from musebot.protocols.playback.stored_brains import stored_brains
 from musebot.protocols.results.results import collect
@@ -268,11 +269,11 @@ def tracks(monkeypatch):
     """A function that returns where a job's robots went, in tests three times as long."""
     recorded = []
 
-    def record(batch, agent, steps, tick):
+    def record(batch, agent, steps, tick, mode):
         recorded.append(watch(batch, agent, steps, learning=False, tick=tick))
         return recorded[-1].events.sum(axis=0)
 
-    monkeypatch.setattr(robustness, "count_events", record)
+    monkeypatch.setattr(rollout, "count_events", record)
 
     def tracks(*args, **kwargs):
         recorded.clear()

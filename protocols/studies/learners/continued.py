@@ -22,7 +22,7 @@ from ...experiment.random_streams import random_streams
 from ...experiment.schedules import TASK_NAMES
 from ...playback.episode import check_seed
 from ...playback.measured_behaviour import sample
-from ...playback.rollout import Tick, repeat_test
+from ...playback.rollout import FROZEN, Mode, Tick, repeat_test
 from ...playback.stored_brains import stored_agent
 from ...reporting.labels import described
 from ...reporting.markdown import MEANS, mean_cell, table, with_interval
@@ -43,22 +43,8 @@ from ..study import (
     own_arrays,
 )
 
-
-@dataclasses.dataclass(frozen=True)
-class Mode:
-    """What agents do in a test.
-
-    Attributes:
-      exploring: Whether they explore.
-      learning: Whether they learn.
-    """
-
-    exploring: bool
-    learning: bool
-
-
 MODES: Mapping[str, Mode] = MappingProxyType(
-    {"frozen": Mode(False, False), "exploring": Mode(True, False), "learning": Mode(True, True)}
+    {"frozen": FROZEN, "exploring": Mode(exploring=True), "learning": Mode(True, True)}
 )
 
 
@@ -253,8 +239,7 @@ class ContinuedTest:
             phases,
             random,
             tick=tick,
-            learning=mode.learning,
-            exploring=mode.exploring,
+            mode=mode,
         )
         shares = events / schedule.steps_of("post")
         valid = batch.valid & sound(agent.weights(), robots)

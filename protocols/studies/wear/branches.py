@@ -19,7 +19,7 @@ from ...errors import DamagedFileError, InputError
 from ...experiment.experiment import Experiment
 from ...experiment.manifest import UNREADABLE
 from ...experiment.random_streams import random_streams
-from ...playback.rollout import Tick, count_events
+from ...playback.rollout import Mode, Tick, count_events
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import load_arrays, save_arrays
@@ -69,7 +69,7 @@ class Branch:
             if (len(self.shares) - 1) % PERIODS_PER_SPOT == 0:
                 place(self.batch, TRAINING, self._random)
             steps = period(self.experiment)
-            count_events(self.batch, self.agent, steps, tick=tick, learning=True, exploring=True)
+            count_events(self.batch, self.agent, steps, tick=tick, mode=Mode(True, True))
             self.batch.stop(~sound(self.agent.weights(), self.batch.robots))
         stream = "changed", self._life.index, len(self.shares)
         shares = probe(self.experiment, self.agent.weights(), stream, self._edits, tick)
