@@ -217,7 +217,7 @@ class Robustness(Study):
         """See `Study.stages`: a job for each condition and perturbation."""
         yield self.jobs(out)
 
-    def jobs(self, out: Path) -> list[EvaluationJob]:
+    def jobs(self, out: Path) -> list[PerturbedTest]:
         """Returns all jobs, the longest first, so that all processes end at about the same time."""
         found = [
             one.job(out, condition, perturbation)
@@ -284,11 +284,11 @@ class EvaluatedRun:
         """Name of the run, and of the folder of its files."""
         return self.run.name
 
-    def job(self, out: Path, condition: Condition, perturbation: Perturbation) -> EvaluationJob:
+    def job(self, out: Path, condition: Condition, perturbation: Perturbation) -> PerturbedTest:
         """Returns the job that evaluates a condition's robots with a perturbation."""
         name = f"{condition.task}-{condition.proposer}-{perturbation.name}.safetensors"
         rows = tuple(sample(self.run, condition, self.robots[condition]))
-        return EvaluationJob(out / self.name / name, self.run, condition, rows, perturbation)
+        return PerturbedTest(out / self.name / name, self.run, condition, rows, perturbation)
 
     def shares(self, out: Path, condition: Condition, perturbation: Perturbation) -> np.ndarray:
         """Reads the results of a condition's robots with a perturbation.
@@ -309,7 +309,7 @@ class EvaluatedRun:
 
 
 @dataclasses.dataclass(frozen=True)
-class EvaluationJob:
+class PerturbedTest:
     """Evaluates a condition's robots with one perturbation, in lockstep.
 
     Attributes:
@@ -378,7 +378,7 @@ class EvaluationJob:
         return arrays
 
 
-def evaluate(job: EvaluationJob, tick: Tick = lambda: None) -> dict[str, np.ndarray]:
+def evaluate(job: PerturbedTest, tick: Tick = lambda: None) -> dict[str, np.ndarray]:
     """Repeats the test after training, with frozen weights.
 
     The random streams of brains and noise depend on the condition and the seed only, not on the

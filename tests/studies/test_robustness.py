@@ -27,7 +27,7 @@ from musebot.protocols.studies import robustness
 from musebot.protocols.studies.robustness import (
     PERTURBATIONS,
     REFERENCE,
-    EvaluationJob,
+    PerturbedTest,
     Robustness,
     evaluate,
 )
@@ -78,7 +78,7 @@ def job(run, task, perturbation, seed=0, time_scale=0.002):
     experiment = dataclasses.replace(own.experiment, seed=seed, time_scale=time_scale)
     condition = Condition(task, PROPOSERS[task])
     changed = Run(own.name, experiment, own.results)
-    return EvaluationJob(run / "unused", changed, condition, (0, 1, 2), perturbation)
+    return PerturbedTest(run / "unused", changed, condition, (0, 1, 2), perturbation)
 
 
 # ---- What differs ----
