@@ -13,7 +13,7 @@ from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.studies.robustness import (
     PERTURBATIONS,
-    EvaluationJob,
+    PerturbedTest,
     evaluate,
 )
 
@@ -62,5 +62,5 @@ def test_stored_brains_drive_robots_with_wall_sensing(robot):
 
 def test_stored_brains_are_evaluated_by_the_robustness_study(run, tmp_path):
     noise = next(one for one in PERTURBATIONS if one.noise)
-    job = EvaluationJob(tmp_path / "f", run, CREATIVE, (0, 1), noise)
+    job = PerturbedTest(tmp_path / "f", run, CREATIVE, (0, 1), noise)
     assert evaluate(job)["valid"].all()
