@@ -48,7 +48,7 @@ class Memory(Protocol):
     optimizer: Optimizer
 
     def renew(self) -> None:
-        """Does the host's part of the next `ideas`; without it, `ideas` does it."""
+        """Draws what several steps share, if it is time; to be called before `ideas`."""
         ...
 
     def ideas(self, state: Tensor, count: int) -> Tensor:

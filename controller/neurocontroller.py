@@ -104,13 +104,15 @@ class Neurocontroller:
         return error
 
     # A step has parts for the host, `begin` and `end`, and parts for the device, `select` and
-    # `update`. A GPU can record the latter and replay them (see `protocols.simulation.device`).
+    # `update`. A GPU can capture the latter and replay them (see `protocols.simulation.device`).
 
     def begin(self) -> bool:
-        """Begins a step: draws what several steps share, and sets what depends on the age.
+        """Begins a step: the step that was the present one becomes the previous one.
+
+        Draws what several steps share, and sets what depends on the robots' age.
 
         Returns:
-          Which of two alternating steps it is; they have different memory.
+          Which of the two remembered steps is the present one; they alternate.
         """
         self._proposer.renew()
         self._epsilon.update(self._age)
@@ -124,7 +126,15 @@ class Neurocontroller:
         self._age += 1
 
     def select(self, state: Tensor, explore: bool) -> Tensor:
-        """Does what `act` does, after `begin`."""
+        """Selects each robot's action, as `act`, after `begin`.
+
+        Args:
+          state: Sensor signals, shape (B, S).
+          explore: See `act`.
+
+        Returns:
+          Motor values in [-0.5, 0.5], shape (B, 2).
+        """
         inputs = self._inputs(state)
         ideas = actions = self._proposer.propose(inputs)
         exploratory = None
@@ -143,7 +153,14 @@ class Neurocontroller:
         return self._now.action.clone()
 
     def update(self, reward: Tensor) -> Tensor:
-        """Does what `learn` does, before `end`."""
+        """Learns, as `learn`, before `end`.
+
+        Args:
+          reward: Reward sensed with the state last given to `select`, shape (B,).
+
+        Returns:
+          The TD error, shape (B,).
+        """
         before, rate = self._before, self._learn_rate.value
         target, learning = self._target(reward, before, self._now)
         action = self._encoding.motors(before.action)
@@ -168,6 +185,7 @@ class Neurocontroller:
         Args:
           state: Sensor signals, shape (B, S).
         """
+        self._proposer.renew()
         return self._proposer.propose(self._inputs(state))
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:

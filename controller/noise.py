@@ -23,7 +23,7 @@ class NoisePatterns:
     def __init__(
         self, connections: int, share: float, noise: float, generator: torch.Generator
     ) -> None:
-        """Prepares patterns; the first `draw` fills the pool.
+        """Prepares patterns; the first `renew` fills the pool.
 
         Args:
           connections: Number N of connections.
@@ -37,20 +37,15 @@ class NoisePatterns:
         self._generator = generator
         self._pool = torch.zeros(self.POOL, connections)
         self._age = torch.tensor([self.LIFETIME], device="cpu")  # read in every step
-        self._renewed = False
 
     def renew(self) -> None:
-        """Does the host's part of the next `draw`: redraws the pool if it is old."""
+        """Redraws the pool if it is old; to be called before each step that draws."""
         if self._age >= self.LIFETIME:
             self._refill()
         self._age += 1
-        self._renewed = True
 
     def draw(self, count: int) -> Tensor:
         """Draws patterns, shape (count, N)."""
-        if not self._renewed:
-            self.renew()
-        self._renewed = False
         generator, device = self._generator, self._pool.device
         rows = torch.randint(self.POOL, (count,), generator=generator, device=device)
         return self._pool.index_select(0, rows)
@@ -75,7 +70,7 @@ class HeldNoisePatterns:
     """
 
     def __init__(self, patterns: NoisePatterns, count: int, steps: int) -> None:
-        """Prepares patterns to hold; the first `draw` draws them.
+        """Prepares patterns to hold; the first `renew` draws them.
 
         Args:
           patterns: Patterns that are drawn, each of them to be held.
@@ -88,16 +83,15 @@ class HeldNoisePatterns:
         self._held = torch.zeros(count, patterns.connections)
         # Steps before the next draw, -1 for life; read in every step.
         self._left = torch.tensor([0], device="cpu")
-        self._renewed = False
 
     def renew(self) -> None:
-        """Does the host's part of the next `draw`: draws other patterns if it is time."""
+        """Draws other patterns if it is time; to be called before each step that draws."""
         if self._left == 0:
+            self._patterns.renew()
             self._held.copy_(self._patterns.draw(len(self._held)))
             self._left.fill_(self._steps or -1)
         if self._steps:
             self._left -= 1
-        self._renewed = True
 
     def draw(self, count: int) -> Tensor:
         """Returns the held patterns, shape (count, N).
@@ -107,9 +101,6 @@ class HeldNoisePatterns:
         """
         if count != len(self._held):
             raise ValueError(f"{len(self._held)} patterns are held, not {count}")
-        if not self._renewed:
-            self.renew()
-        self._renewed = False
         return self._held.clone()
 
     def tensors(self) -> dict[str, Tensor]:

@@ -18,7 +18,7 @@ class ActionProposer(Protocol):
     """Proposes A actions to each robot."""
 
     def renew(self) -> None:
-        """Does the host's part of the next `propose`; without it, `propose` does it."""
+        """Draws what several steps share, if it is time; to be called before `propose`."""
 
     def propose(self, state: Tensor) -> Tensor:
         """Returns motor values in [-0.5, 0.5], shape (B, A, 2).

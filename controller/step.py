@@ -22,13 +22,13 @@ class Step:
       best_action: Motor values of the best proposed action, shape (B, 2).
       best_value: Value of the best proposed action, shape (B,).
       reward: Reward of this step, shape (B,).
-      rewarded: Whether `reward` is known.
+      rewarded: Whether `reward` is known, shape ().
     """
 
     best_action: Tensor
     best_value: Tensor
     reward: Tensor
-    rewarded: bool
+    rewarded: Tensor
 
     def __init__(self, robots: int, inputs: int) -> None:
         """Allocates a step of B robots with I network inputs."""

@@ -24,3 +24,24 @@ def snapshot(tensors):
 def same(first, second):
     """Returns whether tensors by name are equal."""
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)
+
+
+# A brain renews what its steps share before each step; these functions do so for its parts.
+
+
+def draw_from(patterns, count):
+    """Returns so many noise patterns."""
+    patterns.renew()
+    return patterns.draw(count)
+
+
+def ideas_of(memory, state, count):
+    """Returns so many ideas of a memory for each robot."""
+    memory.renew()
+    return memory.ideas(state, count)
+
+
+def proposals_of(proposer, state):
+    """Returns the actions that a proposer proposes."""
+    proposer.renew()
+    return proposer.propose(state)

@@ -12,13 +12,13 @@ class Schedule:
     """A parameter as a function of the number of training steps; this one is constant.
 
     Attributes:
-      value: Value in the present step: a number on the host, on another device a tensor of shape ()
-        that keeps its place, so that a recorded step finds it there.
+      value: Value in the present step, a number; on another device than the host, a value that
+        changes is a tensor of shape () that keeps its place, so that a captured step finds it.
     """
 
     value: float | Tensor
 
-    def __init__(self, value: float) -> None:
+    def __init__(self, value: float | Tensor) -> None:
         """Takes the value."""
         self.value = value
 
@@ -35,8 +35,8 @@ class Decay(Schedule):
         self._final = final
         self._steps = steps
         on_host = torch.get_default_device().type == "cpu"
-        self._shared = None if on_host else torch.zeros(())  # of steps that are recorded
-        super().__init__(initial)
+        self._shared = None if on_host else torch.zeros(())  # the value, on the device
+        super().__init__(initial if self._shared is None else self._shared.fill_(initial))
 
     def update(self, age: Tensor) -> None:
         """See `Schedule.update`."""

@@ -60,12 +60,11 @@ class RememberedReward:
 
     def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
         """See `Target.__call__`."""
-        if not before.rewarded:
-            before.reward.zero_()
+        before.reward.masked_fill_(~before.rewarded, 0.0)
         if self._decay:
             left = self._decay * before.reward * before.chained
             reward = torch.where(reward < 0, reward, torch.maximum(reward, left))
         now.reward.copy_(reward)  # the caller may overwrite its own
-        now.rewarded = True
+        now.rewarded.fill_(True)
         target, learning = self._target(reward, before, now)
-        return target, learning if before.rewarded else torch.zeros_like(learning)
+        return target, learning * before.rewarded

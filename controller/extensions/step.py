@@ -17,7 +17,7 @@ class DetailedStep(Step):
         self.best_action = torch.zeros(robots, 2)
         self.best_value = torch.zeros(robots)
         self.reward = torch.zeros(robots)
-        self.rewarded = False
+        self.rewarded = torch.tensor(False)
 
     def record(
         self, state: Tensor, actions: Tensor, values: Tensor, selected: Tensor, best: Tensor
@@ -26,7 +26,7 @@ class DetailedStep(Step):
         super().record(state, actions, values, selected, best)
         self.best_action.copy_(actions[self._rows, best])
         self.best_value.copy_(values[self._rows, best])
-        self.rewarded = False
+        self.rewarded.zero_()
 
     def tensors(self) -> dict[str, Tensor]:
         """See `Step.tensors`."""
@@ -34,13 +34,12 @@ class DetailedStep(Step):
             "best_action": self.best_action.clone(),
             "best_value": self.best_value.clone(),
             # An unknown reward is 0, so that equal steps have equal checkpoints.
-            "reward": self.reward.clone() if self.rewarded else torch.zeros_like(self.reward),
-            "rewarded": torch.tensor(self.rewarded),
+            "reward": self.reward.masked_fill(~self.rewarded, 0.0),
+            "rewarded": self.rewarded.clone(),
         }
 
     def load(self, tensors: dict[str, Tensor]) -> None:
         """See `Step.load`."""
         super().load(tensors)
-        for name in ("best_action", "best_value", "reward"):
+        for name in ("best_action", "best_value", "reward", "rewarded"):
             getattr(self, name).copy_(tensors[name])
-        self.rewarded = bool(tensors["rewarded"])

@@ -21,7 +21,6 @@ from ..errors import RunError
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.experiment import Experiment
 from ..simulation.cohort import Cohort
-from ..simulation.device import Steps
 from ..simulation.placement import legs
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -213,7 +212,6 @@ class TimedCohort:
         # count as time of the cohort.
         self.batch = self._cohort.batch = RecordingBatch(self._cohort.batch)
         self.agent = self._cohort.agent = TimedAgent(self._cohort.agent)
-        self._cohort.control = Steps(self.agent, self.batch)
         begin_training(self._cohort, setting.task)
         self._start = self.state.copy()
         self.bare = BareRollout(self.batch.model, setting.robots, self.batch.substeps)

@@ -164,7 +164,7 @@ def _profile(cohort: Cohort, device: str) -> tuple[float, float, list[str]]:
     """Returns numbers of kernels and transfers in a control step, and the longest operations."""
     from torch.profiler import ProfilerActivity, profile
 
-    cohort.advance(_PROFILED)  # records what can be recorded
+    cohort.advance(_PROFILED)  # captures what can be captured
     _wait(device)
     with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as profiled:
         cohort.advance(_PROFILED)

@@ -43,6 +43,7 @@ def architecture(task: str) -> Figure:
     controller = Neurocontroller(parameters, "creative", 1, len(sensors), _SEED, senses)
     memory, evaluation = controller.memory, controller.evaluation.networks
     assert isinstance(memory, CreativeMemory)
+    memory.patterns.renew()
     pattern = memory.patterns.draw(1)[0].numpy()
     state = torch.tensor([[signal.low / 2 + signal.high / 2 for signal in senses.state]])
     ideas = controller.propose(state)[0].numpy()

@@ -23,7 +23,7 @@ from ..experiment.schedules import PARTS, Phase, control_steps
 from ..results.checks import check_events, check_networks, check_same_shapes
 from ..results.results import Lives, Results
 from ..storage import DTYPES, Shapes
-from .device import agent_on_device, on_host, robots_on_device, steps_on_device
+from .device import agent_on_device, on_host, robots_on_device, step_work
 from .placement import legs, place
 
 _MINUTE = control_steps(1)
@@ -36,9 +36,7 @@ class Cohort:
       experiment: Experiment that decides the robots' lives.
       key: Condition and number of the cohort.
       batch: Robots in their arenas.
-      rules: Observations, reward and event of the task.
       agent: Agent that drives the robots.
-      control: What the cohort does in a control step besides the physics.
       step: Number of control steps simulated so far.
       steps: Number of control steps of a whole life.
     """
@@ -58,8 +56,7 @@ class Cohort:
         self.agent = agent_on_device(
             experiment, lambda: make_agent(experiment, key.condition, robots, seed)
         )
-        self.rules = self.batch.rules
-        self.control = steps_on_device(self.agent, self.batch)
+        self._work = step_work(self)
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = legs(experiment.schedule(task))
         self.step = 0
@@ -105,14 +102,14 @@ class Cohort:
             self.agent.reset()
 
     def _simulate(self, phase: Phase, until: int) -> Iterator[Any]:
-        part, first = PARTS.index(phase.part), self.step
+        part = PARTS.index(phase.part)
         while self.step < until:
-            yield self.control.decide(phase.learning, fresh=self.step < first + 2)
-            self.control.count()  # after the physics' step
+            yield self._work.decide(phase.learning)
+            self._work.count()  # after the physics' step
             self.step += 1
             over = self.step % _MINUTE == 0 or self.finished
             if over or self.step == until:
-                counted = self.control.counted()
+                counted = self._work.counted()
                 self._events[:, part] += counted
                 self._minutes[:, (self.step - 1) // _MINUTE] += counted
             if over:
@@ -286,7 +283,7 @@ def check_agents(plan: Plan, held: Results | None = None) -> None:
         _check_few(plan, condition)
         cohort = Cohort(plan.experiment, CohortKey(condition, 0))
         cohort.agent.reset()
-        state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)
+        state = cohort.batch.rules.state(cohort.batch.sensordata).astype(np.float32)
         cohort.agent.act(state, False)  # checks what it returns
         state, weights = cohort.checkpoint()[0], cohort.agent.weights()
         sizes = (sum(array.nbytes for array in some.values()) for some in (state, weights))

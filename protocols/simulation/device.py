@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ...models.arrays import namespace
 from ...tasks.batch import Batch, Robots
 from ...tasks.kinematic.robots import KinematicBatch
-from ...tasks.tensors import recording
+from ...tasks.tensors import capture
 from ...tasks.tensors.parts import Part, parts
 from ...tasks.tensors.robots import TensorRobots
 from ..agents.base import Agent
@@ -21,6 +20,13 @@ from ..agents.neurocontroller import NeurocontrollerAgent
 from ..experiment.experiment import Experiment
 
 HOST = "cpu"
+
+
+class Driven(Protocol):
+    """Robots, and the agent that drives them."""
+
+    agent: Agent
+    batch: Robots
 
 
 def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
@@ -60,32 +66,30 @@ def on_tensors(batch: Robots) -> TensorRobots:
     return WarpTensors(batch)
 
 
-class Steps:
+class StepWork:
     """What a cohort does in a control step besides the physics: it decides, and counts events."""
 
-    def __init__(self, agent: Agent, batch: Robots) -> None:
-        """Takes the agent, and the robots that it drives."""
-        self._agent = agent
-        self._batch = batch
+    def __init__(self, cohort: Driven) -> None:
+        """Takes the cohort."""
+        self._cohort = cohort
         self._tally: Any = 0
 
-    def decide(self, learning: bool, fresh: bool) -> Any:
+    def decide(self, learning: bool) -> Any:
         """Lets the agent act and, in training, learn; returns motor values, shape (B, 2).
 
         Args:
           learning: Whether the agent explores and learns.
-          fresh: Whether this is one of the first two steps of its kind.
         """
-        del fresh
-        rules, sensordata = self._batch.rules, self._batch.sensordata
-        motors = self._agent.act(_single(rules.state(sensordata)), learning)
+        agent, batch = self._cohort.agent, self._cohort.batch
+        motors = agent.act(_single(batch.rules.state(batch.sensordata)), learning)
         if learning:
-            self._agent.learn(_single(rules.reward(sensordata)))
+            agent.learn(_single(batch.rules.reward(batch.sensordata)))
         return motors
 
     def count(self) -> None:
         """Counts the events after a step of the physics."""
-        self._tally = self._tally + self._batch.rules.event(self._batch.sensordata)
+        batch = self._cohort.batch
+        self._tally = self._tally + batch.rules.event(batch.sensordata)
 
     def counted(self) -> np.ndarray:
         """Returns how many events were counted since the last call, shape (B,)."""
@@ -93,65 +97,67 @@ class Steps:
         return on_host(tally)
 
 
-class RecordedSteps(Steps):
-    """Steps of a brain on a GPU that are recorded once and then replayed.
+class CapturedWork(StepWork):
+    """The work of a brain on a GPU, captured once and then replayed.
 
-    There is a recording of each kind of step, training or test, and for each of the two alternating
-    memories of a brain. The first two steps of a kind are done directly: whether a brain knows the
-    reward of the step before is decided on the host.
+    Training and tests are captured separately, and each for both places in which a brain remembers
+    alternate steps.
     """
 
-    def __init__(self, agent: NeurocontrollerAgent, batch: TensorRobots | Part) -> None:
-        """Takes the agent, and the robots that it drives."""
-        super().__init__(agent, batch)
-        self._brain = agent.controller
-        self._recordings: dict[tuple[bool, bool], tuple[recording.Work, Any]] = {}
-        device = batch.sensordata.device
-        self._tally = torch.zeros(batch.robots, dtype=torch.int32, device=device)
-        self._count = recording.Recorded(self._add_events, device)
+    def __init__(self, cohort: Driven) -> None:
+        """Takes the cohort, whose agent is a brain and whose robots are tensors."""
+        super().__init__(cohort)
+        assert isinstance(cohort.agent, NeurocontrollerAgent)
+        self._brain = cohort.agent.controller
+        self._batch: Any = cohort.batch
+        device, robots = self._batch.sensordata.device, self._batch.robots
+        self._motors = torch.zeros(robots, 2, device=device)
+        self._tally = torch.zeros(robots, dtype=torch.int32, device=device)
+        self._count = capture.Captured(self._add_events, device)
+        self._decide = {
+            (learning, place): capture.Captured(
+                functools.partial(self._select, learning), device, self._brain.generator
+            )
+            for learning in (False, True)
+            for place in (False, True)
+        }
 
-    def decide(self, learning: bool, fresh: bool) -> Any:
-        """See `Steps.decide`; the motor values are valid until the next step but one."""
-        if fresh:
-            return super().decide(learning, fresh)
-        kind = learning, self._brain.begin()
-        if kind not in self._recordings:
-            work = functools.partial(self._select, learning)
-            self._recordings[kind] = recording.record(work, self._brain.generator)
-        replay, motors = self._recordings[kind]
-        replay()
+    def decide(self, learning: bool) -> Any:
+        """See `StepWork.decide`; the motor values are overwritten by the next step."""
+        self._decide[learning, self._brain.begin()]()
         if learning:
             self._brain.end()
-        return motors
+        return self._motors
 
     def count(self) -> None:
-        """See `Steps.count`."""
+        """See `StepWork.count`."""
         self._count()
 
     def counted(self) -> np.ndarray:
-        """See `Steps.counted`."""
+        """See `StepWork.counted`."""
         counted = self._tally.cpu().numpy().copy()
         self._tally.zero_()
         return counted
 
     @torch.inference_mode()
-    def _select(self, learning: bool) -> Tensor:
+    def _select(self, learning: bool) -> None:
         rules, sensordata = self._batch.rules, self._batch.sensordata
-        motors = self._brain.select(_single(rules.state(sensordata)), learning)
+        self._motors.copy_(self._brain.select(_single(rules.state(sensordata)), learning))
         if learning:
             self._brain.update(_single(rules.reward(sensordata)))
-        return motors
 
     def _add_events(self) -> None:
         self._tally += self._batch.rules.event(self._batch.sensordata)
 
 
-def steps_on_device(agent: Agent, batch: Robots) -> Steps:
-    """Returns the steps of a cohort, recorded where its device can do that."""
-    if isinstance(batch, TensorRobots | Part) and isinstance(agent, NeurocontrollerAgent):
-        if recording.records(batch.sensordata.device):
-            return RecordedSteps(agent, batch)
-    return Steps(agent, batch)
+def step_work(cohort: Driven) -> StepWork:
+    """Returns the work of a cohort, captured where its device can do that."""
+    batch = cohort.batch
+    on_tensors = isinstance(batch, TensorRobots | Part)
+    is_brain = type(cohort.agent) is NeurocontrollerAgent  # a subclass may act otherwise
+    if on_tensors and is_brain and capture.captures(batch.sensordata.device):
+        return CapturedWork(cohort)
+    return StepWork(cohort)
 
 
 def _single(values: Any) -> Any:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import torch
 
 from ..kinematic.robots import KinematicBatch, after_control_step, measure
-from .recording import Recorded
+from .capture import Captured
 from .robots import TensorRobots
 
 
@@ -17,12 +18,14 @@ class KinematicTensors(TensorRobots):
     The equations are those of the `KinematicBatch`; numbers differ from its numbers by rounding.
     """
 
+    _MOTORS = torch.float32
+
     def __init__(self, batch: KinematicBatch) -> None:
         """Takes over the robots of a batch, which is not to be used any more."""
         super().__init__(batch)
         self._kinematics = batch.kinematics
         self._gains = self._constant(np.array(batch.dimensions.gains, dtype=np.float32))
-        self._simulate = Recorded(self._simulated, self._device)
+        self._simulate = Captured(self._simulated, self._device)
 
     def _advance(self) -> None:
         """See `TensorRobots._advance`."""
@@ -30,7 +33,7 @@ class KinematicTensors(TensorRobots):
 
     def _simulated(self) -> None:
         own = self._tensors
-        motors: Any = self._commanded().float() * self._gains
+        motors: Any = self._commanded() * self._gains
         poses, wheels, contact = after_control_step(
             own["poses"], own["wheels"], motors, self._kinematics, self.dimensions
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -21,6 +21,8 @@ class TensorRobots(Robots):
     and checkpoints are arrays of NumPy, as of other batches; the batch on the host makes them.
     """
 
+    _MOTORS: ClassVar[torch.dtype]  # in which motor values are kept
+
     def __init__(self, batch: Robots) -> None:
         """Takes over the robots of a batch, which is not to be used any more."""
         super().__init__(batch.robots, batch.rules, batch.dimensions, batch.sensordata.shape[1])
@@ -30,9 +32,8 @@ class TensorRobots(Robots):
         self._tensors: dict[str, Any] = {  # of tensors
             name: self._constant(array) for name, array in batch.arrays().items()
         }
-        self._given = torch.zeros(  # motors of a step
-            batch.robots, 2, dtype=torch.float64, device=self._device
-        )
+        # Motors of a step, in a place that a captured step knows.
+        self._given = torch.zeros(batch.robots, 2, dtype=self._MOTORS, device=self._device)
         self.sensordata: Any = self._tensors["sensordata"]
         self.valid: Any = self._tensors["valid"]
 

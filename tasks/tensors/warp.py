@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
 
 from ..batch import Batch
 from ..warp.robots import WarpBatch
-from .recording import Recorded
+from .capture import Captured
 from .robots import TensorRobots
 
 
 class WarpTensors(TensorRobots):
     """Robots in MuJoCo Warp as tensors on the default device, equal to those of a `WarpBatch`."""
+
+    _MOTORS = torch.float64
 
     def __init__(self, batch: Batch) -> None:
         """Makes robots in the arena of a batch, at the origin."""
@@ -20,13 +23,13 @@ class WarpTensors(TensorRobots):
         self._warp = batch.warp
         self._motors = self._tensors["control"][:, : batch.model.nu]
         self._rest = self._constant(batch.arrays()["state"][0])
-        self._before = Recorded(self._load, self._device)
-        self._after = Recorded(self._read, self._device)
+        self._before = Captured(self._load, self._device)
+        self._after = Captured(self._read, self._device)
 
     def _advance(self) -> None:
         """See `TensorRobots._advance`."""
         self._before()
-        self._warp.run()  # a recording of Warp's
+        self._warp.run()  # a graph of Warp's
         self._after()
 
     def _load(self) -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from helpers import draw_from, ideas_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -59,7 +60,7 @@ def deviations(patterns, noisy, noise):
 
 def fresh_pool(connections, seed, share=0.25, noise=0.76):
     patterns = NoisePatterns(connections, share, noise, torch.Generator().manual_seed(seed))
-    patterns.draw(1)
+    draw_from(patterns, 1)
     return patterns.tensors()["pool"], patterns.noisy
 
 
@@ -67,7 +68,7 @@ def changes(steps, draws, robots=2):
     """Returns in which of several draws after the first the patterns of a memory are new."""
     parameters = Parameters(noise_steps=steps, ideas=3)
     memory = CreativeMemory(parameters, robots, 1, torch.Generator().manual_seed(5))
-    patterns = [memory.patterns.draw(3 * robots) for _ in range(draws)]
+    patterns = [draw_from(memory.patterns, 3 * robots) for _ in range(draws)]
     return [not torch.equal(*pair) for pair in zip(patterns, patterns[1:], strict=False)]
 
 
@@ -81,18 +82,18 @@ def test_ideas_keep_their_noise_for_the_given_steps_for_one_or_for_life():
 def test_held_noise_differs_between_ideas_and_robots_and_is_that_of_the_pool(steps):
     parameters = Parameters(noise_steps=steps, ideas=1000)
     memory = CreativeMemory(parameters, 2, 1, torch.Generator().manual_seed(5))
-    held = memory.patterns.draw(2000)
+    held = draw_from(memory.patterns, 2000)
     assert ((held != 0).sum(1) == memory.patterns.noisy).all()
     assert len(held.unique(dim=0)) > 900
     held[:] = 9  # the ideas may change what they are given
     if steps == 0:
-        assert not (memory.patterns.draw(2000) == 9).any()
+        assert not (draw_from(memory.patterns, 2000) == 9).any()
 
 
 def test_another_number_of_held_patterns_is_refused():
     memory = CreativeMemory(Parameters(noise_steps=0), 2, 1, torch.Generator().manual_seed(5))
     with pytest.raises(ValueError, match="50 patterns are held, not 10"):
-        memory.patterns.draw(10)
+        draw_from(memory.patterns, 10)
 
 
 @pytest.mark.parametrize("connections", [15, 35])
@@ -148,7 +149,7 @@ def test_the_check_detects_a_wrong_sampler(kind, deviation):
 )
 def test_a_quarter_of_the_connections_is_noisy(sensors, connections, noisy):
     memory = CreativeMemory(Parameters(), 1, sensors, torch.Generator().manual_seed(0))
-    patterns = memory.patterns.draw(1000)
+    patterns = draw_from(memory.patterns, 1000)
     assert patterns.shape == (1000, connections)
     assert ((patterns != 0).sum(1) == noisy).all()
     assert set(patterns.unique().tolist()) == set(torch.tensor([-0.76, 0.0, 0.76]).tolist())
@@ -160,7 +161,7 @@ def test_a_quarter_of_the_connections_is_noisy(sensors, connections, noisy):
 def test_biases_count_as_connections_only_with_noise_on_biases(sensors, connections):
     parameters = Parameters(noise_on_biases=True)
     memory = CreativeMemory(parameters, 1, sensors, torch.Generator().manual_seed(0))
-    patterns = memory.patterns.draw(10)
+    patterns = draw_from(memory.patterns, 10)
     assert patterns.shape == (10, connections)
     assert ((patterns != 0).sum(1) - connections / 4).abs().max() <= 0.5
 
@@ -171,7 +172,8 @@ def test_the_number_of_noisy_connections_is_rounded_to_the_nearest(connections, 
     class Small(NoisePatterns):
         POOL = 8
 
-    patterns = Small(connections, share, 1.0, torch.Generator().manual_seed(seed)).draw(20)
+    small = Small(connections, share, 1.0, torch.Generator().manual_seed(seed))
+    patterns = draw_from(small, 20)
     counts = (patterns != 0).sum(1)
     assert counts.min() == counts.max()
     assert abs(counts[0].item() - share * connections) <= 0.5 + 1e-9
@@ -179,10 +181,10 @@ def test_the_number_of_noisy_connections_is_rounded_to_the_nearest(connections, 
 
 def test_patterns_are_drawn_uniformly_from_the_pool():
     patterns = NoisePatterns(15, 0.25, 0.76, torch.Generator().manual_seed(2))
-    patterns.draw(1)
+    draw_from(patterns, 1)
     pool = patterns.tensors()["pool"]
     pool[:, 0] = torch.arange(len(pool))
-    taken = patterns.draw(20 * len(pool))[:, 0].long().bincount(minlength=len(pool))
+    taken = draw_from(patterns, 20 * len(pool))[:, 0].long().bincount(minlength=len(pool))
     assert stats.chisquare(taken.numpy()).pvalue > 0.001
 
 
@@ -194,18 +196,18 @@ def test_the_pool_is_redrawn_after_its_lifetime_and_not_before():
     pool = patterns.tensors()["pool"]
     before = pool.clone()
     for _ in range(3):
-        patterns.draw(2)
+        draw_from(patterns, 2)
         assert not torch.equal(pool, before)
         before = pool.clone()
         for _ in range(Small.LIFETIME - 1):
-            drawn = patterns.draw(2)
+            drawn = draw_from(patterns, 2)
             assert torch.equal(pool, before)
         assert (drawn[:, None] == pool).all(-1).any(1).all()
 
 
 def test_changing_a_drawn_pattern_does_not_change_the_pool():
     patterns = NoisePatterns(15, 0.25, 0.76, torch.Generator().manual_seed(2))
-    drawn = patterns.draw(100)
+    drawn = draw_from(patterns, 100)
     pool = patterns.tensors()["pool"].clone()
     drawn.fill_(7)
     assert torch.equal(patterns.tensors()["pool"], pool)
@@ -263,7 +265,7 @@ def noisy_network(w, pattern, on_biases):
 def test_ideas_equal_the_outputs_of_noisy_networks(robots, sensors, seed, **fields):
     memory, state = initial(robots, sensors, seed, **fields)
     drawn = record_patterns(memory)
-    ideas = memory.ideas(state, fields["ideas"])
+    ideas = ideas_of(memory, state, fields["ideas"])
     assert ideas.shape == (robots, fields["ideas"], 2)
     assert ideas.abs().max() <= 0.5
     patterns = drawn[0].view(robots, fields["ideas"], -1)
@@ -282,48 +284,50 @@ def test_noise_differs_between_ideas_robots_and_steps():
     alike = {k: t[:1].expand_as(t) for k, t in memory.networks.tensors().items()}
     memory.networks.load({k: t.clone() for k, t in alike.items()})
     state = state[:1].expand(6, -1)
-    ideas = torch.stack([memory.ideas(state, 25) for _ in range(4)])
+    ideas = torch.stack([ideas_of(memory, state, 25) for _ in range(4)])
     different = len(ideas.reshape(-1, 2).unique(dim=0))
     assert different > 0.95 * 4 * 6 * 25  # the pool holds 16384, two may take the same
 
 
 def test_the_main_idea_comes_first_only_if_it_is_kept():
     memory, state = initial(4, 5, seed=1, keep_main_idea=True)
-    torch.testing.assert_close(memory.ideas(state, 25)[:, 0], memory.recall(state))
+    torch.testing.assert_close(ideas_of(memory, state, 25)[:, 0], memory.recall(state))
     memory, state = initial(4, 5, seed=1)
-    assert (memory.ideas(state, 25) - memory.recall(state)[:, None]).abs().amax(-1).min() > 1e-4
+    assert (ideas_of(memory, state, 25) - memory.recall(state)[:, None]).abs().amax(-1).min() > 1e-4
 
 
 def test_keeping_the_main_idea_does_not_change_the_pool():
     memory, state = initial(4, 5, seed=1, keep_main_idea=True)
-    memory.ideas(state, 25)
+    ideas_of(memory, state, 25)
     assert ((memory.patterns.tensors()["pool"] != 0).sum(1) == 9).all()
 
 
 def test_without_noise_every_idea_is_the_main_idea():
     memory, state = initial(4, 5, seed=1, noise=0.0, noise_on_biases=True)
     main = memory.recall(state)[:, None].expand(-1, 25, -1)
-    torch.testing.assert_close(memory.ideas(state, 25), main, atol=1e-6, rtol=0)
+    torch.testing.assert_close(ideas_of(memory, state, 25), main, atol=1e-6, rtol=0)
 
 
 def test_ideas_do_not_change_the_networks():
     memory, state = initial(4, 5, seed=1)
     before = {k: t.clone() for k, t in memory.networks.tensors().items()}
-    memory.ideas(state, 25)
+    ideas_of(memory, state, 25)
     assert all(torch.equal(before[k], t) for k, t in memory.networks.tensors().items())
 
 
 def test_a_robot_has_the_same_ideas_alone_and_in_a_batch():
     memory, state = initial(5, 5, seed=3)
     drawn = record_patterns(memory)
-    together = memory.ideas(state, 25)
+    together = ideas_of(memory, state, 25)
     for robot in range(5):
         row = slice(robot, robot + 1)
         alone, _ = initial(1, 5, seed=0)
         alone.networks.load({k: t[row] for k, t in memory.networks.tensors().items()})
         own = drawn[0].view(5, 25, -1)[robot]
         alone.patterns.draw = lambda count, own=own: own.clone()
-        torch.testing.assert_close(alone.ideas(state[row], 25), together[row], atol=1e-6, rtol=0)
+        torch.testing.assert_close(
+            ideas_of(alone, state[row], 25), together[row], atol=1e-6, rtol=0
+        )
 
 
 # Learning

@@ -75,9 +75,7 @@ def test_all_state_but_the_counters_is_on_the_device(name, on_meta):
     with torch.device("meta"):
         brain = Neurocontroller(BRAINS[name], "creative", ROBOTS, 2, 1, SENSES)
     here = {n for n, tensor in brain.state().items() if tensor.device.type == "cpu"}
-    assert here == {"age", "noise.age", "generator"} | (
-        {"now.rewarded"} if name != "paper" else set()
-    )
+    assert here == {"age", "noise.age", "generator"}
 
 
 def test_a_state_of_the_host_is_loaded_onto_the_device(on_meta):

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from helpers import ideas_of, proposals_of
 from scipy import stats
 
 from musebot.controller import (
@@ -89,12 +90,12 @@ def test_creative_actions_are_the_ideas_of_the_memory():
     proposer = CreativeActions(memory, 25)
     state = torch.rand(3, 5)
     start = generator.get_state()
-    ideas = memory.ideas(state, 25)
+    ideas = ideas_of(memory, state, 25)
     memory.patterns.tensors()["age"].fill_(
         memory.patterns.LIFETIME
     )  # the age before the first draw
     generator.set_state(start)
-    assert torch.equal(proposer.propose(state), ideas)
+    assert torch.equal(proposals_of(proposer, state), ideas)
 
 
 @pytest.mark.parametrize("proposer", PROPOSERS)

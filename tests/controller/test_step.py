@@ -44,7 +44,7 @@ def test_nothing_is_chained_to_a_step_that_is_new_or_forgotten():
 def test_a_step_is_restored_from_its_tensors(kind):
     step, _, _ = recorded(kind)
     step.forget(torch.tensor([1]))
-    step.reward, step.rewarded = torch.tensor([0.5, -0.5]), True
+    step.reward, step.rewarded = torch.tensor([0.5, -0.5]), torch.tensor(True)
     kept, other = step.tensors(), kind(2, 3)
     step.forget()
     other.load(kept)

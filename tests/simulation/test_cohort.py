@@ -339,8 +339,8 @@ def test_an_event_that_never_ends_fills_every_part_and_every_minute():
     timeline = TIMELINES["wall_avoidance"]
     experiment = Experiment(cohort_size=2, time_scale=timeline.time_scale)
     cohort = Cohort(experiment, CohortKey(Condition("wall_avoidance", "fixed"), 0))
-    rules = cohort.rules
-    cohort.rules = types.SimpleNamespace(
+    rules = cohort.batch.rules
+    cohort.batch.rules = types.SimpleNamespace(
         state=rules.state, reward=rules.reward, event=lambda sensordata: np.array([True, False])
     )
     cohort.advance(10**9)

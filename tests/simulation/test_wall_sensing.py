@@ -44,11 +44,13 @@ def test_robots_sense_the_walls_and_their_brains_have_the_inputs(body):
     experiment = Experiment(cohort_size=2, body=body, protocol="walls")
     cohort = Cohort(experiment, CohortKey(Condition(SF, "fixed"), 0))
     cohort.batch.place(np.arange(2), np.array([[0.4, 0, 0], [-0.4, 0.1, 1]]))
-    nose, distances, contact = np.split(cohort.rules.state(cohort.batch.sensordata), [1, 5], axis=1)
+    nose, distances, contact = np.split(
+        cohort.batch.rules.state(cohort.batch.sensordata), [1, 5], axis=1
+    )
     assert (nose == 0).all()
     assert (distances > 0).any(axis=1).all()
     assert (contact == 0).all()
-    state = cohort.rules.state(cohort.batch.sensordata).astype(np.float32)
+    state = cohort.batch.rules.state(cohort.batch.sensordata).astype(np.float32)
     assert cohort.agent.act(state, False).shape == (2, 2)
 
 

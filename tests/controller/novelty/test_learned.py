@@ -5,6 +5,7 @@ import math
 
 import pytest
 import torch
+from helpers import ideas_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -47,7 +48,7 @@ def test_ideas_are_drawn_from_the_distribution():
     own = distribution(robots=1)
     state = torch.rand(1, 2, generator=torch.Generator().manual_seed(2))
     mean, spread = own.distribution(state)
-    ideas = own.ideas(state, 40000)[0]
+    ideas = ideas_of(own, state, 40000)[0]
     below = torch.distributions.Normal(mean[0], spread[0]).cdf(torch.zeros(2))
     torch.testing.assert_close((ideas < 0).float().mean(0), below, atol=0.01, rtol=0)
     assert (ideas.abs() <= 0.5).all()
@@ -129,7 +130,7 @@ def test_ideas_have_the_adapted_noise():
     memory = steady(noise_adaptation=0.1).memory
     state = torch.zeros(2, 2)
     memory.rule.scale[:] = torch.tensor([[0.0], [1.0]])
-    ideas, main = memory.ideas(state, 9), memory.recall(state)
+    ideas, main = ideas_of(memory, state, 9), memory.recall(state)
     torch.testing.assert_close(ideas[0], main[:1].expand(9, -1))
     torch.testing.assert_close(ideas[1, 0], main[1])
     assert (ideas[1, 1:] - main[1]).norm(dim=1).max() > 0.01

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from helpers import ideas_of, proposals_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -105,8 +106,8 @@ def test_action_noise_has_mean_and_covariance_of_the_memory_in_this_state():
     main = memory.recall(state)[0]
     assert main.abs().max() < 0.35  # far enough from the ends, so that nothing is clipped
     proposer = ActionNoise(memory, 50, seeded(2))
-    drawn = torch.cat([proposer.propose(state)[0] for _ in range(400)])
-    wanted = np.cov(memory.ideas(state, 20000)[0].numpy().T)
+    drawn = torch.cat([proposals_of(proposer, state)[0] for _ in range(400)])
+    wanted = np.cov(ideas_of(memory, state, 20000)[0].numpy().T)
     torch.testing.assert_close(drawn.mean(0), main, atol=3e-3, rtol=0)
     np.testing.assert_allclose(np.cov(drawn.numpy().T), wanted, atol=0.06 * wanted.max())
 
@@ -114,7 +115,7 @@ def test_action_noise_has_mean_and_covariance_of_the_memory_in_this_state():
 def test_without_noise_in_the_connections_there_is_none_on_the_action():
     memory = CreativeMemory(Parameters(noise=0.0), 2, 3, seeded())
     state = torch.rand(2, 3, generator=seeded(1))
-    proposed = ActionNoise(memory, 4, seeded()).propose(state)
+    proposed = proposals_of(ActionNoise(memory, 4, seeded()), state)
     expected = memory.recall(state)[:, None].expand(-1, 4, -1)
     torch.testing.assert_close(proposed, expected, atol=1e-6, rtol=0)
 

@@ -1,0 +1,63 @@
+"""Work of a GPU that is captured once and replayed: the host launches all its kernels by one call.
+
+A control step consists of hundreds of small kernels, and a host needs longer to launch them one by
+one than the GPU needs to run them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+Work = Callable[[], None]
+
+_DIRECT = 2  # first calls, in which libraries start and the brain fills its memory of two steps
+
+
+def captures(device: torch.device) -> bool:
+    """Returns whether work on a device can be captured."""
+    return device.type == "cuda"
+
+
+def capture(work: Work, device: torch.device, generator: torch.Generator | None = None) -> Work:
+    """Captures work, as a CUDA graph, without doing it.
+
+    Args:
+      work: Work that has been done before. It reads and overwrites tensors that keep their places,
+        and no number of them on the host.
+      device: Device of the tensors.
+      generator: Random stream that the work uses; a replay continues it.
+
+    Returns:
+      Function that does the work.
+    """
+    with torch.cuda.device(device):
+        graph = torch.cuda.CUDAGraph()
+        if generator is not None:
+            graph.register_generator_state(generator)
+        with torch.cuda.graph(graph, stream=torch.cuda.Stream(device)):
+            work()
+    return graph.replay
+
+
+class Captured:
+    """Work that is done directly twice, and replayed from then on, where its device can do that."""
+
+    def __init__(
+        self, work: Work, device: torch.device, generator: torch.Generator | None = None
+    ) -> None:
+        """Takes what `capture` takes."""
+        self._work = work
+        self._device = device
+        self._generator = generator
+        self._pending = captures(device)
+        self._calls = 0
+
+    def __call__(self) -> None:
+        """Does the work."""
+        if self._pending and self._calls == _DIRECT:
+            self._work = capture(self._work, self._device, self._generator)
+            self._pending = False
+        self._calls += 1
+        self._work()
