@@ -169,6 +169,15 @@ def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first()
     assert by_name["*hand_coded*"][0].startswith("1.000 [")
 
 
+def test_a_learner_that_a_track_does_not_rank_has_no_row_in_its_summary():
+    """In wall avoidance the paper's brain is in both tracks; in spot finding it has no raw one."""
+    touching, spot = Board("raw", "paper", "wall_avoidance"), Board("raw", "paper", "spot_finding")
+    alone = entry("alone", 0.9, 0.8)
+    both = summary_of({touching: [LOW, HIGH, alone], spot: BOARD})
+    assert alone.title not in [row[0] for row in cells(both)]
+    assert alone.title in [row[0] for row in cells(summary_of({touching: [LOW, HIGH, alone]}))]
+
+
 def test_only_the_first_is_marked_where_robots_are_too_few_for_a_test():
     few = [
         dataclasses.replace(one, after=one.after[:4], training=one.training[:4]) for one in BOARD

@@ -72,6 +72,10 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
         known = values.get(name, [])
         return -len(known), -float(np.mean(known)) if known else 0.0, name
 
+    # In wall avoidance nothing saturates: the paper's brain is in both tracks, but ranked in one.
+    ranks = [board for board in boards if board.ranks]
+    if ranks:
+        cells = {name: own for name, own in cells.items() if own.keys() & ranks}
     return [
         ["learner", *(board.column for board in boards)],
         *(
