@@ -92,6 +92,9 @@ def study_of(page):
     if "runs" not in fields:
         return kind()
     options = {"runs": tuple(map(run_named, manifest["experiments"]))}
+    if "agent" in fields:  # files are named task-agent-mode
+        files = page.parent.glob("*/*.safetensors")
+        options["agent"] = tuple({file.stem.split("-", 1)[1].rpartition("-")[0] for file in files})
     if "proposer" in fields:  # of the evaluated conditions
         conditions = [c for robots in manifest["details"]["robots"].values() for c in robots]
         options["proposer"] = tuple({c.partition("/")[2]: None for c in conditions})

@@ -194,6 +194,19 @@ def test_what_agents_gain_from_learning_on_is_that_of_its_study():
         assert row.startswith(f"| {row.split('|')[1].strip()} | 60 of 60 | {cells} | ")
 
 
+def test_what_agents_gain_with_the_papers_signals_is_that_of_its_study():
+    text = (DOCS / "leaderboard.md").read_text()
+    page = (DOCS / "results" / "continued-learning-paper" / "continued-learning.md").read_text()
+    _, _, page = page.partition("### Spot finding")
+    rows = [
+        line.split(" | ") for line in page.splitlines() if line.startswith(("| sa", "| d", "| a"))
+    ]
+    rows += [line.split(" | ") for line in page.splitlines() if line.startswith(("| st", "| c"))]
+    assert len(rows) == 6
+    for row in rows:
+        assert f"{row[2].split()[0]} and {row[4].split()[0]}" in text, row[0]
+
+
 def test_the_films_of_the_leaderboard_show_each_learners_median_robot():
     page = (DOCS / "leaderboard.md").read_text()
     rows = re.findall(r"\| `(\w+)` \| (\d+), ([\d.]+) s of 3600 s \| .*\((images/.*)\) \|", page)
