@@ -11,19 +11,19 @@ from torch import Tensor
 from .networks import ACTIVATIONS, Networks
 from .noise import HeldNoisePatterns, NoisePatterns
 from .novelty.success_rule import SuccessRule
-from .optimizers import SGD, Optimizer
+from .optimizers import SGD, Optimizer, Rate
 from .parameters import Parameters
 from .step import Step
 
 # Takes a step, its TD error, 1 or 0 for a robot that learns or does not, and the learn rate of the
 # evaluation network. Returns the memory's target action, each robot's learn rate, and a factor by
 # which all of these rates are multiplied.
-Lesson = Callable[[Step, Tensor, Tensor, float | Tensor], tuple[Tensor, Tensor, float | Tensor]]
+Lesson = Callable[[Step, Tensor, Tensor, Rate], tuple[Tensor, Tensor, Rate]]
 
 
 def selected_action(
-    before: Step, error: Tensor, learning: Tensor, rate: float | Tensor
-) -> tuple[Tensor, Tensor, float | Tensor]:
+    before: Step, error: Tensor, learning: Tensor, rate: Rate
+) -> tuple[Tensor, Tensor, Rate]:
     """Returns the selected action, with the TD error as learn rate, as in the paper.
 
     Args:
@@ -59,9 +59,7 @@ class Memory(Protocol):
         """Returns the main idea, motor values of shape (B, 2), for network inputs, shape (B, I)."""
         ...
 
-    def learn(
-        self, state: Tensor, action: Tensor, rates: Tensor, rate: float | Tensor = 1.0
-    ) -> None:
+    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: Rate = 1.0) -> None:
         """Learns an action, shape (B, 2), with each robot's learn rate, shape (B,)."""
         ...
 
@@ -171,9 +169,7 @@ class CreativeMemory:
         """
         return self.networks.forward(state)[1].sigmoid() - 0.5
 
-    def learn(
-        self, state: Tensor, action: Tensor, rates: Tensor, rate: float | Tensor = 1.0
-    ) -> None:
+    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: Rate = 1.0) -> None:
         """Learns an action by one step of back-propagation on half the squared error.
 
         Args:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from .networks import ACTIVATIONS, Networks
-from .optimizers import SGD, Optimizer
+from .optimizers import SGD, Optimizer, Rate
 from .parameters import Parameters
 from .step import Step
 
@@ -124,7 +124,7 @@ class EvaluationNetwork:
         action: Tensor,
         target: Tensor,
         learning: Tensor,
-        rate: float | Tensor,
+        rate: Rate,
     ) -> Tensor:
         """Learns from one step by TD(0) (Eq. 1): w += eta [target - V] grad V.
 

@@ -8,17 +8,14 @@ from torch import Tensor
 
 from .networks import Networks
 
+Rate = float | Tensor  # a learn rate; a tensor of shape () where a captured step reads it
+
 
 class Optimizer(Protocol):
     """Moves the weights of B networks along a gradient."""
 
     def ascend(
-        self,
-        inputs: Tensor,
-        hidden: Tensor,
-        steps: Tensor,
-        rate: float | Tensor,
-        learning: Tensor,
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
     ) -> None:
         """Moves the weights of every robot along the gradient of its output sums.
 
@@ -44,12 +41,7 @@ class SGD:
         self._networks = networks
 
     def ascend(
-        self,
-        inputs: Tensor,
-        hidden: Tensor,
-        steps: Tensor,
-        rate: float | Tensor,
-        learning: Tensor,
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
     ) -> None:
         """See `Optimizer.ascend`."""
         del learning  # steps of 0 change no weight

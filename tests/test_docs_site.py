@@ -198,10 +198,7 @@ def test_what_agents_gain_with_the_papers_signals_is_that_of_its_study():
     text = (DOCS / "leaderboard.md").read_text()
     page = (DOCS / "results" / "continued-learning-paper" / "continued-learning.md").read_text()
     _, _, page = page.partition("### Spot finding")
-    rows = [
-        line.split(" | ") for line in page.splitlines() if line.startswith(("| sa", "| d", "| a"))
-    ]
-    rows += [line.split(" | ") for line in page.splitlines() if line.startswith(("| st", "| c"))]
+    rows = [line.split(" | ") for line in page.splitlines() if "(`paper-" in line]
     assert len(rows) == 6
     for row in rows:
         assert f"{row[2].split()[0]} and {row[4].split()[0]}" in text, row[0]

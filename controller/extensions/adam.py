@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ..networks import Networks
+from ..optimizers import Rate
 
 
 class Adam:
@@ -24,12 +25,7 @@ class Adam:
         self._steps = torch.zeros(len(weights), 1)
 
     def ascend(
-        self,
-        inputs: Tensor,
-        hidden: Tensor,
-        steps: Tensor,
-        rate: float | Tensor,
-        learning: Tensor,
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
     ) -> None:
         """See `Optimizer.ascend`."""
         gradient = self._networks.gradient(inputs, hidden, steps)

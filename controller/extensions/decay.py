@@ -35,10 +35,9 @@ class Decay(Schedule):
         self._final = final
         self._steps = steps
         on_host = torch.get_default_device().type == "cpu"
-        self._shared = None if on_host else torch.zeros(())  # the value, on the device
-        super().__init__(initial if self._shared is None else self._shared.fill_(initial))
+        super().__init__(initial if on_host else torch.full((), initial))
 
     def update(self, age: Tensor) -> None:
         """See `Schedule.update`."""
         value = self._final + (self._initial - self._final) * math.exp(-int(age) / self._steps)
-        self.value = value if self._shared is None else self._shared.fill_(value)
+        self.value = self.value.fill_(value) if isinstance(self.value, Tensor) else value

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from torch import Tensor
 
+from ..optimizers import Rate
 from ..step import Step
 
 
 def best_action(
-    before: Step, error: Tensor, learning: Tensor, rate: float | Tensor
-) -> tuple[Tensor, Tensor, float | Tensor]:
+    before: Step, error: Tensor, learning: Tensor, rate: Rate
+) -> tuple[Tensor, Tensor, Rate]:
     """Returns the best proposed action as target, at the learn rate of the evaluation network.
 
     Args:

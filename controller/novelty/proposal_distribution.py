@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..networks import ACTIVATIONS, Networks
-from ..optimizers import SGD, Optimizer
+from ..optimizers import SGD, Optimizer, Rate
 from ..parameters import Parameters
 
 
@@ -93,9 +93,7 @@ class ProposalDistribution:
         """
         return self.distribution(state)[0]
 
-    def learn(
-        self, state: Tensor, action: Tensor, rates: Tensor, rate: float | Tensor = 1.0
-    ) -> None:
+    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: Rate = 1.0) -> None:
         """Learns an action by one step of gradient ascent on the objective of this class.
 
         Args:

@@ -119,7 +119,7 @@ def cohort(brain, proposer="creative", task="wall_avoidance", kinematics=LIKE_MU
     made = Cohort(experiment, CohortKey(Condition(task, proposer), 0))
     for schedule in (made.agent.controller._epsilon, made.agent.controller._learn_rate):
         if isinstance(schedule, Decay):  # as on another device
-            schedule._shared = torch.zeros((), dtype=torch.float64)
+            schedule.value = torch.zeros((), dtype=torch.float64)
     return made
 
 
@@ -183,7 +183,7 @@ def test_cohorts_on_one_batch_replay_their_own_steps(tapes, monkeypatch):
 def test_a_number_that_changes_on_the_host_only_would_be_found(tapes, monkeypatch):
     """The comparisons above can fail: here a replay does not see the learn rate."""
     ours = cohort(STEADY)
-    ours.agent.controller._learn_rate._shared = None
+    ours.agent.controller._learn_rate.value = 0.0
     ours.advance(ours.steps)
     with pytest.raises(AssertionError):
         assert_equal(ours, direct(monkeypatch, STEADY))

@@ -233,14 +233,7 @@ class ContinuedTest:
             _let_age(agent, schedule.steps_of("training"))
         batch = run.experiment.batch(self.condition.task, robots)
         phases = [phase for phase in schedule.phases if phase.part == "post"]
-        events = repeat_test(
-            batch,
-            agent,
-            phases,
-            random,
-            tick=tick,
-            mode=mode,
-        )
+        events = repeat_test(batch, agent, phases, random, tick=tick, mode=mode)
         shares = events / schedule.steps_of("post")
         valid = batch.valid & sound(agent.weights(), robots)
         return np.where(valid, shares if schedule.wanted else 1 - shares, np.nan)
