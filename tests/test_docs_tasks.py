@@ -1,4 +1,4 @@
-"""docs/tasks.md matches the code, and its examples run."""
+"""docs/tasks.md and the tasks' pages match the code, and the examples run."""
 
 import re
 import subprocess
@@ -27,9 +27,7 @@ TABLE = (
     "drawn at the start",
     "measured time",
 )
-SECTIONS = {
-    title: body for title, body in re.findall(r"^## (\w+)\n(.*?)(?=^## )", TEXT, re.DOTALL | re.M)
-}
+REFERENCE = PAGE.parent / "reference" / "tasks"
 
 
 def run(code, cwd):
@@ -69,7 +67,7 @@ def test_the_example_of_a_policy_runs(tmp_path):
     assert "--steps 327680" in training
     command = training.replace("327680", "1").split()
     subprocess.run([sys.executable, "-m", "musebot", *command], cwd=tmp_path, check=True)
-    (example,) = EXAMPLES[6:]
+    example = EXAMPLES[5]
     assert "range(1000)" in example
     printed = run(example.replace("range(1000)", "range(20)"), tmp_path)
     assert re.fullmatch(r"0\.\d{3} \+- 0\.\d{3} a step\n", printed)
@@ -78,7 +76,7 @@ def test_the_example_of_a_policy_runs(tmp_path):
 @pytest.mark.slow
 def test_the_pictures_are_made_by_the_code_of_the_page(tmp_path, egl, monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)  # draws nothing in other tests
-    run(EXAMPLES[5], tmp_path)
+    run(EXAMPLES[6], tmp_path)
     made = {path.name for path in tmp_path.glob("*.png")}
     assert made == {path.name for path in (PAGE.parent / "images").glob("*_*.png")}
     for name in made:
@@ -89,28 +87,26 @@ def test_the_pictures_are_made_by_the_code_of_the_page(tmp_path, egl, monkeypatc
 
 @pytest.mark.parametrize("name", TASKS)
 def test_every_task_has_a_small_film_and_its_command(name):
-    film = Path(re.findall(r"\((images/\w+\.gif)\)", SECTIONS[name])[0])
-    with Image.open(PAGE.parent / film) as gif:
+    film = PAGE.parent / "images" / f"{name}.gif"
+    with Image.open(film) as gif:
         assert gif.n_frames == 64
-    assert (PAGE.parent / film).stat().st_size < 300_000
-    (words,) = re.findall(r"^Reproduce: `musebot film (.*)`$", SECTIONS[name], re.MULTILINE)
+    assert film.stat().st_size < 300_000
+    page = (REFERENCE / f"{name}.md").read_text()
+    assert f"(../../images/{name}.gif)" in page
+    (words,) = re.findall(r"^Reproduce: `musebot film (.*)`$", page, re.MULTILINE)
     made = tyro.cli(FilmCommand, args=words.split())
     assert made.task == made.output.stem == name and made.out is None
     assert made.output.name == film.name
 
 
 @pytest.mark.parametrize("name, definition", TASKS.items(), ids=TASKS)
-def test_every_task_has_a_section_with_its_signals_and_a_picture(name, definition):
-    section = SECTIONS[name]
-    if "as in [" in section:
-        origin = re.findall(r"as in \[(\w+)\]", section)[0]
-        assert TASKS[origin].rules.shapes == definition.rules.shapes
-        section += SECTIONS[origin]
+def test_every_task_has_a_page_with_its_signals_and_a_picture(name, definition):
+    page = (REFERENCE / f"{name}.md").read_text()
     for signal, (length, low, high) in definition.rules.shapes.items():
         cells = rf"\| `{signal}`[^|]*\| \({length},\) \| {low:g} \| {high:g} \|"
-        assert re.search(cells, section), signal
-    (picture, *_) = re.findall(r"\((images/\w+\.png)\)", section)
-    assert (PAGE.parent / picture).exists()
+        assert re.search(cells, page), signal
+    (picture,) = re.findall(r"\((\S+\.png)\)", page)
+    assert (REFERENCE / picture).exists()
 
 
 def test_the_table_matches_the_code():
@@ -120,7 +116,7 @@ def test_the_table_matches_the_code():
         steps = definition.time_limit / CONTROL_TIMESTEP
         length = "endless" if steps == float("inf") else f"{steps:,.0f} steps"
         limits = f"[-{definition.limit:g}, {definition.limit:g}]"
-        start = f"| [{name}](#{name}) | `musebot/{ids[name]}` | {limits} |"
+        start = f"| [{name}](reference/tasks/{name}.md) | `musebot/{ids[name]}` | {limits} |"
         line = next(line for line in TEXT.splitlines() if line.startswith(start))
         assert f"| {length} |" in line
         cells = [cell.strip() for cell in line.strip("| ").split("|")]

@@ -10,10 +10,16 @@ from typing import Any
 from tables import first_line, table
 
 import musebot
+from musebot.models.obstacles import OBSTACLES, add_obstacles
 from musebot.protocols.commands import listing
 from musebot.tasks.arena import CONTROL_TIMESTEP, TaskDefinition
 from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
 
+SMELL = (
+    "Eq. 3, s / (1 + s) with s = 10 (r / d) (1 - 2 beta / alpha) if beta < alpha / 2, else 0; "
+    "s = 10 if d < r. d and beta are the distance and the direction of the spot's centre, seen "
+    "from the nose at the front of the rim; r = 6 cm, alpha = 90 degrees"
+)
 # The values of each signal in order, its unit and its meaning; names and ranges are in the code.
 SIGNALS = {
     "distances": (
@@ -23,17 +29,21 @@ SIGNALS = {
     ),
     "contact": ("", "1", "-1 in contact with a wall or a pillar, else 0"),
     "speed": ("", "0.2 m/s", "speed of the robot's centre ahead, clipped"),
-    "nose": ("", "1", "Eq. 3, the smell of the spot; 10/11 inside the spot"),
-    "noses": ("left, right", "1", "Eq. 3 of each nose"),
+    "nose": ("", "1", SMELL),
+    "noses": (
+        "left, right",
+        "1",
+        "as `nose` in [spot_finding](spot_finding.md), of two noses on the rim, 30 degrees to the "
+        "left and right of the front",
+    ),
 }
 POLICY_STEPS = 327_680
 
 
 def pages(docs: Path) -> dict[str, str]:
     """Returns the pages by their path below `docs/reference`."""
-    written = (docs / "tasks.md").read_text()
-    earned = dict(_earned(written))
-    made = {f"tasks/{name}.md": _page(TASKS[name], written, earned) for name in TASKS}
+    earned = dict(_earned((docs / "tasks.md").read_text()))
+    made = {f"tasks/{name}.md": _page(TASKS[name], earned) for name in TASKS}
     return {"gallery.md": _gallery(earned), **made}
 
 
@@ -49,7 +59,7 @@ def _gymnasium_id(name: str) -> str:
     return ids[name]
 
 
-def _page(definition: TaskDefinition, written: str, earned: dict[str, tuple[str, str]]) -> str:
+def _page(definition: TaskDefinition, earned: dict[str, tuple[str, str]]) -> str:
     name, rules = definition.name, definition.rules
     signals, places, start = [], [], 0
     for signal, (length, low, high) in rules.shapes.items():
@@ -69,7 +79,7 @@ def _page(definition: TaskDefinition, written: str, earned: dict[str, tuple[str,
 
 {listing.tasks()[name]}
 
-![The arena of {name}](../../images/{_picture(name, written)})
+![The arena of {name}](../../images/{name.removesuffix("_unit")}.png)
 
 {table(("property", "value"), _facts(definition))}
 ## Observations
@@ -148,12 +158,6 @@ def _facts(definition: TaskDefinition) -> list[tuple[str, str]]:
     ]
 
 
-def _picture(name: str, written: str) -> str:
-    """Returns the file of a task's picture, the first one in its section of docs/tasks.md."""
-    _, _, section = written.partition(f"\n## {name}\n")
-    return re.findall(r"\(images/(\w+\.png)\)", section)[0]
-
-
 def _returned(function: Any) -> str:
     return first_line(function).removeprefix("Returns ").removeprefix("whether ")
 
@@ -166,6 +170,9 @@ def _start(definition: TaskDefinition) -> str:
         seconds = definition.spot_seconds
         drawn.append(f"The spot jumps to a new place every {seconds:g} s ({steps} steps).")
     keywords = ", ".join(f"`{word}`" for word in definition.keywords)
+    if add_obstacles in definition.edits:
+        pillars = "; ".join(str(pillar) for pillar in OBSTACLES)
+        drawn.append(f"Pillars (x, y, radius in metres): {pillars}.")
     drawn.append("No episode ends before its last step.")
     return f"{' '.join(drawn)} Keywords of the task: {keywords}."
 
