@@ -17,7 +17,8 @@ GYMNASIUM_TASKS = {
 }
 
 
-EPISODE_STEPS: dict[str, int | None] = {}  # of tasks whose episodes are not 1,000 steps long
+USUAL_STEPS = 1000  # length of an episode
+EPISODE_STEPS: dict[str, int | None] = {}  # of tasks of one's own
 
 
 def register_gymnasium() -> None:
@@ -46,5 +47,5 @@ def register_gymnasium() -> None:
             entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
             vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
             kwargs={"task": task},
-            max_episode_steps=EPISODE_STEPS.get(task, 1000),
+            max_episode_steps=EPISODE_STEPS.get(task, USUAL_STEPS),
         )

@@ -1,4 +1,4 @@
-"""The robot's brain: an evaluation network and a creative memory. Depends on torch only."""
+"""The robot's brain: an evaluation network and a creative memory. Depends on NumPy and torch."""
 
 try:
     import torch as _torch  # noqa: F401

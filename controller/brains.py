@@ -165,7 +165,7 @@ def assemble(
         exploration = PersistentExploration(robots, p.exploration_steps, generator)
     encoding: Encoding = DirectEncoding(sensors)
     target = _target(p)
-    if p.centred_inputs or p.needs_senses:
+    if p.centred_inputs or p.needs_maximal_smell:
         if senses is None or len(senses.state) != sensors:
             given = "none" if senses is None else len(senses.state)
             raise ValueError(f"senses must give the range of all {sensors} signals, got {given}")

@@ -8,9 +8,9 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from .extensions.success_rule import SuccessRule
 from .networks import ACTIVATIONS, Networks
 from .noise import HeldNoisePatterns, NoisePatterns
-from .novelty.success_rule import SuccessRule
 from .optimizers import SGD, Optimizer, Rate
 from .parameters import Parameters
 from .step import Step
@@ -59,8 +59,8 @@ class Memory(Protocol):
         """Returns the main idea, motor values of shape (B, 2), for network inputs, shape (B, I)."""
         ...
 
-    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: Rate = 1.0) -> None:
-        """Learns an action, shape (B, 2), with each robot's learn rate, shape (B,)."""
+    def learn(self, state: Tensor, action: Tensor, factors: Tensor, rate: Rate = 1.0) -> None:
+        """Learns an action, shape (B, 2), at `rate` times each robot's factor, shape (B,)."""
         ...
 
     def weights(self) -> Mapping[str, Tensor]:
@@ -169,20 +169,20 @@ class CreativeMemory:
         """
         return self.networks.forward(state)[1].sigmoid() - 0.5
 
-    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: Rate = 1.0) -> None:
+    def learn(self, state: Tensor, action: Tensor, factors: Tensor, rate: Rate = 1.0) -> None:
         """Learns an action by one step of back-propagation on half the squared error.
 
         Args:
           state: Network inputs, shape (B, I).
           action: Motor values to learn, shape (B, 2).
-          rates: Learn rate of each robot, shape (B,); negative to unlearn the action, 0 for a
-            robot that does not learn. With Adam only 1 or 0: its learn rate is `rate`.
-          rate: Factor by which all learn rates are multiplied.
+          factors: Factor of each robot's learn rate, shape (B,); negative to unlearn the action, 0
+            for a robot that does not learn. With Adam only 1 or 0.
+          rate: Learn rate.
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()
-        steps = rates[:, None] * (action + 0.5 - outputs) * outputs * (1 - outputs)
-        self.optimizer.ascend(state, hidden, steps, rate, rates)
+        steps = factors[:, None] * (action + 0.5 - outputs) * outputs * (1 - outputs)
+        self.optimizer.ascend(state, hidden, steps, rate, factors)
 
     def weights(self) -> Mapping[str, Tensor]:
         """Returns weights, biases and the adapted noise, not copies, by name."""

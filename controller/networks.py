@@ -156,14 +156,6 @@ class Networks:
         """Returns the weights and biases themselves, not copies, by name."""
         return {name: getattr(self, name) for name in self.NAMES}
 
-    def load(self, tensors: dict[str, Tensor]) -> None:
-        """Overwrites the weights and biases.
-
-        Raises:
-          ValueError: A tensor is missing or has the wrong shape.
-        """
-        load_into(self.tensors(), tensors)
-
 
 def load_into(targets: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:
     """Copies tensors into targets of the same names and shapes: all of them, or none.

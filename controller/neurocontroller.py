@@ -51,8 +51,8 @@ class Neurocontroller:
           robots: Number B of robots.
           sensors: Number S of sensor signals in a state.
           seed: Seed of the brains' random stream.
-          senses: Ranges of the signals; not needed by encodings that pass signals through
-            unchanged, such as the paper's.
+          senses: Ranges of the signals; needed with `centred_inputs`, and by brains that need to
+            know the maximal smell (`Parameters.needs_maximal_smell`).
 
         Raises:
           ValueError: The proposer is unknown, or the parameters need senses that are not given.
@@ -180,7 +180,10 @@ class Neurocontroller:
         self._now.forget(robots)
 
     def propose(self, state: Tensor) -> Tensor:
-        """Returns newly proposed actions, motor values of shape (B, A, 2).
+        """Returns proposed actions, motor values of shape (B, A, 2).
+
+        They are drawn from the brains' random stream, so later steps differ. Their noise is that of
+        the present step where ideas keep their noise (`Parameters.noise_steps`).
 
         Args:
           state: Sensor signals, shape (B, S).
@@ -228,6 +231,9 @@ class Neurocontroller:
           ValueError: A tensor is missing or has the wrong shape.
         """
         load_into(self.networks(), tensors)
+        networks = self.evaluation.networks
+        if networks.connected is not None:  # the loaded brains may have the removed connections
+            networks.disconnect(networks.connected)
 
     def state(self) -> dict[str, Tensor]:
         """Returns everything on which the next steps depend, for a checkpoint between two steps.

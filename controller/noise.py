@@ -9,12 +9,12 @@ from torch import Tensor
 class NoisePatterns:
     """Noise patterns, one for each idea: which connections are noisy, and the sign of the noise.
 
-    A pattern has exactly n = round(share * N) of N connections at +noise or -noise, and the
-    others at 0; positions and signs are uniform. A pool of `POOL` patterns is drawn at once,
-    every idea takes one of them at random, and the pool is redrawn every `LIFETIME` steps. Each
-    idea has the distribution of an individual draw; for 50 robots or more it takes a tenth of the
-    time. Two ideas are equal
-    with a probability of 1 in `POOL`, more often than individual draws would be.
+    A pattern has exactly n = round(share * N) of N connections at +noise or -noise (1 where a
+    share above 0 would round to 0), and the others at 0; positions and signs are uniform. A pool of
+    `POOL` patterns is drawn at once, every idea takes one of them at random, and the pool is
+    redrawn every `LIFETIME` steps. Each idea has the distribution of an individual draw; for 50
+    robots or more it takes a tenth of the time. Two ideas are equal with a probability of 1 in
+    `POOL`, more often than individual draws would be.
     """
 
     POOL = 16384
@@ -32,7 +32,7 @@ class NoisePatterns:
           generator: Random stream from which patterns are drawn.
         """
         self.connections = connections
-        self.noisy = round(share * connections)
+        self.noisy = max(round(share * connections), 1 if share > 0 else 0)
         self.noise = noise
         self._generator = generator
         self._pool = torch.zeros(self.POOL, connections)

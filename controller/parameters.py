@@ -110,7 +110,8 @@ class Parameters:
       memory_hidden: Number of hidden neurons of the creative memory (section 3).
       noise: Constant sigma that is added to or subtracted from a noisy connection (section 3).
       noisy_share: Share of the connections that are noisy in an idea, "a quarter" (section 3); the
-        number of noisy connections is rounded to the nearest whole number.
+        number of noisy connections is rounded to the nearest whole number, at least 1 if the share
+        is above 0.
       noise_steps: Number of steps for which the ideas keep their noise: 1 for new noise in every
         step, 0 for the same noise for life (not stated in the paper). A stored brain draws it anew.
       noise_on_biases: Whether biases count as connections (not stated in the paper).
@@ -290,7 +291,7 @@ class Parameters:
         return self.keep_main_idea or self.novelty not in ("uniform", "sobol", "cross_entropy")
 
     @property
-    def needs_senses(self) -> bool:
+    def needs_maximal_smell(self) -> bool:
         """Whether the brain must know the raw signal at maximal smell."""
         smell = self.raw_signals or self.raw_reward or self.separate_smell
         return smell or self.stopping_steps > 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from torch import Tensor
 
@@ -25,6 +27,7 @@ class Step:
       rewarded: Whether `reward` is known, shape ().
     """
 
+    NAMES: ClassVar = ("state", "action", "value", "chained")  # its tensors
     best_action: Tensor
     best_value: Tensor
     reward: Tensor
@@ -66,10 +69,9 @@ class Step:
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns copies of all tensors, for a checkpoint."""
-        names = "state", "action", "value", "chained"
-        return {name: getattr(self, name).clone() for name in names}
+        return {name: getattr(self, name).clone() for name in self.NAMES}
 
     def load(self, tensors: dict[str, Tensor]) -> None:
         """Restores a step from the tensors that `tensors` returned."""
-        for name in ("state", "action", "value", "chained"):
+        for name in self.NAMES:
             getattr(self, name).copy_(tensors[name])

@@ -11,6 +11,7 @@ import functools
 import math
 import numbers
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -129,11 +130,22 @@ def robot_pose(qpos: np.ndarray) -> np.ndarray:
     Returns:
       x, y in [m] and heading in [rad], shape (..., 3).
     """
-    w, i, j, k = (qpos[..., number] for number in range(3, 7))
     pose = np.empty((*qpos.shape[:-1], 3))
     pose[..., :2] = qpos[..., :2]
-    pose[..., 2] = np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
+    pose[..., 2] = heading(*(qpos[..., number] for number in range(3, 7)))
     return pose
+
+
+def heading(w: Any, i: Any, j: Any, k: Any) -> Any:
+    """Returns the direction in [rad] of a quaternion's first axis, seen from above.
+
+    Args:
+      w: First part of the quaternion, a number or an array; the others have the same shape.
+      i: Second part.
+      j: Third part.
+      k: Fourth part.
+    """
+    return np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
 
 
 def half_size(arena: mujoco.MjModel | mujoco.MjSpec) -> tuple[float, float]:
@@ -215,12 +227,16 @@ class Dimensions:
             spot_radius=float(model.site("spot").size[0]),
             nose=float(model.site("nose").pos[0]),
             obstacles=tuple(
-                (float(body.pos[0]), float(body.pos[1]), float(model.geom(body.name).size[0]))
+                (
+                    float(body.pos[0]),
+                    float(body.pos[1]),
+                    float(model.geom_size[body.geomadr[0], 0]),
+                )
                 for body in map(model.body, range(model.nbody))
                 if body.name.startswith("obstacle")
             ),
             gains=(_gain(model, "left_motor"), _gain(model, "right_motor")),
-            nose_turn=_turn(model.site("nose").quat),
+            nose_turn=float(heading(*model.site("nose").quat)),
         )
 
 
@@ -229,9 +245,3 @@ def _gain(model: mujoco.MjModel, name: str) -> float:
     motor = model.actuator(name)
     damping = float(-motor.biasprm[2])
     return float(motor.gainprm[0]) / damping if damping else 1.0
-
-
-def _turn(quat: np.ndarray) -> float:
-    """Returns the angle in [rad] about the vertical of a quaternion's first axis."""
-    w, i, j, k = map(float, quat)
-    return math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))

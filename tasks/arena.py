@@ -55,7 +55,7 @@ class Task(base.Task):
     Attributes:
       rules: Observations and reward of the task.
       episode: Start, actions and length of an episode.
-      options: Options of the episode that begins next, see `Episode.start_with`; or None.
+      start: Start of the episode that begins next.
       steps: Number of control steps of this episode so far.
     """
 
@@ -72,7 +72,7 @@ class Task(base.Task):
             self.reseed(random)
         self.rules = rules
         self.episode = episode
-        self.options: Mapping[str, Any] | None = None
+        self.start = episode.start
         self.steps = 0
         self._shell: np.ndarray | None = None
 
@@ -88,7 +88,7 @@ class Task(base.Task):
 
     def initialize_episode(self, physics: Physics) -> None:
         """Places robot and spot."""
-        robot, spot = self.episode.begin(self.random, self.options)
+        robot, spot = self.start.draw(self.random, physics.dimensions)
         physics.place_robot(*robot)
         physics.place_spot(*spot)
         self.steps = 0
@@ -169,8 +169,7 @@ class Environment(control.Environment):
           RuntimeError: The environment is closed.
         """
         self.lifecycle.check_open()
-        self.task.episode.start_with(options)  # refuses before anything changes
-        self.task.options = options
+        self.task.start = self.task.episode.start_with(options)
         timestep = super().reset()
         self.lifecycle.become("failed")  # until the pose has been found stable
         self.task.after_step(self.physics)  # dm_control calls it before the pose is in the sensors

@@ -60,8 +60,12 @@ class CapacityError(RuntimeError):
     """
 
     def __init__(self, text: str, robots: list[int]) -> None:
-        super().__init__(text)
+        super().__init__(text, robots)
         self.robots = robots
+
+    def __str__(self) -> str:
+        """Returns the text alone."""
+        return str(self.args[0])
 
 
 class Robots(abc.ABC):

@@ -49,20 +49,6 @@ class Episode:
         """Raises ValueError for a place outside the arena or inside an obstacle."""
         self.start.check(self.dimensions)
 
-    def begin(
-        self, random: Random, options: Mapping[str, Any] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the robot's pose, shape (3,), and the spot, shape (2,), of a new episode.
-
-        Args:
-          random: Random stream from which random places are drawn.
-          options: Options of `reset`, see `start_with`.
-
-        Raises:
-          TypeError, ValueError: `start_with` raises it.
-        """
-        return self.start_with(options).draw(random, self.dimensions)
-
     def start_with(self, options: Mapping[str, Any] | None) -> Start:
         """Returns the start of one episode.
 
@@ -80,9 +66,13 @@ class Episode:
         start.check(self.dimensions)
         return start
 
-    def jumps(self, step: int) -> bool:
-        """Returns whether the spot jumps at the start of a control step."""
-        return bool(self.spot_steps and step and step % self.spot_steps == 0)
+    def jumps(self, step: Any) -> Any:
+        """Returns whether the spot jumps at the start of a control step.
+
+        Args:
+          step: Number of the control step, from 0; or an array of them.
+        """
+        return (step > 0) & (step % self.spot_steps == 0) if self.spot_steps else step < 0
 
     def motors(self, action: Any) -> tuple[float, float]:
         """Returns the motor values of one robot's action.

@@ -65,7 +65,7 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
         raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")
     model = definition.spec().compile()
     check_arena(model)
-    Batch(model, rules.of(model), 1)  # fails here where a sensor is missing
+    Batch(model, rules.of(model), 1)  # fails where a sensor is missing, or the timestep is another
 
     def factory(**keywords: Unpack[Settings]) -> Environment:
         return definition.environment(**keywords)

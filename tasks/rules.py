@@ -118,6 +118,6 @@ class Rules(abc.ABC):
         """Returns whether the event that Learn Ability counts happens, shape (...)."""
 
     def state(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns the paper's state: all observations concatenated, shape (..., S)."""
+        """Returns the state that a brain senses: all observations concatenated, shape (..., S)."""
         signals = list(self.observations(sensordata).values())
         return namespace(sensordata).concat(signals, axis=-1)

@@ -89,6 +89,8 @@ class Nose:
     def signal(self, spot: np.ndarray) -> np.ndarray:
         """Returns Eq. 3, s = s' / (1 + s') with s' = o (r/d) (1 - 2 beta / alpha).
 
+        In the form "printed", r/d is d/r.
+
         Args:
           spot: Spot's centre in the frame of the nose: ahead, left (and up, unused), in [m],
             shape (..., 2 or 3).

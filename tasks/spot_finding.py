@@ -39,7 +39,7 @@ class SpotFindingRules(Rules):
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns `nose` (..., 1): Eq. 3."""
-        return {"nose": self.reward(sensordata)[..., None]}
+        return {"nose": self.nose.signal(sensordata[..., self.layout.smell])[..., None]}
 
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the nose signal, in [0, 1)."""
@@ -93,7 +93,7 @@ class SpotAmongWallsRules(SpotFindingRules):
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns `nose` (..., 1), `distances` (..., 4) and `contact` (..., 1)."""
         return {
-            "nose": self.nose.signal(sensordata[..., self.layout.smell])[..., None],
+            **super().observations(sensordata),
             "distances": distance_signal(sensordata[..., self.layout.distances]),
             "contact": contact_signal(sensordata[..., self.layout.touch]),
         }

@@ -16,7 +16,7 @@ except ModuleNotFoundError as error:
         f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
     ) from error
 
-from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS
+from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
 from .gymnasium_env.common import FPS
 
@@ -41,7 +41,7 @@ class ArenaVecEnv(VecEnv):
             task, 1,000 in the suite.
         """
         task = GYMNASIUM_TASKS.get(task.removeprefix("musebot/"), task)
-        kwargs = {"max_episode_steps": EPISODE_STEPS.get(task, 1000), **kwargs}
+        kwargs = {"max_episode_steps": EPISODE_STEPS.get(task, USUAL_STEPS), **kwargs}
         self._robots = ArenaVectorEnv(
             task, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs
         )

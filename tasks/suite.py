@@ -1,4 +1,4 @@
-"""The table of all tasks, and every way to make one: dm_control environments and batches."""
+"""The table of all tasks, as dm_control environments and as batches in MuJoCo."""
 
 from __future__ import annotations
 

@@ -11,6 +11,8 @@ from ..step import Step
 class DetailedStep(Step):
     """What B robots sensed and selected, the best proposed action, and the reward if known."""
 
+    NAMES = (*Step.NAMES, "best_action", "best_value", "reward", "rewarded")
+
     def __init__(self, robots: int, inputs: int) -> None:
         """Allocates a step of B robots with I network inputs."""
         super().__init__(robots, inputs)
@@ -30,16 +32,5 @@ class DetailedStep(Step):
 
     def tensors(self) -> dict[str, Tensor]:
         """See `Step.tensors`."""
-        return super().tensors() | {
-            "best_action": self.best_action.clone(),
-            "best_value": self.best_value.clone(),
-            # An unknown reward is 0, so that equal steps have equal checkpoints.
-            "reward": self.reward.masked_fill(~self.rewarded, 0.0),
-            "rewarded": self.rewarded.clone(),
-        }
-
-    def load(self, tensors: dict[str, Tensor]) -> None:
-        """See `Step.load`."""
-        super().load(tensors)
-        for name in ("best_action", "best_value", "reward", "rewarded"):
-            getattr(self, name).copy_(tensors[name])
+        # An unknown reward is 0, so that equal steps have equal checkpoints.
+        return super().tensors() | {"reward": self.reward.masked_fill(~self.rewarded, 0.0)}

@@ -93,14 +93,14 @@ class ProposalDistribution:
         """
         return self.distribution(state)[0]
 
-    def learn(self, state: Tensor, action: Tensor, rates: Tensor, rate: Rate = 1.0) -> None:
+    def learn(self, state: Tensor, action: Tensor, factors: Tensor, rate: Rate = 1.0) -> None:
         """Learns an action by one step of gradient ascent on the objective of this class.
 
         Args:
           state: Network inputs, shape (B, I).
           action: Motor values to learn, shape (B, 2).
-          rates: Learn rate of each robot, shape (B,); 0 for a robot that does not learn.
-          rate: Factor by which all learn rates are multiplied.
+          factors: 1 for a robot that learns, 0 for one that does not, shape (B,).
+          rate: Learn rate.
         """
         hidden, sums = self.networks.forward(state)
         share = sums.sigmoid()
@@ -109,7 +109,7 @@ class ProposalDistribution:
         apart = (action + 0.5 - share[:, :2]) / spread
         by_spread = (apart * apart - 1 + self.ENTROPY) * (self.LARGEST - self.SMALLEST)
         steps = slope * torch.cat([apart, by_spread], dim=1) / spread.repeat(1, 2)
-        self.optimizer.ascend(state, hidden, rates[:, None] * steps, rate, rates)
+        self.optimizer.ascend(state, hidden, factors[:, None] * steps, rate, factors)
 
     def weights(self) -> Mapping[str, Tensor]:
         """Returns the weights and biases themselves, not copies, by name."""

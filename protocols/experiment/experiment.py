@@ -127,7 +127,7 @@ class Experiment:
                 raise InputError(f"the {word} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < self.time_scale <= 1:
             raise InputError(f"the time scale must lie in (0, 1], got {shown(self.time_scale)}")
-        if self.nose == "printed" and (self.brain.needs_senses or self.signals == "raw"):
+        if self.nose == "printed" and (self.brain.needs_maximal_smell or self.signals == "raw"):
             what = (
                 "a brain that uses the maximal smell needs"
                 if self.signals == "paper"

@@ -10,6 +10,7 @@ import gymnasium
 import mujoco
 import numpy as np
 
+from ...models.arena import heading
 from ...models.physics import Physics
 from ...models.rendering import no_window
 from ..episode import Lifecycle, check_state
@@ -196,7 +197,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         counts[1] += steps * in_spot
         return {
             "position": np.array([x, y]),
-            "heading": float(np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))),
+            "heading": float(heading(w, i, j, k)),
             "spot": physics.spot_position(),
             "contact": contact,
             "in_spot": in_spot,

@@ -193,10 +193,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
                 f"reset must be called with a reset_mask of the robots {starting.tolist()}, "
                 "whose episodes have ended"
             )
-        spot_steps = self._episode.spot_steps
-        if spot_steps:
-            due = (self._steps > 0) & (self._steps % spot_steps == 0) & ~self._over
-            self._jump(np.flatnonzero(due))
+        if self._episode.spot_steps:
+            self._jump(np.flatnonzero(self._episode.jumps(self._steps) & ~self._over))
         try:
             batch.step(motors)
         except CapacityError as error:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from musebot.controller import EvaluationNetwork, Parameters
 from musebot.controller.evaluation_network import TDTarget
+from musebot.controller.networks import load_into
 from musebot.controller.step import Step
 
 quick = settings(deadline=None, max_examples=30)
@@ -139,7 +140,7 @@ def test_a_robot_that_does_not_learn_keeps_its_weights_and_does_not_affect_other
     before = {k: t.clone() for k, t in network.networks.tensors().items()}
     full_error = learn(network, situation)
     full = {k: t.clone() for k, t in network.networks.tensors().items()}
-    network.networks.load(before)
+    load_into(network.networks.tensors(), before)
     error = learn(network, situation, learning)
     for robot in range(robots):
         source = full if learning[robot] else before
@@ -157,7 +158,9 @@ def test_a_robot_learns_the_same_alone_and_in_a_batch(situation):
     for robot in range(robots):
         single = EvaluationNetwork(situation["parameters"], 1, sensors, torch.Generator())
         row = slice(robot, robot + 1)
-        single.networks.load({k: t[row] for k, t in network.networks.tensors().items()})
+        load_into(
+            single.networks.tensors(), {k: t[row] for k, t in network.networks.tensors().items()}
+        )
         own = {name: situation[name][row] for name in ("state", "action", "target")}
         learn(single, situation | own)
         alone.append(single)

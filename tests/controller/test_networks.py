@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from musebot.controller import Networks
-from musebot.controller.networks import ACTIVATIONS
+from musebot.controller.networks import ACTIVATIONS, load_into
 
 quick = settings(deadline=None, max_examples=30)
 shapes = st.fixed_dictionaries(
@@ -52,7 +52,9 @@ def only(networks, robot):
     outputs = networks.output_biases.shape[1]
     alone = Networks(1, inputs, hidden, outputs, 1.0, torch.Generator())
     alone.activation = networks.activation
-    alone.load({name: t[robot : robot + 1] for name, t in networks.tensors().items()})
+    load_into(
+        alone.tensors(), {name: t[robot : robot + 1] for name, t in networks.tensors().items()}
+    )
     return alone
 
 
@@ -141,7 +143,7 @@ def test_load_overwrites_in_place():
     networks, x, _ = drawn(2, 3, 4, 1, seed=6)
     other, _, _ = drawn(2, 3, 4, 1, seed=7)
     before = networks.tensors()
-    networks.load(other.tensors())
+    load_into(networks.tensors(), other.tensors())
     assert all(networks.tensors()[name] is tensor for name, tensor in before.items())
     assert torch.equal(networks.forward(x)[1], other.forward(x)[1])
 
@@ -153,9 +155,9 @@ def test_load_refuses_a_missing_or_misshapen_tensor_by_name_and_changes_nothing(
     before = {name: tensor.clone() for name, tensor in networks.tensors().items()}
     tensors = other.tensors()
     with pytest.raises(ValueError, match=f"{name} is missing"):
-        networks.load({k: t for k, t in tensors.items() if k != name})
+        load_into(networks.tensors(), {k: t for k, t in tensors.items() if k != name})
     with pytest.raises(ValueError, match=f"{name} must have shape"):
-        networks.load(tensors | {name: tensors[name][:1]})
+        load_into(networks.tensors(), tensors | {name: tensors[name][:1]})
     assert all(torch.equal(before[k], tensor) for k, tensor in networks.tensors().items())
 
 

@@ -6,12 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 import musebot
 from musebot.gymnasium_registration import EPISODE_STEPS
 from musebot.tasks import make_batch, suite
+from musebot.tasks.spot_finding import SpotFindingRules
 from musebot.tasks.wall_avoidance import WallAvoidanceRules
 
 PAGE = Path(__file__).parents[2] / "docs" / "own-task.md"
@@ -189,3 +191,28 @@ def test_the_example_of_the_page_runs(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.split("(")[1:] == ["5,) ", "8, 5) ", "8,) 1000\n"]
     assert 0 <= float(done.stdout.split()[0]) <= 1
+
+
+class Paid(SpotFindingRules):
+    """Spot finding with another reward."""
+
+    def reward(self, sensordata):
+        return super().reward(sensordata) - 7
+
+
+def test_another_reward_does_not_change_what_the_robot_smells():
+    batch = make_batch("spot_finding", 2)
+    ours, paid = (rules.of(batch.model) for rules in (SpotFindingRules, Paid))
+    smell = batch.sensordata
+    np.testing.assert_array_equal(paid.state(smell), ours.state(smell))
+    np.testing.assert_array_equal(paid.reward(smell), ours.reward(smell) - 7)
+
+
+def test_an_obstacles_geom_may_have_any_name(forgotten):
+    def block(spec):
+        body = spec.worldbody.add_body(name="obstacle_9", pos=[0.2, 0.1, 0])
+        body.add_geom(name="block", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.04, 0.03, 0])
+
+    forgotten.append("one_block")
+    musebot.register_task("one_block", Still, edits=(block,))
+    assert make_batch("one_block", 1).dimensions.obstacles == ((0.2, 0.1, 0.04),)

@@ -178,8 +178,12 @@ def test_robots_continue_bit_exactly_from_a_state_and_as_copies():
 def test_dropped_contacts_are_an_error(monkeypatch):
     monkeypatch.setattr(engine, "_ROWS", 4)
     ours, warp = pair(3)
-    with pytest.raises(CapacityError, match="dropped contacts or constraints of 3 robots"):
+    with pytest.raises(
+        CapacityError, match="dropped contacts or constraints of 3 robots"
+    ) as caught:
         warp.step(np.zeros((3, 2)))
+    copied = pickle.loads(pickle.dumps(caught.value))  # as between processes
+    assert (str(copied), copied.robots) == (str(caught.value), [0, 1, 2])
     tensors = WarpTensors(ours)
     tensors.step(torch.zeros(3, 2))
     with pytest.raises(CapacityError, match="room is for 32 contacts and 4 rows"):

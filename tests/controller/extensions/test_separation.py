@@ -56,6 +56,16 @@ def test_the_value_stays_a_sum_of_smell_and_walls_while_it_is_learned(optimizer)
     assert interaction(False).abs().max() > 0.01
 
 
+def test_a_loaded_brain_has_no_removed_connection():
+    whole, separate = learned(40), learned(40, separate_smell=True)
+    separate.load_networks(whole.networks())
+    networks = separate.evaluation.networks
+    weights, connected = networks.hidden_weights, networks.connected
+    assert (weights[:, connected == 0] == 0).all()
+    kept = whole.evaluation.networks.hidden_weights[:, connected == 1]
+    assert torch.equal(weights[:, connected == 1], kept)
+
+
 def test_robots_that_only_smell_are_unchanged():
     senses = Senses((SMELL,), Signal(0, 1, maximal=10.0))
     weights = []
