@@ -13,6 +13,10 @@ from typing import Any, TypedDict, Unpack
 import dm_env
 import mujoco as mj
 import numpy as np
+
+from ..models.physics import INTEGRATION, Physics  # first: imports dm_control without its warnings
+
+# isort: split
 from dm_control.mujoco.wrapper import MjModel
 from dm_control.rl import control
 from dm_control.suite import base
@@ -20,7 +24,6 @@ from dm_control.utils import containers
 from dm_env import specs
 
 from ..models.arena import ARENA_XML, Dimensions, arena_spec
-from ..models.physics import INTEGRATION, Physics
 from .episode import (
     Episode,
     Lifecycle,
