@@ -29,8 +29,8 @@ from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies import STUDIES, study_class
 from musebot.protocols.studies.learners.benchmark import Benchmark
-from musebot.protocols.studies.learners.tune import Tune
 from musebot.protocols.studies.proposers.cells import PartName
+from musebot.protocols.studies.search.tune import Tune
 from musebot.tasks.sensors import NoseForm
 from musebot.tasks.suite import TASKS
 

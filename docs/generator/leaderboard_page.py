@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from musebot.protocols.studies.learners.page import BOARDS
+from musebot.protocols.studies.learners.page import BOARDS_HEADING
 
 NAME = "leaderboard.md"
 BEGIN = "<!-- Scores, copied by `python docs/generator`: edit above or below. -->"
@@ -15,7 +15,8 @@ def updated(docs: Path) -> str:
     """Returns the text of the page with the present scores."""
     before, _ = _parted(docs / NAME, BEGIN)
     _, after = _parted(docs / NAME, END)
-    scores, _ = _parted(docs / "results" / "benchmark-kinematic" / "benchmark.md", f"{BOARDS}\n")
+    page = docs / "results" / "benchmark-kinematic" / "benchmark.md"
+    scores, _ = _parted(page, f"{BOARDS_HEADING}\n")
     return f"{before}{BEGIN}\n\n{scores.strip()}\n\n{END}{after}"
 
 

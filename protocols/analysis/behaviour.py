@@ -12,7 +12,7 @@ from ..experiment.conditions import Condition
 _SECOND = round(1 / CONTROL_TIMESTEP)  # control steps
 _STATIONARY = 0.02  # [m/s]; speed below which a robot counts as stationary
 _TURNING = 1.0  # [rad/s]; turning rate above which a robot counts as turning
-_RIM = 0.02  # [m]; distance from the spot's rim within which the nose counts as at the rim
+RIM = 0.02  # [m]; distance from the spot's rim within which the nose counts as at the rim
 _STAYING = 0.1  # share of the time at the spot from which a robot counts as staying
 
 
@@ -104,8 +104,8 @@ def stay_of(track: Track, spot_radius: float) -> Stay:
     stride = (len(track.poses) - 1) // seconds
     distance = np.linalg.norm(track.nose, axis=-1)[: seconds * stride]
     distance = distance.reshape(seconds, stride, -1)
-    near = (distance < spot_radius + _RIM).all(axis=1)
-    follows = near & (distance > spot_radius - _RIM).all(axis=1) & (moved > _STATIONARY)
+    near = (distance < spot_radius + RIM).all(axis=1)
+    follows = near & (distance > spot_radius - RIM).all(axis=1) & (moved > _STATIONARY)
     inside = (distance < spot_radius).all(axis=1) & (moved < _STATIONARY) & (turn > _TURNING)
     staying = near.mean(axis=0) >= _STAYING
     minutes = [slice(60 * minute, 60 * minute + 60) for minute in range(-(-seconds // 60))]

@@ -13,8 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...tasks import CONTROL_TIMESTEP
-from ..analysis.behaviour import Track, spins, stay_of
+from ..analysis.behaviour import RIM, Track, spins, stay_of
 from ..experiment.conditions import Condition
+from ..experiment.schedules import control_steps
 from ..playback import measured_behaviour
 from ..playback.measured_behaviour import SPIN_MINUTES, STAY_MINUTES, from_the_rim, sample
 from ..playback.rollout import Tick, evaluate, minutes_of
@@ -24,6 +25,7 @@ from .style import canvas, colour
 
 APPROACH_MINUTES = 40.0  # of the test after training in which approachers are looked for
 SLOW = 25.0  # [min]: the paper's slow robots arrive after 20 to 30 minutes
+DRAWN_MINUTES = 3.0  # of the follower's path, where it follows most; more would fill the spot
 _APPROACHERS = 30  # robots among which the slow one is looked for
 _ORDER = {"wall_avoidance": ("fixed", "creative", "random"), "spot_finding": ("creative",)}
 
@@ -41,6 +43,7 @@ class Typical:
       words: What was measured.
       reach: Half of the width, along y, of the part of the arena that is drawn, in [m]; None for
         all of it. A part is drawn around the middle of the robot's path.
+      drawn: First and last control step of the path that is drawn; None for all of it.
     """
 
     kind: str
@@ -50,6 +53,7 @@ class Typical:
     index: int
     words: str
     reach: float | None = None
+    drawn: tuple[int, int] | None = None
 
 
 def ticks(run: Run) -> int:
@@ -92,17 +96,16 @@ def typical_robots(run: Run, tick: Tick = lambda: None) -> Iterator[Typical]:
     if rows := measured_behaviour.finders(run, condition):
         track, radius = from_the_rim(run, condition, rows, tick)
         stay = stay_of(track, radius)
-        staying = np.flatnonzero(stay.staying)
-        change = stay.following[:, 0] + stay.spinning[:, 1]
-        if len(staying) and not np.isnan(change).all():
-            own = int(np.nanargmax(change))
+        change = np.where(stay.staying, stay.following[:, 0] + stay.spinning[:, 1], np.nan)
+        if not np.isnan(change).all():
+            index = int(np.nanargmax(change))
             words = (
-                f"follows the rim {stay.following[own, 0]:.0%},\n"
-                f"at last spins {stay.spinning[own, 1]:.0%}"
+                f"follows the rim {stay.following[index, 0]:.0%},\n"
+                f"at last spins {stay.spinning[index, 1]:.0%}"
             )
-            index = int(staying[own])
+            drawn = _at_the_rim(track.nose[:, index], radius, control_steps(DRAWN_MINUTES * scale))
             yield Typical(
-                "contour follower", condition, rows[index], track, index, words, 2 * radius
+                "contour follower", condition, rows[index], track, index, words, 2 * radius, drawn
             )
     if rows := _arriving(run, condition):
         minutes = APPROACH_MINUTES * scale
@@ -123,8 +126,12 @@ def draw(run: Run, tick: Tick = lambda: None) -> Figure | None:
     figure, axes = canvas(2.1, 1, len(found))
     for axis, one in zip(axes[0], found, strict=True):
         task = one.condition.task
+        first, last = one.drawn or (0, len(one.track.events))
         draw_arena(axis, one.track, task, run.experiment.batch(task, 1).dimensions)
-        draw_path(axis, one.track, one.index, colour(one.condition.proposer))
+        path = dataclasses.replace(
+            one.track, poses=one.track.poses[first : last + 1], events=one.track.events[first:last]
+        )
+        draw_path(axis, path, one.index, colour(one.condition.proposer))
         if one.reach:
             x, y = (
                 one.track.poses[:, one.index, :2].mean(axis=0)
@@ -151,6 +158,13 @@ def _front(run: Run, track: Track) -> Track:
     poses, heading = track.poses.copy(), track.poses[..., 2]
     poses[..., :2] += radius * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     return dataclasses.replace(track, poses=poses)
+
+
+def _at_the_rim(nose: np.ndarray, radius: float, steps: int) -> tuple[int, int]:
+    """Returns the stretch of so many steps in which a robot's nose is at the rim for longest."""
+    near = np.abs(np.linalg.norm(nose, axis=-1) - radius) < RIM
+    first = int(np.convolve(near, np.ones(steps), "valid").argmax())
+    return first, first + steps
 
 
 def _arriving(run: Run, condition: Condition) -> list[int]:

@@ -45,12 +45,12 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Change the body of robots that have learned, and watch how they recover.",
         ),
         "evolve": (
-            "evolve.study",
+            "search.evolve",
             "Evolve",
             "Evolve parameters of a brain in the kinematic simulator.",
         ),
         "tune": (
-            "learners.tune",
+            "search.tune",
             "Tune",
             "Tune an agent's settings in the kinematic simulator, with equal effort for each.",
         ),

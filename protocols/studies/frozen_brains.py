@@ -115,7 +115,7 @@ def times(experiment: Experiment) -> list[int]:
 
 
 @dataclasses.dataclass(frozen=True)
-class LifeJob:
+class StoredLifeJob:
     """Simulates a cohort of B robots to the end of its training, and stores its networks.
 
     Attributes:
@@ -153,18 +153,13 @@ class LifeJob:
         for time in times(self.experiment)[len(_first(stored)) :]:
             try:
                 advance(cohort, time, tick)
-                stopped = False
             except StoppedError:
-                if cohort.step < time:
-                    return False
-                stopped = True
+                return False
             for name, weights in cohort.agent.weights().items():
                 stored[name] = np.concatenate([stored[name], weights[None]], dtype=weights.dtype)
             arrays, notes = cohort.checkpoint()
             arrays |= {_STORED + name: array for name, array in stored.items()}
             save_arrays(self.path, arrays, **notes, experiment=dataclasses.asdict(self.experiment))
-            if stopped and time < times(self.experiment)[-1]:
-                return False
         report(self.cost, "")
         return True
 
@@ -229,14 +224,14 @@ def _first(networks: Mapping[str, np.ndarray]) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class FrozenTest:
-    """Evaluates all brains of a finished `LifeJob` in one test.
+    """Evaluates all brains of a finished `StoredLifeJob` in one test.
 
     Attributes:
       life: Job that stored the brains.
       seed: Seed of the brains' noise.
     """
 
-    life: LifeJob
+    life: StoredLifeJob
     seed: int
 
     def __str__(self) -> str:
@@ -317,7 +312,7 @@ def evaluate(progress: BrainsInTime, seed: int, tick: Tick = lambda: None) -> np
     return np.concatenate(shares).reshape(len(progress.hours), -1)
 
 
-def evaluation(life: LifeJob) -> Evaluation:
+def evaluation(life: StoredLifeJob) -> Evaluation:
     """Returns the evaluation of the brains of a finished job, read from its files.
 
     Raises:

@@ -31,7 +31,7 @@ from .frozen_brains import (
     SMELLS,
     Evaluation,
     FrozenTest,
-    LifeJob,
+    StoredLifeJob,
     evaluation,
     smells,
     times,
@@ -102,9 +102,9 @@ class LearningProgress(Study):
                 if test.exists():
                     load_arrays(test)
 
-    def lives(self, out: Path) -> list[LifeJob]:
+    def lives(self, out: Path) -> list[StoredLifeJob]:
         """Returns the jobs of the first stage, which train the brains."""
-        return [LifeJob(out, *named) for named in self.experiments().items()]
+        return [StoredLifeJob(out, *named) for named in self.experiments().items()]
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: the jobs that train brains, then the tests of the stored brains."""

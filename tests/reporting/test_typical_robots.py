@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from musebot.protocols.analysis.behaviour import Stay, Track
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.playback import measured_behaviour
 from musebot.protocols.reporting import style, typical_robots
 from musebot.protocols.results.results import collect
 from musebot.protocols.results.run import Run
@@ -40,6 +42,28 @@ def test_each_typical_robot_is_the_one_that_its_words_describe(run):
     wanted = typical_robots.SLOW * EXPERIMENT.time_scale
     nearest = np.abs(arrivals[arrivals > 0] - wanted).min()
     assert abs(inside.argmax() / 600 - wanted) == pytest.approx(nearest)
+
+
+def test_the_follower_is_the_robot_that_its_words_describe(run, monkeypatch):
+    """The first robot of three does not stay; the last one follows most."""
+    numbers = Stay(
+        np.array([False, True, True]),
+        np.array([[0.9, 0.9], [0.2, 0.3], [0.8, 0.1]]),
+        np.array([[0.9, 0.9], [0.1, 0.3], [0.0, 0.4]]),
+        np.zeros((1, 3)),
+    )
+    nose = np.full((60, 3, 2), 0.2)
+    nose[20:50, 2] = 0.06, 0.0  # at the rim
+    track = Track(np.zeros((61, 3, 3)), np.zeros((60, 3), bool), np.zeros(2), nose)
+    monkeypatch.setattr(measured_behaviour, "finders", lambda *_: [5, 6, 7])
+    monkeypatch.setattr(typical_robots, "from_the_rim", lambda *_: (track, 0.06))
+    monkeypatch.setattr(typical_robots, "stay_of", lambda *_: numbers)
+    found = {one.kind: one for one in typical_robots.typical_robots(run)}
+    follower = found["contour follower"]
+    assert (follower.row, follower.index, follower.track) == (7, 2, track)
+    steps = round(typical_robots.DRAWN_MINUTES * 600 * EXPERIMENT.time_scale)
+    assert follower.drawn == (14, 14 + steps) and steps == 36  # the 30 steps at the rim are in it
+    assert follower.words == "follows the rim 80%,\nat last spins 40%"
 
 
 def test_the_figure_names_kind_proposer_and_robot(run):

@@ -14,7 +14,7 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies import frozen_brains
-from musebot.protocols.studies.frozen_brains import TIMES, FrozenTest, LifeJob
+from musebot.protocols.studies.frozen_brains import TIMES, FrozenTest, StoredLifeJob
 from musebot.protocols.studies.study import MinuteTick
 
 STEADY = BRAINS["steady"]
@@ -31,7 +31,7 @@ def run(job, reports=None, stop=lambda: False):
 def job(tmp_path_factory):
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    job, reports = LifeJob(tmp_path_factory.mktemp("lives"), "steady", SHORT), []
+    job, reports = StoredLifeJob(tmp_path_factory.mktemp("lives"), "steady", SHORT), []
     assert not job.done()
     assert run(job, reports) and job.done()
     assert reports[-1] == (job.cost, "") == (3 * STEPS * 0.1, "")
@@ -49,7 +49,7 @@ def progress(job):
 def copy(job, tmp_path):
     """The same life in a folder of its own."""
     shutil.copy(job.path, tmp_path)
-    return LifeJob(tmp_path, "steady", SHORT)
+    return StoredLifeJob(tmp_path, "steady", SHORT)
 
 
 def altered(job, arrays=(), notes=()):
@@ -71,7 +71,7 @@ def test_progress_begins_with_the_newborn_and_ends_with_the_trained_brains(progr
 
 
 def test_a_life_stopped_at_any_time_continues_to_the_same_bytes(job, tmp_path):
-    other = LifeJob(tmp_path, "steady", SHORT)
+    other = StoredLifeJob(tmp_path, "steady", SHORT)
     for asked in (0, 1, 2, 1):  # after 1, 3, 6 and 8 of the nine times
         count = iter(range(10**9))
         assert run(other, stop=lambda count=count, asked=asked: next(count) == asked) is False
@@ -110,7 +110,7 @@ def test_a_file_of_other_robots_is_refused(copy):
 
 
 def test_a_file_of_another_experiment_is_refused_and_one_that_names_none_is_read(copy):
-    other = LifeJob(copy.out, "steady", dataclasses.replace(SHORT, seed=2))
+    other = StoredLifeJob(copy.out, "steady", dataclasses.replace(SHORT, seed=2))
     with pytest.raises(InputError, match="is of other robots .*an experiment with seed 1, not 2"):
         other.restored()
     arrays, notes = load_arrays(copy.path)

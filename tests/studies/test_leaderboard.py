@@ -21,10 +21,9 @@ from musebot.protocols.studies.learners.boards import (
     Board,
     Entry,
     boards,
-    interquartile_mean,
     pair_tests,
     ranked,
-    scores,
+    scores_of,
 )
 from musebot.protocols.studies.learners.costs import cost_jobs
 from musebot.protocols.studies.learners.leaderboard import Leaderboard
@@ -53,25 +52,40 @@ BOARD = [
 
 
 def test_a_score_is_0_for_the_mean_newborn_and_1_for_the_mean_hand_coded_robot():
-    assert scores(LOW, LOW, HIGH).mean() == pytest.approx(0)
-    assert scores(HIGH, LOW, HIGH) == pytest.approx(1)
+    assert scores_of(LOW, LOW, HIGH).mean() == pytest.approx(0)
+    assert scores_of(HIGH, LOW, HIGH) == pytest.approx(1)
     half = entry("half", 0.5, 0.9)
-    assert scores(half, LOW, HIGH) == pytest.approx((0.5 + 1) / 2)
-    assert np.isnan(scores(half, LOW, LOW)).all()
+    assert scores_of(half, LOW, HIGH) == pytest.approx((0.5 + 1) / 2)
+    assert np.isnan(scores_of(half, LOW, LOW)).all()
 
 
 @given(st.lists(st.floats(-1, 2), min_size=1, max_size=60))
 def test_an_interquartile_mean_is_that_of_the_middle_half(values):
     values = np.array(values)
-    middle, (low, high) = interquartile_mean(values)
+    learner = dataclasses.replace(entry("learner", 0.0, 0.0), after=values, training=values)
+    bounds = entry("newborn", 0.0, 0.0), entry("hand_coded", 1.0, 1.0)
+    (one,) = [one for one in ranked([learner, *bounds]) if one.entry is learner]
+    low, high = one.interval
     cut = len(values) // 4
-    assert middle == pytest.approx(np.sort(values)[cut : len(values) - cut].mean())
+    assert one.score == pytest.approx(np.sort(values)[cut : len(values) - cut].mean())
     assert values.min() - 1e-9 <= low <= high <= values.max() + 1e-9
+
+
+def test_the_interval_of_a_score_has_the_chance_in_the_bounds_too():
+    learner = entry("learner", 0.5, 0.5)  # equal robots: all of the chance is in the bounds
+    wide, narrow = (
+        ranked([learner, entry("newborn", 0.1, 0.1, spread=spread), HIGH])[1].interval
+        for spread in (0.2, 0.0)
+    )
+    assert narrow == pytest.approx((0.5, 0.5))
+    # Standard error of the mean of 20 newborns, spread evenly over 0.4; 0.8 is the scores' unit.
+    error = 0.4 / np.sqrt(12) * np.sqrt(21 / 19) / np.sqrt(20)
+    assert wide[1] - wide[0] == pytest.approx(2 * 1.96 * error * 0.5 / 0.8, rel=0.15)
 
 
 def test_learners_are_ranked_and_tested_against_the_first():
     ranking = ranked(BOARD)
-    names = [one.name for one, _ in ranking]
+    names = [one.entry.name for one in ranking]
     assert names == ["hand_coded", "good", "alike", "slow", "newborn"]
     tests = pair_tests(ranking)
     np.testing.assert_equal(tests, tests.T)
@@ -94,7 +108,7 @@ def test_the_creative_robots_and_dqn_are_compared_with_all_others():
 def test_what_was_trained_beforehand_has_a_row_but_is_not_compared():
     entries = [*BOARD, entry("ppo", 0.95, 0.95)]
     ranking = ranked(entries)
-    assert ranking[0][0].title == "*ppo*"
+    assert ranking[0].entry.title == "*ppo*"
     tests = pair_tests(ranking)
     assert np.isnan(tests[0]).all()
     without = pair_tests(ranked(BOARD))
@@ -198,9 +212,9 @@ def test_rows_and_tests_go_by_the_same_mean():
     halves = dataclasses.replace(halves, training=halves.after)
     middling = entry("middling", 0.55, 0.55, spread=0.01)
     ranking = ranked([LOW, HIGH, halves, middling])
-    assert [one.name for one, _ in ranking] == ["hand_coded", "middling", "halves", "newborn"]
+    assert [one.entry.name for one in ranking] == ["hand_coded", "middling", "halves", "newborn"]
     p = pair_tests(ranking)[1, 2]
-    middle = [interquartile_mean(scores)[0] for _, scores in ranking[1:3]]
+    middle = [one.score for one in ranking[1:3]]
     assert middle[0] > middle[1] and p > 0.05
 
 

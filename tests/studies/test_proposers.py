@@ -222,6 +222,9 @@ def test_the_contrast_noise_is_the_effect_of_noise_and_of_nothing_else(effect):
 
 def test_decisions_follow_the_plans_rule():
     assert decisions({}) == []
+    unfinished = shares(lambda cell: 0.5)
+    del unfinished[Cell("uniform", 9)]
+    assert decisions(unfinished) == []
     noise = decisions(shares(lambda cell: 0.5 + 0.2 * ("copies" not in cell.way)))
     assert noise == [
         "Noise pays: yes.",

@@ -18,8 +18,8 @@ from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.errors import InputError
 from musebot.protocols.storage import write_json
 from musebot.protocols.studies import study as base
-from musebot.protocols.studies.evolve.evaluation import EvaluationJob
-from musebot.protocols.studies.learners.tune import Trial, Tune, efforts
+from musebot.protocols.studies.search.evaluation import EvaluationJob
+from musebot.protocols.studies.search.tune import Trial, Tune, efforts
 
 
 @tunable(goodness=Setting(0.2, 0.0, 1.0, "share of the time in which it acts well"))

@@ -30,12 +30,12 @@ from ...shared_options import BODY_EFFECTS, option
 from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
 from ...terminal import notice
+from ..search.tune import efforts, tunings
 from ..study import Page, check_positive
 from ..variants import Needs, VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .costs import FOLDER, cost_jobs, measured
 from .page import page
-from .tune import efforts, tunings
 
 LEARNERS = tuple(name for name in RECORDED_NAMES if name not in (TRAINED_BEFORE, LOWER, UPPER))
 _BRAINS = ("paper", "steady")

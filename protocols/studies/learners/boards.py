@@ -138,8 +138,25 @@ class Entry:
         return int((self.after < 1).sum())
 
 
-Ranking = Sequence[tuple[Entry, np.ndarray]]
-"""Entries with their robots' scores, the best first."""
+@dataclasses.dataclass(frozen=True)
+class Ranked:
+    """A learner with its score.
+
+    Attributes:
+      entry: The learner.
+      scores: Score of each of its robots, see `scores_of`, shape (n,).
+      score: Their interquartile mean.
+      interval: Its 95 % bootstrap interval over the robots of the learner and of both bounds.
+    """
+
+    entry: Entry
+    scores: np.ndarray
+    score: float
+    interval: tuple[float, float]
+
+
+Ranking = Sequence[Ranked]
+"""Learners and bounds of a board, the highest score first."""
 
 
 def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
@@ -269,39 +286,66 @@ def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
     return " ".join([*words, *(["--kinematics", *kinematics] if kinematics else [])])
 
 
-def scores(entry: Entry, lower: Entry, upper: Entry) -> np.ndarray:
+def scores_of(entry: Entry, lower: Entry, upper: Entry) -> np.ndarray:
     """Returns each robot's score: the mean of both values, 0 like a newborn and 1 like hand-coded.
 
     NaN where the bounds do not differ.
     """
+    robots = (np.arange(len(one.after))[None] for one in (entry, lower, upper))
+    return _scores((entry, lower, upper), *robots)[0]
+
+
+def _scores(
+    entries: tuple[Entry, Entry, Entry], own: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Returns the scores of R draws of robots, shape (R, n); see `scores_of`.
+
+    Args:
+      entries: Learner, lower and upper bound.
+      own: Indices of the drawn robots of the learner, shape (R, n).
+      low: Those of the lower bound, shape (R, m).
+      high: Those of the upper bound, shape (R, k).
+    """
     parts = []
-    for own, low, high in (
-        (entry.after, lower.after, upper.after),
-        (entry.training, lower.training, upper.training),
-    ):
-        span = high.mean() - low.mean()
-        parts.append((own - low.mean()) / span if span > 0 else np.full(len(own), math.nan))
+    for field in ("after", "training"):
+        values, *bounds = (getattr(entry, field) for entry in entries)
+        floor, ceiling = bounds[0][low].mean(axis=1), bounds[1][high].mean(axis=1)
+        span = np.where(ceiling > floor, ceiling - floor, math.nan)
+        parts.append((values[own] - floor[:, None]) / span[:, None])
     return np.mean(parts, axis=0)
 
 
-def interquartile_mean(values: np.ndarray) -> tuple[float, tuple[float, float]]:
-    """Returns the mean without the lowest and highest quarter, and its 95 % bootstrap interval."""
+def _interval(entry: Entry, lower: Entry, upper: Entry) -> tuple[float, float]:
+    """Returns the 95 % bootstrap interval of a score, see `Ranked`."""
     random = np.random.default_rng(_SEED)
-    draws = values[random.integers(len(values), size=(_RESAMPLES, len(values)))]
-    low, high = np.percentile(_middle(draws), [2.5, 97.5])
-    return float(_middle(values)), (float(low), float(high))
+    drawn = {
+        name: random.integers(len(one.after), size=(_RESAMPLES, len(one.after)))
+        for name, one in ((LOWER, lower), (UPPER, upper))
+    }
+    size = len(entry.after)
+    own = drawn.get(entry.name)  # a bound is drawn once
+    own = random.integers(size, size=(_RESAMPLES, size)) if own is None else own
+    middles = _middle(_scores((entry, lower, upper), own, drawn[LOWER], drawn[UPPER]))
+    if np.isnan(middles).any():  # bounds that differ in chance alone
+        return math.nan, math.nan
+    low, high = np.percentile(middles, [2.5, 97.5])
+    return float(low), float(high)
 
 
 def _middle(values: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Returns the interquartile mean: that without the lowest and the highest quarter."""
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
 def ranked(entries: Sequence[Entry]) -> Ranking:
-    """Returns the entries with their robots' scores, the highest interquartile mean first."""
+    """Returns the entries with their scores, the highest first."""
     by_name = {entry.name: entry for entry in entries}
-    lower, upper = by_name[LOWER], by_name[UPPER]
-    found = [(entry, scores(entry, lower, upper)) for entry in entries]
-    return sorted(found, key=lambda one: (-np.nan_to_num(_middle(one[1])), one[0].name))
+    bounds = by_name[LOWER], by_name[UPPER]
+    found = []
+    for entry in entries:
+        scores = scores_of(entry, *bounds)
+        found.append(Ranked(entry, scores, float(_middle(scores)), _interval(entry, *bounds)))
+    return sorted(found, key=lambda one: (-np.nan_to_num(one.score), one.entry.name))
 
 
 def pair_tests(ranking: Ranking) -> np.ndarray:
@@ -310,10 +354,12 @@ def pair_tests(ranking: Ranking) -> np.ndarray:
     NaN for a row with itself and for pairs with one that does not compete. Permutation tests of the
     interquartile mean.
     """
-    learners = [n for n, (entry, _) in enumerate(ranking) if entry.competes]
+    learners = [n for n, one in enumerate(ranking) if one.entry.competes]
     pairs = list(itertools.combinations(learners, 2))
     values = [
-        same_statistic(ranking[a][1], ranking[b][1], _middle, False, max(2000, 200 * len(pairs)))
+        same_statistic(
+            ranking[a].scores, ranking[b].scores, _middle, False, max(2000, 200 * len(pairs))
+        )
         for a, b in pairs
     ]
     found = np.full((len(ranking), len(ranking)), math.nan)
@@ -324,4 +370,4 @@ def pair_tests(ranking: Ranking) -> np.ndarray:
 
 def first_learner(ranking: Ranking) -> int:
     """Returns the row of the best learner; 0 if there is none."""
-    return next((n for n, (entry, _) in enumerate(ranking) if entry.competes), 0)
+    return next((n for n, one in enumerate(ranking) if one.entry.competes), 0)

@@ -14,11 +14,11 @@ from ...results.run import Run
 from ...results.run_files import read_runs
 from ...shared_options import Runs, option
 from ...simulation.jobs import Job
+from ..search.tune import efforts
 from ..study import Page, Study
 from .boards import Board, Entry, boards
 from .costs import FOLDER, cost_jobs, measured
 from .page import page
-from .tune import efforts
 
 
 @dataclasses.dataclass

@@ -14,18 +14,11 @@ from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
-from .boards import (
-    Board,
-    Entry,
-    Ranking,
-    first_learner,
-    interquartile_mean,
-    ranked,
-)
+from .boards import Board, Entry, Ranking, first_learner, ranked
 from .costs import Boards, Measured
-from .summary import LEVEL, placed, summary
+from .summary import LEVEL, placed, score_cell, summary
 
-BOARDS = "## Boards"
+BOARDS_HEADING = "## Boards"
 """Title of the part of the page that follows the summary."""
 
 _LINE_STYLES = ("-", "--")
@@ -40,7 +33,7 @@ def page(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
       efforts: Effort of tuning, by `name_in_track`.
     """
     places = {board: placed(board, ranked(entries)) for board, entries in found.items()}
-    parts, figures = [*summary(places), BOARDS, ""], {}
+    parts, figures = [*summary(places), BOARDS_HEADING, ""], {}
     with style.styled():
         for board, (order, tests) in places.items():
             parts += markdown(board, order, tests, costs.get(board, {}), efforts)
@@ -74,7 +67,7 @@ def markdown(
             f"`{module_of(entry.condition.proposer)}`",
             f"`{entry.command}`",
         ]
-        for entry, _ in ranking
+        for entry in (one.entry for one in ranking)
     ]
     return [
         f"### {board.title}",
@@ -100,15 +93,14 @@ def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
         ]
     ]  # fmt: skip
     against_the_first = tests[first_learner(ranking)]
-    for (entry, values), own in zip(ranking, against_the_first, strict=True):
-        middle, interval = interquartile_mean(values)
+    for one, own in zip(ranking, against_the_first, strict=True):
         rows.append(
             [
-                *_name(entry),
-                "-" if math.isnan(middle) else with_interval(f"{middle:.3f}", interval),
-                *_times(entry),
-                f"{(values < 0.5).mean():.0%}",
-                _mean_ability(entry),
+                *_name(one.entry),
+                score_cell(one),
+                *_times(one.entry),
+                f"{(one.scores < 0.5).mean():.0%}",
+                _mean_ability(one.entry),
                 "" if math.isnan(own) else probability(own),
             ]
         )
@@ -117,10 +109,11 @@ def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
         "",
         "Score: mean of the time after training and of that during all of training, each 0 for "
         "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
-        "its 95 % bootstrap interval. Fail: share of robots with a score below 0.5. Mean L rewards "
-        "bad newborns, so it does not rank. p: permutation test of the interquartile mean, Holm "
-        "over all pairs of learners. A robot that was stopped counts as the worst. In italics what "
-        "is not compared: the bounds, and what was trained beforehand.",
+        "its 95 % bootstrap interval, for which the robots of both bounds are drawn, too. Fail: "
+        "share of robots with a score below 0.5. Mean L rewards bad newborns, so it does not rank. "
+        "p: permutation test of the interquartile mean, given the means of the bounds, Holm over "
+        "all pairs of learners. A robot that was stopped counts as the worst. In italics what is "
+        "not compared: the bounds, and what was trained beforehand.",
         "",
         *standings(ranking, tests),
     ]
@@ -132,12 +125,12 @@ def standings(ranking: Ranking, tests: np.ndarray) -> list[str]:
     These comparisons decide the plan's verdicts.
     """
     lines = []
-    for number, (entry, _) in enumerate(ranking):
+    for number, entry in enumerate(one.entry for one in ranking):
         if entry.condition.proposer != "creative" and entry.name != "dqn":
             continue
         significant = [n for n in range(len(ranking)) if tests[number, n] < LEVEL]
         above, below = (
-            [ranking[n][0].name for n in significant if (n < number) == better]
+            [ranking[n].entry.name for n in significant if (n < number) == better]
             for better in (True, False)
         )
         words = [
@@ -155,7 +148,7 @@ def _contacts(ranking: Ranking) -> list[str]:
             "during training", "worst tenth", "mean L",
         ]
     ]  # fmt: skip
-    entries = [entry for entry, _ in ranking]
+    entries = [one.entry for one in ranking]
     for entry in sorted(entries, key=lambda entry: entry.touching / len(entry.after)):
         share = intervals.share(entry.touching, len(entry.after))
         touching = with_interval(str(entry.touching), share, percent=True)
@@ -215,7 +208,7 @@ def draw(ranking: Ranking) -> Figure:
     figure, axes = style.canvas(3.2, 1, 1)
     axis = axes.flat[0]
     ends = {}
-    for number, (entry, _) in enumerate(ranking):
+    for number, entry in enumerate(one.entry for one in ranking):
         whole = max(len(entry.curve) // 10 * 10, 1)
         width = min(10, whole)
         points = entry.curve[: whole // width * width].reshape(-1, width).mean(axis=1)

@@ -8,13 +8,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...reporting.markdown import table, with_interval
-from .boards import Board, Ranking, first_learner, interquartile_mean, pair_tests
+from .boards import Board, Ranked, Ranking, first_learner, pair_tests
 
 LEVEL = 0.05
 """Below this p two learners differ significantly."""
 
 Placed = tuple[Ranking, np.ndarray]
 """A board's learners, the best first, and p of each pair, see `pair_tests`."""
+
+
+def score_cell(one: Ranked) -> str:
+    """Returns a score with its interval, as a cell; a dash where there is none."""
+    return "-" if math.isnan(one.score) else with_interval(f"{one.score:.3f}", one.interval)
 
 
 def placed(board: Board, ranking: Ranking) -> Placed:
@@ -35,13 +40,13 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         *lines,
         "Score of a robot: the mean of its time in the spot after training and of that during "
         "training, each scaled so that the mean newborn has 0 and the mean hand-coded robot 1. "
-        "Score of a learner: the interquartile mean over its robots, with its 95 % interval; the "
-        "newborns' own is therefore not exactly 0. Rows are sorted by the "
-        "mean score of a learner's boards, those that lack a board last. Bold: the first of a "
-        f"board, and all that do not differ significantly from it (p at least {LEVEL}); between "
-        "few robots only large differences are significant. Touch a wall: robots with any "
-        "contact in the test after training. In italics the bounds, and what was trained "
-        "beforehand.",
+        "Score of a learner: the interquartile mean over its robots (the newborns' own is "
+        "therefore not exactly 0), with its 95 % interval over its robots and those of both "
+        "bounds. Rows are sorted by the mean score of a learner's boards, those that lack a board "
+        "last. Bold: the first of a board, and all that do not differ significantly from it (p at "
+        f"least {LEVEL}, given the means of the bounds); between few robots only large "
+        "differences are significant. Touch a wall: robots with any contact in the test after "
+        "training. In italics the bounds, and what was trained beforehand.",
         "",
     ]
 
@@ -54,17 +59,16 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
     for board in boards:
         ranking, tests = found[board]
         first = first_learner(ranking)
-        for number, (entry, scores) in enumerate(ranking):
-            middle, interval = interquartile_mean(scores)
-            text = "-"
+        for number, one in enumerate(ranking):
+            entry, text = one.entry, "-"
             if not board.ranks:
                 text = f"{entry.touching} of {len(entry.after)}"
-            elif not math.isnan(middle):
-                text = with_interval(f"{middle:.3f}", interval)
+            elif not math.isnan(one.score):
+                text = score_cell(one)
                 if entry.competes:
                     best = number == first or tests[first, number] >= LEVEL
                     text = f"**{text}**" if best else text
-                values.setdefault(entry.name, []).append(middle)
+                values.setdefault(entry.name, []).append(one.score)
             titles[entry.name] = entry.title
             cells.setdefault(entry.name, {})[board] = text
 

@@ -139,9 +139,14 @@ def _corrected(found: Mapping) -> dict:
 
 
 def decisions(groups: Groups) -> list[str]:
-    """Returns the plan's decisions in sentences; empty until all their cells are finished."""
+    """Returns the plan's decisions in sentences; empty until all their cells are finished.
+
+    Whether only distinct candidates pay is decided by corrected p of cells, and by the uncorrected
+    p of one contrast, which is in no family.
+    """
+    uniform = {Cell("uniform", ideas) for ideas in IDEAS}
     cells, effects = compared(groups), contrasts(groups)
-    if any(math.isnan(answer.value) for answer in effects.values()):
+    if not uniform <= cells.keys() or any(math.isnan(one.value) for one in effects.values()):
         return []
     memory_at_3 = cells[Cell("uniform", IDEAS[0])].sign < 0  # uniform ideas are worse
     sentences = [

@@ -147,15 +147,12 @@ class BranchJob:
         return period(experiment) * experiment.cohort_size * CONTROL_TIMESTEP
 
     def done(self) -> bool:
-        """See `Job.done`; False for the file of other brains, such as those of another machine."""
-        if not self.path.exists():
-            return False
-        arrays, notes = self._read()
-        if len(arrays["shares"]) <= PERIODS:
-            return False
-        # A finished study is kept without the lives, which are large; they may be begun again.
-        old = self.life.brains()
-        return old is None or notes["life"] == old.digest
+        """See `Job.done`."""
+        return self.path.exists() and len(self._read()[0]["shares"]) > PERIODS
+
+    def stems_from(self, life: str) -> bool:
+        """Returns whether the job's file is of the brains with this digest."""
+        return self._read()[1]["life"] == life
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from the last probe that was stored.

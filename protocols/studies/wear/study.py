@@ -100,14 +100,27 @@ class Wear(Study):
             life.check()
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`: the lives that are needed, then all arms."""
+        """See `Study.stages`: the lives that are needed, then all arms.
+
+        A finished study is kept without the lives, which are large. They may be begun again, on
+        another machine with other results; then all arms that stem from them are simulated again.
+        """
         branches = self._branches(out)
-        finished = [job for job in branches if job.done()]
-        left = [job for job in branches if job not in finished]
-        lives = [life for life in self._lives(out) if any(job.life == life for job in left)]
-        yield lives
-        if lives and (again := [str(job) for job in finished if not job.done()]):
-            notice(f"other brains than the new lives', so these run again: {'; '.join(again)}")
+        left = [job.life for job in branches if not job.done()]
+        yield [life for life in self._lives(out) if life in left]
+        digests = {life.index: old.digest for life in self._lives(out) if (old := life.brains())}
+        again = [
+            job
+            for job in branches
+            if job.life.index in digests
+            and job.path.exists()
+            and not job.stems_from(digests[job.life.index])
+        ]
+        if again:
+            names = "; ".join(map(str, again))
+            notice(f"other brains than the new lives', so these run again: {names}")
+        for job in again:
+            job.path.unlink()
         yield branches
 
     def page(self, out: Path) -> Page:

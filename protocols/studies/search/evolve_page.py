@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from ...analysis import intervals
-from ...analysis.hypothesis_tests import holm
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...experiment.schedules import TASK_NAMES, Schedule
@@ -39,7 +38,7 @@ class Generation:
     mean: np.ndarray
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Evolution:
     """What is finished of a search.
 
@@ -71,11 +70,12 @@ class Evolution:
         values = (RANGES[name].value(float(x)) for name, x in zip(self.over, point, strict=True))
         return ", ".join(f"{n}={value:.3g}" for n, value in zip(self.over, values, strict=True))
 
-    def weights(self) -> list[tuple[str, float, float]]:
-        """Returns of each parameter its correlation with the fitness, and p, Holm-corrected.
+    def weights(self) -> list[tuple[str, float]]:
+        """Returns of each parameter its correlation with the fitness.
 
         The correlation (Spearman) is of coordinates and fitness within generations, since seeds and
-        mean differ between generations. Empty with fewer than 12 evaluations.
+        mean differ between generations. There is no p: the search draws its points depending on
+        what it has seen. Empty with fewer than 12 evaluations.
         """
         if sum(len(one.fitness) for one in self.generations) < _LEAST:
             return []
@@ -84,11 +84,7 @@ class Evolution:
         if np.ptp(fitness) == 0:
             return []
         found: list[Any] = [stats.spearmanr(column, fitness) for column in points.T]
-        corrected = holm(np.array([float(one.pvalue) for one in found]))
-        return [
-            (name, float(one.statistic), float(p))
-            for name, one, p in zip(self.over, found, corrected, strict=True)
-        ]
+        return [(name, float(one.statistic)) for name, one in zip(self.over, found, strict=True)]
 
 
 def page(
@@ -122,10 +118,10 @@ def page(
         rows.append([str(number), *cells, evolution.described(one.mean)])
     lines += [*table(rows, "rrrrl"), ""]
     if weights := evolution.weights():
-        rows = [["parameter", "correlation with the fitness", "p, Holm", "spread at last"]]
+        rows = [["parameter", "correlation with the fitness", "spread at last"]]
         spread = evolution.generations[-1].points.std(axis=0)
-        for (name, correlation, p), width in zip(weights, spread, strict=True):
-            rows.append([f"`{name}`", f"{correlation:+.2f}", f"{p:.2g}", f"{width:.2f}"])
+        for (name, correlation), width in zip(weights, spread, strict=True):
+            rows.append([f"`{name}`", f"{correlation:+.2f}", f"{width:.2f}"])
         lines += [
             "Spearman's correlation within generations. A search that has settled varies a "
             "parameter little, so a small correlation does not say that it has no effect. "
@@ -136,7 +132,7 @@ def page(
         ]
     if evolution.start is not None and evolution.winner is not None:
         gain = intervals.difference_of_means(
-            evolution.winner, evolution.start, paired=False, span=intervals.SHARE
+            evolution.winner, evolution.start, paired=True, span=intervals.SHARE
         )
         pairs = (("first brain", evolution.start), ("winner", evolution.winner))
         rows = [["on fresh seeds", "robots", schedule.event]]
@@ -147,8 +143,8 @@ def page(
         lines += [
             *table(rows),
             "",
-            f"Difference {with_interval(f'{change:+.3f}', gain)}. The best brain seen had "
-            f"{seen:.3f} on its own seed. The winner is the mean of the search: "
+            f"Difference in pairs of newborns {with_interval(f'{change:+.3f}', gain)}. The best "
+            f"brain seen had {seen:.3f} on its own seed. The winner is the mean of the search: "
             f"`{evolution.words}`. In brackets 95 % intervals ({MEANS}).",
             "",
         ]

@@ -34,8 +34,8 @@ from ...reporting.markdown import mean_cell, table
 from ...shared_options import BODY_EFFECTS, TASK_CHOICES, BodyKinematicsOption, option
 from ...simulation.jobs import Job
 from ...storage import read_json
-from ..evolve.evaluation import EvaluationJob
 from ..study import STUDY_FILE, Page, Study, check_positive
+from .evaluation import EvaluationJob
 
 FOLDER = "trials"
 _MOST = 1024  # trials

@@ -29,9 +29,9 @@ from ...shared_options import BODY_EFFECTS, BodyKinematicsOption, option
 from ...simulation.jobs import Job
 from ...terminal import notice
 from ..study import Page, Study, check_positive
-from . import page as pages
+from . import evolve_page as pages
 from .evaluation import EvaluationJob
-from .page import Evolution, Generation
+from .evolve_page import Evolution, Generation
 from .space import RANGES, brain_at, check_names, point_of
 
 if TYPE_CHECKING:
@@ -153,32 +153,39 @@ class Evolve(Study):
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: a group for each generation, then the start and the winner."""
         evolution = Evolution(self.over)
-        search = self._search()
-        for number in range(self.generations):
-            points, jobs = self._generation(search, number, out)
-            if not all(job.done() for job in jobs):
+        for jobs in self._course(out, evolution):
+            number = len(evolution.generations)
+            if number < self.generations and not all(job.done() for job in jobs):
                 best = evolution.best
                 so_far = "" if best is None else f", best so far {abs(best[1]):.3f} ({best[0]})"
                 notice(f"evolve: generation {number + 1} of {self.generations}{so_far}")
             yield jobs
-            self._tell(evolution, search, points, jobs)
-        yield [*self._finals(out, self.start.brain), *self._finals(out, self._winner(search))]
 
     def evolution(self, out: Path) -> Evolution:
         """Reads the finished generations, and the final tests if they are finished."""
-        evolution, search = Evolution(self.over), self._search()
+        evolution = Evolution(self.over)
+        for jobs in self._course(out, evolution):
+            if not all(job.done() for job in jobs):
+                break
+        return evolution
+
+    def _course(self, out: Path, evolution: Evolution) -> Iterator[list[EvaluationJob]]:
+        """Yields each generation's jobs, then those of the start and of the winner.
+
+        The jobs must be done when the next group is requested: what they found is added to the
+        evolution, and the search moves.
+        """
+        search = self._search()
         for number in range(self.generations):
             points, jobs = self._generation(search, number, out)
-            if not all(job.done() for job in jobs):
-                return evolution
+            yield jobs
             self._tell(evolution, search, points, jobs)
         winner = self._winner(search)
         tests = [self._finals(out, brain) for brain in (self.start.brain, winner)]
-        if all(job.done() for jobs in tests for job in jobs):
-            before, after = (np.concatenate([job.shares() for job in jobs]) for jobs in tests)
-            words = self.options_of(winner)
-            return dataclasses.replace(evolution, start=before, winner=after, words=words)
-        return evolution
+        yield [job for jobs in tests for job in jobs]
+        shares = [np.concatenate([job.shares() for job in jobs]) for jobs in tests]
+        evolution.start, evolution.winner = shares
+        evolution.words = self.options_of(winner)
 
     def options_of(self, brain: Parameters) -> str:
         """Returns the options of `musebot run` that choose a brain."""

@@ -1,1 +1,0 @@
-"""The study that evolves parameters of a brain (`musebot study evolve`)."""

@@ -1,0 +1,1 @@
+"""Searches for parameters: evolution of a brain, and tuning of a learner."""
