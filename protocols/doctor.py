@@ -22,6 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 from .errors import EGL_REMEDY
+from .machine import cores, machine_bytes
 
 # Musebot's own modules are imported by the check that needs them: the doctor must also work
 # where a package is missing.
@@ -279,17 +280,15 @@ def _display() -> str:
 
 
 def _cores() -> str:
-    free = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
-    return f"{free} of {os.cpu_count()} for this process"
+    return f"{cores()} of {os.cpu_count()} for this process"
 
 
 def _memory() -> str:
     try:
-        page = os.sysconf("SC_PAGE_SIZE")
-        total, free = (page * os.sysconf(f"SC_{n}PHYS_PAGES") for n in ("", "AV"))
+        free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
+        return f"{machine_bytes() / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
     except (ValueError, OSError, AttributeError):
         return "unknown"
-    return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
 
 
 def _physics() -> str:

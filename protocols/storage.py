@@ -89,18 +89,21 @@ def resolved_file(path: Path) -> Path:
 
 
 def check_folder(path: Path) -> None:
-    """Raises InputError if a folder can neither be made nor written to."""
+    """Raises InputError if a folder can neither be made nor used."""
     if (size := len(os.fsencode(path.absolute()))) > _MOST_BYTES_OF_PATH:
         raise InputError(f"{path} must have at most {_MOST_BYTES_OF_PATH} bytes, got {size}")
     missing, path = 0, path.absolute()
-    while not path.exists():
-        missing, path = missing + 1, path.parent
+    try:
+        while not path.exists():
+            missing, path = missing + 1, path.parent
+    except OSError as error:  # of a folder above that cannot be searched
+        raise InputError(f"{path} cannot be used ({error.strerror})") from error
     if missing > _MOST_MISSING:
         raise InputError(f"{missing} folders below {path} are missing, at most {_MOST_MISSING} may")
     if not path.is_dir():
         raise InputError(f"{path} is not a folder")
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise InputError(f"{path} cannot be written")
+    if not os.access(path, os.R_OK | os.W_OK | os.X_OK):
+        raise InputError(f"{path} cannot be {'read' if os.access(path, os.W_OK) else 'written'}")
 
 
 def check_own_folder(path: Path) -> None:
@@ -171,7 +174,8 @@ def write_atomically(path: Path, content: bytes) -> None:
 
     Raises:
       InputError: the folder is a link.
-      OSError: the file cannot be written; the old one is untouched.
+      OSError: the file cannot be written. The old one is then untouched, unless only the last
+        flush failed, after the rename.
     """
     try:
         _write(path, content)
@@ -228,9 +232,7 @@ def draft_name(name: str) -> str:
 
 def is_draft(path: Path) -> bool:
     """Returns whether a path is the temporary file of an interrupted write."""
-    if _DRAFT.fullmatch(path.name) is None:
-        return False
-    return not path.is_symlink() and path.is_file()
+    return bool(_DRAFT.fullmatch(path.name)) and not path.is_symlink() and path.is_file()
 
 
 def remove_drafts(folder: Path, of: str = "") -> None:
@@ -430,9 +432,7 @@ def load_arrays(
         notes = parsed(path, metadata["notes"])
     except DamagedFileError:
         raise
-    except (
-        safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, MemoryError
-    ) as error:  # fmt: skip
+    except (safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     if not sound:
         raise DamagedFileError(f"{path} is damaged (its content does not match its digest)")

@@ -182,6 +182,15 @@ def test_a_file_of_safetensors_without_our_metadata_is_damaged(tmp_path):
         assert_damaged(path)
 
 
+def test_a_lack_of_memory_is_no_damage(sound, monkeypatch):
+    def lacks(*_):
+        raise MemoryError
+
+    monkeypatch.setattr("musebot.protocols.storage.digest", lacks)
+    with pytest.raises(MemoryError):
+        load_arrays(sound)
+
+
 def test_a_missing_file_is_missing_and_not_damaged(tmp_path):
     with pytest.raises(FileNotFoundError, match="nowhere"):
         load_arrays(tmp_path / "nowhere")

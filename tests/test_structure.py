@@ -12,7 +12,7 @@ PACKAGES = ("models", "tasks", "controller", "protocols")
 
 # Folders and modules of `protocols`, lowest first: each imports only its own entry and lower ones.
 LAYERS = (
-    "errors examples exit_status storage terminal shared_options",
+    "errors examples exit_status machine storage terminal shared_options",
     "experiment",
     "config",
     "results",

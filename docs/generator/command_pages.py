@@ -12,7 +12,7 @@ import tyro
 from tables import table
 
 from musebot.protocols.commands import VERBS, study_command, verb_class
-from musebot.protocols.shared_options import cores
+from musebot.protocols.machine import cores
 from musebot.protocols.studies import STUDIES
 
 

@@ -75,8 +75,8 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     """
     task = experiment.arena_task(condition.task)
 
-    def made(seed: int = 1, robots: int = ROBOTS) -> Agent:
-        agent = make_agent(experiment, condition, robots, seed)
+    def made(seed: int = 1) -> Agent:
+        agent = make_agent(experiment, condition, ROBOTS, seed)
         agent.reset()
         return agent
 

@@ -21,8 +21,8 @@ from ...tasks import stop_timers
 from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.provenance import machine
+from ..machine import cores
 from ..reporting import style
-from ..shared_options import cores
 from ..storage import check_place, resolved_file, write_atomically
 from ..terminal import show_markdown
 from . import lives, models, population, sections, workers

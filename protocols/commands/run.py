@@ -110,11 +110,12 @@ class RunCommand:
     def __call__(self) -> None:
         """Simulates, and prints the tables."""
         from ..reporting import tables
+        from ..results.run_files import TABLES_FILE
         from ..storage import resolved, write_text
 
         out = resolved(self.out)  # an agent may change the working directory
         text = tables.markdown(self.simulate())
-        write_text(out / "tables.md", f"{text}\n")
+        write_text(out / TABLES_FILE, f"{text}\n")
         show_markdown(text)
 
     def simulate(self, *, quiet: bool = False) -> Run:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...controller.noise import NoisePatterns
 from ..errors import InputError
+from ..machine import machine_bytes
 from ..storage import MOST_BYTES
 from .networks import network_shapes
 
@@ -21,6 +21,7 @@ _FLOAT = 4
 _BATCH = 8000  # bytes of a robot's physics, measured: 5 to 8 kB
 _WARP = 25_000  # bytes of a robot's physics in MuJoCo Warp, the sum of its arrays
 _ROW = 1000  # bytes of a row of robots.csv and its objects
+_PROCESS = 308_000_000  # bytes of a process without robots (docs/performance.md, memory)
 _COPIES = 3  # of results and of checkpoints, while they are joined and written
 
 
@@ -43,58 +44,75 @@ def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
     return experiment.cohort_size * (physics + _FLOAT * of_robot) + _FLOAT * patterns
 
 
-def job_bytes(plan: Plan) -> list[tuple[str, int]]:
-    """Returns for each kind of job in a plan what it simulates, and about how many bytes it needs.
+@dataclasses.dataclass
+class JobKind:
+    """Jobs of a plan that need equally much.
+
+    Attributes:
+      what: What one of them simulates.
+      needed: About how many bytes it needs, beyond an empty process's.
+      jobs: Number of such jobs.
+    """
+
+    what: str
+    needed: int = 0
+    jobs: int = 0
+
+
+def job_kinds(plan: Plan) -> list[JobKind]:
+    """Returns the kinds of jobs in a plan.
 
     On tensors a job has the cohorts of all conditions of a task.
     """
-    needs: dict[str, int] = {}
-    for condition in plan.conditions:
+    kinds: dict[str, JobKind] = {}
+    for condition, robots in plan.robots.items():
         cohorts = condition.task if plan.experiment.on_tensors else str(condition)
-        needs[cohorts] = needs.get(cohorts, 0) + cohort_bytes(plan.experiment, condition)
-    return [(f"a cohort of {cohorts}", needed) for cohorts, needed in needs.items()]
+        kind = kinds.setdefault(cohorts, JobKind(f"a cohort of {cohorts}"))
+        kind.needed += cohort_bytes(plan.experiment, condition)
+        kind.jobs = max(kind.jobs, robots // plan.experiment.cohort_size)
+    return [*kinds.values()]
 
 
 def results_bytes(plan: Plan) -> int:
     """Returns about how many bytes the results of a plan need while they are written."""
-    total = 0
+    total = brains_bytes(plan)
     for condition, robots in plan.robots.items():
         minutes = len(plan.experiment.schedule(condition.task).steps_of_minutes())
-        weights = sum(map(math.prod, (network_shapes(plan.experiment, condition) or {}).values()))
-        total += round(robots * (_ROW + _FLOAT * (2 * weights + 2 * minutes)))
+        total += robots * (_ROW + _FLOAT * 2 * minutes)
     return _COPIES * total
 
 
-def machine_bytes() -> int:
-    """Returns the memory of this machine, or of the container that this process is in."""
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    for name in ("memory.max", "memory/memory.limit_in_bytes"):
-        try:
-            total = min(total, int(Path("/sys/fs/cgroup", name).read_text()))
-        except (OSError, ValueError):  # no such container, or "max"
-            continue
+def brains_bytes(plan: Plan) -> int:
+    """Returns the bytes of all robots' networks, before and after training."""
+    total = 0
+    for condition, robots in plan.robots.items():
+        shapes = network_shapes(plan.experiment, condition) or {}
+        total += 2 * _FLOAT * robots * sum(map(math.prod, shapes.values()))
     return total
 
 
-def check_memory(plan: Plan, at_once: int = 1) -> None:
-    """Raises InputError where a plan needs more memory than the machine has.
+def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> None:
+    """Raises InputError where a plan needs more memory than the machine has, or too large files.
 
     Args:
-      plan: Robots that are wanted.
+      plan: Robots that are to be simulated.
       at_once: Number of jobs that the machine runs at a time.
+      whole: All robots that the results will have; None for those of `plan`.
     """
-    for what, needed in job_bytes(plan):
-        _check_fits(what, needed)
+    kinds = job_kinds(plan)
+    for kind in kinds:
+        _check_fits(kind.what, kind.needed)
     if at_once > 1:
-        size = plan.experiment.cohort_size
-        each = [
-            cohort_bytes(plan.experiment, condition)
-            for condition, robots in plan.robots.items()
-            for _ in range(min(robots // size, at_once))
-        ]
+        each = [kind.needed for kind in kinds for _ in range(min(kind.jobs, at_once))]
         largest = sorted(each)[-at_once:]
-        _check_fits(f"{len(largest)} cohorts at a time (--processes)", sum(largest))
-    _check_fits(f"{sum(plan.robots.values())} robots", results_bytes(plan))
+        _check_fits(
+            f"{len(largest)} cohorts at a time (--processes)",
+            sum(largest) + len(largest) * _PROCESS,
+        )
+    whole = whole or plan
+    robots = f"{sum(whole.robots.values())} robots"
+    _check_file(robots, brains_bytes(whole))
+    _check_fits(robots, results_bytes(whole))
 
 
 def check_agent_memory(plan: Plan, condition: Condition, state: int, weights: int) -> None:
@@ -113,11 +131,15 @@ def check_agent_memory(plan: Plan, condition: Condition, state: int, weights: in
         (f"{robots} robots of {condition}", kept),
     ):
         _check_fits(what, _COPIES * size)
-        if size > MOST_BYTES:
-            raise InputError(
-                f"{what} would need a file of {size / 2**30:.1f} GiB; files may have "
-                f"{MOST_BYTES / 2**30:.0f} GiB"
-            )
+        _check_file(what, size)
+
+
+def _check_file(what: str, size: int) -> None:
+    if size > MOST_BYTES:
+        raise InputError(
+            f"{what} would need a file of {size / 2**30:.1f} GiB; files may have "
+            f"{MOST_BYTES / 2**30:.0f} GiB"
+        )
 
 
 def _check_fits(what: str, needed: int) -> None:

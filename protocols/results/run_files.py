@@ -48,7 +48,8 @@ from .results import WHEN, ConditionResults, NetworkArrays, Results, Robot, When
 from .run import Run
 
 ROBOTS_FILE, CURVES_FILE, BRAINS_FILE = "robots.csv", "curves.npz", "brains.safetensors"
-_IN_ORDER = (BRAINS_FILE, CURVES_FILE, ROBOTS_FILE)  # of writing
+FILES = (BRAINS_FILE, CURVES_FILE, ROBOTS_FILE)  # in the order of writing
+TABLES_FILE = "tables.md"
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
 _WHOLE = re.compile(r"(0|[1-9][0-9]{0,60})")
 _DECIMAL = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?(e[-+]?[0-9]{1,4})?")
@@ -169,8 +170,8 @@ def write_results(directory: Path, results: Results) -> None:
     contents = _contents(results)
     if (directory / ROBOTS_FILE).exists():
         adopt_files(directory)
-    record_files(directory, {name: digest_of(contents[name]) for name in _IN_ORDER})
-    for name in _IN_ORDER:
+    record_files(directory, {name: digest_of(contents[name]) for name in FILES})
+    for name in FILES:
         write_atomically(directory / name, contents[name])
 
 
@@ -181,7 +182,7 @@ def adopt_files(directory: Path) -> None:
       OSError: `experiment.json` cannot be written.
     """
     if not recorded_files(directory):
-        record_files(directory, {name: digest_of_file(directory / name) for name in _IN_ORDER})
+        record_files(directory, {name: digest_of_file(directory / name) for name in FILES})
 
 
 def _contents(results: Results) -> dict[str, bytes]:
@@ -302,7 +303,7 @@ def _changed(path: Path) -> str:
     )
 
 
-def _check_digests(directory: Path, names: Sequence[str] = _IN_ORDER) -> None:
+def _check_digests(directory: Path, names: Sequence[str] = FILES) -> None:
     """Raises DamagedFileError where a file is not one that was written for this run."""
     found = {name: digest_of_file(directory / name) for name in names}
     # Read after the files: a run that is enlarged meanwhile has recorded them before.

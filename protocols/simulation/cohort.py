@@ -14,7 +14,7 @@ from ..agents.factory import make_agent
 from ..agents.names import TRAINED_BEFORE, is_own, short_name
 from ..agents.settings import settings_from
 from ..errors import InputError
-from ..experiment.budget import check_agent_memory, check_memory
+from ..experiment.budget import check_agent_memory
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Plan
@@ -182,6 +182,8 @@ class Cohort:
         self.batch.load_arrays(groups["batch"])
         try:
             self.agent.load_state(groups["brain"])
+        except MemoryError:
+            raise  # the checkpoint is sound
         except Exception as error:  # a user's agent may raise anything for a state of another's
             raise ValueError(f"its agent does not continue ({error!r})") from error
         for name, weights in self._before.items():
@@ -273,10 +275,9 @@ def check_agents(plan: Plan, held: Results | None = None) -> None:
       held: Results to which they will be added.
 
     Raises:
-      InputError: the plan needs more memory than the machine has, there is no such agent, it does
-        not return motor values, or it keeps other weights than the robots that are there.
+      InputError: there is no such agent, it needs more memory than the machine has, does not
+        return motor values, or keeps other weights than the robots that are there.
     """
-    check_memory(plan)
     for condition in plan.conditions:
         if condition.has_brain:
             continue
@@ -288,10 +289,27 @@ def check_agents(plan: Plan, held: Results | None = None) -> None:
         state, weights = cohort.checkpoint()[0], cohort.agent.weights()
         sizes = (sum(array.nbytes for array in some.values()) for some in (state, weights))
         check_agent_memory(plan, condition, *sizes)
-        own = weights.keys()
-        kept = held[condition].networks["after"].keys() if held and condition in held else own
-        if own != kept:
-            raise InputError(
-                f"{condition} keeps other weights than the robots of the run, which another "
-                f"version simulated: {', '.join(sorted(own ^ kept))}"
-            )
+        if held and condition in held:
+            check_same_weights(condition, weights, held[condition].networks["after"])
+
+
+def check_same_weights(
+    who: Condition | CohortKey, own: Mapping[str, np.ndarray], kept: Mapping[str, np.ndarray]
+) -> None:
+    """Raises InputError where an agent's weights are not of the kind that earlier robots have.
+
+    Args:
+      who: Whose weights they are.
+      own: Weights of the agent, by name, each of shape (B, ...).
+      kept: Weights of robots that another version of the agent may have simulated.
+    """
+    kinds, known = (
+        {(name, array.dtype, array.shape[1:]) for name, array in weights.items()}
+        for weights in (own, kept)
+    )
+    if kinds != known:
+        names = sorted({name for name, *_ in kinds ^ known})
+        raise InputError(
+            f"{who} keeps other weights than the robots of the run, which another version "
+            f"simulated: {', '.join(names)}"
+        )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ..errors import InputError
-from ..shared_options import cores
+from ..machine import cores
 
 if TYPE_CHECKING:
     from .jobs import Executor

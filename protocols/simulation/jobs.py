@@ -136,7 +136,7 @@ class CohortJob:
         cohorts, message = restored_cohorts(self.directory, self.experiment, self.keys)
         report(self._seconds(cohorts), message)
         saved = reported = time.monotonic()
-        broken = [_broken(cohort) for cohort in cohorts]
+        broken: list[list[int]] = [[] for _ in cohorts]
         # On a GPU robots are looked at once a simulated minute.
         chunk = _CHUNK if self.experiment.device == HOST else control_steps(1)
         while not all(cohort.finished for cohort in cohorts):

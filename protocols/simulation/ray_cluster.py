@@ -53,6 +53,8 @@ class RayCluster:
             if ":" in address:  # Ray itself would retry for minutes
                 host, _, port = address.removeprefix("ray://").rpartition(":")
                 socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+            if ray.is_initialized():  # by an earlier run of this process
+                return
             ray.init(
                 address=address,
                 log_to_driver=False,

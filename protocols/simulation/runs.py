@@ -12,14 +12,14 @@ import torch
 
 from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, InputError, RunError
-from ..experiment.budget import check_memory, job_bytes
+from ..experiment.budget import check_memory, job_kinds
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from ..experiment.plan import Plan
 from ..experiment.schedules import control_steps
 from ..results.results import Lives, Results, collect, merge
 from ..results.run import Run
-from ..results.run_files import adopt_files, read_results, write_results
+from ..results.run_files import FILES, TABLES_FILE, adopt_files, read_results, write_results
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from ..terminal import notice
 from .checkpoints import (
@@ -30,7 +30,7 @@ from .checkpoints import (
     read_minutes,
     set_aside,
 )
-from .cohort import check_agents
+from .cohort import check_agents, check_same_weights
 from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
 from .tensorboard_log import FOLDER, TensorBoardLog
@@ -66,17 +66,17 @@ def simulate(
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
-    check_device(plan)
     directory = resolved(directory)  # an agent may change the working directory
     held = UnfinishedRun.read(directory, plan)
     if (missing := held.missing) is not None:  # before anything is written
-        check_memory(missing, at_once=getattr(executor, "processes", 1))
+        check_device(missing)
+        at_once = getattr(executor, "processes", 1)  # a cluster's nodes are not counted
+        check_memory(missing, at_once, held.plan)
         check_agents(missing, held.results)
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
         messages = run.begin()
         jobs = run.jobs(save_every)
-        cost = f"{sum(len(job.keys) for job in jobs)} cohorts"
         if not jobs and not quiet:
             notice(f"{directory} is finished, so nothing is simulated")
         with contextlib.ExitStack() as stack:
@@ -84,7 +84,8 @@ def simulate(
                 book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)
                 stack.callback(book.close)
                 executor = book.watching(executor)
-            execute(cost, jobs, executor, run.finished, messages=messages, quiet=quiet)
+            what = f"{sum(len(job.keys) for job in jobs)} cohorts"
+            execute(what, jobs, executor, run.finished, messages=messages, quiet=quiet)
     if run.left:
         raise RunError(f"{len(run.left)} cohorts are not finished; the same command continues")
     return run.run
@@ -111,7 +112,7 @@ def check_device(plan: Plan) -> None:
         found = f"there are {count}" if count else "there is no GPU that PyTorch can use"
         raise InputError(f"there is no device {device}: {found}")
     free, _ = torch.cuda.mem_get_info(number)
-    needed = max(needed for _, needed in job_bytes(plan))
+    needed = max(kind.needed for kind in job_kinds(plan))
     if needed > free:
         raise InputError(
             f"cohorts of {plan.experiment.cohort_size} robots would need about "
@@ -149,7 +150,6 @@ class UnfinishedRun:
         check_own_folder(directory / CHECKPOINTS)
         if (directory / MANIFEST).exists():
             plan = plan.merged_with(read_manifest(directory))
-        check_memory(plan)
         results = read_results(directory)
         known = {(c, row.cohort) for c, part in results.items() for row in part.robots}
         left = [key for key in plan.cohorts() if (key.condition, key.index) not in known]
@@ -198,8 +198,9 @@ class UnfinishedRun:
           Messages about damaged files that were set aside.
         """
         checkpoints = self.directory / CHECKPOINTS
-        for folder in (self.directory, checkpoints):
-            remove_drafts(folder)
+        for name in (MANIFEST, *FILES, TABLES_FILE):
+            remove_drafts(self.directory, name)
+        remove_drafts(checkpoints)
         if not self.left:
             adopt_files(self.directory)
             self._clear()
@@ -240,6 +241,14 @@ class UnfinishedRun:
             self._add(key, read_lives(finished_file(self.directory, key), job.experiment, key))
 
     def _add(self, key: CohortKey, lives: Lives) -> None:
+        """Adds a finished cohort.
+
+        Raises:
+          InputError: its agent keeps other weights than that of an earlier cohort.
+        """
+        earlier = next((one for k, one in self.lives.items() if k.condition == key.condition), None)
+        if earlier is not None:
+            check_same_weights(key, lives.after, earlier.after)
         self.lives[key] = lives
         self.left.remove(key)
         if not self.left:

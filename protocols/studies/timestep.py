@@ -16,7 +16,7 @@ from ...models.arena import Dimensions, arena_spec, robot_pose, robot_qpos
 from ...tasks import CONTROL_TIMESTEP
 from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment
-from ..reporting.markdown import line
+from ..reporting.markdown import table
 from ..simulation.jobs import Job, Report, Stop
 from ..storage import Shapes, save_arrays
 from .study import Page, StoppedError, Study, check_positive, own_arrays
@@ -316,8 +316,8 @@ def markdown(found: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> str:
         }
         for substeps, arrays in found
     ]
-    head = [line([*rows[0]]), "|" + " ---: |" * len(rows[0])]
-    return "\n".join([*head, *(line([*row.values()]) for row in rows), ""])
+    cells = [[*rows[0]], *([*row.values()] for row in rows)]
+    return "\n".join([*table(cells, "r" * len(rows[0])), ""])
 
 
 def _accuracy(error: np.ndarray) -> dict[str, str]:

@@ -12,7 +12,9 @@ from musebot.protocols.experiment import budget
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.results.run_files import BRAINS_FILE
 from musebot.protocols.simulation.cohort import check_agents
+from musebot.protocols.simulation.runs import simulate
 
 MEGABYTE = 2**20
 CREATIVE = Condition("wall_avoidance", "creative")
@@ -60,6 +62,32 @@ def test_more_than_the_machine_has_is_refused_in_a_sentence(plan, words, monkeyp
     assert str(caught.value).endswith(" GiB of memory; this machine has 4.0 GiB")
 
 
+def test_jobs_on_tensors_have_all_conditions_of_a_task():
+    """Two jobs, one for each cohort of a task, with its three conditions."""
+    experiment = Experiment(cohort_size=100, physics="warp")
+    (walls, spot) = budget.job_kinds(Plan.of(experiment, ALL, 200))
+    assert walls.what == "a cohort of wall_avoidance" and walls.jobs == spot.jobs == 2
+    each = [budget.cohort_bytes(experiment, c) for c in ALL if c.task == "wall_avoidance"]
+    assert walls.needed == sum(each)
+
+
+def test_results_that_could_not_be_read_again_are_refused(monkeypatch):
+    plan = Plan.of(Experiment(cohort_size=250), ALL, 10_000)
+    largest = budget.brains_bytes(plan)
+    monkeypatch.setattr(budget, "MOST_BYTES", largest)
+    budget.check_memory(plan)
+    monkeypatch.setattr(budget, "MOST_BYTES", largest - 1)
+    with pytest.raises(InputError, match="^60000 robots would need a file of .* files may have"):
+        budget.check_memory(plan)
+
+
+def test_the_size_of_the_brains_is_that_of_their_file(tmp_path, in_process):
+    plan = Plan.of(Experiment(cohort_size=4, time_scale=0.004, body="kinematic"), ALL, 8)
+    simulate(tmp_path, plan, in_process(), quiet=True)
+    size = (tmp_path / BRAINS_FILE).stat().st_size
+    assert 0 <= size - budget.brains_bytes(plan) < 10_000  # names, shapes and the digest
+
+
 def test_the_machine_has_some_memory():
     assert 2**28 < budget.machine_bytes() < 2**50
 
@@ -84,12 +112,15 @@ def test_cohorts_that_run_at_a_time_need_their_memory_together(monkeypatch, tmp_
     )
     monkeypatch.setattr(budget, "results_bytes", lambda plan: 0)
     for at_once in (1, 2, 5, 18):
-        monkeypatch.setattr(budget, "machine_bytes", lambda n=at_once: sum(each[:n]))
+        processes = at_once * budget._PROCESS
+        monkeypatch.setattr(
+            budget, "machine_bytes", lambda n=at_once, p=processes: sum(each[:n]) + p
+        )
         budget.check_memory(plan, at_once)
         if at_once < len(each):
             with pytest.raises(InputError, match=f"^{at_once + 1} cohorts at a time"):
                 budget.check_memory(plan, at_once + 1)
-    monkeypatch.setattr(budget, "machine_bytes", lambda: each[0])
+    monkeypatch.setattr(budget, "machine_bytes", lambda: each[0] + budget._PROCESS)
     words = ["run", str(tmp_path / "out"), "--robots", "300", "--cohort-size", "100"]
     assert cli.main([*words, "--processes", "2"]) == 2
     assert "2 cohorts at a time (--processes) would need about" in capsys.readouterr().err

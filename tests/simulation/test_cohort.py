@@ -17,8 +17,7 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.results.results import WHEN, ConditionResults, collect
-from musebot.protocols.simulation.cohort import Cohort, check_agents
-from musebot.protocols.simulation.runs import UnfinishedRun
+from musebot.protocols.simulation.cohort import Cohort, check_agents, check_same_weights
 from musebot.tasks import make_batch
 
 ROBOTS = 3
@@ -490,15 +489,11 @@ def test_robots_that_keep_other_weights_than_those_of_the_run_are_not_added():
     with pytest.raises(InputError, match="keeps other weights than the robots of the run.*: .*old"):
         check_agents(plan, held)
     check_agents(plan, {})
-
-
-def test_a_plan_that_the_machine_cannot_hold_is_refused_before_it_is_begun(monkeypatch, tmp_path):
-    monkeypatch.setattr("musebot.protocols.experiment.budget.machine_bytes", lambda: 10**6)
-    plan = Plan.of(Experiment(cohort_size=1000), [Condition("spot_finding", "fixed")], 1000)
-    for begin in (check_agents, lambda plan: UnfinishedRun.read(tmp_path / "new", plan)):
-        with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
-            begin(plan)
-    assert [*tmp_path.iterdir()] == []
+    own = {"table": np.zeros((3, 4), np.float32)}
+    check_same_weights(condition, own, {"table": np.ones((9, 4), np.float32)})
+    for other in (np.zeros((3, 4)), np.zeros((3, 5), np.float32)):
+        with pytest.raises(InputError, match="which another version simulated: table"):
+            check_same_weights(condition, own, {"table": other})
 
 
 @pytest.mark.parametrize("step", [-1, 961, 10**9, True, 5.0, "5", None])

@@ -1,6 +1,7 @@
 """A run leaves the same bytes however it is stopped, spread over processes or enlarged."""
 
 import collections
+import dataclasses
 import json
 import os
 import signal
@@ -34,7 +35,7 @@ from musebot.protocols.simulation.checkpoints import checkpoint_file, finished_f
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.jobs import CohortJob
 from musebot.protocols.simulation.local import Local
-from musebot.protocols.simulation.runs import simulate
+from musebot.protocols.simulation.runs import UnfinishedRun, simulate
 from musebot.protocols.storage import locked, write_json
 
 FILES = (ROBOTS_FILE, CURVES_FILE, BRAINS_FILE)
@@ -429,6 +430,36 @@ def test_a_locked_folder_is_refused_before_anything_is_written(tmp_path, in_proc
         simulate(tmp_path / "run", plan(), executor, quiet=True)
     assert executor.jobs == []
     assert not (tmp_path / "run" / MANIFEST).exists()
+
+
+def test_a_plan_that_the_machine_cannot_hold_is_refused_before_it_is_begun(tmp_path, monkeypatch):
+    monkeypatch.setattr("musebot.protocols.experiment.budget.machine_bytes", lambda: 10**6)
+    large = Plan.of(Experiment(cohort_size=1000), BOTH, 1000)
+    with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
+        simulate(tmp_path / "new", large, Local(1), quiet=True)
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_finished_run_needs_no_memory_and_no_device(tmp_path, monkeypatch, in_process):
+    simulate(tmp_path, plan(robots=2), in_process(), quiet=True)
+    monkeypatch.setattr("musebot.protocols.experiment.budget.machine_bytes", lambda: 10)
+    monkeypatch.setattr("musebot.protocols.simulation.runs.check_device", pytest.fail)
+    executor = in_process()
+    assert simulate(tmp_path, plan(robots=2), executor, quiet=True).results.keys() == {*BOTH}
+    assert executor.jobs == []
+
+
+def test_cohorts_of_two_versions_of_an_agent_do_not_join(tmp_path):
+    lives = Cohort(Experiment(cohort_size=2, time_scale=0.004), CohortKey(BOTH[1], 0)).lives()
+    run = UnfinishedRun.read(tmp_path / "run", plan(conditions=BOTH[1:], robots=6))
+    run._add(CohortKey(BOTH[1], 0), lives)
+    run._add(CohortKey(BOTH[1], 1), lives)
+    doubled = {name: array.astype(float) for name, array in lives.after.items()}
+    other = dataclasses.replace(lives, after=doubled)
+    with pytest.raises(
+        InputError, match="random-0002 keeps other weights than the robots of the run"
+    ):
+        run._add(CohortKey(BOTH[1], 2), other)
 
 
 # Unstable simulations
