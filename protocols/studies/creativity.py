@@ -101,7 +101,12 @@ def check_runs(runs: Sequence[Run]) -> None:
 
 
 def contrasts(runs: Sequence[Run]) -> list[Contrast]:
-    """Returns all contrasts of several runs, with their p-values corrected together."""
+    """Returns all contrasts of several runs, with their p-values corrected together.
+
+    Raises:
+      InputError: see `check_runs`.
+    """
+    check_runs(runs)
     pairs = [(run, task) for run in runs for task in _tasks(run)]
     found = outcomes(
         [Match(run, run, Condition(task, _CREATIVE), Condition(task, _RANDOM))
