@@ -456,9 +456,7 @@ def test_cohorts_of_two_versions_of_an_agent_do_not_join(tmp_path):
     run._add(CohortKey(BOTH[1], 1), lives)
     doubled = {name: array.astype(float) for name, array in lives.after.items()}
     other = dataclasses.replace(lives, after=doubled)
-    with pytest.raises(
-        InputError, match="random-0002 keeps other weights than the robots"
-    ):
+    with pytest.raises(InputError, match="random-0002 keeps other weights than the robots"):
         run._add(CohortKey(BOTH[1], 2), other)
 
 
