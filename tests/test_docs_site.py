@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from musebot.protocols.results.run_files import read_rows
+from musebot.protocols.results.run_files import read_so_far
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -212,7 +212,7 @@ def test_the_films_of_the_leaderboard_show_each_learners_median_robot():
         path.name.split("-")[1] for path in folder.glob("paper-*-raw")
     }
     for name, robot, seconds, film in rows:
-        run = read_rows(folder / f"paper-{name}-raw")
+        run = read_so_far(folder / f"paper-{name}-raw", "rows")
         found = sorted((one.t_post_s, one.robot) for one in run.valid(run.conditions()[-1]))
         time, middle = found[(len(found) - 1) // 2]
         assert (middle, f"{time:.1f}") == (int(robot), seconds)

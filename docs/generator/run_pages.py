@@ -8,7 +8,7 @@ from tables import table
 
 from musebot.protocols.agents.names import short_name
 from musebot.protocols.reporting.labels import particulars
-from musebot.protocols.results.run_files import read_rows
+from musebot.protocols.results.run_files import read_so_far
 
 
 def pages(docs: Path) -> dict[str, str]:
@@ -41,7 +41,7 @@ defaults: brain `paper`, body `mujoco`, protocol `paper`.
 
 
 def _run(folder: Path, results: Path) -> tuple[str, ...]:
-    run, name = read_rows(folder), str(folder.relative_to(results))
+    run, name = read_so_far(folder, "rows"), str(folder.relative_to(results))
     experiment = run.experiment
     shown = name if (folder / "brains.safetensors").exists() else f"{name} (rows only)"
     links = (

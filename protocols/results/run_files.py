@@ -10,7 +10,8 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Literal
 
 import numpy as np
 
@@ -50,6 +51,11 @@ from .run import Run
 ROBOTS_FILE, CURVES_FILE, BRAINS_FILE = "robots.csv", "curves.npz", "brains.safetensors"
 FILES = (BRAINS_FILE, CURVES_FILE, ROBOTS_FILE)  # in the order of writing
 TABLES_FILE = "tables.md"
+Needs = Literal["rows", "curves", "brains"]
+"""What is read of a run: rows of robots.csv, with curves, or with curves and brains."""
+_FILES_OF: Mapping[Needs, tuple[str, ...]] = MappingProxyType(
+    {"rows": (ROBOTS_FILE,), "curves": (CURVES_FILE, ROBOTS_FILE), "brains": FILES}
+)
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
 _WHOLE = re.compile(r"(0|[1-9][0-9]{0,60})")
 _DECIMAL = re.compile(r"-?[0-9]{1,30}(\.[0-9]{1,30})?(e[-+]?[0-9]{1,4})?")
@@ -73,7 +79,25 @@ def planned(directory: Path) -> Plan | None:
     return None
 
 
-def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
+def read_so_far(directory: Path, needs: Needs = "brains") -> Run:
+    """Reads the robots that a run has collected; it has none without robots.csv.
+
+    Args:
+      directory: Folder of the run.
+      needs: What is read, see `read_results`.
+
+    Raises:
+      InputError: the folder holds no run, or what it holds is damaged.
+    """
+    if not (directory / MANIFEST).is_file():
+        raise InputError(f"{directory} holds no experiment of musebot's")
+    experiment = read_manifest(directory).experiment
+    return Run(resolved(directory).name, experiment, read_results(directory, needs))
+
+
+def read_run(
+    directory: Path, name: str = "", *, replay: bool = False, needs: Needs = "brains"
+) -> Run:
     """Reads a run that has finished robots.
 
     Args:
@@ -81,20 +105,22 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
       name: Name of the run; empty for the folder's name.
       replay: Whether the run's brains will drive robots again; a notice then warns of a physics
         that differs from this version's.
+      needs: What is read, see `read_results`.
 
     Raises:
       InputError: the folder holds no such run, or what it holds is damaged.
     """
-    if not (directory / MANIFEST).is_file():
-        raise InputError(f"{directory} holds no experiment of musebot's")
-    experiment, results = read_manifest(directory).experiment, read_results(directory)
-    if not results:
-        raise InputError(_unfinished(directory))
+    run = read_so_far(directory, needs)
+    if not run.results:
+        raise InputError(
+            f"{directory} holds no finished robots yet; `musebot run {directory}` continues it"
+        )
     if not recorded_files(directory):
         notice(
             f"{directory} has no digests of its files, as an older version wrote it: a changed "
             "file may not be recognised"
         )
+    experiment = run.experiment
     if replay and not same_physics(directory):
         notice(
             f"{directory} was simulated in another physics than this version's, in which its "
@@ -103,22 +129,18 @@ def read_run(directory: Path, name: str = "", *, replay: bool = False) -> Run:
     if replay and experiment.physics != "c":
         notice(f"{directory} was simulated in MuJoCo Warp; its brains now run in C MuJoCo")
         experiment = dataclasses.replace(experiment, physics="c", device="cpu")
-    return Run(name or resolved(directory).name, experiment, results)
-
-
-def _unfinished(directory: Path) -> str:
-    return f"{directory} holds no finished robots yet; `musebot run {directory}` continues it"
+    return Run(name or run.name, experiment, run.results)
 
 
 def read_runs(
-    directories: Sequence[Path], *, replay: bool = False, brains: bool = True
+    directories: Sequence[Path], *, replay: bool = False, needs: Needs = "brains"
 ) -> list[Run]:
     """Reads several runs, with distinct names.
 
     Args:
       directories: Folders of the runs.
       replay: See `read_run`.
-      brains: Whether the brains are read; if not, the runs may be kept without them.
+      needs: What is read, see `read_results`.
 
     Raises:
       InputError: there is none, one is given twice, or see `read_run`.
@@ -127,15 +149,8 @@ def read_runs(
         raise InputError("at least one run is needed")
     if len({resolved(directory) for directory in directories}) < len(directories):
         raise InputError("a run is given twice")
-    names = run_names(directories)
-    pairs = zip(names, directories, strict=True)
-    if brains:
-        return [read_run(d, n, replay=replay) for n, d in pairs]
-    runs = [dataclasses.replace(read_rows(d, curves=True), name=n) for n, d in pairs]
-    for directory, run in zip(directories, runs, strict=True):
-        if not run.results:
-            raise InputError(_unfinished(directory))
-    return runs
+    pairs = zip(directories, run_names(directories), strict=True)
+    return [read_run(*pair, replay=replay, needs=needs) for pair in pairs]
 
 
 def run_names(directories: Sequence[Path]) -> list[str]:
@@ -204,84 +219,56 @@ def _contents(results: Results) -> dict[str, bytes]:
     }
 
 
-def read_results(directory: Path) -> Results:
-    """Reads the three files; returns no results without robots.csv, which is written last.
+def read_results(directory: Path, needs: Needs = "brains") -> Results:
+    """Reads a run's files; returns no results without robots.csv, which is written last.
 
     Every value is checked: against the plan of experiment.json, and against the other files. Each
     file must be one whose digest experiment.json has, if it has any.
+
+    Args:
+      directory: Folder of the run.
+      needs: What is read: "rows" reads robots.csv alone, "curves" also curves.npz, "brains" all
+        three files. Curves that are not read have the shape (n, 0); networks are then empty. A
+        finished run may be kept without what nobody reads.
 
     Raises:
       DamagedFileError: a file is damaged or missing, or the files contradict each other.
     """
     if not os.path.lexists(directory / ROBOTS_FILE):
         return {}
+    curves = brains = None
     try:
         plan = read_manifest(directory)
         rows = read_robots(directory / ROBOTS_FILE, plan)
-        curves = read_curves(directory / CURVES_FILE, plan)
-        brains = _read_brains(directory / BRAINS_FILE, plan)
+        if needs != "rows":
+            curves = read_curves(directory / CURVES_FILE, plan)
+        if needs == "brains":
+            brains = _read_brains(directory / BRAINS_FILE, plan)
     except FileNotFoundError as error:
         raise DamagedFileError(f"{directory} lacks a file ({error})") from error
-    _check_digests(directory)  # first: of files that contradict each other, one was changed
+    # First: of files that contradict each other, one was changed.
+    _check_digests(directory, _FILES_OF[needs])
     return {
         condition: _condition_results(directory, plan, (condition, rows[condition]), curves, brains)
         for condition in sorted(rows)
     }
 
 
-def read_rows(directory: Path, *, curves: bool = False) -> Run:
-    """Reads a run that may be kept without its brains, or as robots.csv alone.
-
-    Networks are empty; without `curves`, curves have the shape (n, 0). A run without robots.csv
-    has no robots.
-
-    Args:
-      directory: Folder of the run.
-      curves: Whether the curves are read, too.
-
-    Raises:
-      InputError: the folder holds no such run, or what it holds is damaged.
-    """
-    if not (directory / MANIFEST).is_file():
-        raise InputError(f"{directory} holds no experiment of musebot's")
-    plan, path = read_manifest(directory), directory / ROBOTS_FILE
-    if not os.path.lexists(path):
-        return Run(resolved(directory).name, plan.experiment, {})
-    rows = read_robots(path, plan)
-    try:
-        arrays = read_curves(directory / CURVES_FILE, plan) if curves else None
-    except FileNotFoundError as error:
-        raise DamagedFileError(f"{directory} lacks a file ({error})") from error
-    _check_digests(directory, (CURVES_FILE, ROBOTS_FILE) if curves else (ROBOTS_FILE,))
-    none: Mapping[When, NetworkArrays] = {when: {} for when in WHEN}
-    results = {
-        condition: ConditionResults(
-            rows[condition],
-            np.empty((len(rows[condition]), 0))
-            if arrays is None
-            else _own_curves(directory, plan, (condition, rows[condition]), arrays),
-            none,
-        )
-        for condition in sorted(rows)
-    }
-    return Run(resolved(directory).name, plan.experiment, results)
-
-
-def is_kept_without_brains(directory: Path, plan: Plan, *, curves: bool) -> bool:
-    """Returns whether a folder has all robots of a plan, but not their brains.
+def is_kept_without_brains(directory: Path, plan: Plan, needs: Needs) -> bool:
+    """Returns whether a folder has what is needed of all robots of a plan, but not their brains.
 
     Args:
       directory: Folder of the run.
       plan: Robots that are wanted.
-      curves: Whether their curves are wanted, too.
+      needs: What is needed of them, see `read_results`.
 
     Raises:
       DamagedFileError: robots.csv is damaged.
     """
-    has_curves, has_brains = (
-        os.path.lexists(directory / name) for name in (CURVES_FILE, BRAINS_FILE)
-    )
-    return not has_brains and (has_curves or not curves) and has_all_rows(directory, plan)
+    if os.path.lexists(directory / BRAINS_FILE):
+        return False
+    there = all(os.path.lexists(directory / name) for name in _FILES_OF[needs])
+    return there and has_all_rows(directory, plan)
 
 
 def has_all_rows(directory: Path, plan: Plan) -> bool:
@@ -292,7 +279,7 @@ def has_all_rows(directory: Path, plan: Plan) -> bool:
     """
     if not (directory / MANIFEST).is_file():
         return False
-    run = read_rows(directory)
+    run = read_so_far(directory, "rows")
     return all(len(run.robots(c)) >= robots for c, robots in plan.robots.items())
 
 
@@ -303,7 +290,7 @@ def _changed(path: Path) -> str:
     )
 
 
-def _check_digests(directory: Path, names: Sequence[str] = FILES) -> None:
+def _check_digests(directory: Path, names: Sequence[str]) -> None:
     """Raises DamagedFileError where a file is not one that was written for this run."""
     found = {name: digest_of_file(directory / name) for name in names}
     # Read after the files: a run that is enlarged meanwhile has recorded them before.
@@ -320,13 +307,17 @@ def _condition_results(
     directory: Path,
     plan: Plan,
     rows: tuple[Condition, list[Robot]],
-    curves: Mapping[str, np.ndarray],
-    brains: NetworkArrays,
+    curves: Mapping[str, np.ndarray] | None,
+    brains: NetworkArrays | None,
 ) -> ConditionResults:
     """Cuts curves and networks to the rows of robots.csv, which is written last."""
     condition, robots = rows
-    own_curves = _own_curves(directory, plan, rows, curves)
-    networks: dict[When, NetworkArrays] = {}
+    own_curves = np.empty((len(robots), 0))
+    if curves is not None:
+        own_curves = _own_curves(directory, plan, rows, curves)
+    networks: dict[When, NetworkArrays] = {when: {} for when in WHEN}
+    if brains is None:
+        return ConditionResults(robots, own_curves, networks)
     for when in WHEN:
         prefix = f"{condition}/{when}/"
         networks[when] = {

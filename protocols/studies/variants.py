@@ -6,7 +6,7 @@ import abc
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from ..errors import InputError
 from ..experiment.budget import check_memory
@@ -14,14 +14,13 @@ from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
 from ..experiment.plan import Plan, Variant
 from ..results.run import Run
-from ..results.run_files import is_kept_without_brains, planned, read_run
+from ..results.run_files import Needs, is_kept_without_brains, planned, read_run
 from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
 from ..storage import locked, resolved
 from ..terminal import notice
 from .study import Study, check_positive
 
-Needs = Literal["brains", "curves", "rows"]
 """All files of a run; its robots.csv and its curves; or robots.csv alone."""
 
 
@@ -106,11 +105,10 @@ class VariantStudy(Study):
         A finished run that is kept without its brains needs no cohorts, if the page needs none.
         """
         if self.needs != "brains":
-            curves = self.needs == "curves"
             plans = {
                 name: plan
                 for name, plan in plans.items()
-                if not is_kept_without_brains(out / name, plan, curves=curves)
+                if not is_kept_without_brains(out / name, plan, self.needs)
             }
         with contextlib.ExitStack() as stack:
             for name in plans:

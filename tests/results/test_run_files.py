@@ -39,9 +39,9 @@ from musebot.protocols.results.run_files import (
     planned,
     read_results,
     read_robots,
-    read_rows,
     read_run,
     read_runs,
+    read_so_far,
     run_names,
     write_results,
 )
@@ -511,7 +511,7 @@ def test_a_run_is_read_with_the_name_of_its_folder_or_a_given_one(folder, result
     assert read_run(folder, "mine").name == "mine"
 
 
-@pytest.mark.parametrize("read", [read_run, read_rows])
+@pytest.mark.parametrize("read", [read_run, read_so_far])
 def test_a_folder_without_a_run_is_refused(tmp_path, read):
     with pytest.raises(InputError) as caught:
         read(tmp_path)
@@ -521,7 +521,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path, read):
 def test_rows_are_read_without_the_other_files(folder, results):
     for name in (CURVES_FILE, BRAINS_FILE):
         (folder / name).unlink()
-    run = read_rows(folder)
+    run = read_so_far(folder, "rows")
     for condition, part in results.items():
         assert repr(run.robots(condition)) == repr(part.robots)
         assert run.results[condition].curves.shape == (len(part.robots), 0)
@@ -594,33 +594,33 @@ def test_curves_are_read_without_brains(folder, results):
     (folder / BRAINS_FILE).unlink()
     with pytest.raises(DamagedFileError, match="lacks a file"):
         read_run(folder)
-    (run,) = read_runs([folder], brains=False)
+    (run,) = read_runs([folder], needs="curves")
     for condition, part in results.items():
         assert np.array_equal(run.results[condition].curves, part.curves)
         assert run.networks(condition, "after") == {}
     (folder / CURVES_FILE).unlink()
     with pytest.raises(DamagedFileError, match="lacks a file"):
-        read_runs([folder], brains=False)
+        read_runs([folder], needs="curves")
 
 
 def test_curves_of_another_run_are_refused(folder):
     content = (folder / CURVES_FILE).read_bytes()
     (folder / CURVES_FILE).write_bytes(content + b"0")
     with pytest.raises(DamagedFileError):
-        read_rows(folder, curves=True)
-    assert read_rows(folder).results
+        read_so_far(folder, "curves")
+    assert read_so_far(folder, "rows").results
 
 
 def test_a_run_without_brains_is_whole_only_if_it_has_all_rows_and_what_is_needed(folder, results):
     counts = {condition: len(part.robots) for condition, part in results.items()}
     plan = dataclasses.replace(planned(folder), robots=counts)
-    assert not is_kept_without_brains(folder, plan, curves=False)  # has all files
+    assert not is_kept_without_brains(folder, plan, "rows")  # has all files
     (folder / BRAINS_FILE).unlink()
-    assert is_kept_without_brains(folder, plan, curves=True)
+    assert is_kept_without_brains(folder, plan, "curves")
     (folder / CURVES_FILE).unlink()
-    assert is_kept_without_brains(folder, plan, curves=False)
-    assert not is_kept_without_brains(folder, plan, curves=True)
+    assert is_kept_without_brains(folder, plan, "rows")
+    assert not is_kept_without_brains(folder, plan, "curves")
     more = {condition: 2 * robots for condition, robots in counts.items()}
-    assert not is_kept_without_brains(folder, dataclasses.replace(plan, robots=more), curves=False)
+    assert not is_kept_without_brains(folder, dataclasses.replace(plan, robots=more), "rows")
     (folder / ROBOTS_FILE).unlink()
-    assert not is_kept_without_brains(folder, plan, curves=False)
+    assert not is_kept_without_brains(folder, plan, "rows")

@@ -25,14 +25,14 @@ from ...errors import InputError
 from ...experiment.experiment import Body, Experiment, Signals
 from ...experiment.overrides import named_brain, with_overrides
 from ...experiment.plan import Variant
-from ...results.run_files import has_all_rows, read_runs
+from ...results.run_files import Needs, has_all_rows, read_runs
 from ...shared_options import BODY_EFFECTS, option
 from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
 from ...terminal import notice
 from ..search.tune import efforts, tunings
 from ..study import Page, check_positive
-from ..variants import Needs, VariantStudy
+from ..variants import VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .costs import FOLDER, cost_jobs, measured
 from .page import page
@@ -218,5 +218,5 @@ class Benchmark(VariantStudy):
         return page(found, measured(out, found), efforts(self.tuned))
 
     def _boards(self, out: Path) -> dict[Board, list[Entry]]:
-        found = boards(read_runs([out / name for name in self.plans()], brains=False))
+        found = boards(read_runs([out / name for name in self.plans()], needs="curves"))
         return {board: own for board, own in found.items() if board.signals in self.signals}

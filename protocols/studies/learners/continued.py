@@ -71,7 +71,7 @@ class ContinuedLearning(Study):
     @functools.cached_property
     def _runs(self) -> list[Run]:
         check_names(self.runs)
-        return read_runs(self.runs, brains=False)
+        return read_runs(self.runs, needs="curves")
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`."""

@@ -38,7 +38,7 @@ class Leaderboard(Study):
 
     @functools.cached_property
     def _read(self) -> list[Run]:
-        return read_runs(self.runs, brains=False)
+        return read_runs(self.runs, needs="curves")
 
     @functools.cached_property
     def _boards(self) -> dict[Board, list[Entry]]:

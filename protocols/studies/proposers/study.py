@@ -9,10 +9,10 @@ from typing import ClassVar
 
 from ...experiment.experiment import Experiment
 from ...experiment.plan import Variant, default_cohort_size
-from ...results.run_files import has_all_rows, read_rows
+from ...results.run_files import Needs, has_all_rows, read_so_far
 from ...simulation.jobs import Job
 from ..study import Page
-from ..variants import Needs, VariantStudy
+from ..variants import VariantStudy
 from . import page
 from .cells import PARTS, WAYS, Part, PartName
 from .page import Outcome
@@ -88,7 +88,7 @@ class Proposers(VariantStudy):
         """See `Study.page`: what is finished."""
         plans = self.plans()
         found = [
-            Outcome.of(cell, read_rows(folder), condition)
+            Outcome.of(cell, read_so_far(folder, "rows"), condition)
             for cell in self.chosen.cells
             if has_all_rows(folder := out / cell.name, plans[cell.name])
             for condition in self.chosen.conditions(cell)

@@ -14,10 +14,10 @@ from ...experiment.budget import check_memory
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.plan import Plan, Variant, changed
-from ...results.run_files import ROBOTS_FILE, read_rows
+from ...results.run_files import ROBOTS_FILE, Needs, read_so_far
 from ...simulation.jobs import Job
 from ..study import Page, check_positive
-from ..variants import Needs, VariantStudy
+from ..variants import VariantStudy
 from . import page
 from .choices import DESIGN, FINALISTS, PLAIN, SEEDS, SPEEDS, WALLS, combined, plain
 from .newborns import NewbornJob
@@ -136,7 +136,7 @@ class Reading(VariantStudy):
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
         names = [name for name in self.plans() if (out / name / ROBOTS_FILE).is_file()]
-        runs = {name: read_rows(out / name) for name in names}
+        runs = {name: read_so_far(out / name, "rows") for name in names}
         screened = {name: runs[name] for name in self.screen() if name in runs}
         parts = [page.hypothesis(runs[PLAIN])] if PLAIN in runs else []
         parts += page.newborns(self.newborn_jobs(out), self.newborns)
