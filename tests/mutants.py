@@ -60,6 +60,16 @@ AREAS = {
         "protocols/results/checks.py protocols/results/run_files.py protocols/storage.py "
         "protocols/results/run.py"
     ),
+    "tasks": (
+        "tasks/episode.py tasks/rules.py tasks/sensors.py tasks/spot_finding.py tasks/starts.py "
+        "tasks/wall_avoidance.py models/changes.py models/edits.py models/kinematic.py"
+    ),
+    "agents": "protocols/agents/learners/*.py protocols/agents/bounds.py",
+    "studies": (
+        "protocols/studies/learners/boards.py protocols/studies/learners/summary.py "
+        "protocols/studies/proposers/answers.py protocols/studies/proposers/cells.py "
+        "protocols/studies/search/space.py protocols/studies/wear/recovery.py"
+    ),
 }
 MORE_TESTS = {
     "controller/brains.py": (
@@ -82,6 +92,18 @@ MORE_TESTS = {
     "protocols/results/checks.py": "simulation/test_checkpoints.py results/test_run_files.py",
     "protocols/results/run_files.py": "results/test_checks.py",
     "protocols/simulation/jobs.py": "simulation/test_runs.py",
+    "tasks/*": (
+        "tasks/test_arena.py tasks/test_batch.py tasks/test_kinematic.py tasks/test_suite.py"
+    ),
+    "models/*": "models/test_edits.py tasks/test_kinematic.py studies/test_wear.py",
+    "protocols/agents/learners/*": (
+        "agents/learners/test_published.py agents/learners/test_learners.py "
+        "agents/learners/test_q_learning.py"
+    ),
+    "protocols/studies/learners/*": "studies/test_leaderboard.py",
+    "protocols/studies/proposers/*": "studies/test_proposers.py",
+    "protocols/studies/search/space.py": "studies/test_evolve.py",
+    "protocols/studies/wear/*": "studies/test_wear.py",
 }
 
 SWAPS = {

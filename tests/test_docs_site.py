@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from musebot.controller import PROPOSERS
 from musebot.protocols.results.run_files import read_so_far
 
 ROOT = Path(__file__).parents[1]
@@ -206,17 +207,20 @@ def test_what_agents_gain_with_the_papers_signals_is_that_of_its_study():
 
 def test_the_films_of_the_leaderboard_show_each_learners_median_robot():
     page = (DOCS / "leaderboard.md").read_text()
-    rows = re.findall(r"\| `(\w+)` \| (\d+), ([\d.]+) s of 3600 s \| .*\((images/.*)\) \|", page)
+    row = r"\| `(\w+)`(?:, )?(\w*) \| (\d+), ([\d.]+) s of 3600 s \| .*\((images/.*)\) \|"
+    rows = re.findall(row, page)
     folder = DOCS / "results" / "benchmark-kinematic"
-    assert {name for name, *_ in rows} == {
-        path.name.split("-")[1] for path in folder.glob("paper-*-raw")
-    }
-    for name, robot, seconds, film in rows:
-        run = read_so_far(folder / f"paper-{name}-raw", "rows")
-        found = sorted((one.t_post_s, one.robot) for one in run.valid(run.conditions()[-1]))
+    learners = {(path.name.split("-")[1], "") for path in folder.glob("paper-*-raw")}
+    assert {row[:2] for row in rows} == learners | {("paper", name) for name in PROPOSERS}
+    for name, proposer, robot, seconds, film in rows:
+        run = read_so_far(folder / f"paper-{name}-{'paper' if proposer else 'raw'}", "rows")
+        spot = [c for c in run.conditions() if c.task == "spot_finding"]
+        (condition,) = [c for c in spot if not proposer or c.proposer == proposer]
+        found = sorted((one.t_post_s, one.robot) for one in run.valid(condition))
         time, middle = found[(len(found) - 1) // 2]
         assert (middle, f"{time:.1f}") == (int(robot), seconds)
-        assert (DOCS / film).name == f"{name}.gif" and (DOCS / film).exists()
+        stem = f"{name}_{proposer}" if proposer else name
+        assert (DOCS / film).name == f"{stem}.gif" and (DOCS / film).exists()
 
 
 def test_the_shares_of_the_leaderboard_are_those_of_the_benchmark():

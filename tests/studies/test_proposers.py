@@ -220,6 +220,40 @@ def test_the_contrast_noise_is_the_effect_of_noise_and_of_nothing_else(effect):
     assert answers["noise"].sign == (effect > 0)
 
 
+def test_every_contrast_is_the_plans_sum_of_means():
+    """The table of docs/plans/proposers.md, with other means in every cell."""
+    random = np.random.default_rng(8)
+    means = {cell: random.uniform(0.2, 0.8) for cell in PARTS["first"].cells}
+    groups = {cell: np.array([mean - 0.1, mean + 0.1]) for cell, mean in means.items()}
+
+    def over_ideas(way, outside=False):
+        return np.mean([means[Cell(way, ideas, outside).simulated] for ideas in IDEAS])
+
+    noisy, copies, untrained, both = (
+        over_ideas(way, True) for way in ("connections", "copies", "untrained", "untrained-copies")
+    )
+    today, main = over_ideas("connections"), over_ideas("with-main-idea")
+    few, many = (
+        means[Cell("connections", ideas, True)] - means[Cell("copies", ideas, True)]
+        for ideas in (3, 25)
+    )
+    expected = {
+        "memory": (noisy + copies - untrained - both) / 2,
+        "noise": (noisy + untrained - copies - both) / 2,
+        "memory x noise": (noisy - untrained) - (copies - both),
+        "noise x outside ideas": (noisy - copies) - (today - over_ideas("copies")),
+        "noise x ideas": few - many,
+        "main idea included": main - today,
+        "source of novelty": main - over_ideas("main-idea-uniform"),
+        "place of the noise": today - over_ideas("action"),
+        "memory against Sobol": today - over_ideas("sobol"),
+        "memory against cross-entropy": today - over_ideas("cross-entropy"),
+        "memory against the learned": today - over_ideas("learned"),
+    }
+    found = {name: answer.value for name, answer in contrasts(groups).items()}
+    assert found == pytest.approx(expected)
+
+
 def test_decisions_follow_the_plans_rule():
     assert decisions({}) == []
     unfinished = shares(lambda cell: 0.5)
