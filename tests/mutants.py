@@ -95,7 +95,10 @@ MORE_TESTS = {
     "tasks/*": (
         "tasks/test_arena.py tasks/test_batch.py tasks/test_kinematic.py tasks/test_suite.py"
     ),
-    "models/*": "models/test_edits.py tasks/test_kinematic.py studies/test_wear.py",
+    "models/*": (
+        "models/test_edits.py models/test_changes.py tasks/test_kinematic.py "
+        "tasks/test_spot_finding.py"
+    ),
     "protocols/agents/learners/*": (
         "agents/learners/test_published.py agents/learners/test_learners.py "
         "agents/learners/test_q_learning.py"
