@@ -18,7 +18,7 @@ from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
 SMELL = (
     "Eq. 3, s / (1 + s) with s = 10 (r / d) (1 - 2 beta / alpha) if beta < alpha / 2, else 0; "
     "s = 10 if d < r. d and beta are the distance and the direction of the spot's centre, seen "
-    "from the nose at the front of the rim; r = 6 cm, alpha = 90 degrees"
+    "from {}; r = 6 cm, alpha = 90 degrees"
 )
 # The values of each signal in order, its unit and its meaning; names and ranges are in the code.
 SIGNALS = {
@@ -29,12 +29,11 @@ SIGNALS = {
     ),
     "contact": ("", "1", "-1 in contact with a wall or a pillar, else 0"),
     "speed": ("", "0.2 m/s", "speed of the robot's centre ahead, clipped"),
-    "nose": ("", "1", SMELL),
+    "nose": ("", "1", SMELL.format("the nose at the front of the rim")),
     "noses": (
         "left, right",
         "1",
-        "as `nose` in [spot_finding](spot_finding.md), of two noses on the rim, 30 degrees to the "
-        "left and right of the front",
+        SMELL.format("one of two noses on the rim, 30 degrees to the left and right of the front"),
     ),
 }
 POLICY_STEPS = 327_680

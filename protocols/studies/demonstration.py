@@ -196,7 +196,8 @@ def markdown(runs: Mapping[str, Run]) -> str:
         "",
         "The best robot was longest in the spot (or shortest in contact) after training; the "
         "typical one is the median of the paper's brain. A film shows the beginning of the test "
-        "after training again, with new noise.",
+        "after training again, with new noise. The paper's brain often gets worse in the spot: its "
+        "tables say so, too (docs/results.md).",
         "",
         _sentences(runs, means),
     ]
