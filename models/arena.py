@@ -213,6 +213,7 @@ class Dimensions:
 
         Raises:
           KeyError: The arena lacks a body, geom, site or actuator.
+          ValueError: An obstacle has no geom.
         """
         bumper = model.geom("bumper")
         wheel_radius = float(model.geom("left_wheel").size[0])
@@ -227,17 +228,21 @@ class Dimensions:
             spot_radius=float(model.site("spot").size[0]),
             nose=float(model.site("nose").pos[0]),
             obstacles=tuple(
-                (
-                    float(body.pos[0]),
-                    float(body.pos[1]),
-                    float(model.geom_size[body.geomadr[0], 0]),
-                )
+                (float(body.pos[0]), float(body.pos[1]), _widest(model, body.id))
                 for body in map(model.body, range(model.nbody))
                 if body.name.startswith("obstacle")
             ),
             gains=(_gain(model, "left_motor"), _gain(model, "right_motor")),
             nose_turn=float(heading(*model.site("nose").quat)),
         )
+
+
+def _widest(model: mujoco.MjModel, body: int) -> float:
+    """Returns the largest first size of a body's geoms, in [m]: the radius of a round body."""
+    own = model.geom_bodyid == body
+    if not own.any():
+        raise ValueError(f"the obstacle {model.body(body).name!r} has no geom")
+    return float(model.geom_size[own, 0].max())
 
 
 def _gain(model: mujoco.MjModel, name: str) -> float:

@@ -285,8 +285,9 @@ def _cores() -> str:
 
 def _memory() -> str:
     try:
-        free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
-        return f"{machine_bytes() / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
+        total = machine_bytes()
+        free = min(total, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES"))
+        return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
     except (ValueError, OSError, AttributeError):
         return "unknown"
 

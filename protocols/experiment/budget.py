@@ -21,7 +21,7 @@ _FLOAT = 4
 _BATCH = 8000  # bytes of a robot's physics, measured: 5 to 8 kB
 _WARP = 25_000  # bytes of a robot's physics in MuJoCo Warp, the sum of its arrays
 _ROW = 1000  # bytes of a row of robots.csv and its objects
-_PROCESS = 308_000_000  # bytes of a process without robots (docs/performance.md, memory)
+_PROCESS = 190_000_000  # bytes that a process without robots shares with no other
 _COPIES = 3  # of results and of checkpoints, while they are joined and written
 
 

@@ -12,7 +12,7 @@ import os
 import re
 import socket
 from collections.abc import Generator, Iterable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from ..errors import InputError, Interrupted, RunError
 from ..storage import create_empty, draft_name, remove_files
@@ -36,6 +36,8 @@ _ADDRESS = re.compile(r"auto|(ray://)?([\w.-]+|\[[\da-fA-F:.]+\]):\d{1,5}")
 class RayCluster:
     """Executor that runs jobs on the cores of a Ray cluster."""
 
+    _address: ClassVar[str] = ""  # to which this process is connected
+
     def __init__(self, address: str) -> None:
         """Connects to an existing cluster.
 
@@ -53,14 +55,15 @@ class RayCluster:
             if ":" in address:  # Ray itself would retry for minutes
                 host, _, port = address.removeprefix("ray://").rpartition(":")
                 socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
-            if ray.is_initialized():  # by an earlier run of this process
-                return
+            if ray.is_initialized() and RayCluster._address == address:
+                return  # an earlier run of this process has connected it
             ray.init(
                 address=address,
                 log_to_driver=False,
                 logging_level=logging.ERROR,
                 runtime_env={"env_vars": {"MUJOCO_GL": "off", "OMP_NUM_THREADS": "1"}},
             )
+            RayCluster._address = address
         except (ConnectionError, RayError) as error:
             cause = " ".join(str(error).split())
             if isinstance(error, ConnectionRefusedError | ConnectionResetError) or cause.startswith(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses
 import importlib.util
@@ -71,7 +72,7 @@ def simulate(
     if (missing := held.missing) is not None:  # before anything is written
         check_device(missing)
         at_once = getattr(executor, "processes", 1)  # a cluster's nodes are not counted
-        check_memory(missing, at_once, held.plan)
+        check_memory(held.remaining, at_once, held.plan)
         check_agents(missing, held.results)
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
@@ -169,6 +170,13 @@ class UnfinishedRun:
         """The plan of the conditions that have robots to simulate; None if there are none."""
         robots = {key.condition: self.plan.robots[key.condition] for key in self.left}
         return dataclasses.replace(self.plan, robots=robots) if robots else None
+
+    @property
+    def remaining(self) -> Plan:
+        """The plan of the robots that are left to simulate."""
+        counts = collections.Counter(key.condition for key in self.left)
+        size = self.plan.experiment.cohort_size
+        return dataclasses.replace(self.plan, robots={c: n * size for c, n in counts.items()})
 
     def curve(self, condition: Condition) -> np.ndarray:
         """Returns the mean share of each simulated minute that all robots have reached, shape (M,).

@@ -153,13 +153,18 @@ class StoredLifeJob:
         for time in times(self.experiment)[len(_first(stored)) :]:
             try:
                 advance(cohort, time, tick)
+                stopped = False
             except StoppedError:
-                return False
+                if cohort.step < time:
+                    return False
+                stopped = True  # at a time of storing: its networks are stored first
             for name, weights in cohort.agent.weights().items():
                 stored[name] = np.concatenate([stored[name], weights[None]], dtype=weights.dtype)
             arrays, notes = cohort.checkpoint()
             arrays |= {_STORED + name: array for name, array in stored.items()}
             save_arrays(self.path, arrays, **notes, experiment=dataclasses.asdict(self.experiment))
+            if stopped and time < times(self.experiment)[-1]:
+                return False
         report(self.cost, "")
         return True
 

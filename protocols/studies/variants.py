@@ -14,14 +14,12 @@ from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import MANIFEST, same_physics
 from ..experiment.plan import Plan, Variant
 from ..results.run import Run
-from ..results.run_files import Needs, is_kept_without_brains, planned, read_run
+from ..results.run_files import Needs, has_all_rows, is_kept_without_brains, planned, read_run
 from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
 from ..storage import locked, resolved
 from ..terminal import notice
 from .study import Study, check_positive
-
-"""All files of a run; its robots.csv and its curves; or robots.csv alone."""
 
 
 class VariantStudy(Study):
@@ -82,18 +80,22 @@ class VariantStudy(Study):
     def check(self, out: Path) -> None:
         """See `Study.check`: a run may be continued with more robots, but not with fewer."""
         for name, plan in self.plans().items():
-            check_memory(plan)
             folder = out / name
-            if (held := planned(folder)) is None:
-                continue
-            check_same(f"{folder} holds an experiment", held.experiment, plan.experiment)
-            for condition, robots in held.robots.items():
-                if robots > (wanted := plan.robots.get(condition, 0)):
-                    raise InputError(
-                        f"{folder} holds {robots} robots of {condition}, more than {wanted}"
-                    )
-            if not same_physics(folder):
-                raise InputError(f"{folder} was simulated in another physics than this version's")
+            if (held := planned(folder)) is not None:
+                self._check_held(folder, held, plan)
+            if not has_all_rows(folder, plan):
+                check_memory(plan)
+
+    def _check_held(self, folder: Path, held: Plan, plan: Plan) -> None:
+        """Raises InputError where a folder's run cannot be continued by a plan."""
+        check_same(f"{folder} holds an experiment", held.experiment, plan.experiment)
+        for condition, robots in held.robots.items():
+            if robots > (wanted := plan.robots.get(condition, 0)):
+                raise InputError(
+                    f"{folder} holds {robots} robots of {condition}, more than {wanted}"
+                )
+        if not same_physics(folder):
+            raise InputError(f"{folder} was simulated in another physics than this version's")
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
         """See `Study.stages`: all cohorts of all runs."""

@@ -211,8 +211,19 @@ def test_another_reward_does_not_change_what_the_robot_smells():
 def test_an_obstacles_geom_may_have_any_name(forgotten):
     def block(spec):
         body = spec.worldbody.add_body(name="obstacle_9", pos=[0.2, 0.1, 0])
-        body.add_geom(name="block", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.04, 0.03, 0])
+        for name, radius in (("knob", 0.01), ("block", 0.04)):
+            kind = mujoco.mjtGeom.mjGEOM_CYLINDER
+            body.add_geom(name=name, type=kind, size=[radius, 0.03, 0])
 
     forgotten.append("one_block")
     musebot.register_task("one_block", Still, edits=(block,))
     assert make_batch("one_block", 1).dimensions.obstacles == ((0.2, 0.1, 0.04),)
+
+
+def test_an_obstacle_without_a_geom_is_refused():
+    def nothing(spec):
+        spec.worldbody.add_body(name="obstacle_9", pos=[0.2, 0.1, 0])
+
+    with pytest.raises(ValueError, match="the obstacle 'obstacle_9' has no geom"):
+        musebot.register_task("no_block", Still, edits=(nothing,))
+    assert "no_block" not in suite.TASKS

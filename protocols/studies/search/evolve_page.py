@@ -17,7 +17,7 @@ from ...experiment.schedules import TASK_NAMES, Schedule
 from ...reporting import style
 from ...reporting.markdown import MEANS, mean_cell, table, with_interval
 from ..study import Page
-from .space import RANGES
+from .space import NEWBORNS, RANGES
 
 _LEAST = 12  # evaluations from which the weight of a parameter is shown
 
@@ -131,9 +131,11 @@ def page(
             "",
         ]
     if evolution.start is not None and evolution.winner is not None:
+        paired = NEWBORNS.isdisjoint(evolution.over)
         gain = intervals.difference_of_means(
-            evolution.winner, evolution.start, paired=True, span=intervals.SHARE
+            evolution.winner, evolution.start, paired=paired, span=intervals.SHARE
         )
+        of = "of pairs of equal newborns" if paired else "of independent groups"
         pairs = (("first brain", evolution.start), ("winner", evolution.winner))
         rows = [["on fresh seeds", "robots", schedule.event]]
         for name, shares in pairs:
@@ -143,8 +145,8 @@ def page(
         lines += [
             *table(rows),
             "",
-            f"Difference in pairs of newborns {with_interval(f'{change:+.3f}', gain)}. The best "
-            f"brain seen had {seen:.3f} on its own seed. The winner is the mean of the search: "
+            f"Difference {of} {with_interval(f'{change:+.3f}', gain)}. The best brain seen had "
+            f"{seen:.3f} on its own seed. The winner is the mean of the search: "
             f"`{evolution.words}`. In brackets 95 % intervals ({MEANS}).",
             "",
         ]

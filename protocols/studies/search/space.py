@@ -78,6 +78,10 @@ RANGES: Mapping[str, Range] = MappingProxyType(
 )
 
 
+NEWBORNS = frozenset({"initial_range", "evaluation_hidden", "memory_hidden"})
+"""Parameters on which a newborn's networks depend."""
+
+
 def check_names(names: Sequence[str], brain: Parameters) -> None:
     """Raises InputError if a parameter cannot be searched, in its whole range, with the brain."""
     if not names:

@@ -120,12 +120,15 @@ class BranchJob:
       life: Job of the cohort's life.
       change: Name of the change, a key of `CHANGES`.
       arm: Name of the arm, a key of `ARMS`.
+      digest: Digest of the life's brains, see `OldBrains.digest`: a file of other brains is not
+        done. Empty where the life's file was deleted.
     """
 
     folder: Path
     life: LifeJob
     change: str
     arm: str
+    digest: str = ""
 
     def __str__(self) -> str:
         return f"{self.change}, {self.arm}, cohort {self.life.index}"
@@ -148,11 +151,11 @@ class BranchJob:
 
     def done(self) -> bool:
         """See `Job.done`."""
-        return self.path.exists() and len(self._read()[0]["shares"]) > PERIODS
-
-    def stems_from(self, life: str) -> bool:
-        """Returns whether the job's file is of the brains with this digest."""
-        return self._read()[1]["life"] == life
+        if not self.path.exists():
+            return False
+        arrays, notes = self._read()
+        own = not self.digest or notes["life"] == self.digest
+        return own and len(arrays["shares"]) > PERIODS
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from the last probe that was stored.

@@ -109,19 +109,13 @@ class Wear(Study):
         left = [job.life for job in branches if not job.done()]
         yield [life for life in self._lives(out) if life in left]
         digests = {life.index: old.digest for life in self._lives(out) if (old := life.brains())}
-        again = [
-            job
-            for job in branches
-            if job.life.index in digests
-            and job.path.exists()
-            and not job.stems_from(digests[job.life.index])
+        known = [
+            dataclasses.replace(job, digest=digests.get(job.life.index, "")) for job in branches
         ]
-        if again:
-            names = "; ".join(map(str, again))
-            notice(f"other brains than the new lives', so these run again: {names}")
-        for job in again:
-            job.path.unlink()
-        yield branches
+        pairs = zip(branches, known, strict=True)
+        if again := [str(job) for job, other in pairs if job.done() and not other.done()]:
+            notice(f"other brains than the new lives', so these run again: {'; '.join(again)}")
+        yield known
 
     def page(self, out: Path) -> Page:
         """See `Study.page`: what is finished."""
