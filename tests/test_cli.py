@@ -75,6 +75,7 @@ def study_of(page):
         return kind(
             body=one.body,
             board=tuple(dict.fromkeys(first for first, *_ in names)),
+            agent=tuple(dict.fromkeys(name[1] for name in names if name[1] != "bounds")),
             signals=tuple(dict.fromkeys(last for *_, last in names if last in ("paper", "raw"))),
             tuned=tuple(sorted((RESULTS / "tuned").iterdir())),
         )

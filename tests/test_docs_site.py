@@ -223,6 +223,16 @@ def test_the_films_of_the_leaderboard_show_each_learners_median_robot():
         assert (DOCS / film).name == f"{stem}.gif" and (DOCS / film).exists()
 
 
+@pytest.mark.parametrize("track", ["raw", "paper"])
+def test_the_scores_in_the_larger_arena_are_those_of_its_board(track):
+    text = (DOCS / "results" / f"benchmark-larger-{track}" / "benchmark.md").read_text()
+    rows = [line.split(" | ") for line in text.splitlines() if " | 60 | " in line]
+    assert len(rows) == 6
+    page = (DOCS / "leaderboard.md").read_text()
+    for learner, _, *numbers in rows:
+        assert " | ".join([learner, *numbers[:3]]) in page, learner
+
+
 def test_the_shares_of_the_leaderboard_are_those_of_the_benchmark():
     page = (DOCS / "leaderboard.md").read_text()
     text = (DOCS / "results" / "benchmark-kinematic" / "benchmark.md").read_text()
