@@ -72,7 +72,9 @@ class Episode:
         Args:
           step: Number of the control step, from 0; or an array of them.
         """
-        return (step > 0) & (step % self.spot_steps == 0) if self.spot_steps else step < 0
+        if not self.spot_steps:
+            return step < 0  # never, in the shape of `step`
+        return (step > 0) & (step % self.spot_steps == 0)
 
     def motors(self, action: Any) -> tuple[float, float]:
         """Returns the motor values of one robot's action.
