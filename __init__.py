@@ -81,10 +81,16 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
 
     Raises:
       TypeError: An option is unknown.
+      ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: A value is invalid, or the folder holds something else.
     """
     # By name: the modules that simulate import this module's version.
-    command = importlib.import_module(f"{__name__}.protocols.commands.run")
+    try:
+        command = importlib.import_module(f"{__name__}.protocols.commands.run")
+    except ModuleNotFoundError as error:  # without the extra `brain`
+        from .protocols.errors import missing_extra
+
+        raise ModuleNotFoundError(missing_extra(error), name=error.name) from error
     return command.run(out, quiet=quiet, **options)
 
 

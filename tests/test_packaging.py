@@ -122,6 +122,12 @@ def test_the_command_without_an_extra_is_one_sentence_and_status_2(gym_only, hid
     assert re.fullmatch(sentence, done.stderr)
 
 
+@pytest.mark.slow
+def test_simulating_from_python_without_the_extra_says_how_to_get_it(gym_only):
+    done = gym_only("-c", "import musebot; musebot.run('out')")
+    assert re.search(r"ModuleNotFoundError: \w+ is not installed; pip install", done.stderr)
+
+
 @pytest.mark.parametrize(
     ("module", "absent", "extra"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
@@ -22,6 +23,7 @@ ROBOTS = 8
 _STEPS = 300
 _LIMIT = 0.5  # largest motor value
 _TIMED = 60, 500  # robots and control steps of the measurement of speed
+_PARTS = 10  # of these steps; the first only warms up
 
 
 class Check(NamedTuple):
@@ -92,10 +94,11 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     )
     if not motors.any():
         yield Check("it moves", None, "all motor values are 0: a robot that stands still has no L")
-    finite = all(np.isfinite(array).all() for array in agent.weights().values())
-    yield Check("weights stay finite", finite, f"after {_STEPS} steps")
-    if not finite:
-        return  # the other checks compare numbers
+    if broken := _not_finite(stream, made):
+        says = f"{broken}; the other checks were skipped"  # they compare numbers
+        yield Check("weights stay finite", False, says)
+        return
+    yield Check("weights stay finite", True, f"in {_STEPS} steps")
     yield _seeds(stream, motors, made)
     yield from _weights(stream, agent, born)
     yield _resumes(stream, motors, made)
@@ -111,6 +114,18 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
 
 def _copied(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: array.copy() for name, array in arrays.items()}
+
+
+def _not_finite(stream: Stream, made: Callable[..., Agent]) -> str:
+    """Returns which weight was first not finite, of which robot and when; "" if all are finite."""
+    agent = made()
+    for step in range(_STEPS):
+        stream.feed(agent, step, step + 1)
+        for name, array in agent.weights().items():
+            if not (finite := np.isfinite(array)).all():
+                robot = int(np.argwhere(~finite)[0][0])
+                return f"{name} of robot {robot} is not finite after {step + 1} steps"
+    return ""
 
 
 def _differing(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> list[str]:
@@ -161,10 +176,17 @@ def _resumes(stream: Stream, motors: np.ndarray, made: Callable[..., Agent]) -> 
     if np.array_equal(rest, motors[middle:]):
         stream.feed(first, middle, _STEPS)
         changed = _differing(first.state(), second.state())
-        says = f"equal actions, but {', '.join(changed[:3])} differ: state() misses something"
+        says = (
+            f"equal actions, but {', '.join(changed[:3])} differ: state() misses something that "
+            "these depend on"
+        )
         return Check(name, not changed, says if changed else f"{_STEPS - middle} steps")
     step = int((rest != motors[middle:]).any(axis=(1, 2)).argmax())
-    return Check(name, False, f"other actions {step} steps later: state() misses something")
+    return Check(
+        name,
+        False,
+        f"other actions {step} steps later, in an agent of another seed: state() misses something",
+    )
 
 
 def _robots_are_apart(task: str, made: Callable[..., Agent]) -> Check:
@@ -261,6 +283,20 @@ def _costs(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     yield Check("memory", None, f"{found.bytes / 1024:.1f} KiB a robot in a checkpoint")
 
 
+def _microseconds(stream: Stream, agent: Agent) -> float:
+    """Returns the time of a robot-step: the median of several parts."""
+    agent.reset()
+    steps, robots = stream.rewards.shape
+    ends = np.linspace(0, steps, _PARTS + 1).astype(int)
+    stream.feed(agent, 0, ends[1])
+    spent = []
+    for first, last in itertools.pairwise(ends[1:].tolist()):
+        begun = time.perf_counter()
+        stream.feed(agent, first, last)
+        spent.append((time.perf_counter() - begun) / (last - first))
+    return float(np.median(spent)) / robots * 1e6
+
+
 class Costs(NamedTuple):
     """What an agent costs, without the simulation.
 
@@ -287,12 +323,6 @@ def costs(experiment: Experiment, condition: Condition) -> Costs:
     papers = Experiment(protocol=experiment.protocol, brain=Parameters())
     learner = make_agent(experiment, condition, robots, 1)
     brain = make_agent(papers, Condition(condition.task, "creative"), robots, 1)
-    spent = []
-    for agent in (learner, brain):
-        agent.reset()
-        stream.feed(agent, 0, 20)
-        begun = time.perf_counter()
-        stream.feed(agent, 20, steps)
-        spent.append((time.perf_counter() - begun) / (steps - 20) / robots * 1e6)
+    spent = [_microseconds(stream, agent) for agent in (learner, brain)]
     size = sum(array.nbytes for array in learner.state().values()) / robots
     return Costs(spent[0], spent[1], size)

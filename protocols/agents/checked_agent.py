@@ -131,6 +131,11 @@ class CheckedAgent(Agent):
                 f"got {type(arrays).__name__}"
             )
         for name, array in arrays.items():
+            if isinstance(array, np.generic):
+                raise InputError(
+                    f"{self._name} must return a dict of arrays as its {what}, got the number "
+                    f"{name!r} ({type(array).__name__}): np.array() makes an array of it"
+                )
             if not isinstance(name, str) or not isinstance(array, np.ndarray):
                 raise InputError(
                     f"{self._name} must return a dict of arrays as its {what}, "

@@ -47,6 +47,7 @@ class CheckAgentCommand:
         from ..experiment.conditions import Condition
         from ..experiment.experiment import Experiment
         from ..experiment.plan import Plan
+        from ..simulation.worker import prepare_process
 
         name = recorded_name(self.agent)
         settings = tuple(self.agent_set)
@@ -60,6 +61,7 @@ class CheckAgentCommand:
         if conditions[0].has_brain:
             raise InputError(f"{name} is a proposer of the brain, not an agent")
         trust(name)
+        prepare_process()  # as in a run, so that the time of a step is that of a run
         failed = 0
         for condition in conditions:
             for number, check in enumerate(checks(experiment, condition)):

@@ -31,7 +31,10 @@ class Condition:
     def __post_init__(self) -> None:
         """Raises InputError if the task or the name of the proposer is unknown."""
         if self.task not in PAPER_TASKS:
-            raise InputError(f"the task must be one of {', '.join(PAPER_TASKS)}, got {self.task!r}")
+            raise InputError(
+                f"the task must be one of {', '.join(PAPER_TASKS)}, got {self.task!r}: lives have "
+                "the paper's tasks only"
+            )
         check_proposer(self.proposer)
 
     def __str__(self) -> str:

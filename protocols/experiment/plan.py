@@ -55,7 +55,8 @@ class Plan:
                 raise InputError(f"robots must be at most {MOST_ROBOTS}, got {shown(robots)}")
             if robots % size:
                 raise InputError(
-                    f"robots must be a multiple of the cohort size, {size}, got {robots}"
+                    f"robots must be a multiple of the cohort size, {size}, got {robots}; a folder "
+                    "keeps the cohort size with which its run began"
                 )
 
     @property

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import CapacityError
+from ..agents.base import sound
 from ..agents.trust import trust
 from ..errors import InputError, RunError
 from ..experiment.conditions import CohortKey
@@ -156,12 +157,12 @@ class CohortJob:
             now = time.monotonic()
             for number, cohort in enumerate(cohorts):
                 if len(robots := _broken(cohort)) > len(broken[number]):
+                    new = sorted({*robots}.difference(broken[number]))
                     broken[number] = robots
                     where, step = self._name(cohort.key), cohort.step
-                    message = (
-                        f"unstable simulation in {where}: robots {robots} stopped by step {step}"
-                    )
-                    report(self._seconds(cohorts), message)
+                    for what, stopped in _causes(cohort, new):
+                        message = f"{what} in {where}: robots {stopped} stopped by step {step}"
+                        report(self._seconds(cohorts), message)
                     reported = now
             if now - reported > 0.5:
                 report(self._seconds(cohorts), "")
@@ -192,6 +193,16 @@ class CohortJob:
 def _broken(cohort: Cohort) -> list[int]:
     """Returns the robots of a cohort that were stopped."""
     return (~cohort.valid).nonzero()[0].tolist()
+
+
+def _causes(cohort: Cohort, stopped: Sequence[int]) -> list[tuple[str, list[int]]]:
+    """Returns what stopped some robots of a cohort, and which of them."""
+    finite = sound(cohort.agent.weights(), cohort.experiment.cohort_size)
+    found = {
+        "unstable simulation": [robot for robot in stopped if finite[robot]],
+        "weights that are not finite": [robot for robot in stopped if not finite[robot]],
+    }
+    return [(what, robots) for what, robots in found.items() if robots]
 
 
 def execute(

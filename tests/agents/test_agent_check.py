@@ -111,6 +111,18 @@ class Diverges(Mean):
         return {"mean": np.full((len(self.mean), 1), np.inf)}
 
 
+class DivergesLater(Mean):
+    """A weight of robot 3 is not a number from the tenth step on."""
+
+    steps = 0
+
+    def learn(self, reward):
+        super().learn(reward)
+        self.steps += 1
+        if self.steps == 10:
+            self.mean[3] = np.nan
+
+
 class TakesOver(Mean):
     def load_weights(self, arrays):
         self.mean[:] = arrays["mean"][:, 0]
@@ -163,6 +175,7 @@ FAULTS = {
     Shared: {"robots share nothing but random numbers"},
     AcrossPlacements: {"nothing is learned across a placement"},
     Diverges: {"weights stay finite"},
+    DivergesLater: {"motor values lie in [-0.5, 0.5]", "weights stay finite"},
 }
 
 
@@ -182,8 +195,14 @@ def test_each_fault_fails_its_own_check(cls):
     found = [*checks(Experiment(), Condition("spot_finding", f"mine:{cls.__name__}"))]
     failed = {check.name for check in found if check.passed is False}
     assert failed == FAULTS[cls]
-    assert len(found) == {KeepsNothing: 10, Diverges: 2}.get(cls, 11)
+    assert len(found) == {KeepsNothing: 10, Diverges: 2, DivergesLater: 2}.get(cls, 11)
     assert all(check.says for check in found)
+
+
+def test_a_weight_that_is_not_finite_is_named_with_its_robot_and_step():
+    found = checks(Experiment(), Condition("spot_finding", "mine:DivergesLater"))
+    (says,) = (check.says for check in found if check.name == "weights stay finite")
+    assert says == ("mean of robot 3 is not finite after 10 steps; the other checks were skipped")
 
 
 class Rated(Mean):

@@ -91,6 +91,10 @@ def test_a_fault_is_one_sentence_with_its_place_and_an_exit_is_an_error(method):
         ({"w": np.zeros(2, complex)}, "real numbers, got w of dtype complex128"),
         ({"w": np.zeros(2, ">f8")}, "real numbers, got w of dtype >f8"),
         ({"w": [1.0, 2.0]}, "a dict of arrays as its .*, got 'w' of type list"),
+        (
+            {"w": np.float32(1)},
+            r"got the number 'w' \(float32\): np.array\(\) makes an array of it",
+        ),
         ({1: np.zeros(2)}, "a dict of arrays as its .*, got 1 of type ndarray"),
         (None, "a dict of arrays as its .*, got NoneType"),
     ],

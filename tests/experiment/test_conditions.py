@@ -52,8 +52,10 @@ def test_cohorts_sort_by_condition_and_then_by_number():
 def test_an_unknown_task_is_refused():
     with pytest.raises(InputError) as caught:
         Condition("swimming", "fixed")
-    sentence = "the task must be one of wall_avoidance, spot_finding, got 'swimming'"
-    assert str(caught.value) == sentence
+    assert str(caught.value) == (
+        "the task must be one of wall_avoidance, spot_finding, got 'swimming': lives have the "
+        "paper's tasks only"
+    )
 
 
 def test_an_unknown_proposer_is_refused():

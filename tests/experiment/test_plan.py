@@ -39,7 +39,12 @@ def plans(draw):
         (CONDITIONS, 10**9, "robots must be at most 1000000, got 1000000000"),
         (CONDITIONS, True, "the number of robots must be a whole number, got True"),
         (CONDITIONS, 1.5, "the number of robots must be a whole number, got 1.5"),
-        (CONDITIONS, 75, "robots must be a multiple of the cohort size, 50, got 75"),
+        (
+            CONDITIONS,
+            75,
+            "robots must be a multiple of the cohort size, 50, got 75; a folder keeps the cohort "
+            "size with which its run began",
+        ),
     ],
 )
 def test_an_invalid_plan_is_refused_in_a_sentence(conditions, robots, sentence):

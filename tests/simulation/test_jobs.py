@@ -143,6 +143,30 @@ def test_an_unstable_robot_is_reported_once(tmp_path):
     assert read_lives(job.path, job.experiment, job.keys[0]).valid.tolist() == [True, False]
 
 
+def test_a_robot_whose_weights_are_not_finite_is_not_called_unstable(tmp_path):
+    messages = []
+
+    class Broken(Cohort):
+        def advance(self, steps):
+            super().advance(steps)
+            if self.step == 50:
+                self.batch.stop([1])
+            if self.step == 100:
+                next(iter(self.agent.weights().values()))[0] = np.nan
+                self.batch.stop([0])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            jobs, "restored_cohorts", lambda folder, what, keys: ([Broken(what, keys[0])], "")
+        )
+        job_in(tmp_path).run(never, lambda done, message: messages.append(message))
+    where = f"{tmp_path.name}/{KEY}"
+    assert [message for message in messages if message] == [
+        f"unstable simulation in {where}: robots [1] stopped by step 50",
+        f"weights that are not finite in {where}: robots [0] stopped by step 100",
+    ]
+
+
 # Execution
 
 

@@ -43,7 +43,8 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         "Score of a learner: the interquartile mean over its robots (the newborns' own is "
         "therefore not exactly 0), with its 95 % interval over its robots and those of both "
         "bounds. Rows are sorted by the mean score of a learner's boards, those that lack a board "
-        "last. Bold: the first of a board, and all that do not differ significantly from it (p at "
+        "last. Bold: the learner with the highest score of a board, and all that do not differ "
+        "significantly from it (p at "
         f"least {LEVEL}, given the means of the bounds); between few robots only large "
         "differences are significant. Touch a wall: robots with any contact in the test after "
         "training. In italics the bounds, and what was trained beforehand.",

@@ -255,6 +255,8 @@ class Tune(Study):
                     *_cells(later),
                 ]
             )
+        brackets = any("[" in cell for row in rows[1:] for cell in row[-2:])
+        intervals = "; brackets hold 95 % intervals over robots" if brackets else ""
         winner, name = ranked[0][0], short_name(recorded_name(self.agent))
         chosen = f" --agent-set {' '.join(winner.settings)}" if winner.settings else ""
         lines = [
@@ -264,7 +266,7 @@ class Tune(Study):
             "",
             f"{_SHARES[self.task]}: mean of two shares, in the test after training and during "
             f"training. Robots of a setting: {self._robots(False)}, then {self.robots}. The last "
-            "two columns belong to the second round; brackets hold 95 % intervals over robots. The "
+            f"two columns belong to the second round{intervals}. The "
             "best of several trials was also lucky: only runs on other seeds measure it.",
             "",
             f"Best: trial {winner.number}, `musebot run OUT --agent {name}{chosen} --signals "
