@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.claims import ClaimResult
 from ..analysis.hypothesis_tests import same_classes
@@ -95,7 +96,8 @@ def _table(run: Run, task: str) -> str:
         condition = Condition(task, proposer)
         ours, paper = column(run, condition), paper_column(run.experiment, condition)
         found = [*cells(ours), variation_cell(ours, paper)]
-        rows.append([f"{proposer}, ours", *map(_joined, found)])
+        name = short_name(proposer)
+        rows.append([f"{name}, ours" if paper else name, *map(_joined, found)])
         if paper:
             rows.append([f"{proposer}, paper", *map(_joined, cells(paper)), ""])
     lines = table([*zip(*rows, strict=True)])
