@@ -39,7 +39,7 @@ class TablesCommand:
         else:
             from ..reporting import tables as reporting
 
-            run = read_run(self.out)
+            run = read_run(self.out, needs="curves")  # it may be kept without its brains
             shown = (dataclasses.replace(run, exact_classes=self.exact_classes),)
         if self.json:
             print(json.dumps(reporting.as_json(*shown), indent=2))
