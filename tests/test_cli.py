@@ -60,6 +60,7 @@ def test_a_finished_run_prints_its_tables_again_and_keeps_them(run, capsys):
 
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
+TUNED = tuple(sorted((RESULTS / "tuned").iterdir()))
 
 
 def study_of(page):
@@ -77,7 +78,7 @@ def study_of(page):
             board=tuple(dict.fromkeys(first for first, *_ in names)),
             agent=tuple(dict.fromkeys(name[1] for name in names if name[1] != "bounds")),
             signals=tuple(dict.fromkeys(last for *_, last in names if last in ("paper", "raw"))),
-            tuned=tuple(sorted((RESULTS / "tuned").iterdir())),
+            tuned=TUNED,
         )
     if {"seed", "body", "kinematics"} <= fields and "runs" not in fields:
         one = experiment_from(next(iter(manifest["experiments"].values())))
@@ -93,6 +94,8 @@ def study_of(page):
     if "runs" not in fields:
         return kind()
     options = {"runs": tuple(map(run_named, manifest["experiments"]))}
+    if "tuned" in fields:
+        options["tuned"] = TUNED
     if "agent" in fields:  # files are named task-agent-mode
         files = page.parent.glob("*/*.safetensors")
         options["agent"] = tuple({file.stem.split("-", 1)[1].rpartition("-")[0] for file in files})

@@ -256,6 +256,18 @@ def test_the_shares_of_the_leaderboard_are_those_of_the_benchmark():
         assert all(cell in page for cell in cells), (name, cells)
 
 
+def test_the_shares_in_mujoco_are_those_of_its_board():
+    page = (DOCS / "leaderboard.md").read_text()
+    text = (DOCS / "results" / "benchmark-mujoco" / "benchmark.md").read_text()
+    rows = [line.split("|") for line in text.splitlines() if "| 30 | " in line]
+    by_name = {row[1].strip(): [cell.split(" ")[1] for cell in row[3:6]] for row in rows[:10]}
+    for name in ("sarsa_lambda", "steady, creative"):
+        assert all(f"{number}" in page for number in by_name[name])
+    assert len(by_name) == 10
+    for name in ("dqn", "avg", "stream_q", "amortised_q", "stream_ac", "q_learner"):
+        assert f"`{name}` ({by_name[name][0]})" in page
+
+
 def test_the_example_of_a_brain_alone_runs():
     (example,) = re.findall(r"```python\n(.*?)```", (DOCS / "faq.md").read_text(), re.DOTALL)
     found: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""The scores in docs/leaderboard.md, copied from the page of the benchmark."""
+"""The scores in docs/leaderboard.md, copied from the page of all kept runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def updated(docs: Path) -> str:
     """Returns the text of the page with the present scores."""
     before, _ = _parted(docs / NAME, BEGIN)
     _, after = _parted(docs / NAME, END)
-    page = docs / "results" / "benchmark-kinematic" / "benchmark.md"
+    page = docs / "results" / "leaderboard" / "leaderboard.md"
     scores, _ = _parted(page, f"{BOARDS_HEADING}\n")
     return f"{before}{BEGIN}\n\n{scores.strip()}\n\n{END}{after}"
 

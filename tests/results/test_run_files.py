@@ -143,7 +143,7 @@ def test_equal_results_leave_equal_bytes_however_they_were_merged(tmp_path, part
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-@pytest.mark.parametrize("name", ["mujoco", "baselines"])
+@pytest.mark.parametrize("name", ["mujoco", "ppo-mujoco"])
 def test_a_kept_run_that_is_read_and_written_keeps_its_bytes(name, tmp_path):
     write_manifest(tmp_path, read_manifest(KEPT / name))
     write_results(tmp_path, read_results(KEPT / name))
@@ -435,9 +435,10 @@ def test_the_digests_of_a_kept_run_are_recorded(manifest):
     # A run of an earlier version gets them by `adopt_files`.
     (recorded,) = recorded_files(manifest.parent)
     kept = [name for name in FILES if (manifest.parent / name).exists()]
-    # Runs of a benchmark are kept without brains, which its page does not need; some as rows alone.
+    # Some runs are kept without brains, or as rows alone, if their pages need no more.
     of_benchmark = (manifest.parents[1] / "benchmark.md").exists()
-    less = {ROBOTS_FILE, CURVES_FILE} if of_benchmark else {ROBOTS_FILE}
+    with_curves = of_benchmark or manifest.parent.name.startswith(("ppo-", "baselines"))
+    less = {ROBOTS_FILE, CURVES_FILE} if with_curves else {ROBOTS_FILE}
     assert {*kept} in (less, {*FILES})
     assert {name: recorded[name] for name in kept} == digests(manifest.parent, kept)
 

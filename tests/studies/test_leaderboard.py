@@ -122,7 +122,7 @@ def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
     board = Board("raw", "paper", "spot_finding")
     ranking, p = placed(board, ranked(BOARD))
     text = "\n".join(markdown(board, ranking, p, {}, {}))
-    assert text.startswith("### Spot finding, protocol paper, raw signals\n")
+    assert text.startswith("### Spot finding, protocol paper, raw signals, MuJoCo\n")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert [row.split("|")[1].strip() for row in rows[2:7]] == [
         "*hand_coded*", "good", "alike", "slow", "*newborn*",
@@ -172,7 +172,11 @@ def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first()
         }
     )  # fmt: skip
     titles = [line for line in lines if line.startswith("## ")]
-    assert titles == ["## Raw signals", "## Raw signals, kinematic simulator", "## Paper signals"]
+    assert titles == [
+        "## Raw signals, MuJoCo",
+        "## Raw signals, kinematic simulator",
+        "## Paper signals, MuJoCo",
+    ]
     head, *rows = cells(lines)[:6]
     assert head == ["learner", "spot finding", "spot finding, protocol walls", "touch a wall"]
     assert [row[0] for row in rows] == ["*hand_coded*", "alike", "slow", "*newborn*", "good"]

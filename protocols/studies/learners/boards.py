@@ -65,8 +65,8 @@ class Board:
     @property
     def track(self) -> str:
         """Title of all boards with these signals in this simulator."""
-        simulator = ", kinematic simulator" if self.body == "kinematic" else ""
-        return f"{self.signals} signals{simulator}"
+        simulator = "kinematic simulator" if self.body == "kinematic" else "MuJoCo"
+        return f"{self.signals} signals, {simulator}"
 
     @property
     def column(self) -> str:
