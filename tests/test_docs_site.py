@@ -258,14 +258,19 @@ def test_the_shares_of_the_leaderboard_are_those_of_the_benchmark():
 
 def test_the_shares_in_mujoco_are_those_of_its_board():
     page = (DOCS / "leaderboard.md").read_text()
+    _, _, prose = page.partition("## What came out with raw signals")
     text = (DOCS / "results" / "benchmark-mujoco" / "benchmark.md").read_text()
-    rows = [line.split("|") for line in text.splitlines() if "| 30 | " in line]
-    by_name = {row[1].strip(): [cell.split(" ")[1] for cell in row[3:6]] for row in rows[:10]}
-    for name in ("sarsa_lambda", "steady, creative"):
-        assert all(f"{number}" in page for number in by_name[name])
-    assert len(by_name) == 10
+    rows = [line.split("|") for line in text.splitlines() if "| 30 | " in line][:10]
+    by_name = {row[1].strip(): [cell.split(" ")[1] for cell in row[3:6]] for row in rows}
+    (p,) = [row[9].strip() for row in rows if row[1].strip() == "steady, creative"]
+    first, ours = by_name["sarsa_lambda"], by_name["steady, creative"]
+    assert f"({first[0]} against {ours[0]}, p = {float(p):.3f}; 30 robots each)" in prose
+    for name, numbers, failed in (("sarsa_lambda", first, "27%"), ("steady", ours, "0%")):
+        fails = round(float(failed[:-1]) * 30 / 100)
+        assert f"| `{name}` | {numbers[1]} | {numbers[2]} | {fails} of 30 |" in prose
+        assert [failed] == [row[7].strip() for row in rows if row[1].strip().startswith(name)]
     for name in ("dqn", "avg", "stream_q", "amortised_q", "stream_ac", "q_learner"):
-        assert f"`{name}` ({by_name[name][0]})" in page
+        assert f"`{name}` ({by_name[name][0]})" in prose
 
 
 def test_the_example_of_a_brain_alone_runs():

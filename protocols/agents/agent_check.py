@@ -23,7 +23,7 @@ ROBOTS = 8
 _STEPS = 300
 _LIMIT = 0.5  # largest motor value
 _TIMED = 60, 500  # robots and control steps of the measurement of speed
-_PARTS = 10  # of these steps; the first only warms up
+_PARTS = 10  # parts of these steps; the first is not timed
 
 
 class Check(NamedTuple):
@@ -119,12 +119,12 @@ def _copied(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _not_finite(stream: Stream, made: Callable[..., Agent]) -> str:
     """Returns which weight was first not finite, of which robot and when; "" if all are finite."""
     agent = made()
-    for step in range(_STEPS):
-        stream.feed(agent, step, step + 1)
+    for step in range(_STEPS + 1):
         for name, array in agent.weights().items():
             if not (finite := np.isfinite(array)).all():
-                robot = int(np.argwhere(~finite)[0][0])
-                return f"{name} of robot {robot} is not finite after {step + 1} steps"
+                when = f"after {step} steps" if step else "at birth"
+                return f"{name} of robot {np.argwhere(~finite)[0][0]} is not finite {when}"
+        stream.feed(agent, step, step + 1)  # the last time nothing
     return ""
 
 
@@ -284,7 +284,7 @@ def _costs(experiment: Experiment, condition: Condition) -> Iterator[Check]:
 
 
 def _microseconds(stream: Stream, agent: Agent) -> float:
-    """Returns the time of a robot-step: the median of several parts."""
+    """Returns the median time of a robot-step over parts of a stream, in [us]."""
     agent.reset()
     steps, robots = stream.rewards.shape
     ends = np.linspace(0, steps, _PARTS + 1).astype(int)

@@ -134,7 +134,7 @@ class CheckedAgent(Agent):
             if isinstance(array, np.generic):
                 raise InputError(
                     f"{self._name} must return a dict of arrays as its {what}, got the number "
-                    f"{name!r} ({type(array).__name__}): np.array() makes an array of it"
+                    f"{name!r} ({type(array).__name__}), not an array"
                 )
             if not isinstance(name, str) or not isinstance(array, np.ndarray):
                 raise InputError(

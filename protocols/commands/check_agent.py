@@ -61,7 +61,7 @@ class CheckAgentCommand:
         if conditions[0].has_brain:
             raise InputError(f"{name} is a proposer of the brain, not an agent")
         trust(name)
-        prepare_process()  # as in a run, so that the time of a step is that of a run
+        prepare_process()  # one thread of torch, as in a run
         failed = 0
         for condition in conditions:
             for number, check in enumerate(checks(experiment, condition)):

@@ -55,8 +55,8 @@ class Plan:
                 raise InputError(f"robots must be at most {MOST_ROBOTS}, got {shown(robots)}")
             if robots % size:
                 raise InputError(
-                    f"robots must be a multiple of the cohort size, {size}, got {robots}; a folder "
-                    "keeps the cohort size with which its run began"
+                    f"robots must be a multiple of the cohort size, {size}, got {robots} "
+                    "(--cohort-size sets it for a new folder)"
                 )
 
     @property

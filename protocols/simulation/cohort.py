@@ -39,6 +39,8 @@ class Cohort:
       agent: Agent that drives the robots.
       step: Number of control steps simulated so far.
       steps: Number of control steps of a whole life.
+      unsound: Whether a weight of each robot has been seen that was not finite, since this object
+        was made, shape (B,).
     """
 
     def __init__(self, experiment: Experiment, key: CohortKey, batch: Robots | None = None) -> None:
@@ -63,6 +65,7 @@ class Cohort:
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(PARTS)), dtype=np.int32)
         self._minutes = np.zeros((robots, -(-self.steps // _MINUTE)), dtype=np.int16)
+        self.unsound = np.zeros(robots, dtype=bool)
         self._stop_unsound()
 
     @property
@@ -117,7 +120,9 @@ class Cohort:
 
     def _stop_unsound(self) -> None:
         """Stops robots with a weight that is not finite: at birth, every minute, at the end."""
-        self.batch.stop(np.flatnonzero(~sound(self.agent.weights(), self.batch.robots)))
+        unsound = ~sound(self.agent.weights(), self.batch.robots)
+        self.unsound |= unsound
+        self.batch.stop(np.flatnonzero(unsound))
 
     def lives(self) -> Lives:
         """Returns the results of the finished cohort."""

@@ -197,10 +197,11 @@ def _broken(cohort: Cohort) -> list[int]:
 
 def _causes(cohort: Cohort, stopped: Sequence[int]) -> list[tuple[str, list[int]]]:
     """Returns what stopped some robots of a cohort, and which of them."""
-    finite = sound(cohort.agent.weights(), cohort.experiment.cohort_size)
+    # An action that is not finite stops a robot before its weights are looked at.
+    unsound = cohort.unsound | ~sound(cohort.agent.weights(), cohort.experiment.cohort_size)
     found = {
-        "unstable simulation": [robot for robot in stopped if finite[robot]],
-        "weights that are not finite": [robot for robot in stopped if not finite[robot]],
+        "unstable simulation": [robot for robot in stopped if not unsound[robot]],
+        "weights that are not finite": [robot for robot in stopped if unsound[robot]],
     }
     return [(what, robots) for what, robots in found.items() if robots]
 

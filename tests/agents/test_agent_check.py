@@ -111,6 +111,18 @@ class Diverges(Mean):
         return {"mean": np.full((len(self.mean), 1), np.inf)}
 
 
+class DivergesAtBirth(Mean):
+    """A weight is not a number until the first step."""
+
+    def __init__(self, robots, senses, seed):
+        super().__init__(robots, senses, seed)
+        self.mean[2] = np.nan
+
+    def learn(self, reward):
+        self.mean[2] = 0.0
+        super().learn(reward)
+
+
 class DivergesLater(Mean):
     """A weight of robot 3 is not a number from the tenth step on."""
 
@@ -175,6 +187,7 @@ FAULTS = {
     Shared: {"robots share nothing but random numbers"},
     AcrossPlacements: {"nothing is learned across a placement"},
     Diverges: {"weights stay finite"},
+    DivergesAtBirth: {"motor values lie in [-0.5, 0.5]", "weights stay finite"},
     DivergesLater: {"motor values lie in [-0.5, 0.5]", "weights stay finite"},
 }
 
@@ -195,14 +208,23 @@ def test_each_fault_fails_its_own_check(cls):
     found = [*checks(Experiment(), Condition("spot_finding", f"mine:{cls.__name__}"))]
     failed = {check.name for check in found if check.passed is False}
     assert failed == FAULTS[cls]
-    assert len(found) == {KeepsNothing: 10, Diverges: 2, DivergesLater: 2}.get(cls, 11)
+    assert len(found) == {KeepsNothing: 10, Diverges: 2, DivergesAtBirth: 2, DivergesLater: 2}.get(
+        cls, 11
+    )
     assert all(check.says for check in found)
 
 
-def test_a_weight_that_is_not_finite_is_named_with_its_robot_and_step():
-    found = checks(Experiment(), Condition("spot_finding", "mine:DivergesLater"))
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [
+        ("DivergesAtBirth", "robot 2 is not finite at birth"),
+        ("DivergesLater", "robot 3 is not finite after 10 steps"),
+    ],
+)
+def test_a_weight_that_is_not_finite_is_named_with_its_robot_and_step(name, where):
+    found = checks(Experiment(), Condition("spot_finding", f"mine:{name}"))
     (says,) = (check.says for check in found if check.name == "weights stay finite")
-    assert says == ("mean of robot 3 is not finite after 10 steps; the other checks were skipped")
+    assert says == f"mean of {where}; the other checks were skipped"
 
 
 class Rated(Mean):

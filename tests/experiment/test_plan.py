@@ -42,8 +42,8 @@ def plans(draw):
         (
             CONDITIONS,
             75,
-            "robots must be a multiple of the cohort size, 50, got 75; a folder keeps the cohort "
-            "size with which its run began",
+            "robots must be a multiple of the cohort size, 50, got 75 "
+            "(--cohort-size sets it for a new folder)",
         ),
     ],
 )

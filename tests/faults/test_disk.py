@@ -183,6 +183,7 @@ class Tables(Report):
 
     def work(self, out, executor):
         TablesCommand(out)()
+        TablesCommand(out, json=True)()
 
 
 CASES = {
