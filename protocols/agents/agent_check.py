@@ -85,7 +85,7 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     stream = Stream(task, ROBOTS, _STEPS)
     agent = made()
     born = _copied(agent.weights())
-    motors = stream.feed(agent, 0, _STEPS)
+    motors, broken = _lived(stream, agent)
     largest = float(np.abs(motors).max())
     yield Check(
         "motor values lie in [-0.5, 0.5]",
@@ -94,7 +94,7 @@ def checks(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     )
     if not motors.any():
         yield Check("it moves", None, "all motor values are 0: a robot that stands still has no L")
-    if broken := _not_finite(stream, made):
+    if broken:
         says = f"{broken}; the other checks were skipped"  # they compare numbers
         yield Check("weights stay finite", False, says)
         return
@@ -116,15 +116,20 @@ def _copied(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: array.copy() for name, array in arrays.items()}
 
 
-def _not_finite(stream: Stream, made: Callable[..., Agent]) -> str:
-    """Returns which weight was first not finite, of which robot and when; "" if all are finite."""
-    agent = made()
-    for step in range(_STEPS + 1):
-        for name, array in agent.weights().items():
-            if not (finite := np.isfinite(array)).all():
-                when = f"after {step} steps" if step else "at birth"
-                return f"{name} of robot {np.argwhere(~finite)[0][0]} is not finite {when}"
-        stream.feed(agent, step, step + 1)  # the last time nothing
+def _lived(stream: Stream, agent: Agent) -> tuple[np.ndarray, str]:
+    """Returns the motor values of all steps, and which weight was first not finite, or ""."""
+    broken, motors = _not_finite(agent, "at birth"), []
+    for step in range(_STEPS):
+        motors.append(stream.feed(agent, step, step + 1))
+        broken = broken or _not_finite(agent, f"after {step + 1} steps")
+    return np.concatenate(motors), broken
+
+
+def _not_finite(agent: Agent, when: str) -> str:
+    """Returns which weight of which robot is not finite now; "" if all are."""
+    for name, array in agent.weights().items():
+        if not (finite := np.isfinite(array)).all():
+            return f"{name} of robot {np.argwhere(~finite)[0][0]} is not finite {when}"
     return ""
 
 

@@ -122,46 +122,48 @@ def test_a_damaged_checkpoint_is_reported(tmp_path):
     assert not any(messages[1:])
 
 
-def test_an_unstable_robot_is_reported_once(tmp_path):
+def reported(directory, broken):
+    """Returns what the job reports if `broken` treats the cohort after each of its chunks."""
     messages = []
 
-    class Unstable(Cohort):
+    class Broken(Cohort):
         def advance(self, steps):
             super().advance(steps)
-            if self.step == 100:
-                self.batch.stop([1])
+            broken(self)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            jobs, "restored_cohorts", lambda folder, what, keys: ([Unstable(what, keys[0])], "")
+            jobs, "restored_cohorts", lambda folder, what, keys: ([Broken(what, keys[0])], "")
         )
-        job_in(tmp_path).run(never, lambda done, message: messages.append(message))
-    assert [message for message in messages if message] == [
+        job_in(directory).run(never, lambda done, message: messages.append(message))
+    return [message for message in messages if message]
+
+
+def test_an_unstable_robot_is_reported_once(tmp_path):
+    def broken(cohort):
+        if cohort.step == 100:
+            cohort.batch.stop([1])
+
+    assert reported(tmp_path, broken) == [
         f"unstable simulation in {tmp_path.name}/{KEY}: robots [1] stopped by step 100"
     ]
     job = job_in(tmp_path)
     assert read_lives(job.path, job.experiment, job.keys[0]).valid.tolist() == [True, False]
 
 
-def test_a_robot_whose_weights_are_not_finite_is_not_called_unstable(tmp_path):
-    messages = []
+@pytest.mark.parametrize("later", [np.nan, 0.0], ids=["still", "no longer"])
+def test_a_robot_whose_weights_are_not_finite_is_not_called_unstable(tmp_path, later):
+    def broken(cohort):
+        if cohort.step == 50:
+            cohort.batch.stop([1])
+        if cohort.step == 100:
+            weights = next(iter(cohort.agent.weights().values()))
+            weights[0] = np.nan
+            cohort._stop_unsound()
+            weights[0] = later
 
-    class Broken(Cohort):
-        def advance(self, steps):
-            super().advance(steps)
-            if self.step == 50:
-                self.batch.stop([1])
-            if self.step == 100:
-                next(iter(self.agent.weights().values()))[0] = np.nan
-                self.batch.stop([0])
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            jobs, "restored_cohorts", lambda folder, what, keys: ([Broken(what, keys[0])], "")
-        )
-        job_in(tmp_path).run(never, lambda done, message: messages.append(message))
     where = f"{tmp_path.name}/{KEY}"
-    assert [message for message in messages if message] == [
+    assert reported(tmp_path, broken) == [
         f"unstable simulation in {where}: robots [1] stopped by step 50",
         f"weights that are not finite in {where}: robots [0] stopped by step 100",
     ]
