@@ -164,8 +164,9 @@ def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first()
         {
             Board("raw", "paper", "wall_avoidance"): [touching, LOW, HIGH],
             Board("raw", "paper", "spot_finding"): BOARD,
-            Board("raw", "walls", "spot_finding"): [
+            Board("raw", "continual", "spot_finding"): [
                 LOW, HIGH, entry("alike", 0.9, 0.8, spread=0.05), entry("slow", 0.2, 0.2),
+                entry("other", 0.3, 0.3), entry("better", 0.5, 0.5),
             ],
             Board("raw", "paper", "spot_finding", body="kinematic"): BOARD,
             Board("paper", "paper", "spot_finding"): [LOW, HIGH],
@@ -177,9 +178,10 @@ def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first()
         "## Raw signals, kinematic simulator",
         "## Paper signals, MuJoCo",
     ]
-    head, *rows = cells(lines)[:6]
-    assert head == ["learner", "spot finding", "spot finding, protocol walls", "touch a wall"]
-    assert [row[0] for row in rows] == ["*hand_coded*", "alike", "slow", "*newborn*", "good"]
+    head, *rows = cells(lines)[:8]
+    assert head == ["learner", "spot finding", "spot finding, protocol continual", "touch a wall"]
+    order = ["*hand_coded*", "good", "alike", "slow", "*newborn*", "better", "other"]
+    assert [row[0] for row in rows] == order
     by_name = {row[0]: row[1:] for row in rows}
     assert by_name["good"][0].startswith("**0.8") and by_name["good"][1:] == ["-", "2 of 20"]
     assert by_name["alike"][0].startswith("**0.8") and by_name["alike"][1].startswith("**0.9")

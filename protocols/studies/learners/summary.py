@@ -42,9 +42,8 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         "training, each scaled so that the mean newborn has 0 and the mean hand-coded robot 1. "
         "Score of a learner: the interquartile mean over its robots (the newborns' own is "
         "therefore not exactly 0), with its 95 % interval over its robots and those of both "
-        "bounds. Rows are sorted by the mean score of a learner's boards, those that lack a board "
-        "last. Bold: the learner with the highest score of a board, and all that do not differ "
-        "significantly from it (p at "
+        "bounds. Rows are sorted by the first column, then by the next ones. Bold: the learner with "
+        "the highest score of a board, and all that do not differ significantly from it (p at "
         f"least {LEVEL}, given the means of the bounds); between few robots only large "
         "differences are significant. Touch a wall: robots with any contact in the test after "
         "training. In italics the bounds, and what was trained beforehand.",
@@ -53,10 +52,10 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
 
 
 def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
-    boards = sorted(found, key=lambda board: not board.ranks)
+    boards = sorted(found, key=_column)
     titles: dict[str, str] = {}
     cells: dict[str, dict[Board, str]] = {}
-    values: dict[str, list[float]] = {}
+    scores: dict[str, dict[Board, float]] = {}
     for board in boards:
         ranking, tests = found[board]
         first = first_learner(ranking)
@@ -69,18 +68,19 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
                 if entry.competes:
                     best = number == first or tests[first, number] >= LEVEL
                     text = f"**{text}**" if best else text
-                values.setdefault(entry.name, []).append(one.score)
+                scores.setdefault(entry.name, {})[board] = one.score
             titles[entry.name] = entry.title
             cells.setdefault(entry.name, {})[board] = text
-
-    def place(name: str) -> tuple[int, float, str]:
-        known = values.get(name, [])
-        return -len(known), -float(np.mean(known)) if known else 0.0, name
 
     # In wall avoidance nothing saturates: the paper's brain is in both tracks, but ranked in one.
     ranks = [board for board in boards if board.ranks]
     if ranks:
         cells = {name: own for name, own in cells.items() if own.keys() & ranks}
+
+    def place(name: str) -> tuple[list[float], str]:
+        own = scores.get(name, {})
+        return [-own.get(board, -math.inf) for board in ranks], name
+
     return [
         ["learner", *(board.column for board in boards)],
         *(
@@ -88,3 +88,8 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
             for name in sorted(cells, key=place)
         ),
     ]
+
+
+def _column(board: Board) -> tuple[bool, bool, float, str]:
+    """Returns the place of a board's column: protocol `paper`, which decides a track, is first."""
+    return not board.ranks, board.protocol != "paper", board.arena_scale, board.protocol
