@@ -232,6 +232,26 @@ def same_statistic(
     return float(found.pvalue)
 
 
+def same_draws(first: np.ndarray, second: np.ndarray) -> float:
+    """Returns the two-sided p-value of a bootstrap test that two groups' statistics are equal.
+
+    p is the smallest level at which the percentile interval of the difference excludes 0. Unlike a
+    permutation test it does not need groups whose values are spread alike.
+
+    Args:
+      first: Bootstrap draws of the first group's statistic, shape (R,).
+      second: Independent draws of the second group's statistic, shape (R,).
+
+    Returns:
+      The p-value, at least 2 / (R + 1); NaN where a draw is NaN.
+    """
+    apart = np.round(first - second, 9)  # else rounding errors would make equal draws differ
+    if np.isnan(apart).any():
+        return float("nan")
+    fewer = min((apart <= 0).sum(), (apart >= 0).sum())
+    return min(1.0, 2 * (int(fewer) + 1) / (len(apart) + 1))
+
+
 def linear_contrast(
     groups: Sequence[np.ndarray], weights: Sequence[float]
 ) -> tuple[float, Interval, float]:

@@ -14,6 +14,7 @@ from musebot.protocols.analysis.hypothesis_tests import (
     holm,
     same_classes,
     same_share,
+    same_draws,
     same_statistic,
 )
 
@@ -101,6 +102,22 @@ def test_means_of_groups_are_tested_by_all_partitions():
     expected = np.mean(np.array(apart) >= abs(first.mean() - second.mean()) - 1e-9)
     found = same_statistic(first, second, np.nanmean, paired=False, resamples=1000)
     assert found == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("shift", [-0.3, 0.0, 0.15, 0.4])
+def test_a_bootstrap_test_of_normal_draws_is_a_normal_test(shift):
+    random = np.random.default_rng(1)
+    first, second = random.normal(shift, 0.1, 40_000), random.normal(0, 0.1, 40_000)
+    expected = 2 * stats.norm.sf(abs(shift) / np.hypot(0.1, 0.1))
+    assert same_draws(first, second) == pytest.approx(expected, rel=0.05, abs=0.01)
+    assert same_draws(first, second) == same_draws(second, first)
+
+
+def test_a_bootstrap_test_knows_equal_draws_and_has_a_smallest_p():
+    draws = np.linspace(0, 1, 99)
+    assert same_draws(draws, draws + 1e-12) == 1
+    assert same_draws(draws, draws + 2) == pytest.approx(2 / 100)
+    assert math.isnan(same_draws(draws, np.append(draws[1:], NAN)))
 
 
 def test_one_changed_pair_is_no_difference():

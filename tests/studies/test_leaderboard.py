@@ -198,6 +198,32 @@ def test_a_learner_that_a_track_does_not_rank_has_no_row_in_its_summary():
     assert alone.title in [row[0] for row in cells(summary_of({touching: [LOW, HIGH, alone]}))]
 
 
+def test_learners_of_equal_scores_differ_in_about_one_of_twenty_samples():
+    """However their robots are spread: one learner fails in a quarter of its robots."""
+    random, p = np.random.default_rng(1), []
+    fails = entry("fails", 0.0, 0.0, robots=30)
+    alike = entry("alike", 0.0, 0.0, robots=30)
+    population = np.where(np.arange(4000) < 1000, 0.1, random.normal(0.85, 0.05, 4000))
+    ordered = np.sort([random.choice(population, 30) for _ in range(4000)])
+    equal = ordered[:, 7:-7].mean()
+    for _ in range(150):
+        one, other = random.choice(population, 30), random.normal(equal, 0.03, 30)
+        entries = [
+            dataclasses.replace(fails, after=one, training=one),
+            dataclasses.replace(alike, after=other, training=other),
+        ]
+        ranking = ranked([*entries, LOW, HIGH])
+        rows = [n for n, ranked_ in enumerate(ranking) if ranked_.entry.competes]
+        p.append(pair_tests(ranking)[rows[0], rows[1]])
+    assert 0.02 < np.mean(np.array(p) < 0.05) < 0.10
+
+
+def test_a_learner_more_on_a_board_changes_no_interval():
+    before = {one.entry.name: one.interval for one in ranked(BOARD)}
+    after = {one.entry.name: one.interval for one in ranked([entry("new", 0.4, 0.4), *BOARD])}
+    assert before == {name: after[name] for name in before}
+
+
 def test_only_the_first_is_marked_where_robots_are_too_few_for_a_test():
     few = [
         dataclasses.replace(one, after=one.after[:4], training=one.training[:4]) for one in BOARD

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import zlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +18,8 @@ from scipy import stats
 from ....controller import BRAINS
 from ....models import Kinematics
 from ...agents.names import TRAINED_BEFORE, short_name
-from ...analysis.hypothesis_tests import holm, same_statistic
+from ...analysis.hypothesis_tests import holm, same_draws
+from ...analysis.intervals import FEWEST
 from ...errors import InputError
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Body, Experiment, Signals, differing
@@ -27,7 +29,7 @@ from ...experiment.schedules import TASK_NAMES
 from ...results.run import Run
 
 LOWER, UPPER = "newborn", "hand_coded"
-_RESAMPLES, _SEED = 2000, 1
+_DRAWS, _SEED = 10_000, 1  # so many that Holm's smallest threshold of 66 pairs can be met
 _BOTH: tuple[Signals, ...] = ("paper", "raw")
 _MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
 _NO_OPTIONS = "turned_start", "learn_across_placement"  # of `musebot run`: only --config has them
@@ -146,13 +148,20 @@ class Ranked:
       entry: The learner.
       scores: Score of each of its robots, see `scores_of`, shape (n,).
       score: Their interquartile mean.
-      interval: Its 95 % bootstrap interval over the robots of the learner and of both bounds.
+      draws: Its bootstrap distribution over the robots of the learner and of both bounds, shape
+        (R,). In each draw all learners of a board have the same robots of the bounds.
     """
 
     entry: Entry
     scores: np.ndarray
     score: float
-    interval: tuple[float, float]
+    draws: np.ndarray
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the score; NaN where the bounds do not differ in a draw."""
+        low, high = np.percentile(self.draws, [2.5, 97.5])
+        return float(low), float(high)
 
 
 Ranking = Sequence[Ranked]
@@ -315,21 +324,14 @@ def _scores(
     return np.mean(parts, axis=0)
 
 
-def _interval(entry: Entry, lower: Entry, upper: Entry) -> tuple[float, float]:
-    """Returns the 95 % bootstrap interval of a score, see `Ranked`."""
-    random = np.random.default_rng(_SEED)
-    drawn = {
-        name: random.integers(len(one.after), size=(_RESAMPLES, len(one.after)))
-        for name, one in ((LOWER, lower), (UPPER, upper))
-    }
-    size = len(entry.after)
-    own = drawn.get(entry.name)  # a bound is drawn once
-    own = random.integers(size, size=(_RESAMPLES, size)) if own is None else own
-    middles = _middle(_scores((entry, lower, upper), own, drawn[LOWER], drawn[UPPER]))
-    if np.isnan(middles).any():  # bounds that differ in chance alone
-        return math.nan, math.nan
-    low, high = np.percentile(middles, [2.5, 97.5])
-    return float(low), float(high)
+def _drawn(entry: Entry) -> np.ndarray:
+    """Returns the indices of an entry's robots in each draw, shape (R, n).
+
+    They depend on its name only, so that other learners of the board change nothing.
+    """
+    random = np.random.default_rng([_SEED, zlib.crc32(entry.name.encode())])
+    robots = len(entry.after)
+    return random.integers(robots, size=(_DRAWS, robots))
 
 
 def _middle(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -341,25 +343,28 @@ def ranked(entries: Sequence[Entry]) -> Ranking:
     """Returns the entries with their scores, the highest first."""
     by_name = {entry.name: entry for entry in entries}
     bounds = by_name[LOWER], by_name[UPPER]
+    drawn = [_drawn(bound) for bound in bounds]
     found = []
     for entry in entries:
         scores = scores_of(entry, *bounds)
-        found.append(Ranked(entry, scores, float(_middle(scores)), _interval(entry, *bounds)))
+        draws = _middle(_scores((entry, *bounds), _drawn(entry), *drawn))
+        found.append(Ranked(entry, scores, float(_middle(scores)), draws))
     return sorted(found, key=lambda one: (-np.nan_to_num(one.score), one.entry.name))
 
 
 def pair_tests(ranking: Ranking) -> np.ndarray:
     """Returns p of each pair of a board's rows, shape (n, n), Holm over all pairs of learners.
 
-    NaN for a row with itself and for pairs with one that does not compete. Permutation tests of the
-    interquartile mean.
+    Bootstrap tests of the difference of two scores. A permutation test would need robots of equal
+    spread: it rejects true null hypotheses too often (docs/plans/learners.md). NaN for a row with
+    itself, for pairs with one that does not compete, and for groups that are too small.
     """
     learners = [n for n, one in enumerate(ranking) if one.entry.competes]
     pairs = list(itertools.combinations(learners, 2))
     values = [
-        same_statistic(
-            ranking[a].scores, ranking[b].scores, _middle, False, max(2000, 200 * len(pairs))
-        )
+        same_draws(ranking[a].draws, ranking[b].draws)
+        if min(len(ranking[n].scores) for n in (a, b)) >= FEWEST
+        else math.nan
         for a, b in pairs
     ]
     found = np.full((len(ranking), len(ranking)), math.nan)

@@ -111,9 +111,10 @@ def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
         "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
         "its 95 % bootstrap interval, for which the robots of both bounds are drawn, too. Fail: "
         "share of robots with a score below 0.5. Mean L rewards bad newborns, so it does not rank. "
-        "p: permutation test of the interquartile mean, given the means of the bounds, Holm over "
-        "all pairs of learners. A robot that was stopped counts as the worst. In italics what is "
-        "not compared: the bounds, and what was trained beforehand.",
+        "p: bootstrap test of the difference of two scores, Holm over all pairs of learners. "
+        "Worst tenth: mean time in the spot after training of the tenth with the lowest. A robot "
+        "that was stopped counts as the worst. In italics what is not compared: the bounds, and "
+        "what was trained beforehand.",
         "",
         *standings(ranking, tests),
     ]

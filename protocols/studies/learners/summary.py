@@ -42,10 +42,10 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         "training, each scaled so that the mean newborn has 0 and the mean hand-coded robot 1. "
         "Score of a learner: the interquartile mean over its robots (the newborns' own is "
         "therefore not exactly 0), with its 95 % interval over its robots and those of both "
-        "bounds. Rows are sorted by the first column, then by the next ones. Bold: the learner with "
-        "the highest score of a board, and all that do not differ significantly from it (p at "
-        f"least {LEVEL}, given the means of the bounds); between few robots only large "
-        "differences are significant. Touch a wall: robots with any contact in the test after "
+        "bounds. Rows are sorted by the first column, then by the next ones. Bold: the learner "
+        "with the highest score of a board, and all that do not differ significantly from it (p "
+        f"at least {LEVEL}, for all pairs of a board); between few robots only large differences "
+        "are significant. Touch a wall: robots with any contact in the test after "
         "training. In italics the bounds, and what was trained beforehand.",
         "",
     ]
