@@ -256,6 +256,12 @@ def spinning(evidence: Evidence, condition: Condition) -> np.ndarray:
     return shares
 
 
+def spun(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns the share of time in which trained robots spin."""
+    after = spinning(evidence, condition)[:, 1]
+    return Sample(float(after.mean()), float(after.std(ddof=min(1, len(after) - 1))), len(after))
+
+
 def spin(task: str) -> Compare:
     """Returns the test that most trained robots of each kind spin more than half of the time."""
 

@@ -32,6 +32,7 @@ from .claim_tests import (
     spin_more,
     spinners_near_the_centre,
     spoiled_without_contact,
+    spun,
     stuck,
 )
 from .claims import Claim, ClaimResult, PaperEvidence, RunEvidence, ability, judge, post_share
@@ -166,6 +167,11 @@ CLAIMS = (
         later(_CREATIVE_S),
     ),
     Claim(_SPOT, _SPINS, spin(_SPOT)),
+    Claim(
+        _SPOT,
+        "After training fixed robots spin the most: their mean share of the time is the highest.",
+        leads(spun, _FIXED_S, "time spinning", highest=True),
+    ),
     Claim(
         _SPOT,
         "Spinning is reinforced: fixed robots spin more after training than before.",

@@ -351,10 +351,26 @@ def test_more_spinning_after_training_is_tested_robot_by_robot(after, expected):
     assert verdict("Spinning is reinforced", given) == expected
 
 
+@pytest.mark.parametrize(
+    ("fixed", "expected"), [(0.9, "holds"), (0.6, "undecided"), (0.3, "does not hold")]
+)
+def test_fixed_robots_spin_the_most_if_both_others_spin_less_after_training(fixed, expected):
+    wobble = np.linspace(-0.2, 0.2, 20)
+    after = {"fixed": fixed, "random": 0.2, "creative": 0.6}
+    spinning = {
+        Condition(SF, proposer): np.stack([1 - wobble, after[proposer] + wobble / 2], axis=1)
+        for proposer in PROPOSERS
+    }
+    given = evidence(robots(SF, "fixed", one=20), behaviour=Behaviour(spinning, {}))
+    assert verdict("fixed robots spin the most", given) == expected
+    del spinning[Condition(SF, "random")]
+    assert verdict("fixed robots spin the most", given) == "not judged"
+
+
 def test_claims_about_behaviour_are_not_judged_without_observation():
     given = run_of(robots(SF, "creative", one=9))
     left = [f for f in judge_all(given) if "musebot report" in f.why]
-    assert len(left) == 6
+    assert len(left) == 7
     assert {f.verdict for f in left} == {"not judged"}
 
 

@@ -13,8 +13,8 @@ from musebot.protocols.analysis import hypothesis_tests
 from musebot.protocols.analysis.hypothesis_tests import (
     holm,
     same_classes,
-    same_share,
     same_draws,
+    same_share,
     same_statistic,
 )
 

@@ -23,22 +23,23 @@ class SarsaLambda(OnlineLearner):
     Q(s, a) is the sum of one weight a tiling. Ties are broken at random in training; in tests a
     fixed random order of each robot breaks them. The trace holds the last `MEMORY` steps; older
     steps have decayed below 0.004 with the largest settings, below 2e-7 with the defaults. Up to
-    `CELLS` tiles a tiling have a weight each; beyond, a hash of the tile's numbers chooses its
+    `cells` tiles a tiling have a weight each; beyond, a hash of the tile's numbers chooses its
     weight.
     """
 
-    TILINGS, CELLS, MEMORY = 8, 512, 48
+    TILINGS, MEMORY = 8, 48
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         """Begins with equal values; see `sarsa_lambda` for the settings."""
         super().__init__(robots, senses, seed)
+        self.cells = int(settings.pop("cells"))
         setting = for_each(settings)
         self._rate, self._discount = setting["rate"] / self.TILINGS, setting["discount"]
         self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
         # Tiles that cover a signal, for each robot, tiling and signal.
         self._tiles = torch.as_tensor(setting["tiles"]).view(-1, 1, 1)
         self._actions = grid_of_actions()
-        count, cells = len(self._actions), self.TILINGS * self.CELLS
+        count, cells = len(self._actions), self.TILINGS * self.cells
         self.values = self.keep("values", torch.zeros(robots, count * cells), learned=True)
         self.values += column(setting["initial"]) / self.TILINGS
         order = torch.rand(robots, count, generator=self.generator)
@@ -46,7 +47,7 @@ class SarsaLambda(OnlineLearner):
         offsets = torch.arange(self.TILINGS)[:, None] * (2 * torch.arange(self.inputs) + 1)
         self._offsets = (offsets % self.TILINGS) / self.TILINGS
         width = self._tiles.long() + 1
-        dense = width**self.inputs <= self.CELLS
+        dense = width**self.inputs <= self.cells
         primes = torch.tensor(_PRIMES)[: self.inputs]
         self._factors = torch.where(dense, width ** torch.arange(self.inputs), primes)
         self._hashed = ~dense[:, 0]
@@ -63,7 +64,7 @@ class SarsaLambda(OnlineLearner):
         self._traces.zero_()
 
     def tiles(self, inputs: Tensor) -> Tensor:
-        """Returns the tile of each tiling that holds a state, shape (B, T), in [0, `CELLS`).
+        """Returns the tile of each tiling that holds a state, shape (B, T), in [0, `cells`).
 
         Args:
           inputs: Signals scaled to [-1, 1], shape (B, I).
@@ -75,12 +76,12 @@ class SarsaLambda(OnlineLearner):
             mixed = cells + _PRIMES[-1] * torch.arange(self.TILINGS)
             mixed = (mixed ^ (mixed >> 15)) * _MIXER & 0xFFFFFFFF
             cells = torch.where(self._hashed, mixed ^ (mixed >> 13), cells)
-        return cells % self.CELLS
+        return cells % self.cells
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """See `OnlineLearner.choose`."""
-        cells = self.tiles(inputs) + torch.arange(self.TILINGS) * self.CELLS
-        size = self.TILINGS * self.CELLS
+        cells = self.tiles(inputs) + torch.arange(self.TILINGS) * self.cells
+        size = self.TILINGS * self.cells
         starts = torch.arange(len(self._actions)) * size
         every = (starts[:, None] + cells[:, None]).flatten(1)
         values = self.values.gather(1, every).view(self.robots, len(starts), -1).sum(dim=2)
@@ -116,6 +117,7 @@ class SarsaLambda(OnlineLearner):
     epsilon=epsilon(0.05),
     epsilon_steps=epsilon_steps(1.0),
     tiles=Setting(7, 4, 12, "tiles that cover the range of a signal", each=True),
+    cells=Setting(512, 64, 16384, "weights of a tiling, which its tiles share", tuned=False),
 )
 def sarsa_lambda(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """SARSA(lambda) with tile coding and the paper's 25 fixed actions (Sutton and Barto 2018).

@@ -336,7 +336,20 @@ def test_neighbouring_states_share_tiles_and_distant_ones_share_none():
     same = (tiles[0] == tiles[1]).sum()
     assert 0 < same < SarsaLambda.TILINGS
     assert not (tiles[0] == tiles[2]).any()
-    assert tiles.max() < SarsaLambda.CELLS
+    assert tiles.max() < 512
+
+
+@pytest.mark.parametrize("cells", [512, 16384])
+def test_fewer_distant_states_share_a_weight_with_more_cells(cells):
+    """With six signals no tiling has a cell for each tile."""
+    senses = Senses((Signal(0, 1),) * 6, Signal(0, 1))
+    agent = factory_of("sarsa_lambda")(1, senses, 0, cells=cells)
+    states = torch.rand(2000, 6, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    tiles = agent.tiles(states)
+    used = len(torch.unique(tiles[:, 0]))
+    expected = cells * (1 - (1 - 1 / cells) ** 2000)  # if each state took a cell at random
+    assert used == pytest.approx(expected, rel=0.05)
+    assert 0 <= tiles.min() <= tiles.max() < cells
 
 
 def relu(layers, x):
