@@ -18,14 +18,19 @@ GYMNASIUM_TASKS = {
 
 
 USUAL_STEPS = 1000  # length of an episode
-EPISODE_STEPS: dict[str, int | None] = {}  # of tasks of one's own
+# Of tasks of one's own: the length of an episode, and the module that registers the task.
+EPISODE_STEPS: dict[str, int | None] = {}
+MODULES: dict[str, str] = {}
 
 
-def register_gymnasium() -> None:
+def register_gymnasium(again: str = "") -> None:
     """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
 
     Importing musebot calls this: Gymnasium 1.x has no plugins, so that a package registers its
     environments when it is imported. Only the names are registered; no environment is loaded.
+
+    Args:
+      again: Id that is registered anew if it is registered already, as its task has changed.
 
     Raises:
       ModuleNotFoundError: Gymnasium is not installed.
@@ -40,12 +45,14 @@ def register_gymnasium() -> None:
     if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
         os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
     for name, task in GYMNASIUM_TASKS.items():
+        if f"musebot/{name}" == again:
+            gymnasium.registry.pop(again, None)
         if f"musebot/{name}" in gymnasium.registry:
             continue
         gymnasium.register(
             id=f"musebot/{name}",
             entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
             vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
-            kwargs={"task": task},
+            kwargs={"task": f"{MODULES[task]}:{task}" if task in MODULES else task},
             max_episode_steps=EPISODE_STEPS.get(task, USUAL_STEPS),
         )

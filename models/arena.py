@@ -92,6 +92,15 @@ def check_arena(model: mujoco.MjModel) -> None:
     motors = [model.actuator(number).name for number in range(model.nu)]
     if motors != ["left_motor", "right_motor"]:
         raise ValueError(f"the actuators must be left_motor and right_motor, got {motors}")
+    for number, name in enumerate(("left_wheel", "right_wheel")):
+        wheel = model.body(name)
+        if wheel.jntnum[0] != 1 or model.jnt_type[wheel.jntadr[0]] != mujoco.mjtJoint.mjJNT_HINGE:
+            raise ValueError(f"the body {name!r} must have one joint, a hinge")
+        if model.actuator_trnid[number, 0] != wheel.jntadr[0]:
+            raise ValueError(f"{motors[number]} must drive the joint of the body {name!r}")
+        if not model.actuator_gear[number, 0] > 0:
+            gear = model.actuator_gear[number, 0]
+            raise ValueError(f"the gear of {motors[number]} must be positive, got {gear:g}")
     if model.nmocap != 1 or model.body("spot").mocapid[0] != 0:
         raise ValueError("the body 'spot' must be the arena's only mocap body")
 

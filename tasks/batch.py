@@ -7,7 +7,6 @@ environment bit-exactly (tests/tasks/test_batch.py).
 from __future__ import annotations
 
 import abc
-import copy
 import ctypes
 import os
 import weakref
@@ -25,6 +24,7 @@ from .episode import real_numbers, whole_number
 from .rules import Rules
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+_SENSORS = mujoco.mjtDisableBit.mjDSBL_SENSOR.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_MOCAP_POS.value
 
 
@@ -243,7 +243,12 @@ class _Call:
     """A rollout of some physics steps of all robots, with its arrays allocated once."""
 
     def __init__(
-        self, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray, steps: int
+        self,
+        model: mujoco.MjModel,
+        state: np.ndarray,
+        control: np.ndarray,
+        steps: int,
+        disabled: int,
     ) -> None:
         """Allocates the arrays of a rollout.
 
@@ -252,8 +257,10 @@ class _Call:
           state: Physics states of the robots, shape (B, n); `step` updates them.
           control: Controls of the robots, shape (B, m).
           steps: Number of physics steps.
+          disabled: Flags of what the steps leave out, besides the model's own.
         """
         robots = len(state)
+        self._model, self._disabled = model, disabled
         self._models = [model] * robots  # rollout's skip_checks needs one per robot
         self._state, self._control, self._steps = state, control, steps
         self._held = np.zeros((robots, steps, control.shape[1]))
@@ -268,17 +275,22 @@ class _Call:
     def step(self, engine: rollout.Rollout, scratch: list[mujoco.MjData]) -> None:
         """Simulates the steps, and updates the state."""
         self._held[:] = self._control[:, None]
-        engine.rollout(
-            self._models,
-            scratch,
-            self._state,
-            self._held,
-            nstep=self._steps,
-            control_spec=_CONTROL,
-            state=self._states,
-            sensordata=self._sensors,
-            skip_checks=True,
-        )
+        flags = self._model.opt.disableflags
+        self._model.opt.disableflags = flags | self._disabled
+        try:
+            engine.rollout(
+                self._models,
+                scratch,
+                self._state,
+                self._held,
+                nstep=self._steps,
+                control_spec=_CONTROL,
+                state=self._states,
+                sensordata=self._sensors,
+                skip_checks=True,
+            )
+        finally:
+            self._model.opt.disableflags = flags
         self._state[:] = self._states[:, -1]
 
 
@@ -286,7 +298,7 @@ class Batch(Robots):
     """B robots in MuJoCo.
 
     Attributes:
-      model: Compiled arena, shared by all robots.
+      model: Compiled arena, shared by all robots. A change of it counts from the next step on.
       substeps: Number of physics steps in a control step.
     """
 
@@ -317,16 +329,14 @@ class Batch(Robots):
         self._scratch = self._threads[0]
         self._engine: rollout.Rollout | None = None
         _BATCHES.add(self)
-        # Sensors are read once per control step: only its last substep evaluates them.
-        blind = copy.copy(model)
-        blind.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
         size = mujoco.mj_stateSize(model, _STATE)
         self._state = np.zeros((robots, size))
         self._control = np.zeros((robots, mujoco.mj_stateSize(model, _CONTROL)))
         self._control[:, model.nu :] = self._scratch.mocap_pos.ravel()
+        # Sensors are read once per control step: only its last substep evaluates them.
         self._calls = [
-            _Call(seeing, self._state, self._control, steps)
-            for seeing, steps in ((blind, self.substeps - 1), (model, 1))
+            _Call(model, self._state, self._control, steps, disabled)
+            for steps, disabled in ((self.substeps - 1, _SENSORS), (1, 0))
             if steps
         ]
         self.place(np.arange(robots), np.zeros((robots, 3)))

@@ -8,12 +8,15 @@ import re
 from pathlib import Path
 from typing import Any, Unpack
 
-from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, register_gymnasium
+import numpy as np
+
+from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, MODULES, register_gymnasium
 from ..models import check_arena
 from .arena import CONTROL_TIMESTEP, SUITE, Environment, Settings, TaskDefinition, steps_until
 from .batch import Batch
 from .rules import Rules
-from .suite import TASKS
+from .starts import random_poses
+from .suite import DOMAIN, TASKS, TASKS_BY_DOMAIN
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
@@ -24,7 +27,8 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     `musebot.load("arena", name)`, `musebot.tasks.make_batch(name, robots)`,
     `gymnasium.make("musebot/Name-v0")` and `gymnasium.make_vec("musebot/Name-v0", num_envs=8)` open
     it from then on. The lists `musebot.ALL_TASKS`, `PAPER` and `BENCHMARKING` stay those of the
-    suite.
+    suite. A task of one's own may be registered again, for example after a reload: the new one
+    replaces it.
 
     Args:
       name: Name of the task, in lower case with underscores, such as "two_spots".
@@ -38,13 +42,13 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     Raises:
       KeyError: The arena lacks a sensor.
       TypeError: A setting is unknown, or `rules` is not a class of rules.
-      ValueError: The name is taken or has another form, a setting is out of range, or the arena
-        lacks something.
+      ValueError: The name is one of the suite or has another form, a setting is out of range, the
+        arena lacks something, or the rules do not return what they declare.
     """
     if not _NAME.fullmatch(name):
         raise ValueError(f"name must be lower case with underscores, got {name!r}")
-    if name in TASKS:
-        raise ValueError(f"there is a task {name!r} already")
+    if name in TASKS_BY_DOMAIN[DOMAIN]:
+        raise ValueError(f"there is a task {name!r} in the suite already")
     if not (isinstance(rules, type) and issubclass(rules, Rules)):
         raise TypeError(f"rules must be a subclass of musebot.tasks.rules.Rules, got {rules!r}")
     if "model" in settings:  # the working directory may change
@@ -61,21 +65,48 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     if abs(definition.spot_steps * CONTROL_TIMESTEP - definition.spot_seconds) > 1e-9:
         raise ValueError(f"spot_seconds must be a multiple of 0.1 s, got {definition.spot_seconds}")
     identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
-    if identifier in GYMNASIUM_TASKS:
+    if GYMNASIUM_TASKS.get(identifier, name) != name:
         raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")
     model = definition.spec().compile()
     check_arena(model)
-    Batch(model, rules.of(model), 1)  # fails where a sensor is missing, or the timestep is another
+    # Fails where a sensor is missing, or the timestep is another.
+    _check(Batch(model, rules.of(model, "inverse"), 2))
 
     def factory(**keywords: Unpack[Settings]) -> Environment:
-        return definition.environment(**keywords)
+        return TASKS[name].environment(**keywords)
 
-    factory.__name__, factory.__doc__ = name, rules.__doc__
-    SUITE.add("own")(factory)
+    if name not in TASKS:
+        factory.__name__ = name
+        SUITE.add("own")(factory)
+    SUITE[name].__doc__ = rules.__doc__
     TASKS[name] = definition
     GYMNASIUM_TASKS[identifier] = name
+    if rules.__module__ != "__main__":  # which processes that are started cannot import
+        MODULES[name] = rules.__module__
     steps = steps_until(definition.time_limit)
     EPISODE_STEPS[name] = int(steps) if math.isfinite(steps) else None
     with contextlib.suppress(ImportError):  # Gymnasium is optional
-        register_gymnasium()
+        register_gymnasium(again=f"musebot/{identifier}")
     return f"musebot/{identifier}"
+
+
+def _check(batch: Batch) -> None:
+    """Checks that rules return what they declare, of one robot and of several.
+
+    Raises:
+      ValueError: An observation, the reward or the event has another name, order or shape; or
+        obstacles leave no room for a robot.
+    """
+    rules = batch.rules
+    batch.place(
+        np.arange(batch.robots), random_poses(np.random.default_rng(0), batch.dimensions, 2)
+    )
+    for measured in (batch.sensordata, batch.sensordata[0]):
+        shape = measured.shape[:-1]
+        declared = {name: (*shape, length) for name, (length, _, _) in rules.shapes.items()}
+        seen = {name: np.shape(one) for name, one in rules.observations(measured).items()}
+        if [*seen.items()] != [*declared.items()]:
+            raise ValueError(f"observations must have the shapes {declared}, got {seen}")
+        for what in ("reward", "event"):
+            if (found := np.shape(getattr(rules, what)(measured))) != shape:
+                raise ValueError(f"{what} must have the shape {shape}, got {found}")

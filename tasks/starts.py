@@ -16,6 +16,7 @@ Corner = Literal["upper_left", "upper_right"]
 Random = np.random.RandomState | np.random.Generator
 
 FROM_WALLS = 0.10  # [m]; section 3.1: "a distance of ten cm to the walls facing the corner"
+_DRAWS = 10_000  # after as many for each robot there is no room
 _TOLERANCE = 1e-9  # [m]; of places computed from the arena's dimensions
 _X, _Y = (half - FROM_WALLS for half in half_size(arena_spec()))
 # x, y in [m] and heading in [rad] of a robot that faces the corner.
@@ -35,17 +36,21 @@ def random_poses(random: Random, dimensions: Dimensions, count: int) -> np.ndarr
 
     Returns:
       x, y in [m] and heading in [rad], shape (count, 3).
+
+    Raises:
+      ValueError: The obstacles leave no room for a robot.
     """
     clear = dimensions.radius + 0.01
     high = np.array([dimensions.half_length - clear, dimensions.half_width - clear, np.pi])
     poses = random.uniform(-high, high, (count, 3))
     obstacles = np.reshape(dimensions.obstacles, (-1, 3))
-    while True:
+    for _ in range(_DRAWS):
         apart = np.hypot(*(poses[:, None, :2] - obstacles[:, :2]).transpose(2, 0, 1))
         blocked = (apart < obstacles[:, 2] + clear).any(axis=1)
         if not blocked.any():
             return poses
         poses[blocked] = random.uniform(-high, high, (int(blocked.sum()), 3))
+    raise ValueError(f"the obstacles leave no room for a robot: {dimensions.obstacles}")
 
 
 def random_spots(random: Random, dimensions: Dimensions, count: int) -> np.ndarray:

@@ -42,6 +42,12 @@ def test_import_is_light_and_sets_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["controller", "models", "protocols", "tasks"])
+def test_a_package_is_imported_when_it_is_asked_for(name, tmp_path):
+    code = f"import json, musebot; print(json.dumps([musebot.{name}.__name__]))"
+    assert python(code, tmp_path) == [f"musebot.{name}"]
+
+
 @pytest.mark.slow
 def test_the_first_load_is_quick(tmp_path):
     assert min(python(FIRST, tmp_path) for _ in range(3)) < 1.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from ..arena import CONTROL_TIMESTEP, TaskDefinition
 from ..episode import check_keywords, whole_number
 from ..rules import Rules
-from ..suite import task_definition
+from ..suite import TASKS, task_definition
 
 FPS = round(1 / CONTROL_TIMESTEP)
 
@@ -42,11 +43,20 @@ def spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymn
 def checked_task(task: str, kwargs: Mapping[str, Any]) -> TaskDefinition:
     """Returns a task's definition.
 
+    Args:
+      task: Name of the task; for one of the user's own also MODULE:NAME, which imports the module
+        in a process that does not know the task.
+      kwargs: Keywords of the task.
+
     Raises:
+      ImportError: There is no such module.
       TypeError: A keyword is unknown.
       ValueError: There is no such task.
     """
-    definition = task_definition(task)
+    module, _, name = task.rpartition(":")
+    if module and name not in TASKS:  # in a process that does not know it yet
+        importlib.import_module(module)
+    definition = task_definition(name)
     check_keywords(f"task {task!r}", kwargs, definition.keywords)
     return definition
 

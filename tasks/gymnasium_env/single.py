@@ -59,7 +59,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if render_mode == "human" and (reason := no_window()):
             raise RuntimeError(f"{reason}; render_mode='rgb_array' needs no display")
         # Gymnasium's wrapper TimeLimit counts the steps of an episode.
-        self._environment = load("arena", task, {**kwargs, "time_limit": float("inf")})
+        self._environment = load("arena", definition.name, {**kwargs, "time_limit": float("inf")})
         self.observation_space, self.action_space = spaces(definition.rules, definition.limit)
         self.render_mode = render_mode
         self._picture = picture_of(self.model, camera, width, height)

@@ -92,7 +92,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         nose = kwargs.pop("nose", "inverse")
         robots = 1 if backend == "warp" else num_envs  # Warp needs its model and rules only
-        self._batch = make_batch(task, robots, nose=nose, threads=threads)
+        self._batch = make_batch(definition.name, robots, nose=nose, threads=threads)
         if backend == "warp":
             from ..warp.robots import WarpBatch
 

@@ -57,6 +57,20 @@ def test_the_batch_equals_the_environment_bit_exactly(task):
     assert batch.valid.all()
 
 
+def test_a_change_of_the_model_counts_in_each_physics_step():
+    environment, batch = load("arena", "wall_avoidance"), make_batch("wall_avoidance", 2)
+    environment.reset(options={"robot": (0.0, 0.0, 0.0)})
+    for model in (environment.physics.model, batch.model):
+        model.actuator_gainprm[:] *= 0.5
+    flags = batch.model.opt.disableflags
+    for _ in range(15):
+        environment.step(np.array([0.5, 0.5]))
+        batch.step(np.full((2, 2), 0.5))
+    assert 0.1 < batch.pose[0, 0] < 0.2  # 0.28 m with the whole gain
+    np.testing.assert_array_equal(batch.pose, [environment.physics.robot_pose()] * 2)
+    assert batch.model.opt.disableflags == flags
+
+
 @pytest.mark.parametrize("task", TASKS)
 def test_the_number_of_threads_changes_no_result(task):
     batches = [make_batch(task, 7, threads=threads) for threads in (0, 1, 2, 3)]

@@ -36,6 +36,7 @@ def forgotten():
         for identifier, task in [*musebot.GYMNASIUM_TASKS.items()]:
             if task == name:
                 del musebot.GYMNASIUM_TASKS[identifier]
+                musebot.gymnasium_registration.MODULES.pop(name, None)
                 if gymnasium := sys.modules.get("gymnasium"):
                     gymnasium.registry.pop(f"musebot/{identifier}", None)
 
@@ -108,11 +109,45 @@ def renamed(spec):
     left.name = "right"
 
 
+def divided(spec):
+    """Adds a wall of which the distance of robots is measured as of a wide cylinder."""
+    body = spec.worldbody.add_body(name="obstacle_wall")
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.7, 0.01, 0.025])
+
+
+class Longer(WallAvoidanceRules):
+    """Returns an observation that it does not declare."""
+
+    def observations(self, sensordata):
+        return super().observations(sensordata) | {"bias": np.ones((*sensordata.shape[:-1], 1))}
+
+
+class Swapped(WallAvoidanceRules):
+    """Returns observations in another order."""
+
+    def observations(self, sensordata):
+        return dict(reversed(super().observations(sensordata).items()))
+
+
+class Column(WallAvoidanceRules):
+    """Returns rewards of another shape."""
+
+    def reward(self, sensordata):
+        return super().reward(sensordata)[..., None]
+
+
+class First(WallAvoidanceRules):
+    """Returns the event of the first robot only."""
+
+    def event(self, sensordata):
+        return super().event(sensordata).ravel()[0]
+
+
 @pytest.mark.parametrize(
     ("name", "rules", "settings", "error", "words"),
     [
         ("Mine", Still, {}, ValueError, "lower case with underscores, got 'Mine'"),
-        ("spot_finding", Still, {}, ValueError, "there is a task 'spot_finding' already"),
+        ("spot_finding", Still, {}, ValueError, "there is a task 'spot_finding' in the suite"),
         ("mine", Still(None), {}, TypeError, "rules must be a subclass of musebot.tasks.rules"),
         ("mine", Still, {"colour": 1}, TypeError, "colour"),
         ("mine", Still, {"limit": 0}, ValueError, "limit must be positive, got 0"),
@@ -142,6 +177,19 @@ def renamed(spec):
         ("mine", Still, {"edits": (lambda spec: setattr(spec.option, "timestep", 0.003),)},
          ValueError, "the timestep must divide 0.1 s, got 0.003"),
         ("mine", Still, {"model": "none.xml"}, ValueError, "none.xml"),
+        ("mine", Still, {"edits": (lambda spec: setattr(
+            spec.body("left_wheel").joints[0], "type", mujoco.mjtJoint.mjJNT_SLIDE),)},
+         ValueError, "the body 'left_wheel' must have one joint, a hinge"),
+        ("mine", Still, {"edits": (lambda spec: setattr(
+            spec.actuator("left_motor"), "target", spec.body("right_wheel").joints[0].name),)},
+         ValueError, "left_motor must drive the joint of the body 'left_wheel'"),
+        ("mine", Still, {"edits": (lambda spec: spec.actuator("right_motor").gear.fill(-0.02),)},
+         ValueError, "the gear of right_motor must be positive, got -0.02"),
+        ("mine", Still, {"edits": (divided,)}, ValueError, "the obstacles leave no room"),
+        ("mine", Longer, {}, ValueError, r"'bias': \(2, 1\)"),
+        ("mine", Swapped, {}, ValueError, "observations must have the shapes"),
+        ("mine", Column, {}, ValueError, r"reward must have the shape \(2,\), got \(2, 1\)"),
+        ("mine", First, {}, ValueError, r"event must have the shape \(2,\), got \(\)"),
     ],
 )  # fmt: skip
 def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings, error, words):
@@ -157,6 +205,43 @@ def test_a_name_whose_gymnasium_id_is_taken_is_refused(forgotten):
     with pytest.raises(ValueError, match="musebot/Still1-v0 is that of 'still_1'"):
         musebot.register_task("still1", Still)
     assert "still1" not in suite.TASKS
+
+
+def test_a_task_registered_again_replaces_the_former_one(forgotten):
+    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    forgotten.append("changing")
+    musebot.register_task("changing", Still, time_limit=2.0)
+    assert musebot.register_task("changing", Paid, time_limit=3.0) == "musebot/Changing-v0"
+    assert gymnasium.spec("musebot/Changing-v0").max_episode_steps == 30
+    assert type(make_batch("changing", 1).rules) is Paid
+    assert type(musebot.load("arena", "changing").task.rules) is Paid
+    assert gymnasium.make("musebot/Changing-v0").observation_space.shape == (1,)
+    assert musebot.SUITE["changing"].__doc__ == Paid.__doc__
+
+
+_SPAWNED = """
+import gymnasium
+import my_tasks
+
+if __name__ == "__main__":
+    robots = gymnasium.make_vec(
+        "musebot/Racing-v0", 2, vectorization_mode="async", vector_kwargs={"context": "spawn"}
+    )
+    print(robots.reset(seed=1)[0].shape)
+    robots.close()
+"""
+
+
+@pytest.mark.slow
+def test_a_process_that_is_started_anew_knows_the_task(tmp_path):
+    pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    (tmp_path / "my_tasks.py").write_text(EXAMPLES[0])
+    (tmp_path / "use.py").write_text(_SPAWNED)
+    done = subprocess.run(
+        [sys.executable, "use.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "(2, 5)\n"
 
 
 _BASELINES = """
