@@ -13,8 +13,8 @@ class NoisePatterns:
     share above 0 would round to 0), and the others at 0; positions and signs are uniform. A pool of
     `POOL` patterns is drawn at once, every idea takes one of them at random, and the pool is
     redrawn every `LIFETIME` steps. Each idea has the distribution of an individual draw; for 50
-    robots or more it takes a tenth of the time. Two ideas are equal with a probability of 1 in
-    `POOL`, more often than individual draws would be.
+    robots or more it takes a tenth of the time. Two ideas share a pattern of the pool with a
+    probability of 1 in `POOL`, so they are equal more often than individual draws would be.
     """
 
     POOL = 16384

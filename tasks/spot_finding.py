@@ -46,7 +46,7 @@ class SpotFindingRules(Rules):
         return self.nose.signal(sensordata[..., self.layout.smell])
 
     def event(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns whether the front of the rim, the place of a single nose, is inside the spot."""
+        """Returns whether the nose is inside the spot."""
         return self.nose.inside(sensordata[..., self.layout.smell])
 
 
