@@ -11,7 +11,7 @@ import tyro
 
 from .. import __version__
 from .commands import VERBS, study_command, verb_class
-from .errors import InputError
+from .errors import InputError, nearest
 from .exit_status import complain, exit_status
 from .studies import STUDIES
 from .terminal import safe_streams, say
@@ -65,7 +65,7 @@ def _parse(words: list[str]) -> Any:
     if name == "study" and len(words) > 1 and not words[1].startswith("-"):
         study = words[1]
         if study not in STUDIES:
-            raise InputError(f"the study must be one of {', '.join(STUDIES)}, got {study!r}")
+            raise InputError(f"there is no study {study!r}; {nearest(study, STUDIES)}")
         os.environ.setdefault("MUJOCO_GL", "off")
         command, prog = study_command(study), f"musebot study {study}"
         return tyro.cli(command, args=words[2:], prog=prog, config=_CONFIG)
@@ -73,7 +73,9 @@ def _parse(words: list[str]) -> Any:
         prog = f"musebot {name}"
         return tyro.cli(verb_class(name), args=words[1:], prog=prog, config=_CONFIG)
     if not name.startswith("-"):
-        raise InputError(f"the verb must be one of {', '.join(VERBS)}, got {name!r}")
+        if name in STUDIES:
+            raise InputError(f"{name} is a study: musebot study {name} OUT")
+        raise InputError(f"there is no verb {name!r}; {nearest(name, VERBS)}")
     return tyro.extras.subcommand_cli_from_dict(
         {name: verb_class(name) for name in VERBS},
         args=words,

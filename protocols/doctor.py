@@ -16,18 +16,16 @@ from importlib import metadata
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from .errors import EGL_REMEDY
 from .machine import cores, machine_bytes
+from .terminal import say
 
 # Musebot's own modules are imported by the check that needs them: the doctor must also work
 # where a package is missing.
 
 Probe = Callable[[], str]  # returns what was found, or raises Missing
+_WIDTH = 18  # of the column of names
 
 # Modules of other names, and modules that load a package's compiled part.
 _MODULES = {
@@ -95,7 +93,7 @@ class Check:
 
 
 def report(probes: Mapping[str, Probe] | None = None) -> int:
-    """Prints all checks.
+    """Prints each check as soon as it is done.
 
     Args:
       probes: Functions that check one thing each, by name; None for all checks.
@@ -103,24 +101,24 @@ def report(probes: Mapping[str, Probe] | None = None) -> int:
     Returns:
       Exit status: 0 if nothing required is missing, else 1.
     """
-    checks = list(examine(all_probes() if probes is None else probes))
-    table = Table(box=box.SIMPLE_HEAD, show_header=False, pad_edge=False)
-    for check in checks:
-        mark = Text("ok", "green") if check.passed else Text("MISSING", "bold red")
+    checks = []
+    for check in examine(all_probes() if probes is None else probes):
+        checks.append(check)
+        mark = "ok" if check.passed else "MISSING"
         if check.passed and check.remedy:
-            mark = Text("WARNING", "yellow")
-        table.add_row(check.name, mark, Text(check.text))
-    # A fixed width keeps commands whole where the output is not a terminal.
-    console = Console() if sys.stdout.isatty() else Console(width=160)
-    console.print(table)
-    missing = [check for check in checks if not check.passed]
+            mark = "WARNING"
+        say(f"{check.name:{_WIDTH}} {mark:8} {check.text}")
+        if sys.stdout:
+            sys.stdout.flush()
+    say("")
     for check in checks:
         if check.remedy:
             state = "fails" if check.passed else "is missing"
-            print(f"{check.name} {state}. Remedy: {check.remedy}")
-    if not missing:
-        print("Nothing that musebot requires is missing.")
-    return 1 if missing else 0
+            say(f"{check.name} {state}. Remedy: {check.remedy}")
+    if all(check.passed for check in checks):
+        say("Nothing that musebot requires is missing.")
+        return 0
+    return 1
 
 
 def examine(probes: Mapping[str, Probe]) -> Iterator[Check]:

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.text import Text
 
 _MOST = 2000  # characters of a sentence
-_MINUTE = 60.0  # seconds between two lines of progress in a file
+_FIRST, _MINUTE = 5.0, 60.0  # seconds to the first line of progress in a file; at most later
 # Control characters, those that change the direction of text, and bytes that are no text.
 _UNPRINTABLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
@@ -58,8 +58,14 @@ def say(text: str, stream: TextIO | None = None, *, lines: bool = False) -> None
 
 def notice(sentence: str) -> None:
     """Prints a sentence on stderr."""
+    _say_if_possible(f"musebot: {sentence}")
+
+
+def _say_if_possible(text: str) -> None:
+    """Prints a text on stderr; a full disk or a reader that has left stops no work."""
     if sys.stderr is not None:
-        say(f"musebot: {sentence}", sys.stderr)
+        with contextlib.suppress(OSError):
+            say(text, sys.stderr)
 
 
 def safe_streams() -> None:
@@ -81,23 +87,77 @@ def show_markdown(text: str) -> None:
 _DESCRIPTION = TextColumn("{task.description}", markup=False)
 
 
-def bar() -> Progress:
-    """Returns a progress bar: description, share done, remaining time."""
-    return Progress(
-        _DESCRIPTION,
-        BarColumn(),
-        TextColumn("{task.percentage:5.1f} %"),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-        console=Console(stderr=True),
-    )
+def _draws_bars() -> bool:
+    """Returns whether stderr is a terminal that can draw a bar; else progress is lines of text."""
+    stream = sys.stderr
+    return stream is not None and stream.isatty() and not Console(stderr=True).is_dumb_terminal
+
+
+class _Pace:
+    """Times of the lines of progress in a file: the first soon, later ones a minute apart."""
+
+    def __init__(self) -> None:
+        self._began, self._wait = time.monotonic(), _FIRST
+
+    def due(self) -> bool:
+        """Returns whether it is time for a line, and if so begins to wait for the next."""
+        if (now := time.monotonic()) - self._began < self._wait:
+            return False
+        self._began, self._wait = now, min(2 * self._wait, _MINUTE)
+        return True
+
+
+class StepProgress:
+    """Progress of steps of about equal length, in this process: a bar, or lines in a file."""
+
+    def __init__(self, what: str, steps: int) -> None:
+        """Prepares the display.
+
+        Args:
+          what: Description of the steps.
+          steps: Number of steps; nothing is shown for 0.
+        """
+        self._what, self._steps, self._done = printable(what), steps, 0
+        self._lines = not _draws_bars()
+        self._progress = Progress(
+            _DESCRIPTION,
+            BarColumn(),
+            TextColumn("{task.percentage:5.1f} %"),
+            TextColumn("left"),
+            TimeRemainingColumn(elapsed_when_finished=False),
+            console=Console(stderr=True),
+            disable=self._lines or not steps,
+        )
+        self._bar = self._progress.add_task(self._what, total=steps)
+        self._began, self._pace = time.monotonic(), _Pace()
+
+    def __enter__(self) -> StepProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._progress.stop()
+
+    def advance(self) -> None:
+        """Counts a step."""
+        self._done += 1
+        self._progress.advance(self._bar)
+        if self._lines and self._pace.due():
+            seconds = (time.monotonic() - self._began) * (self._steps / self._done - 1)
+            notice(f"{self._what}: {100 * self._done / self._steps:.1f} %, {remaining(seconds)}")
+
+
+def remaining(seconds: float) -> str:
+    """Returns a remaining time in words."""
+    return f"{datetime.timedelta(seconds=max(round(seconds), 0))} left"
 
 
 class JobProgress:
     """Progress of several jobs together, with their speed, and the messages they send.
 
     A job's cost is its amount of work: simulated seconds, added up over the job's robots. On a
-    terminal a bar shows the progress; elsewhere, as in the log of a cluster, a line a minute.
+    terminal a bar shows the progress; elsewhere, as in the log of a cluster, lines, of which the
+    first comes after five seconds and the later ones a minute apart.
     """
 
     def __init__(
@@ -118,8 +178,7 @@ class JobProgress:
         self._costs, self._robots = costs, robots
         self._done: dict[int, float] = {}
         self._first: dict[int, float] = {}  # the speed does not count earlier calls
-        console = Console(stderr=True)
-        self._lines = not (quiet or console.is_terminal)
+        self._lines = not (quiet or _draws_bars())
         self._progress = Progress(
             _DESCRIPTION,
             BarColumn(),
@@ -127,13 +186,13 @@ class JobProgress:
             TextColumn("{task.fields[speed]}"),
             TimeElapsedColumn(),
             TextColumn("{task.fields[left]}"),
-            console=console,
+            console=Console(stderr=True),
             disable=quiet or self._lines,
         )
         total = sum(costs)
         self._what = f"{printable(what)}, {total / 3600:,.0f} robot-hours"
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
-        self._began = self._said = time.monotonic()
+        self._began, self._pace = time.monotonic(), _Pace()
         self._watcher: Callable[[], None] = lambda: None
 
     def __enter__(self) -> JobProgress:
@@ -154,7 +213,7 @@ class JobProgress:
     def tell(self, sentence: str) -> None:
         """Prints a sentence above the bar."""
         if self._lines:
-            say(sentence, sys.stderr)
+            _say_if_possible(sentence)
         else:
             self._progress.console.print(Text(printable(sentence), "yellow"))
 
@@ -169,8 +228,7 @@ class JobProgress:
                 self._first.setdefault(number, done)
         done, speed, left = self._state()
         self._progress.update(self._bar, completed=done, speed=speed, left=left)
-        if self._lines and time.monotonic() - self._said >= _MINUTE:
-            self._said = time.monotonic()
+        if self._lines and self._pace.due():
             notice(self.line())
         self._watcher()
 
@@ -196,5 +254,5 @@ class JobProgress:
         if not new > 0 or not seconds > 0:
             return done, "", ""
         speed = new / seconds
-        left = datetime.timedelta(seconds=round((sum(self._costs) - done) / speed))
-        return done, f"{speed:,.0f} x real time", f"{left} left"
+        left = remaining((sum(self._costs) - done) / speed)
+        return done, f"{speed:,.0f} x real time", left

@@ -472,8 +472,13 @@ def test_no_word_shows_the_help_and_version_the_version(capsys):
 
 def test_an_unknown_verb_is_refused_with_all_verbs(capsys):
     assert cli.main(["dance"]) == 2
-    sentence = f"musebot: the verb must be one of {', '.join(cli.VERBS)}, got 'dance'\n"
+    sentence = f"musebot: there is no verb 'dance'; there are {', '.join(cli.VERBS)}\n"
     assert capsys.readouterr().err == sentence
+    assert cli.main(["tabels", "runs"]) == 2
+    assert capsys.readouterr().err == "musebot: there is no verb 'tabels'; did you mean tables?\n"
+    assert cli.main(["leaderboard", "runs"]) == 2
+    err = capsys.readouterr().err
+    assert err == "musebot: leaderboard is a study: musebot study leaderboard OUT\n"
 
 
 def test_everything_with_a_name_is_listed_with_a_line(capsys):

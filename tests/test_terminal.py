@@ -3,9 +3,11 @@
 import errno
 import io
 import queue
+import time
 
 import pytest
 
+from musebot.protocols import terminal
 from musebot.protocols.exit_status import exit_status
 from musebot.protocols.terminal import JobProgress, notice, printable, say
 
@@ -41,7 +43,13 @@ def test_what_an_earlier_call_did_is_not_this_ones_speed():
         assert task_of(progress).fields["speed"] == "100 x real time"
 
 
-def test_a_log_gets_a_line_a_minute_with_robots_speed_and_time_left(capfd):
+def later(progress, seconds, monkeypatch):
+    """Lets a progress display believe that some seconds have passed."""
+    now = time.monotonic() + seconds
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
+
+
+def test_a_log_gets_lines_with_robots_speed_and_time_left(capfd, monkeypatch):
     reports = queue.Queue()
     with JobProgress("two cohorts", [3600.0, 3600.0], robots=[5, 5]) as progress:
         progress.show(reports)
@@ -50,11 +58,12 @@ def test_a_log_gets_a_line_a_minute_with_robots_speed_and_time_left(capfd):
         reports.put((1, 0.0, ""))
         reports.put((0, 3600.0, ""))
         reports.put((1, 2000.0, ""))
-        progress.show(reports)  # within the first minute
+        progress.show(reports)  # within the first five seconds
         assert len(capfd.readouterr().err.splitlines()) == 1
-        progress._said -= 60
+        later(progress, 5, monkeypatch)
+        progress._began += 5
         progress.show(reports)
-        progress.show(reports)  # within the second minute
+        progress.show(reports)
         (line,) = capfd.readouterr().err.splitlines()
     assert line == "musebot: 77.8 %, 5 of 10 robots done, 56 x real time, 0:00:29 left"
 
@@ -69,6 +78,72 @@ def test_a_run_continued_counts_the_time_left_by_this_calls_speed():
         reports.put((0, 3100.0, ""))
         progress.show(reports)
         assert progress.line() == "77.5 %, 0 of 1 jobs done, 10 x real time, 0:01:30 left"
+
+
+def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(monkeypatch):
+    now = 0.0
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
+    pace, due = terminal._Pace(), []
+    for second in range(300):
+        now = float(second)
+        if pace.due():
+            due.append(second)
+    assert due == [5, 15, 35, 75, 135, 195, 255]
+
+
+def test_steps_of_one_process_leave_lines_with_the_time_left(capfd, monkeypatch):
+    now = 0.0
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
+    with terminal.StepProgress("watching\n", 40) as progress:
+        for _ in range(8):
+            now += 1
+            progress.advance()
+    lines = capfd.readouterr().err.splitlines()
+    assert lines == [r"musebot: watching\n: 12.5 %, 0:00:35 left"]
+    with terminal.StepProgress("nothing", 0):
+        pass
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("tty", "variables", "bars"),
+    [
+        (False, {}, False),
+        (False, {"FORCE_COLOR": "1"}, False),
+        (True, {"TERM": "dumb"}, False),
+        (True, {"TERM": "xterm"}, True),
+    ],
+)
+def test_bars_are_drawn_on_terminals_only(tty, variables, bars, monkeypatch):
+    stream = io.StringIO()
+    stream.isatty = lambda: tty
+    monkeypatch.setattr("sys.stderr", stream)
+    for name in ("TERM", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert terminal._draws_bars() == bars
+    with JobProgress("jobs", [1.0]) as progress:
+        progress.tell("a message")
+    assert ("\x1b" in stream.getvalue()) == bars and "a message" in stream.getvalue()
+
+
+class Full(io.StringIO):
+    """A stream on a full disk."""
+
+    def write(self, text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_under_stderr_stops_no_work(monkeypatch):
+    monkeypatch.setattr("sys.stderr", Full())
+    with JobProgress("jobs", [1.0]) as progress:
+        progress.tell("a message")
+        progress.show(queue.Queue())
+    with terminal.StepProgress("steps", 1) as steps:
+        steps._pace._wait = 0.0
+        steps.advance()
+    assert exit_status(lambda: notice("unheard"), check=False) == 0
 
 
 @pytest.mark.parametrize("quiet", [False, True])

@@ -14,7 +14,7 @@ from ..experiment.schedules import SCHEDULES
 from ..results.learn_ability import CATEGORIES, classes
 from ..results.results import Robot
 from ..results.run import Run, abilities, shares
-from ..terminal import bar
+from ..terminal import StepProgress
 from . import intervals
 from .hypothesis_tests import holm, same_share, same_statistic
 from .intervals import Interval
@@ -246,9 +246,10 @@ def compare_all(
       only: Function that returns the names of a match's cells to compare, or None for all.
     """
     found: list[Cell] = []
-    with bar() as progress:
-        for match in progress.track(matches, description="comparing"):
+    with StepProgress("comparing", len(matches)) as progress:
+        for match in matches:
             found += compare(match, resamples, only(match))
+            progress.advance()
     return corrected(found)
 
 

@@ -24,7 +24,7 @@ from ..experiment.provenance import machine
 from ..machine import cores
 from ..reporting import style
 from ..storage import check_place, resolved_file, write_atomically
-from ..terminal import show_markdown
+from ..terminal import notice, remaining, show_markdown
 from . import lives, models, population, sections, workers
 from .lives import PairedTiming, Setting, TimedCohort
 from .measurements import (
@@ -130,7 +130,7 @@ def run(
         "timers_stopped": not interfaces and stop_timers(),
         "quick": quick,
     }
-    printer = _Printer()
+    printer = _Printer(_measurements(quick, interfaces, device))
     printer.show(sections.machine_section(here))
     if interfaces:
         content = _measure_interfaces(quick, printer)
@@ -168,6 +168,17 @@ def _measure_interfaces(quick: bool, printer: _Printer) -> dict[str, Any]:
     costs = measure(robots=4, rounds=1, steps=2) if quick else measure()
     printer.show(costs.section())
     return {"interfaces": dataclasses.asdict(costs)}
+
+
+def _measurements(quick: bool, interfaces: bool, device: str | None) -> int:
+    """Returns how often `_Printer.begin` is called."""
+    if interfaces:
+        return 1
+    if device is not None:
+        return len(population.sizes(device, quick))
+    conditions = len(PROPOSERS) * 3
+    sizes = len(set(SIZES) - {SMALL, MAIN})
+    return conditions + sizes + len(PAPER_TASKS) + 4 + len(MEMORY_SIZES)
 
 
 def _measure_population(device: str, quick: bool, printer: _Printer) -> list[dict[str, Any]]:
@@ -249,14 +260,19 @@ def _time_sizes(
 class _Printer:
     """Prints sections to standard output and progress to standard error."""
 
-    def __init__(self) -> None:
+    def __init__(self, measurements: int) -> None:
+        """Begins with the first of a number of measurements."""
         self._began = time.monotonic()
+        self._number, self._measurements = 0, measurements
 
     def begin(self, what: str) -> None:
-        """Prints what is being measured."""
+        """Prints what is being measured, how long it has taken and about how long is left."""
         # A line, not a progress bar: a bar has a thread of its own, which would be measured.
-        seconds = time.monotonic() - self._began
-        print(f"{seconds:4.0f} s  measuring {what}", file=sys.stderr, flush=True)
+        seconds, done = time.monotonic() - self._began, self._number
+        self._number += 1
+        left = remaining(seconds / done * (self._measurements - done)) if done else ""
+        of = f"{self._number} of {self._measurements}"
+        notice(", ".join(filter(None, [f"measuring {what}", of, f"{seconds:.0f} s", left])))
 
     def show(self, section: Section) -> None:
         """Prints a section: formatted on a terminal, as Markdown otherwise."""

@@ -10,7 +10,7 @@ import tyro
 
 from ..errors import InputError
 from ..shared_options import TASK_CHOICES, option
-from ..terminal import bar, say
+from ..terminal import StepProgress, say
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,6 +55,7 @@ class FigureCommand:
         say(str(self.output))
 
     def _figure(self) -> Figure:
+        from ..playback.measured_behaviour import with_brains
         from ..reporting import paper_figures, typical_robots
         from ..results.run_files import read_run
         from ..simulation.worker import prepare_process
@@ -66,9 +67,10 @@ class FigureCommand:
         assert self.out is not None
         run = read_run(self.out, replay=True)
         prepare_process()
-        with bar() as progress:
-            task = progress.add_task("observing robots", total=typical_robots.ticks(run))
-            figure = typical_robots.draw(run, lambda: progress.advance(task))
+        if not with_brains(run):
+            raise InputError(f"{self.out} has no typical robots: it holds no brains")
+        with StepProgress("observing robots", typical_robots.ticks(run)) as progress:
+            figure = typical_robots.draw(run, progress.advance)
         if figure is None:
             raise InputError(f"{self.out} has no typical robots: no stored brain spins or arrives")
         return figure

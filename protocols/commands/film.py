@@ -57,7 +57,9 @@ class FilmCommand:
         from ..results.run_files import read_run
 
         source = self.out or policy_file(self.task)
-        if not (source.is_file() or source.suffix == ".safetensors"):
+        if source.is_file() and source.suffix != ".safetensors":
+            raise InputError(f"{source} is neither a run's folder nor a .safetensors file")
+        if source.suffix != ".safetensors" or source.is_dir():
             run = read_run(source, replay=True)
             condition = robots_named(self.task, self.proposer, self.agent)
             return StoredRobot(run, condition, self.robot, self.phase, self.seed).episode()

@@ -19,7 +19,7 @@ from ...tasks.rules import Rules
 from ..errors import InputError
 from ..simulation.signals import handling
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
-from ..terminal import bar, notice, printable
+from ..terminal import StepProgress, notice
 from .episode import Episode, Moment
 from .panel import Panel
 from .scene import Scene, Shot
@@ -187,7 +187,6 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
       OSError: the film could not be written completely; the partial film is deleted.
     """
     suffix = output.suffix.lower()
-    progress = bar()
     with (
         handling(_interrupt, signal.SIGTERM),
         tempfile.TemporaryDirectory(prefix="musebot-") as folder,
@@ -202,10 +201,11 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
             ffmpeg_log_level="fatal",  # the number of frames shows a failure, see below
             **FORMATS[suffix].encoder,
         )
-        with progress, writer:
-            for frame in progress.track(frames, count, description=printable(output.name)):
+        with StepProgress(output.name, count) as progress, writer:
+            for frame in frames:
                 if not _append(writer, frame):
                     break
+                progress.advance()
         # imageio does not check whether ffmpeg could write everything.
         if _frames_in(draft) != count:
             raise OSError(f"{output} could not be written completely; is the disk full?")

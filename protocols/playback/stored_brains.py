@@ -103,7 +103,8 @@ class StoredRobot:
         row = numbers.index(self.robot)
         if not robots[row].valid:
             raise InputError(
-                f"robot {self.robot} of {self.condition} is invalid: its simulation became unstable"
+                f"robot {self.robot} of {self.condition} is invalid: it was stopped, because its "
+                "simulation became unstable or its weights were not finite"
             )
         return row
 

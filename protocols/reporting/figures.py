@@ -35,7 +35,8 @@ def learning_curves(run: Run) -> Figure:
         for proposer in run.proposers(task):
             curves = run.curves(Condition(task, proposer))
             if len(curves):
-                _curve(axis, curves, proposer)
+                steps = run.experiment.schedule(task).steps_of_minutes()
+                _curve(axis, curves, steps[: curves.shape[1]], proposer)
         _parts(axis, run.experiment, task)
         axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
@@ -45,16 +46,28 @@ def learning_curves(run: Run) -> Figure:
     return figure
 
 
-def _curve(axis: Axes, curves: np.ndarray, proposer: str) -> None:
-    """Draws the curve of a condition's n robots from their shares of each of M minutes, (n, M)."""
-    minutes = curves.shape[1]
+def _curve(axis: Axes, curves: np.ndarray, steps: np.ndarray, proposer: str) -> None:
+    """Draws the curve of a condition's n robots.
+
+    Args:
+      axis: Axis to draw on.
+      curves: Share of each of M minutes, shape (n, M).
+      steps: Control steps of each minute, of which the last may be shorter, shape (M,).
+      proposer: Proposer of the robots.
+    """
+    minutes = len(steps)
     width = -(-minutes // _STEPS)
     edges = np.unique(np.minimum(np.arange(0, minutes + width, width), minutes))
-    steps = [curves[:, a:b].mean(axis=1) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    means = np.array([step.mean() for step in steps])
-    low, high = np.array([intervals.mean(step, intervals.SHARE) for step in steps]).T
-    hours = (edges[:-1] + edges[1:]) / 2 / 60
-    axis.plot(hours, means, color=colour(proposer))
+    points = [
+        np.average(curves[:, a:b], axis=1, weights=steps[a:b])
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    means = np.array([point.mean() for point in points])
+    low, high = np.array([intervals.mean(point, intervals.SHARE) for point in points]).T
+    times = np.concatenate([[0], steps.cumsum()])[edges] / control_steps(60)
+    hours = (times[:-1] + times[1:]) / 2
+    mark = "o" if len(points) == 1 else None  # a rehearsal
+    axis.plot(hours, means, color=colour(proposer), marker=mark)
     axis.fill_between(hours, low, high, color=colour(proposer), alpha=0.2, linewidth=0)
 
 
@@ -148,10 +161,10 @@ def _histogram(axis: Axes, run: Run, condition: Condition) -> None:
     values = run.abilities(condition)
     values = values[~np.isnan(values)]
     inner = values[np.abs(values) < 1]
-    counts, edges = np.histogram(inner, bins=np.linspace(-1, 1, 17))
+    counts, edges = np.histogram(inner, bins=np.linspace(-1, 1, 18))  # one of them around 0
     total = max(len(values), 1)
     shade = colour(condition.proposer)
-    axis.bar((edges[:-1] + edges[1:]) / 2, counts / total, width=0.115, color=shade, alpha=0.55)
+    axis.bar((edges[:-1] + edges[1:]) / 2, counts / total, width=0.11, color=shade, alpha=0.55)
     ends = [(values == end).sum() / total for end in (-1, 1)]
     bars = axis.bar((-1.12, 1.12), ends, width=0.1, color=shade)
     axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8, color=shade)
@@ -162,7 +175,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition) -> None:
     )  # fmt: skip
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
     axis.set_yticks([])
-    axis.margins(y=0.18)
+    axis.margins(y=0.3)
     axis.spines["left"].set_visible(False)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Iterator
@@ -29,7 +28,7 @@ from ..storage import (
     resolved_file,
     write_text,
 )
-from ..terminal import bar
+from ..terminal import StepProgress
 from . import example_robots, figures, html_page, robot_figures, style
 from .html_page import Medium
 
@@ -85,9 +84,9 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
 def _write(run: Run, out: Path, page_file: Path) -> None:
     drawn: list[Medium] = []
     total = measured_behaviour.ticks(run) + robot_figures.ticks(run)
-    with _progress(total) as tick, style.styled():
-        behaviour = measured_behaviour.observe(run, tick)
-        for planned in _figures(run, behaviour, tick):
+    with StepProgress("observing robots", total) as progress, style.styled():
+        behaviour = measured_behaviour.observe(run, progress.advance)
+        for planned in _figures(run, behaviour, progress.advance):
             if (figure := planned.draw()) is not None:
                 paths = style.save(figure, out / "figures", planned.name)
                 png = next(path for path in paths if path.suffix == ".png")
@@ -105,13 +104,6 @@ def _check(out: Path, output: Path) -> None:
         raise InputError(f"{out} cannot be written")
     for folder in (out / "figures", out / "films"):
         check_own_folder(folder)
-
-
-@contextlib.contextmanager
-def _progress(total: int) -> Iterator[Tick]:
-    with bar() as progress:
-        task = progress.add_task("observing robots", total=total)
-        yield lambda: progress.advance(task)
 
 
 # ---- Figures ----

@@ -90,9 +90,18 @@ def read_so_far(directory: Path, needs: Needs = "brains") -> Run:
       InputError: the folder holds no run, or what it holds is damaged.
     """
     if not (directory / MANIFEST).is_file():
-        raise InputError(f"{directory} holds no experiment of musebot's")
+        raise InputError(_no_run(directory))
     experiment = read_manifest(directory).experiment
     return Run(resolved(directory).name, experiment, read_results(directory, needs))
+
+
+def _no_run(directory: Path) -> str:
+    """Returns why a folder cannot be read as a run, and which of its folders can."""
+    if not directory.exists():
+        return f"there is no folder {directory}"
+    inside = sorted(path.parent.name for path in directory.glob(f"*/{MANIFEST}"))
+    runs = f"; it has the runs {', '.join(inside[:9])}" if inside else ""
+    return f"{directory} holds no experiment of musebot's{runs}"
 
 
 def read_run(

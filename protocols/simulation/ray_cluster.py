@@ -23,6 +23,7 @@ from .worker import prepare_process, stopped_by
 
 try:
     import ray
+    from ray._private import services
     from ray.exceptions import RayError, RayTaskError
     from ray.util.queue import Queue
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
@@ -31,6 +32,21 @@ except ImportError as error:
 
 # Other values make Ray start a cluster of its own, that every machine of the network can reach.
 _ADDRESS = re.compile(r"auto|(ray://)?([\w.-]+|\[[\da-fA-F:.]+\]):\d{1,5}")
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
+    """Returns where an address is; for "auto" where Ray would look for this machine's cluster.
+
+    Raises:
+      ConnectionError: Ray knows no cluster of this machine.
+      ValueError: the variable RAY_ADDRESS is no address.
+    """
+    if address == "auto":
+        address = os.environ.get("RAY_ADDRESS") or "auto"
+    if address == "auto":  # Ray has no public function for this
+        address = services.canonicalize_bootstrap_address(address) or ""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    return host.strip("[]"), int(port)
 
 
 class RayCluster:
@@ -52,9 +68,8 @@ class RayCluster:
         if address == "auto" and os.environ.get("RAY_ADDRESS", "auto") == "local":
             raise InputError("the address must not be local, as RAY_ADDRESS has it")
         try:
-            if ":" in address:  # Ray itself would retry for minutes
-                host, _, port = address.removeprefix("ray://").rpartition(":")
-                socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+            # Ray itself would retry for minutes.
+            socket.create_connection(_host_and_port(address), timeout=10).close()
             if ray.is_initialized() and RayCluster._address == address:
                 return  # an earlier run of this process has connected it
             ray.init(

@@ -24,7 +24,7 @@ from ..reporting.markdown import MEANS, mean_cell, table
 from ..results.run import Run
 from ..results.run_files import read_runs
 from ..shared_options import Runs
-from ..terminal import bar
+from ..terminal import StepProgress
 from .study import Page, Study
 
 _TRAINING = CONTINUAL.minutes_of("training")
@@ -154,10 +154,9 @@ def draw(found: Sequence[Training]) -> Figure:
     """Draws the share of time in the spot by hour, with 95 % bands, and by minute after a move."""
     figure, (above, below) = style.canvas(5.2 + 0.16 * len(found), 2, 1, sharey=True)
     keys = []
-    with bar() as progress:
-        step = progress.add_task("intervals", total=HOURS * len(found))
+    with StepProgress("intervals", HOURS * len(found)) as progress:
         for training, shade in zip(found, style.PALETTE, strict=False):
-            _by_hour(above[0], training, shade, lambda: progress.advance(step))
+            _by_hour(above[0], training, shade, progress.advance)
             _after_move(below[0], training, shade)
             keys.append(Line2D([], [], color=shade, label=training.name))
     above[0].set(title="Share of the time in the spot", xlabel="hours of training")

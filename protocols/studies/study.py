@@ -171,7 +171,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
 def _write_unfinished_page(study: Study, out: Path) -> None:
     """Writes a page that says that it is unfinished, unless OUT has a finished one."""
     path = page_file(study, out)
-    if not path.exists() or path.read_text().startswith(_UNFINISHED):
+    if not path.exists() or path.read_bytes().startswith(_UNFINISHED.encode()):
         write_text(path, _UNFINISHED + study.page(out).markdown)
 
 

@@ -37,6 +37,8 @@ def quick(tmp_path_factory):
     command = [sys.executable, "-m", "musebot", "bench", "--quick", *files]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
     assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stderr.splitlines() if "measuring" in line]
+    assert f", {len(lines)} of {len(lines)}, " in lines[-1] and lines[-1].endswith(" left")
     return folder, done.stdout
 
 

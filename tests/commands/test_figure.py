@@ -23,7 +23,7 @@ def test_the_architecture_is_written_as_an_svg(tmp_path, capsys):
         (["typical", "typical.png"], "typical needs the folder of a run"),
         (["robot", "robot.png", "--task", "spot_finding"], "--task chooses the architecture"),
         (["architecture", "a.png", "--task", "night"], "the task must be one of wall_avoidance"),
-        (["typical", "typical.png", "nothing"], "holds no experiment of musebot's"),
+        (["typical", "typical.png", "nothing"], "there is no folder nothing"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(

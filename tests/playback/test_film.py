@@ -251,6 +251,8 @@ def test_file_without_policies_is_one_sentence(directory, tmp_path, capsys):
         (tmp_path / "p.safetensors", "there is no file"),
         (directory / "brains.safetensors", "holds no policies"),
         (tmp_path, "holds no experiment"),
+        (tmp_path / "nothing", "there is no folder"),
+        (directory / "robots.csv", "is neither a run's folder nor a .safetensors file"),
     ):
         assert cli.main(["film", str(path), *words]) == 2
         assert sentence in capsys.readouterr().err

@@ -66,6 +66,34 @@ def test_a_curve_is_drawn_where_its_means_are():
     assert borders == pytest.approx([20 / 60, 140 / 60])
 
 
+def test_a_curve_of_a_rehearsal_is_where_its_minutes_are():
+    run = run_of(WALLS_FIXED, minutes=2)
+    run = dataclasses.replace(run, experiment=Experiment(time_scale=1 / 128))
+    steps = run.experiment.schedule(WA).steps_of_minutes()
+    assert len(steps) == 2 and steps[0] == 600 > steps[1]
+    run.results[WALLS_FIXED].curves[:] = [[0.2, 0.6]]
+    with style.styled():
+        axis = figures.learning_curves(run).axes[0]
+    hours, means = axis.lines[0].get_data()
+    assert means == pytest.approx([0.2, 0.6])
+    assert hours * 36000 == pytest.approx([300, 600 + steps[1] / 2])
+    short = run_of(WALLS_FIXED, minutes=1)
+    short = dataclasses.replace(short, experiment=Experiment(time_scale=1 / 400))
+    with style.styled():
+        (axis,) = figures.learning_curves(short).axes[:1]
+    assert axis.lines[0].get_marker() == "o"  # a single point has no line
+
+
+def test_robots_with_l_of_0_are_drawn_at_0():
+    run = run_of(WALLS_FIXED)
+    rows = run.results[WALLS_FIXED].robots
+    rows[:] = [dataclasses.replace(row, learn_ability=0.0, category="L = 0") for row in rows]
+    with style.styled():
+        axis = figures.abilities(run).axes[0]
+    ((left, width),) = [(b.get_x(), b.get_width()) for b in axis.patches if b.get_height() == 1]
+    assert left + width / 2 == pytest.approx(0)
+
+
 def test_an_invalid_robot_is_in_no_curve():
     run = run_of(WALLS_FIXED, robots=2)
     rows = run.results[WALLS_FIXED].robots

@@ -517,6 +517,13 @@ def test_a_folder_without_a_run_is_refused(tmp_path, read):
     with pytest.raises(InputError) as caught:
         read(tmp_path)
     assert str(caught.value) == f"{tmp_path} holds no experiment of musebot's"
+    for name in ("paper", "steady"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / MANIFEST).write_text("{}")
+    with pytest.raises(InputError, match="musebot's; it has the runs paper, steady$"):
+        read(tmp_path)
+    with pytest.raises(InputError, match=f"^there is no folder {tmp_path / 'nothing'}$"):
+        read(tmp_path / "nothing")
 
 
 def test_rows_are_read_without_the_other_files(folder, results):

@@ -217,12 +217,27 @@ def test_a_users_file_named_stop_stops_no_job_and_stays(tmp_path):
     assert (tmp_path / "stop").read_text() == "mine"
 
 
-def test_auto_without_a_cluster_says_that_there_is_none(monkeypatch):
-    def init(**options):
-        raise ConnectionError("Could not find any running Ray instance. Please specify one.")
+def test_auto_without_a_cluster_says_that_there_is_none(monkeypatch, tmp_path):
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setattr(ray_cluster.services, "find_gcs_addresses", list)
+    monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
+    with pytest.raises(InputError, match="there is no Ray cluster at 'auto' .Could not find any"):
+        RayCluster("auto")
 
-    monkeypatch.setattr(ray, "init", init)
-    with pytest.raises(InputError, match="there is no Ray cluster at 'auto'"):
+
+@pytest.mark.parametrize("where", ["file", "variable"])
+def test_auto_does_not_wait_for_a_cluster_that_has_ended(where, monkeypatch, tmp_path):
+    monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("Ray would retry for minutes"))
+    monkeypatch.setattr(ray_cluster.services, "find_gcs_addresses", list)
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    address = f"127.0.0.1:{free_port()}"
+    if where == "variable":
+        monkeypatch.setenv("RAY_ADDRESS", address)
+    else:  # in which Ray keeps the last cluster's
+        monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
+        (tmp_path / "ray").mkdir()
+        (tmp_path / "ray" / "ray_current_cluster").write_text(address)
+    with pytest.raises(InputError, match="there is no Ray cluster at 'auto' .*refused"):
         RayCluster("auto")
 
 

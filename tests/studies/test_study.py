@@ -318,8 +318,10 @@ def test_each_study_explains_its_options(name, capsys):
 def test_a_study_that_does_not_exist_is_refused(tmp_path, capsys):
     assert cli.main(["study", "astrology", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err
-    assert "the study must be one of sensitivity, reading, ablation" in message
-    assert message.endswith("got 'astrology'\n") and message.count("\n") == 1
+    sentence = "there is no study 'astrology'; there are sensitivity, reading, ablation"
+    assert sentence in message and message.count("\n") == 1
+    assert cli.main(["study", "benchmrk", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.endswith("did you mean benchmark?\n")
     assert list(tmp_path.iterdir()) == []
 
 
