@@ -61,6 +61,7 @@ def test_a_finished_run_prints_its_tables_again_and_keeps_them(run, capsys):
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 TUNED = tuple(sorted((RESULTS / "tuned").iterdir()))
+METHODS = RESULTS.parent / "methods.md"
 
 
 def study_of(page):
@@ -138,13 +139,20 @@ def test_every_page_of_results_in_docs_is_made_again_from_its_results(page, caps
 
 
 def test_the_example_of_the_page_on_results_reads_a_run(capfd):
-    (example,) = re.findall(r"```python\n(.*?)```", (RESULTS / "../methods.md").read_text(), re.S)
+    example, _, cohorts = re.findall(r"```python\n(.*?)```", METHODS.read_text(), re.S)
     command = [sys.executable, "-c", example]
     subprocess.run(command, cwd=RESULTS.parents[1], check=True)
     row, curves, weights, motors = capfd.readouterr().out.splitlines()
     assert row.startswith("Robot(task='wall_avoidance', proposer='fixed', seed=1")
     assert (curves, weights) == ("(500, 360)", "(500, 7, 3)")
     assert all(abs(float(motor)) <= 0.5 for motor in motors.strip("[]").split())
+    subprocess.run([sys.executable, "-c", cohorts], cwd=RESULTS.parents[1], check=True)
+    (tests, significant, ratio), chance = map(str.split, capfd.readouterr().out.splitlines())
+    text = " ".join(METHODS.read_text().split())
+    assert f"of {tests} analyses of variance" in text and significant == "1"
+    low, high = (float(end) for end in " ".join(chance).strip("[]").split())
+    assert f"is {float(ratio):.2f} times what independent robots give" in text
+    assert f"the range of chance is about {low:.2f} to {high:.2f}" in text
 
 
 def test_every_run_in_docs_has_its_tables_or_is_part_of_a_study():

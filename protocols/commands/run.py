@@ -45,7 +45,7 @@ class RunCommand:
 
     Options that are not given keep the values stored in OUT, tasks, proposers and agents included.
     --save-every, --log and the options of the workers are not stored. Where standard error is a
-    file, a line a minute shows the progress.
+    file, lines show the progress, at most a minute apart.
     """
 
     out: Out
