@@ -53,10 +53,11 @@ def checked_task(task: str, kwargs: Mapping[str, Any]) -> TaskDefinition:
       TypeError: A keyword is unknown.
       ValueError: There is no such task.
     """
-    module, _, name = task.rpartition(":")
-    if module and name not in TASKS:  # in a process that does not know it yet
-        importlib.import_module(module)
-    definition = task_definition(name)
+    if isinstance(task, str) and ":" in task:
+        module, _, task = task.rpartition(":")
+        if task not in TASKS:  # in a process that does not know it yet
+            importlib.import_module(module)
+    definition = task_definition(task)
     check_keywords(f"task {task!r}", kwargs, definition.keywords)
     return definition
 

@@ -294,7 +294,7 @@ def begun_only(patch):
     patch.setattr(local, "Local", lambda processes: Trial())
     patch.setattr(film, "Scene", _Stage)
     patch.setattr(film, "write", _two_frames)
-    patch.setattr(report, "_progress", _begin)
+    patch.setattr(report, "StepProgress", _begin)
     patch.setattr(typical_robots, "draw", _begin)
     for name in ("architecture", "robot"):
         patch.setattr(paper_figures, name, _begin)
