@@ -89,12 +89,15 @@ _DESCRIPTION = TextColumn("{task.description}", markup=False)
 
 def _draws_bars() -> bool:
     """Returns whether stderr is a terminal that can draw a bar; else progress is lines of text."""
-    stream = sys.stderr
-    return stream is not None and stream.isatty() and not Console(stderr=True).is_dumb_terminal
+    try:
+        terminal = sys.stderr is not None and sys.stderr.isatty()
+    except (AttributeError, ValueError):  # a replacement, or closed
+        return False
+    return terminal and not Console(stderr=True).is_dumb_terminal
 
 
 class _Pace:
-    """Times of the lines of progress in a file: the first soon, later ones a minute apart."""
+    """Times of the lines of progress in a file: 5, 10, 20, 40 and then 60 seconds apart."""
 
     def __init__(self) -> None:
         self._began, self._wait = time.monotonic(), _FIRST
@@ -156,8 +159,8 @@ class JobProgress:
     """Progress of several jobs together, with their speed, and the messages they send.
 
     A job's cost is its amount of work: simulated seconds, added up over the job's robots. On a
-    terminal a bar shows the progress; elsewhere, as in the log of a cluster, lines, of which the
-    first comes after five seconds and the later ones a minute apart.
+    terminal a bar shows the progress; elsewhere, as in the log of a cluster, lines: the first after
+    five seconds, the next ones at most a minute apart.
     """
 
     def __init__(

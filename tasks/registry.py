@@ -81,8 +81,10 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     SUITE[name].__doc__ = rules.__doc__
     TASKS[name] = definition
     GYMNASIUM_TASKS[identifier] = name
-    if rules.__module__ != "__main__":  # which processes that are started cannot import
-        MODULES[name] = rules.__module__
+    MODULES.pop(name, None)
+    module = rules.__module__
+    if module != "__main__" and not module.startswith(f"{__package__}."):
+        MODULES[name] = module  # others do not register the task when they are imported
     steps = steps_until(definition.time_limit)
     EPISODE_STEPS[name] = int(steps) if math.isfinite(steps) else None
     with contextlib.suppress(ImportError):  # Gymnasium is optional

@@ -84,6 +84,10 @@ class TwoNosesRules(SpotFindingRules):
         noses = self.observations(sensordata)["noses"]
         return (noses[..., 0] + noses[..., 1]) / 2
 
+    def event(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns whether the front of the rim, the place of a single nose, is inside the spot."""
+        return super().event(sensordata)
+
 
 class SpotAmongWallsRules(SpotFindingRules):
     """Spot finding with wall sensing: the reward is 0 in contact."""

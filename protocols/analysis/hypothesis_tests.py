@@ -240,7 +240,8 @@ def same_draws(first: np.ndarray, second: np.ndarray) -> float:
 
     Args:
       first: Bootstrap draws of the first group's statistic, shape (R,).
-      second: Independent draws of the second group's statistic, shape (R,).
+      second: Draws of the second group's statistic, shape (R,). Draws with the same index share
+        what both statistics depend on, such as the bounds of a score.
 
     Returns:
       The p-value, at least 2 / (R + 1); NaN where a draw is NaN.

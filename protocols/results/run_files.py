@@ -100,7 +100,8 @@ def _no_run(directory: Path) -> str:
     if not directory.exists():
         return f"there is no folder {directory}"
     inside = sorted(path.parent.name for path in directory.glob(f"*/{MANIFEST}"))
-    runs = f"; it has the runs {', '.join(inside[:9])}" if inside else ""
+    more = f" and {len(inside) - 9} more" if len(inside) > 9 else ""
+    runs = f"; it has the runs {', '.join(inside[:9])}{more}" if inside else ""
     return f"{directory} holds no experiment of musebot's{runs}"
 
 

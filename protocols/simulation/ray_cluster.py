@@ -23,7 +23,6 @@ from .worker import prepare_process, stopped_by
 
 try:
     import ray
-    from ray._private import services
     from ray.exceptions import RayError, RayTaskError
     from ray.util.queue import Queue
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
@@ -39,11 +38,12 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
     Raises:
       ConnectionError: Ray knows no cluster of this machine.
-      ValueError: the variable RAY_ADDRESS is no address.
     """
     if address == "auto":
         address = os.environ.get("RAY_ADDRESS") or "auto"
-    if address == "auto":  # Ray has no public function for this
+    if address == "auto":
+        from ray._private import services  # there is no public function for this
+
         address = services.canonicalize_bootstrap_address(address) or ""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     return host.strip("[]"), int(port)
@@ -65,8 +65,9 @@ class RayCluster:
         """
         if not _ADDRESS.fullmatch(address):
             raise InputError(f"the address must be auto or host:port, got {address!r}")
-        if address == "auto" and os.environ.get("RAY_ADDRESS", "auto") == "local":
-            raise InputError("the address must not be local, as RAY_ADDRESS has it")
+        variable = os.environ.get("RAY_ADDRESS") or "auto"
+        if address == "auto" and not _ADDRESS.fullmatch(variable):
+            raise InputError(f"RAY_ADDRESS must be auto or host:port, got {variable!r}")
         try:
             # Ray itself would retry for minutes.
             socket.create_connection(_host_and_port(address), timeout=10).close()

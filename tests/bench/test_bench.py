@@ -269,7 +269,9 @@ def test_folder_without_write_permission_is_refused(tmp_path, capsys, monkeypatc
 def test_a_population_is_timed_in_both_worlds(capsys):
     pytest.importorskip("mujoco_warp")
     assert cli.main(["bench", "--device", "cpu", "--quick"]) == 0
-    text = capsys.readouterr().out
+    text, said = capsys.readouterr()
+    lines = [line for line in said.splitlines() if "measuring" in line]
+    assert f", {len(lines)} of {len(lines)}, " in lines[-1]
     assert "### Populations on cpu" in text
     row = next(line for line in text.splitlines() if line.startswith("| 4 |"))
     cells = [cell.strip().replace(",", "") for cell in row.strip("|").split("|")]

@@ -23,6 +23,7 @@ from musebot.protocols.simulation.runs import simulate
 from musebot.protocols.storage import draft_name
 
 ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
+services = pytest.importorskip("ray._private.services")
 ray_cluster = importlib.import_module("musebot.protocols.simulation.ray_cluster")
 RayCluster = ray_cluster.RayCluster
 RAY = shutil.which("ray", path=os.path.dirname(sys.executable))
@@ -219,7 +220,7 @@ def test_a_users_file_named_stop_stops_no_job_and_stays(tmp_path):
 
 def test_auto_without_a_cluster_says_that_there_is_none(monkeypatch, tmp_path):
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    monkeypatch.setattr(ray_cluster.services, "find_gcs_addresses", list)
+    monkeypatch.setattr(services, "find_gcs_addresses", list)
     monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
     with pytest.raises(InputError, match="there is no Ray cluster at 'auto' .Could not find any"):
         RayCluster("auto")
@@ -228,7 +229,7 @@ def test_auto_without_a_cluster_says_that_there_is_none(monkeypatch, tmp_path):
 @pytest.mark.parametrize("where", ["file", "variable"])
 def test_auto_does_not_wait_for_a_cluster_that_has_ended(where, monkeypatch, tmp_path):
     monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("Ray would retry for minutes"))
-    monkeypatch.setattr(ray_cluster.services, "find_gcs_addresses", list)
+    monkeypatch.setattr(services, "find_gcs_addresses", list)
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     address = f"127.0.0.1:{free_port()}"
     if where == "variable":
@@ -244,7 +245,7 @@ def test_auto_does_not_wait_for_a_cluster_that_has_ended(where, monkeypatch, tmp
 def test_an_environment_that_makes_auto_an_open_cluster_is_refused(monkeypatch):
     monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("Ray was started"))
     monkeypatch.setenv("RAY_ADDRESS", "local")
-    with pytest.raises(InputError, match="must not be local, as RAY_ADDRESS has it"):
+    with pytest.raises(InputError, match="RAY_ADDRESS must be auto or host:port, got 'local'"):
         RayCluster("auto")
 
 

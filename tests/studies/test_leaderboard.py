@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from musebot.models import Kinematics
@@ -29,6 +29,12 @@ from musebot.protocols.studies.learners.costs import cost_jobs
 from musebot.protocols.studies.learners.leaderboard import Leaderboard
 from musebot.protocols.studies.learners.page import draw, markdown, standings
 from musebot.protocols.studies.learners.summary import placed, summary
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch):
+    """Fewer draws than for a page, which take less time."""
+    monkeypatch.setattr("musebot.protocols.studies.learners.boards.DRAWS", 5000)
 
 
 def entry(name, after, training, robots=20, spread=0.0):
@@ -59,6 +65,7 @@ def test_a_score_is_0_for_the_mean_newborn_and_1_for_the_mean_hand_coded_robot()
     assert np.isnan(scores_of(half, LOW, LOW)).all()
 
 
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(-1, 2), min_size=1, max_size=60))
 def test_an_interquartile_mean_is_that_of_the_middle_half(values):
     values = np.array(values)

@@ -287,10 +287,10 @@ def test_checkpoints_of_jobs_that_were_killed_after_their_end_are_removed(
         ("dqn", "rate discount epsilon epsilon_steps"),
     ],
 )
-def test_every_learner_of_ours_can_be_tuned_but_for_its_number_of_neurons(name, tuned):
+def test_every_learner_of_ours_can_be_tuned_but_for_its_size(name, tuned):
     study = Tune(agent=name)
     assert [*study.settings] == tuned.split()
-    assert {*settings_of(factory_of(name))} - {*study.settings} <= {"hidden"}
+    assert {*settings_of(factory_of(name))} - {*study.settings} <= {"hidden", "cells"}
     assert len(study.drawn()) == 16
 
 

@@ -219,6 +219,20 @@ def test_a_task_registered_again_replaces_the_former_one(forgotten):
     assert musebot.SUITE["changing"].__doc__ == Paid.__doc__
 
 
+@pytest.mark.parametrize("module", ["__main__", None])
+def test_processes_import_only_modules_that_register_the_task(module, forgotten, monkeypatch):
+    """A module of the suite does not, and the main program has another name there."""
+    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    forgotten.append("night")
+    musebot.register_task("night", Still)
+    known = gymnasium.spec("musebot/Night-v0").kwargs["task"]
+    assert known == f"{Still.__module__}:night"
+    if module:
+        monkeypatch.setattr(Still, "__module__", module)
+    musebot.register_task("night", Still if module else WallAvoidanceRules)
+    assert gymnasium.spec("musebot/Night-v0").kwargs["task"] == "night"
+
+
 _SPAWNED = """
 import gymnasium
 import my_tasks

@@ -14,7 +14,7 @@ from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
-from .boards import Board, Entry, Ranking, first_learner, ranked
+from .boards import DRAWS, Board, Entry, Ranking, first_learner, ranked
 from .costs import Boards, Measured
 from .summary import LEVEL, placed, score_cell, summary
 
@@ -111,13 +111,20 @@ def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
         "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
         "its 95 % bootstrap interval, for which the robots of both bounds are drawn, too. Fail: "
         "share of robots with a score below 0.5. Mean L rewards bad newborns, so it does not rank. "
-        "p: bootstrap test of the difference of two scores, Holm over all pairs of learners. "
+        "p: bootstrap test of the difference of two scores, Holm over all pairs of learners; "
+        f"{DRAWS:,} draws allow no p below {_smallest(ranking):.4f}. "
         "Worst tenth: mean time in the spot after training of the tenth with the lowest. A robot "
         "that was stopped counts as the worst. In italics what is not compared: the bounds, and "
         "what was trained beforehand.",
         "",
         *standings(ranking, tests),
     ]
+
+
+def _smallest(ranking: Ranking) -> float:
+    """Returns the smallest p of a pair that the number of draws allows, by Holm's method."""
+    learners = sum(one.entry.competes for one in ranking)
+    return min(1.0, math.comb(learners, 2) * 2 / (DRAWS + 1))
 
 
 def standings(ranking: Ranking, tests: np.ndarray) -> list[str]:
