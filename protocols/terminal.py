@@ -64,7 +64,7 @@ def notice(sentence: str) -> None:
 def _say_if_possible(text: str) -> None:
     """Prints a text on stderr; a full disk or a reader that has left stops no work."""
     if sys.stderr is not None:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError):  # full, without a reader, or closed
             say(text, sys.stderr)
 
 

@@ -298,7 +298,8 @@ class Batch(Robots):
     """B robots in MuJoCo.
 
     Attributes:
-      model: Compiled arena, shared by all robots. A change of it counts from the next step on.
+      model: Compiled arena, shared by all robots. A change of it counts from the next step on. A
+        step changes its flags meanwhile, so batches in several threads need a model each.
       substeps: Number of physics steps in a control step.
     """
 

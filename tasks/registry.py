@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -106,7 +107,10 @@ def _check(batch: Batch) -> None:
     for measured in (batch.sensordata, batch.sensordata[0]):
         shape = measured.shape[:-1]
         declared = {name: (*shape, length) for name, (length, _, _) in rules.shapes.items()}
-        seen = {name: np.shape(one) for name, one in rules.observations(measured).items()}
+        observations = rules.observations(measured)
+        if not isinstance(observations, Mapping):
+            raise ValueError(f"observations must be a dict, got {observations!r:.100}")
+        seen = {name: np.shape(one) for name, one in observations.items()}
         if [*seen.items()] != [*declared.items()]:
             raise ValueError(f"observations must have the shapes {declared}, got {seen}")
         for what in ("reward", "event"):

@@ -51,12 +51,16 @@ def checked_task(task: str, kwargs: Mapping[str, Any]) -> TaskDefinition:
     Raises:
       ImportError: There is no such module.
       TypeError: A keyword is unknown.
-      ValueError: There is no such task.
+      ValueError: There is no such task, or it has another form.
     """
     if isinstance(task, str) and ":" in task:
         module, _, task = task.rpartition(":")
+        if not all(part.isidentifier() for part in module.split(".")):
+            raise ValueError(f"task must be NAME or MODULE:NAME, got {module + ':' + task!r:.200}")
         if task not in TASKS:  # in a process that does not know it yet
             importlib.import_module(module)
+        if task not in TASKS:
+            raise ValueError(f"the module {module} registers no task {task!r:.100}")
     definition = task_definition(task)
     check_keywords(f"task {task!r}", kwargs, definition.keywords)
     return definition

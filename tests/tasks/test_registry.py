@@ -122,6 +122,13 @@ class Longer(WallAvoidanceRules):
         return super().observations(sensordata) | {"bias": np.ones((*sensordata.shape[:-1], 1))}
 
 
+class Bare(WallAvoidanceRules):
+    """Returns an array of observations."""
+
+    def observations(self, sensordata):
+        return sensordata[..., self.layout.distances]
+
+
 class Swapped(WallAvoidanceRules):
     """Returns observations in another order."""
 
@@ -187,6 +194,7 @@ class First(WallAvoidanceRules):
          ValueError, "the gear of right_motor must be positive, got -0.02"),
         ("mine", Still, {"edits": (divided,)}, ValueError, "the obstacles leave no room"),
         ("mine", Longer, {}, ValueError, r"'bias': \(2, 1\)"),
+        ("mine", Bare, {}, ValueError, "observations must be a dict, got array"),
         ("mine", Swapped, {}, ValueError, "observations must have the shapes"),
         ("mine", Column, {}, ValueError, r"reward must have the shape \(2,\), got \(2, 1\)"),
         ("mine", First, {}, ValueError, r"event must have the shape \(2,\), got \(\)"),
@@ -219,6 +227,20 @@ def test_a_task_registered_again_replaces_the_former_one(forgotten):
     assert musebot.SUITE["changing"].__doc__ == Paid.__doc__
 
 
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        (":racing", "task must be NAME or MODULE:NAME, got ':racing'"),
+        (".tasks:racing", "task must be NAME or MODULE:NAME, got '.tasks:racing'"),
+        ("json:racing", "the module json registers no task 'racing'"),
+    ],
+)
+def test_a_module_that_registers_no_such_task_is_refused(task, words):
+    gymnasium_env = pytest.importorskip("musebot.tasks.gymnasium_env")
+    with pytest.raises(ValueError, match=words):
+        gymnasium_env.ArenaEnv(task)
+
+
 @pytest.mark.parametrize("module", ["__main__", None])
 def test_processes_import_only_modules_that_register_the_task(module, forgotten, monkeypatch):
     """A module of the suite does not, and the main program has another name there."""
@@ -235,9 +257,10 @@ def test_processes_import_only_modules_that_register_the_task(module, forgotten,
 
 _SPAWNED = """
 import gymnasium
-import my_tasks
 
 if __name__ == "__main__":
+    import my_tasks  # not in the processes that are started
+
     robots = gymnasium.make_vec(
         "musebot/Racing-v0", 2, vectorization_mode="async", vector_kwargs={"context": "spawn"}
     )

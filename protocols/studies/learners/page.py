@@ -111,8 +111,7 @@ def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
         "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
         "its 95 % bootstrap interval, for which the robots of both bounds are drawn, too. Fail: "
         "share of robots with a score below 0.5. Mean L rewards bad newborns, so it does not rank. "
-        "p: bootstrap test of the difference of two scores, Holm over all pairs of learners; "
-        f"{DRAWS:,} draws allow no p below {_smallest(ranking):.4f}. "
+        f"p: bootstrap test of the difference of two scores, {_correction(ranking)}. "
         "Worst tenth: mean time in the spot after training of the tenth with the lowest. A robot "
         "that was stopped counts as the worst. In italics what is not compared: the bounds, and "
         "what was trained beforehand.",
@@ -121,10 +120,12 @@ def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
     ]
 
 
-def _smallest(ranking: Ranking) -> float:
-    """Returns the smallest p of a pair that the number of draws allows, by Holm's method."""
-    learners = sum(one.entry.competes for one in ranking)
-    return min(1.0, math.comb(learners, 2) * 2 / (DRAWS + 1))
+def _correction(ranking: Ranking) -> str:
+    """Returns in words how p is corrected, and the smallest p that the number of draws allows."""
+    words = "Holm over all pairs of learners"
+    if pairs := math.comb(sum(one.entry.competes for one in ranking), 2):
+        words += f"; {DRAWS:,} draws allow no p below {min(1.0, pairs * 2 / (DRAWS + 1)):.4f}"
+    return words
 
 
 def standings(ranking: Ranking, tests: np.ndarray) -> list[str]:
