@@ -23,14 +23,11 @@ EPISODE_STEPS: dict[str, int | None] = {}
 MODULES: dict[str, str] = {}
 
 
-def register_gymnasium(again: str = "") -> None:
+def register_gymnasium() -> None:
     """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
 
     Importing musebot calls this: Gymnasium 1.x has no plugins, so that a package registers its
     environments when it is imported. Only the names are registered; no environment is loaded.
-
-    Args:
-      again: Id that is registered anew if it is registered already, as its task has changed.
 
     Raises:
       ModuleNotFoundError: Gymnasium is not installed.
@@ -45,8 +42,6 @@ def register_gymnasium(again: str = "") -> None:
     if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
         os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
     for name, task in GYMNASIUM_TASKS.items():
-        if f"musebot/{name}" == again:
-            gymnasium.registry.pop(again, None)
         if f"musebot/{name}" in gymnasium.registry:
             continue
         gymnasium.register(

@@ -89,7 +89,10 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     steps = steps_until(definition.time_limit)
     EPISODE_STEPS[name] = int(steps) if math.isfinite(steps) else None
     with contextlib.suppress(ImportError):  # Gymnasium is optional
-        register_gymnasium(again=f"musebot/{identifier}")
+        import gymnasium
+
+        gymnasium.registry.pop(f"musebot/{identifier}", None)  # of a task that is replaced
+        register_gymnasium()
     return f"musebot/{identifier}"
 
 
