@@ -258,8 +258,7 @@ def spinning(evidence: Evidence, condition: Condition) -> np.ndarray:
 
 def spun(evidence: Evidence, condition: Condition) -> Sample:
     """Returns the share of time in which trained robots spin."""
-    after = spinning(evidence, condition)[:, 1]
-    return Sample(float(after.mean()), float(after.std(ddof=min(1, len(after) - 1))), len(after))
+    return Sample.of(spinning(evidence, condition)[:, 1])
 
 
 def spin(task: str) -> Compare:

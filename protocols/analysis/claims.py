@@ -118,9 +118,8 @@ def ability(evidence: Evidence, condition: Condition) -> Sample:
 
 def post_share(evidence: Evidence, condition: Condition) -> Sample:
     """Returns the share of the test after training in contact (or in the spot)."""
-    rows = robots(evidence, condition)
-    found = evidence.single_robots().shares(condition, "post")
-    return Sample(float(found.mean()), float(found.std(ddof=min(1, len(rows) - 1))), len(rows))
+    robots(evidence, condition)  # refuses a condition without robots
+    return Sample.of(evidence.single_robots().shares(condition, "post"))
 
 
 def arrival_minutes(

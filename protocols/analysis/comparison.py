@@ -16,13 +16,12 @@ from ..results.results import Robot
 from ..results.run import Run, abilities, shares
 from ..terminal import StepProgress
 from . import intervals
-from .hypothesis_tests import holm, same_share, same_statistic
+from .hypothesis_tests import holm, same_deviation, same_mean, same_share
 from .intervals import Interval
 from .paper_tables import row_names
 
 ALPHA = 0.05  # probability of any false difference in a family of cells
 CELLS = len(CATEGORIES) + 4  # of a condition
-_RESAMPLES = 10_000  # least number of permutations of `outcomes`, so that verdicts are stable
 
 _deviation = functools.partial(np.nanstd, ddof=1)
 
@@ -49,10 +48,11 @@ class Match:
         if self.against is not None:
             return False
         first, second = (run.networks(self.condition, "before") for run in (self.ours, self.other))
-        if not first or first.keys() != second.keys():
-            return False
-        both = min(len(next(iter(networks.values()))) for networks in (first, second))
-        return all(np.array_equal(first[name][:both], second[name][:both]) for name in first)
+        shared = first.keys() & second.keys()  # one brain may have state that the other lacks
+        both = min((len(side[name]) for side in (first, second) for name in shared), default=0)
+        return bool(shared) and all(
+            np.array_equal(first[name][:both], second[name][:both]) for name in shared
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,7 +124,7 @@ def shared_conditions(ours: Run, other: Run) -> list[Condition]:
     return both
 
 
-def compare(match: Match, resamples: int, only: Container[str] | None = None) -> list[Cell]:
+def compare(match: Match, only: Container[str] | None = None) -> list[Cell]:
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
@@ -132,7 +132,6 @@ def compare(match: Match, resamples: int, only: Container[str] | None = None) ->
 
     Args:
       match: Robots to compare.
-      resamples: Number of permutations of each permutation test.
       only: Names of the wanted cells; None for all.
     """
     paired, condition = match.is_paired(), match.condition
@@ -147,7 +146,7 @@ def compare(match: Match, resamples: int, only: Container[str] | None = None) ->
         for run, own, keep in zip((match.ours, match.other), rows, valid, strict=True)
     )
     return [
-        _cell(condition, name, (values, second[name]), paired, resamples)
+        _cell(condition, name, (values, second[name]), paired)
         for name, values in first.items()
         if only is None or name in only
     ]
@@ -171,25 +170,20 @@ def _measures(run: Run, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarra
 
 
 def _cell(
-    condition: Condition,
-    name: str,
-    pair: tuple[np.ndarray, np.ndarray],
-    paired: bool,
-    resamples: int,
+    condition: Condition, name: str, pair: tuple[np.ndarray, np.ndarray], paired: bool
 ) -> Cell:
     share = pair[0].dtype == bool
     statistic = _deviation if name == "sd of L" else np.mean if share else np.nanmean
     if share:
         interval = intervals.difference_of_shares(*pair, paired)
         p = same_share(*pair, paired)
+    elif statistic is _deviation:
+        interval = intervals.difference(*pair, statistic, paired)
+        p = same_deviation(*pair, paired)
     else:
         span = intervals.ABILITY if name == "mean L" else intervals.SHARE
-        interval = (
-            intervals.difference(*pair, statistic, paired)
-            if statistic is _deviation
-            else intervals.difference_of_means(*pair, paired, span)
-        )
-        p = same_statistic(*pair, statistic, paired, resamples)
+        interval = intervals.difference_of_means(*pair, paired, span)
+        p = same_mean(*pair, paired)
     robots = _count(pair[0]), _count(pair[1])
     ours, other = (_value(values, statistic) for values in pair)
     return Cell(condition, name, share, paired, robots, ours, other, interval, p)
@@ -203,15 +197,6 @@ def _value(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
     measured = values[~np.isnan(values)]
     few = 2 if statistic is _deviation else 1
     return float(statistic(measured)) if len(measured) >= few else float("nan")
-
-
-def resamples_for(family: int) -> int:
-    """Returns a number of permutations such that about ten lie beyond Holm's smallest threshold.
-
-    Args:
-      family: Number of cells that are corrected together.
-    """
-    return round(10 * family / ALPHA)
 
 
 def corrected(cells: Sequence[Cell]) -> list[Cell]:
@@ -230,25 +215,23 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
       InputError: the runs share no condition, or their schedules differ.
     """
     matches = [Match(ours, other, condition) for condition in shared_conditions(ours, other)]
-    return compare_all(matches, resamples_for(CELLS * len(matches)))
+    return compare_all(matches)
 
 
 def compare_all(
     matches: Sequence[Match],
-    resamples: int,
     only: Callable[[Match], Container[str] | None] = lambda match: None,
 ) -> list[Cell]:
     """Compares the cells of all matches, corrected together, and shows the progress.
 
     Args:
       matches: Robots to compare.
-      resamples: Number of resamples of each test.
       only: Function that returns the names of a match's cells to compare, or None for all.
     """
     found: list[Cell] = []
     with StepProgress("comparing", len(matches)) as progress:
         for match in matches:
-            found += compare(match, resamples, only(match))
+            found += compare(match, only(match))
             progress.advance()
     return corrected(found)
 
@@ -263,10 +246,7 @@ def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
       For each match, two cells: mean L, and the share of time in contact (or in the spot) in the
       test after training.
     """
-    resamples = max(_RESAMPLES, resamples_for(2 * len(matches)))
-    cells = compare_all(
-        matches, resamples, lambda match: ("mean L", row_names(match.condition.task)[-1])
-    )
+    cells = compare_all(matches, lambda match: ("mean L", row_names(match.condition.task)[-1]))
     found = iter(cells)
     return list(zip(found, found, strict=True))
 

@@ -63,8 +63,8 @@ def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
         x, y, _ = UPPER_RIGHT
         places = {
             "no smell": (UPPER_LEFT, False),
-            "spot 20 cm ahead": ((x - size.radius - 0.2, y, 0.0), False),
-            "inside the spot": ((x - size.radius, y, 0.0), False),
+            "spot 20 cm ahead": ((x - size.nose - 0.2, y, 0.0), False),
+            "inside the spot": ((x - size.nose, y, 0.0), False),
         }
     states = {}
     for name, (pose, pressed) in places.items():

@@ -86,6 +86,9 @@ def kaplan_meier(durations: Durations) -> Curve:
         np.where(np.isnan(end.probabilities), share, end.probabilities)
         for end in (band.low, band.high)
     )
+    # A share of 0 leaves the upper end where it was: few robots do not show that none are left.
+    ended = share == 0
+    high[ended] = 1.0 if ended.all() else high[~ended][-1]
     return Curve(found.quantiles, share, low, high)
 
 

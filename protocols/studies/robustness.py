@@ -258,8 +258,8 @@ class Robustness(Study):
         lines = [
             "Trained brains repeat the test after training with frozen weights: share of the time, "
             f"mean over robots, in brackets its 95 % interval ({markdown.MEANS}). *Difference*: "
-            "from the test without a perturbation, robot by robot. No interval where robots are "
-            "too few.",
+            "from the test without a perturbation, and how many robots have more and less time "
+            "than there. No interval where robots are too few.",
             "",
             *(described(one.run) for one in self.evaluated),
             "",
@@ -408,6 +408,9 @@ def evaluate(job: PerturbedTest, tick: Tick = lambda: None) -> dict[str, np.ndar
 def cells(shares: np.ndarray, reference: np.ndarray | None) -> list[str]:
     """Returns a condition's cells of a row: share, difference, robots without the event.
 
+    The difference has the number of robots with more and with less: many small changes in one
+    direction say more than an interval of the mean, which allows for rare robots.
+
     Args:
       shares: Share of the test in contact (or in the spot) of each robot, shape (B,); NaN if its
         simulation became unstable.
@@ -424,5 +427,7 @@ def cells(shares: np.ndarray, reference: np.ndarray | None) -> list[str]:
     interval = intervals.difference_of_means(
         shares[both], reference[both], paired=True, span=intervals.SHARE
     )
-    difference = f"{float((shares - reference)[both].mean()):+.4f}"
-    return [share, markdown.with_interval(difference, interval), never]
+    change = (shares - reference)[both]
+    difference = markdown.with_interval(f"{float(change.mean()):+.4f}", interval)
+    counts = f"{int((change > 0).sum())} more, {int((change < 0).sum())} less"
+    return [share, f"{difference}; {counts}", never]

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from ...controller import Parameters
 from ...models import Kinematics
-from ..analysis.comparison import CELLS, Cell, Match, compare_all, resamples_for
+from ..analysis.comparison import CELLS, Cell, Match, compare_all
 from ..experiment.conditions import PAPER_TASKS
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Variant, default_cohort_size
@@ -126,7 +126,7 @@ def compared(
         for choice in choices
         for condition in choice.conditions
     ]
-    rest = iter(compare_all(matches, resamples_for(CELLS * len(matches))))
+    rest = iter(compare_all(matches))
     return [
         (choice, [next(rest) for _ in range(CELLS * len(choice.conditions))]) for choice in choices
     ]

@@ -13,9 +13,10 @@ from musebot.protocols.analysis import hypothesis_tests
 from musebot.protocols.analysis.hypothesis_tests import (
     holm,
     same_classes,
+    same_deviation,
     same_draws,
+    same_mean,
     same_share,
-    same_statistic,
 )
 
 quick = settings(deadline=None, max_examples=50)
@@ -75,33 +76,67 @@ def test_shares_of_two_groups_are_fishers_exact_test():
     assert same_share(first, second, paired=False) == pytest.approx(extreme)
 
 
-def all_swaps(first, second):
-    """Returns the share of all swaps of pairs with a difference at least as large."""
-    differences = first - second
-    apart = [
-        abs(np.dot(signs, differences)) for signs in itertools.product((1, -1), repeat=len(first))
-    ]
-    return np.mean(np.array(apart) >= abs(differences.sum()) - 1e-9)
+def studentized(first, second):
+    """Returns the difference of two means in Welch's standard errors."""
+    error = np.hypot(*(np.std(x, ddof=1) / len(x) ** 0.5 for x in (first, second)))
+    return abs(first.mean() - second.mean()) / error
 
 
 def test_paired_means_are_tested_by_all_swaps():
     random = np.random.default_rng(2)
     first = random.normal(0.5, 1, 8)
     second = random.normal(0, 1, 8)
-    found = same_statistic(first, second, np.nanmean, paired=True, resamples=1000)
-    assert found == pytest.approx(all_swaps(first, second))  # all 256 of them
+    differences = first - second
+    apart = [abs(np.dot(signs, differences)) for signs in itertools.product((1, -1), repeat=8)]
+    expected = np.mean(np.array(apart) >= abs(differences.sum()) - 1e-9)
+    assert same_mean(first, second, paired=True) == pytest.approx(expected, rel=0.1)
 
 
 def test_means_of_groups_are_tested_by_all_partitions():
-    first, second = np.array([1.0, 0.9, 0.8, 0.7, 0.9]), np.array([0.1, 0.3, 0.2, 0.75, 0.4])
+    first = np.array([1.0, 0.9, 0.8, 0.4, 0.9])
+    second = np.array([0.1, 0.3, 0.2, 0.75, 0.4, 0.95, 0.5])
     pool = np.concatenate([first, second])
     apart = [
-        abs(pool[list(chosen)].mean() - np.delete(pool, list(chosen)).mean())
-        for chosen in itertools.combinations(range(10), 5)
+        studentized(pool[list(chosen)], np.delete(pool, list(chosen)))
+        for chosen in itertools.combinations(range(12), 5)
     ]
-    expected = np.mean(np.array(apart) >= abs(first.mean() - second.mean()) - 1e-9)
-    found = same_statistic(first, second, np.nanmean, paired=False, resamples=1000)
-    assert found == pytest.approx(expected)
+    expected = np.mean(np.array(apart) >= studentized(first, second) - 1e-9)
+    assert 0.02 < expected < 0.2
+    assert same_mean(first, second, paired=False) == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("test", [same_mean, same_deviation])
+@pytest.mark.parametrize("sizes", [(15, 60), (60, 15)])
+def test_groups_of_different_size_and_spread_are_found_to_differ_in_5_per_cent(test, sizes):
+    random = np.random.default_rng(5)
+    wrong = plain = 0
+    for _ in range(200):
+        first, second = random.normal(0, 3, sizes[0]), random.normal(0, 1, sizes[1])
+        if test is same_deviation:  # the means differ, the deviations do not
+            first, second = first / 3, second + 9
+        wrong += test(first, second, paired=False) < 0.05
+        plain += stats.ttest_ind(first, second, equal_var=True).pvalue < 0.05
+    assert wrong <= 24  # 10, give or take: the test of deviations is exact for many robots only
+    if test is same_mean and sizes == (15, 60):
+        assert plain > 40  # a test that assumes equal spread would fail here
+
+
+@pytest.mark.parametrize("paired", [False, True])
+def test_different_means_and_deviations_are_found(paired):
+    random = np.random.default_rng(6)
+    first, second = random.normal(0.5, 1, 80), random.normal(0, 1, 80)
+    assert same_mean(first, second, paired) < 0.01
+    assert same_deviation(first, second, paired) > 0.05
+    assert same_deviation(first, 3 * second, paired) < 0.001
+
+
+def test_the_random_error_of_a_p_value_is_small():
+    random = np.random.default_rng(7)
+    first, second = random.normal(0.28, 1, 100), random.normal(0, 1, 100)
+    found = [same_mean(first, second, False), same_mean(second, first, False)]
+    expected = stats.ttest_ind(first, second, equal_var=False).pvalue
+    assert 0.01 < expected < 0.2
+    assert found == pytest.approx([expected] * 2, rel=0.1)
 
 
 @pytest.mark.parametrize("shift", [-0.3, 0.0, 0.15, 0.4])
@@ -125,14 +160,14 @@ def test_one_changed_pair_is_no_difference():
     first = np.random.default_rng(1).choice([1, -1, 0.2, -0.3, NAN], 100)
     second = first.copy()
     second[np.flatnonzero(first == 0.2)[0]] = 0.21
-    for statistic in (np.nanmean, np.nanstd):
-        assert same_statistic(first, second, statistic, paired=True, resamples=999) == 1
+    assert same_mean(first, second, paired=True) == 1
 
 
 def test_few_measured_robots_are_not_tested(recwarn):
     first, second = np.array([0.1, 0.2, 0.3, 0.4] + [NAN] * 9), np.linspace(0, 1, 13)
     for paired in (False, True):
-        assert math.isnan(same_statistic(first, second, np.nanmean, paired, resamples=99))
+        for test in (same_mean, same_deviation):
+            assert math.isnan(test(first, second, paired))
     assert not recwarn.list
 
 
@@ -140,9 +175,9 @@ def test_robots_without_a_value_are_swapped_too(recwarn):
     # Five are measured on either side, in different pairs: a permutation may leave a side empty.
     first = np.array([1.0] * 5 + [NAN] * 5)
     second = np.array([NAN] * 5 + [-1.0] * 5)
-    found = same_statistic(first, second, np.nanmean, paired=True, resamples=10**4)
+    found = same_mean(first, second, paired=True)
     # Equally large differences: both sides pure, or one side without values.
-    assert found == pytest.approx(4 / 2**10)
+    assert found == pytest.approx(4 / 2**10, rel=0.2)
     assert not recwarn.list
 
 
@@ -155,7 +190,7 @@ def test_equal_runs_differ_in_any_cell_with_a_probability_of_5_per_cent(paired):
         for _ in range(4):
             common = random.normal(0, 1, 30) * paired
             first, second = (common + random.normal(0, 1, 30) for _ in range(2))
-            p.append(same_statistic(first, second, np.nanmean, paired, resamples=199))
+            p.append(same_mean(first, second, paired))
             p.append(same_share(first > 0.5, second > 0.5, paired))
         wrong += holm(np.array(p)).min() < 0.05
     assert wrong <= 11  # at most 5, give or take three deviations

@@ -190,20 +190,39 @@ def shares(means, robots=200):
     }
 
 
-def test_a_linear_contrast_of_two_groups_is_welchs_test():
+def test_a_linear_contrast_of_two_groups_is_the_paired_t_test():
     random = np.random.default_rng(3)
-    first, second = random.normal(0.1, 1, 30), random.normal(0, 2, 50)
+    robots = random.normal(0, 1, 30)
+    first, second = robots + random.normal(0.1, 0.3, 30), robots + random.normal(0, 0.3, 30)
     value, interval, p = linear_contrast([first, second], [1, -1])
-    oracle: Any = stats.ttest_ind(first, second, equal_var=False)
+    oracle: Any = stats.ttest_rel(first, second)
     assert value == pytest.approx(first.mean() - second.mean())
     assert p == pytest.approx(oracle.pvalue)
     assert interval == pytest.approx(tuple(oracle.confidence_interval(0.95)))
+    second[3] = np.nan  # a robot without a value is left out
+    kept = np.arange(30) != 3
+    assert linear_contrast([first, second], [1, -1]) == linear_contrast(
+        [first[kept], second[kept]], [1, -1]
+    )
 
 
 def test_a_contrast_of_groups_without_scatter_is_not_tested():
     value, interval, p = linear_contrast([np.ones(9), np.zeros(9)], [1, -1])
     assert value == 1 and np.isnan(p) and np.isnan(interval).all()
-    assert np.isnan(linear_contrast([np.ones(9), np.zeros(0)], [1, -1])[0])
+    nothing = np.full(9, np.nan)
+    assert np.isnan(linear_contrast([nothing, nothing], [1, -1])[0])
+
+
+def test_robots_that_were_born_alike_are_compared_in_pairs():
+    """A small difference of robots that differ much: only pairs find it."""
+    robots = np.random.default_rng(9).uniform(0.1, 0.8, 100)
+    today = Cell("connections", 3)
+    for way, found in (("sobol", True), ("uniform", False)):
+        groups = {today: robots, Cell(way, 3): np.append(robots + 0.02, 0.5)}
+        groups[Cell(way, 3)][:2] = np.nan, 0.1
+        answer = compared(groups)[Cell(way, 3)]
+        assert (answer.p < 0.001) is found
+        assert (answer.value == pytest.approx(0.02, abs=0.01)) or not found
 
 
 @pytest.mark.parametrize("effect", [0.0, 0.1])
@@ -299,7 +318,7 @@ def test_a_context_that_finds_what_is_not_smelt_is_noticed():
     assert [cell.way for cell in cells] == ["connections", "recurrent"]
     shares = [random.uniform(0.5, 0.9, 100) for _ in cells]
     shares[0][:20] = 0
-    found = [Outcome(cell, "spot_finding", own, 0) for cell, own in zip(cells, shares, strict=True)]
+    found = [Outcome(cell, "spot_finding", own) for cell, own in zip(cells, shares, strict=True)]
     text = page("context", PARTS["context"], found, {}).markdown
     row = next(line for line in text.splitlines() if line.startswith("| never in the spot"))
     assert "20 of 100 | 0 of 100" in row and row.split("|")[-2].strip() == "< 0.0001"

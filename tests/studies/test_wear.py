@@ -347,6 +347,20 @@ def test_the_verdict_is_the_first_line_of_the_rule_that_holds(arms, sentence):
     assert verdict(arms, noise_pairs(arms)).startswith(sentence)
 
 
+@pytest.mark.parametrize("absent", ["random-old", "random-reset", "own-old", "own-reset"])
+def test_there_is_no_verdict_until_all_pairs_are_there(absent):
+    arms = four((FAST, FAST), (FAST, NEVER))
+    del arms[f"trained-quiet-{absent}"]
+    sentence = f"No verdict: trained-noise-{absent} and its partner without noise are missing."
+    assert verdict(arms, noise_pairs(arms)) == sentence
+
+
+def test_the_reset_pairs_suffice_without_any_other_clock():
+    arms = four((FAST, FAST), (FAST, NEVER))
+    arms = {name: arm for name, arm in arms.items() if name.endswith("reset")}
+    assert verdict(arms, noise_pairs(arms)).startswith("The claim fails: noise speeds recovery")
+
+
 def test_a_born_memory_does_not_decide():
     arms = four((FAST, FAST), (FAST, FAST))
     arms |= {"born-noise-own-old": FAST, "born-quiet-own-old": NEVER}

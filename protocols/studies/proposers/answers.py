@@ -16,18 +16,18 @@ from ...analysis.hypothesis_tests import (
     holm,
     larger_mean,
     linear_contrast,
-    same_statistic,
+    same_mean,
 )
 from ...analysis.intervals import Interval
 from .cells import IDEAS, WAYS, Cell
 
 Groups = Mapping[Cell, np.ndarray]
-"""Share of time with the event in the test after training of each valid robot, by cell."""
+"""Share of time with the event in the test after training of each robot, by cell, shape (n,); NaN
+for a robot whose simulation became unstable. Robots with the same number were born alike."""
 
 ALPHA = 0.05
 MARGIN = 0.05  # by which the rule may be worse
 _TODAY = "connections"
-_RESAMPLES = 9999
 
 _Weights = Sequence[tuple[str, bool, float]]  # way, outside ideas, weight; a mean over `IDEAS`
 
@@ -86,12 +86,27 @@ def compared(groups: Groups) -> dict[Cell, Answer]:
     pairs = {cell: today for cell in groups if (today := baseline(cell, groups))}
     found = {}
     for cell, today in pairs.items():
+        paired = WAYS[cell.way].born_alike
         ours, other = groups[cell], groups[today]
-        span = intervals.difference_of_means(ours, other, False, intervals.SHARE)
-        p = same_statistic(ours, other, np.nanmean, False, _RESAMPLES)
-        value = float(ours.mean() - other.mean()) if len(ours) and len(other) else float("nan")
-        found[cell] = Answer(value, span, p)
+        if paired:
+            ours, other = _same_robots([ours, other])
+        span = intervals.difference_of_means(ours, other, paired, intervals.SHARE)
+        value = mean_share(ours) - mean_share(other)
+        found[cell] = Answer(value, span, same_mean(ours, other, paired))
     return _corrected(found)
+
+
+def mean_share(values: np.ndarray) -> float:
+    """Returns the mean over valid robots; NaN if there is none."""
+    measured = values[~np.isnan(values)]
+    return float(measured.mean()) if len(measured) else float("nan")
+
+
+def _same_robots(groups: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Returns the values of the robots that are valid in all groups."""
+    robots = min(map(len, groups))
+    values = np.stack([group[:robots] for group in groups])
+    return [*values[:, ~np.isnan(values).any(axis=0)]]
 
 
 def contrasts(groups: Groups) -> dict[str, Answer]:
@@ -127,7 +142,8 @@ def _summed(parts: Sequence[tuple[Cell, float]]) -> Counter[Cell]:
 def _contrast(groups: Groups, weights: Mapping[Cell, float]) -> Answer:
     if not weights.keys() <= groups.keys():
         return Answer(float("nan"), intervals.UNKNOWN, float("nan"))
-    return Answer(*linear_contrast([groups[cell] for cell in weights], [*weights.values()]))
+    own = _same_robots([groups[cell] for cell in weights])
+    return Answer(*linear_contrast(own, [*weights.values()]))
 
 
 def _corrected(found: Mapping) -> dict:
@@ -144,9 +160,9 @@ def decisions(groups: Groups) -> list[str]:
     Whether only distinct candidates pay is decided by corrected p of cells, and by the uncorrected
     p of one contrast, which is in no family.
     """
-    uniform = {Cell("uniform", ideas) for ideas in IDEAS}
     cells, effects = compared(groups), contrasts(groups)
-    if not uniform <= cells.keys() or any(math.isnan(one.value) for one in effects.values()):
+    finished = not any(math.isnan(one.value) for one in effects.values())
+    if not finished or not {Cell("uniform", ideas) for ideas in IDEAS} <= cells.keys():
         return []
     memory_at_3 = cells[Cell("uniform", IDEAS[0])].sign < 0  # uniform ideas are worse
     sentences = [
@@ -154,13 +170,13 @@ def decisions(groups: Groups) -> list[str]:
         _sentence("The memory pays", effects["memory"].sign > 0 and memory_at_3),
     ]
     for ideas in IDEAS:
-        noise, uniform = (
+        noise, over_uniform = (
             cells[cell].sign < 0 for cell in (Cell("copies", ideas, True), Cell("uniform", ideas))
         )
         source = _contrast(
             groups, {Cell("with-main-idea", ideas): 1.0, Cell("main-idea-uniform", ideas): -1.0}
         )
-        only = noise and not uniform and not source.sign > 0
+        only = noise and not over_uniform and not source.sign > 0
         sentences.append(_sentence(f"At {ideas} ideas only distinct candidates pay", only))
     return sentences
 
@@ -183,14 +199,10 @@ def rule(groups: Groups) -> list[TestedInequality]:
         return []
     return [
         larger_mean(
-            _sample(groups[ours]),
-            _sample(groups[other]),
+            Sample.of(groups[ours]),
+            Sample.of(groups[other]),
             f"{ours.ideas} ideas, {ours.way} against {other.way}",
             -MARGIN,
         )
         for ours, other in wanted
     ]
-
-
-def _sample(values: np.ndarray) -> Sample:
-    return Sample(float(values.mean()), float(values.std(ddof=1)), len(values))

@@ -28,6 +28,7 @@ class Way:
       proposer: Proposer of the condition.
       counts: Whether the number of ideas matters where there are no outside ideas.
       mixes: Whether outside ideas change anything.
+      born_alike: Whether robots of one seed have the newborn networks of today's way.
     """
 
     says: str
@@ -35,6 +36,7 @@ class Way:
     proposer: Literal["creative", "random"] = "creative"
     counts: bool = True
     mixes: bool = True
+    born_alike: bool = True
 
 
 WAYS: Mapping[str, Way] = MappingProxyType(
@@ -49,7 +51,7 @@ WAYS: Mapping[str, Way] = MappingProxyType(
         "copies": Way("copies of the main idea", {"novelty": "none"}, counts=False),
         "untrained": Way("memory as born, with noise", {"memory_learns": False}),
         "action": Way("main idea with noise on the action", {"novelty": "action"}),
-        "uniform": Way("uniform random", {}, "random", mixes=False),
+        "uniform": Way("uniform random", {}, "random", mixes=False, born_alike=False),
         "sobol": Way("Sobol sequence", {"novelty": "sobol"}),
         "cross-entropy": Way("cross-entropy method in two rounds", {"novelty": "cross_entropy"}),
         "learned": Way("draws from a learned distribution", {"novelty": "learned"}),
@@ -64,6 +66,7 @@ WAYS: Mapping[str, Way] = MappingProxyType(
         "recurrent": Way(
             "connections, and a recurrent context as input of both networks",
             {"context_neurons": 10},
+            born_alike=False,
         ),
     }
 )

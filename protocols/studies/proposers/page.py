@@ -28,20 +28,25 @@ class Outcome:
     Attributes:
       cell: Cell of the robots.
       task: Task of the robots.
-      shares: Each valid robot's share of the test after training with the event, shape (n,).
-      invalid: Number of robots whose simulation became unstable.
+      shares: Each robot's share of the test after training with the event, shape (n,); NaN for a
+        robot whose simulation became unstable.
     """
 
     cell: Cell
     task: str
     shares: np.ndarray
-    invalid: int
 
     @classmethod
     def of(cls, cell: Cell, run: Run, condition: Condition) -> Outcome:
         """Returns the outcome of a condition of a cell's run."""
-        shares = run.shares(condition, "post")
-        return cls(cell, condition.task, shares, len(run.robots(condition)) - len(shares))
+        shares = np.full(len(run.robots(condition)), np.nan)
+        shares[run.valid_rows(condition)] = run.shares(condition, "post")
+        return cls(cell, condition.task, shares)
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Shares of the valid robots."""
+        return self.shares[~np.isnan(self.shares)]
 
 
 Seats = Mapping[tuple[Cell, Cell], np.ndarray]
@@ -88,13 +93,14 @@ def _cells(task: str, outcomes: Sequence[Outcome]) -> list[str]:
     ]
     for one in sorted(outcomes, key=lambda one: (one.cell.ideas, one.cell.outside)):
         answer = answers.get(one.cell)
+        invalid = len(one.shares) - len(one.measured)
         rows.append(
             [
                 f"`{one.cell.way}`",
                 str(one.cell.ideas),
                 "yes" if one.cell.outside else "no",
-                str(len(one.shares)) + (f" ({one.invalid} invalid)" if one.invalid else ""),
-                mean_cell(one.shares, intervals.SHARE) if len(one.shares) else "-",
+                str(len(one.measured)) + (f" ({invalid} invalid)" if invalid else ""),
+                mean_cell(one.measured, intervals.SHARE) if len(one.measured) else "-",
                 *(_difference(answer) if answer else ("", "")),
             ]
         )
@@ -106,8 +112,9 @@ def _cells(task: str, outcomes: Sequence[Outcome]) -> list[str]:
         "",
         f"Share of the test after training {event}, mean over valid robots, 95 % interval "
         f"({MEANS}). Difference from today's way with equally many ideas and, where there are "
-        "some, the same share of outside ideas; permutation test. Ways that do not depend on "
-        "outside ideas, or on the number of ideas, were simulated once.",
+        "some, the same share of outside ideas; permutation test, in pairs of robots that were "
+        "born alike (all ways but `uniform` and `recurrent`). Ways that do not depend on outside "
+        "ideas, or on the number of ideas, were simulated once.",
         "",
     ]
 
@@ -129,7 +136,8 @@ def _contrasts(groups: Mapping[Cell, np.ndarray]) -> list[str]:
             *table(rows),
             "",
             "Weighted sums of the cells' means (docs/plans/proposers.md), 95 % interval and p by "
-            f"Welch's standard error; Holm's correction over {len(answers)} contrasts.",
+            "Student's t test of the sums of robots that were born alike; Holm's correction over "
+            f"{len(answers)} contrasts.",
             "",
         ]
     said = decisions(groups)
@@ -156,7 +164,7 @@ def _seated(seats: Seats) -> list[str]:
         "Share of 20 minutes of the test after training in the spot, mean over the brains of a "
         f"cell's first cohort ({min(map(len, seats.values()))}); {max(IDEAS)} ideas, no outside "
         "ideas, weights frozen. Columns: way under which the brains are tested. A dash: the brains "
-        "have no such memory. Under `untrained` every brain has a memory as born.",
+        "have no such memory. Under `untrained` every brain has the memory of another newborn.",
         "",
     ]
 
@@ -182,6 +190,7 @@ def _rule(groups: Mapping[Cell, np.ndarray]) -> list[str]:
 def _never(groups: Mapping[Cell, np.ndarray]) -> list[str]:
     """Returns the table of both tests of the context, corrected together."""
     (today, before), (recurrent, after) = groups.items()
+    before, after = (shares[~np.isnan(shares)] for shares in (before, after))
     never = [shares == 0 for shares in (before, after)]
     time = compared(groups)[recurrent].p  # of one comparison, so not corrected
     p_values = holm(np.array([time, same_share(never[0], never[1], paired=False)]))
@@ -216,6 +225,7 @@ def draw(groups: Mapping[Cell, np.ndarray]) -> Figure:
             if not known or (outside and not WAYS[way].mixes):
                 continue
             values = [groups[Cell(way, n, outside).simulated] for n in known]
+            values = [own[~np.isnan(own)] for own in values]
             means = [float(own.mean()) for own in values]
             colour = style.PALETTE[number % len(style.PALETTE)]
             dashes = "-" if number < len(style.PALETTE) else "--"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +66,9 @@ class NewbornJob:
         save_arrays(self.path, {"steps": steps}, **self._identity)
         return True
 
-    def unmet(self) -> float:
-        """Returns the share of robots without the event; NaN if the job is not done."""
-        if not self.done():
-            return math.nan
-        return float((self.steps() == 0).mean())
+    def unmet(self) -> np.ndarray | None:
+        """Returns whether each robot has no event, shape (B,); None if the job is not done."""
+        return self.steps() == 0 if self.done() else None
 
     def steps(self) -> np.ndarray:
         """Reads the steps with the event in each robot's test, shape (B,).

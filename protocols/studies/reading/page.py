@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -21,6 +20,7 @@ from ...results.run import Run
 from .choices import CHOICES, COLUMNS, DESIGN, FINALISTS
 from .newborns import NewbornJob
 
+_DRAWS = 200  # of the newborns, for the error of a choice
 _REWARDED = {"walls": "wall_avoidance", "spot": "spot_finding"}
 
 
@@ -60,14 +60,18 @@ def hypothesis(run: Run) -> str:
 
 def newborns(jobs: Sequence[NewbornJob], robots: int) -> list[str]:
     """Returns the tables of stage 1; empty if no cell is finished."""
-    shares: dict[str, dict[Condition, float]] = {}
+    unmet: dict[str, dict[Condition, np.ndarray | None]] = {}
     for job in jobs:
-        shares.setdefault(job.cell, {})[job.condition] = job.unmet()
-    done = {n: own for n, own in shares.items() if not any(map(math.isnan, own.values()))}
+        unmet.setdefault(job.cell, {})[job.condition] = job.unmet()
+    done = {
+        name: {c: x for c, x in own.items() if x is not None}
+        for name, own in unmet.items()
+        if not any(x is None for x in own.values())
+    }
     if not done:
         return []
     scores = {
-        n: {c: newborn_score(x, robots, c) for c, x in own.items()} for n, own in done.items()
+        n: {c: newborn_score(x.mean(), robots, c) for c, x in o.items()} for n, o in done.items()
     }
     lines = [
         "### Stage 1: newborns",
@@ -85,15 +89,16 @@ def newborns(jobs: Sequence[NewbornJob], robots: int) -> list[str]:
         for name, own in done.items():
             if name.startswith(short):
                 total = sum(scores[name].values())
-                cells = [f"{own[column]:.3f}" for column in columns]
+                cells = [f"{own[column].mean():.3f}" for column in columns]
                 rows.append([name.removeprefix(f"{short}-"), *cells, f"{total:.1f}"])
         lines += [*table(rows), ""]
     rows = [["instead of the plain reading's", *TASK_NAMES.values(), "error", "verdict"]]
     for own, others in _LEVELS:
-        rows += [_matched(done, scores, robots, (own, other)) for other in others]
+        rows += [_matched(done, (own, other)) for other in others]
     lines += [
         "Mean difference of the score, other value minus the plain reading's, over cells that "
-        "differ in nothing else; its standard error from the robots drawn. Left out: refused moves "
+        f"differ in nothing else; its standard error from {_DRAWS} draws of robots, which are the "
+        "same newborns in all cells. Left out: refused moves "
         "with contact `near`, which is hardly ever sensed, because a refused robot stops short of "
         "the wall.",
         "",
@@ -113,33 +118,39 @@ _LEVELS = (
 
 
 def _matched(
-    shares: Mapping[str, Mapping[Condition, float]],
-    scores: Mapping[str, Mapping[Condition, float]],
-    robots: int,
-    levels: tuple[str, str],
+    unmet: Mapping[str, Mapping[Condition, np.ndarray]], levels: tuple[str, str]
 ) -> list[str]:
     """Returns a row: the mean difference of matched cells in each task, and the verdict."""
     own, other = levels
-    kept = [n for n in shares if not ("refuses" in n and n.endswith("near"))]
+    kept = [n for n in unmet if not ("refuses" in n and n.endswith("near"))]
     pairs = [(n, m) for n in kept if (m := n.replace(other, own)) != n and m in kept]
     means: dict[Condition, float] = {}
     noise = 0.0
     random = np.random.default_rng(1)
     for condition in COLUMNS:
-        mine = [(n, m) for n, m in pairs if condition in shares[n]]
+        mine = [
+            (unmet[n][condition], unmet[m][condition]) for n, m in pairs if condition in unmet[n]
+        ]
         if not mine:
             continue
-        means[condition] = float(
-            np.mean([scores[n][condition] - scores[m][condition] for n, m in mine])
-        )
-        for name in sorted({*itertools.chain(*mine)}):  # equal data, equal draws
-            drawn = random.binomial(robots, shares[name][condition], 200) / robots
-            spread = np.std([newborn_score(x, robots, condition) for x in drawn])
-            noise += float(spread / len(mine)) ** 2
+        robots = len(mine[0][0])
+        draws = np.vstack([np.arange(robots), random.integers(robots, size=(_DRAWS, robots))])
+        found = [
+            np.mean(
+                [
+                    newborn_score(first[draw].mean(), robots, condition)
+                    - newborn_score(second[draw].mean(), robots, condition)
+                    for first, second in mine
+                ]
+            )
+            for draw in draws
+        ]
+        means[condition] = float(found[0])
+        noise += float(np.var(found[1:]))
     by_task = {t: sum(d for c, d in means.items() if c.task == t) for t in PAPER_TASKS}
     cells = [f"{by_task[t]:+.1f}" if any(c.task == t for c in means) else "-" for t in PAPER_TASKS]
-    found = verdict(means, math.sqrt(noise)) if means else "not simulated"
-    return [f"{other} for {own}", *cells, f"{math.sqrt(noise):.1f}", found]
+    said = verdict(means, math.sqrt(noise)) if means else "not simulated"
+    return [f"{other} for {own}", *cells, f"{math.sqrt(noise):.1f}", said]
 
 
 def standard_error(effects: Sequence[float]) -> float:

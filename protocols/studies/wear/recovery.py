@@ -157,6 +157,20 @@ def _mean(differences: Sequence[np.ndarray]) -> tuple[float, Interval]:
     )
 
 
+def _missing(own: Sequence[Pair]) -> list[str]:
+    """Returns the trained noise arms that the rule needs and that are not finished.
+
+    It needs both kinds of ideas, with a reset clock and with any other clock that was simulated.
+    """
+    first, second = FACTORS["ideas"]
+    names = {pair.first for pair in own}
+    clocks = {"reset", *(name.split("-")[-1] for name in names)}
+    wanted = [
+        f"trained-noise-{ideas}-{clock}" for clock in sorted(clocks) for ideas in (first, second)
+    ]
+    return [name for name in wanted if name not in names]
+
+
 def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
     """Returns the sentence on the paper's claim that the plan's rule gives.
 
@@ -172,6 +186,8 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
     spared = [FROZEN] if FROZEN in arms else [n for pair in own for n in (pair.first, pair.second)]
     if all(arms[name].unharmed > 0.5 for name in spared):
         return "Undecided: the change cost most robots nothing."
+    if missing := _missing(own):
+        return f"No verdict: {' and '.join(missing)} and its partner without noise are missing."
     signs = {pair.first: pair.sign for pair in own}
     faster = {name for name, sign in signs.items() if sign < 0}
     slower = {name for name, sign in signs.items() if sign > 0}
