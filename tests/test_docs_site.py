@@ -224,7 +224,8 @@ def test_the_films_of_the_leaderboard_show_each_learners_median_robot():
 
 
 @pytest.mark.parametrize(
-    ("board", "count"), [("larger-raw", 6), ("larger-paper", 6), ("continual-raw", 7)]
+    ("board", "count"),
+    [("larger-raw", 6), ("larger-paper", 6), ("continual-raw", 7), ("continual-paper", 7)],
 )
 def test_the_scores_of_further_boards_are_those_of_their_pages(board, count):
     text = (DOCS / "results" / f"benchmark-{board}" / "benchmark.md").read_text()
