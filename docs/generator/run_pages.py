@@ -30,7 +30,8 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 [methods.md](../methods.md#files-and-commands) explains the files.
 `musebot tables docs/results/NAME` prints the tables again,
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
-*Rows only*: kept without brains, some of them without curves, so no robot can be filmed. The column *experiment* names all that differs from the
+*Rows only*: kept without brains, some without curves, so no robot can be filmed.
+The column *experiment* names all that differs from the
 defaults: brain `paper`, body `mujoco`, protocol `paper`.
 
 {table(("run", "experiment", "seed:", "robots"), runs)}

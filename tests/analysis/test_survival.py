@@ -55,6 +55,14 @@ def test_a_median_that_is_not_reached_is_infinite():
     assert curve.median_interval[1] == math.inf
 
 
+@pytest.mark.parametrize("robots", [1, 5, 6])
+def test_a_few_robots_that_all_have_the_event_leave_the_median_open(robots):
+    """As R's survfit: the upper band stays above one half until too few robots are left."""
+    curve = kaplan_meier(of(" ".join(str(10 * n) for n in range(1, robots + 1))))
+    assert curve.share[-1] == 0
+    assert curve.median_interval[1] == math.inf
+
+
 def test_an_event_at_time_0_counts():
     curve = kaplan_meier(of("0 0 0 10"))
     assert curve.times[0] == 0 and curve.share[0] == 0.25

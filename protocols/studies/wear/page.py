@@ -130,7 +130,7 @@ def _effects(arms: Arms) -> list[str]:
         *table(rows),
         "",
         "Difference of the restricted time for each robot, mean over pairs of arms that differ in "
-        f"the factor alone; 95 % interval over robots ({MEANS}). Not tested.",
+        "the factor alone; 95 % interval (BCa bootstrap over robots). Not tested.",
         "",
     ]
 
