@@ -14,7 +14,7 @@ from ...analysis.survival import kaplan_meier
 from ...experiment.experiment import Experiment
 from ...experiment.overrides import overrides_of
 from ...reporting import style
-from ...reporting.markdown import MEANS, probability, table, with_interval
+from ...reporting.markdown import probability, table, with_interval
 from ..study import Page
 from .arms import ARMS, FROZEN, NEWBORN
 from .recovery import (
