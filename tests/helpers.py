@@ -2,6 +2,8 @@
 
 import json
 
+from matplotlib.colors import to_rgb
+
 
 def forget_digests(directory):
     """Makes a run look as if an earlier version, which recorded no digests, had written it."""
@@ -24,6 +26,18 @@ def snapshot(tensors):
 def same(first, second):
     """Returns whether tensors by name are equal."""
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)
+
+
+def luminance(shade):
+    """Returns the relative luminance of a colour, as WCAG defines it."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(shade)]
+    return sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+def contrast(shade, background):
+    """Returns the contrast of two colours, as WCAG defines it."""
+    first, second = sorted([luminance(shade), luminance(background)])
+    return (second + 0.05) / (first + 0.05)
 
 
 # A brain renews what its steps share before each step; these functions do so for its parts.

@@ -69,7 +69,7 @@ FORMATS = {
 
 
 def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> None:
-    """Films an episode from its start, until its end at the latest.
+    """Films an episode from its start, until its end or its last stable step at the latest.
 
     Args:
       episode: Episode to film; it is simulated once.
@@ -99,7 +99,9 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
         )
         times = (number * speed / fps for number in range(count))
         shots = shots_at(times, episode.moments(), episode.batch.rules, speed)
-        write(output, (panel.frame(scene.draw(shot), shot) for shot in shots), count)
+        written = write(output, (panel.frame(scene.draw(shot), shot) for shot in shots), count)
+    if written < count:
+        notice(f"the simulation became unstable: the film ends there, after {written / fps:g} s")
 
 
 def frame_count(seconds: float, speed: float, episode_seconds: float, fps: int) -> int:
@@ -119,6 +121,8 @@ def shots_at(
 ) -> Iterator[Shot]:
     """Yields the content of the frame at each time; poses are interpolated between control steps.
 
+    It ends at the first time after the last moment, from which on nothing was simulated.
+
     Args:
       times: Simulated times in [s], ascending.
       moments: Moments of the episode, in order.
@@ -130,8 +134,10 @@ def shots_at(
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
+        if past[-1].time < time:  # the simulation became unstable
+            return
         now = max(0, len(past) - 2)
-        if past[-1].time <= time:  # the episode is over
+        if past[-1].time == time:  # the episode is over
             now = len(past) - 1
         yield _shot(past, now, shown, time, rules, speed)
         shown = now
@@ -175,13 +181,16 @@ def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
     return first + share * way
 
 
-def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
+def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     """Writes frames into a film; an existing file is replaced when the film is complete.
 
     Args:
       output: File to write; its suffix is one of `FORMATS`.
       frames: Pixels of each frame, uint8, shape (height, width, 3), with even height and width.
-      count: Number of frames.
+      count: Number of frames, at most, for the display of progress.
+
+    Returns:
+      Number of frames.
 
     Raises:
       OSError: the film could not be written completely; the partial film is deleted.
@@ -201,16 +210,19 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> None:
             ffmpeg_log_level="fatal",  # the number of frames shows a failure, see below
             **FORMATS[suffix].encoder,
         )
+        given = 0
         with StepProgress(output.name, count) as progress, writer:
             for frame in frames:
+                given += 1
                 if not _append(writer, frame):
                     break
                 progress.advance()
         # imageio does not check whether ffmpeg could write everything.
-        if _frames_in(draft) != count:
+        if _frames_in(draft) != given:
             raise OSError(f"{output} could not be written completely; is the disk full?")
         remove_drafts(output.parent, output.name)  # of a film that was killed
         write_atomically(output, draft.read_bytes())
+        return given
 
 
 def _interrupt(number: int, frame: object) -> None:

@@ -20,7 +20,7 @@ WIDTH, HEIGHT = scene.WIDTH + _PANEL, scene.HEIGHT + _HEADER  # [pixels]; H.264 
 
 # Title and gauges of each sensor signal that has gauges.
 _GAUGES = {
-    "nose": ("nose", ("odour",)),
+    "nose": ("nose", ("smell",)),
     "noses": ("nose", ("left", "right")),
     "distances": ("distance", RANGEFINDERS),
     "speed": ("speed", ("ahead",)),

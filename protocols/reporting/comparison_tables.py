@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.comparison import ALPHA, Cell
 from ..experiment.experiment import differing
@@ -26,7 +27,7 @@ def markdown(ours: Run, other: Run, cells: Sequence[Cell]) -> str:
     verdict = f"After Holm's correction {len(found)} of {len(cells)} cells differ"
     lines = [f"**{ours.name}** compared with **{other.name}**. {_differ_in(ours, other)}", ""]
     lines += [f"{verdict}{':' if found else '.'}", ""]
-    lines += [f"- {cell.task}, {cell.proposer}: {words(cell)}" for cell in found]
+    lines += [f"- {cell.task}, {short_name(cell.proposer)}: {words(cell)}" for cell in found]
     lines += [""] * bool(found)
     for task in labels.TITLES:
         if own := [cell for cell in cells if cell.task == task]:
@@ -42,7 +43,10 @@ def _differ_in(ours: Run, other: Run) -> str:
             "Their experiments are the same: they can differ only in the versions and machines "
             "that simulated them."
         )
-    named = "; ".join(f"{name} ({a}, {b})" for name, (a, b) in fields.items())
+    named = "; ".join(
+        f"{name} ({labels.value(name, a)}, {labels.value(name, b)})"
+        for name, (a, b) in fields.items()
+    )
     if len(fields) == 1:
         return f"Their experiments differ in {named}."
     return (
@@ -86,7 +90,8 @@ def table(first: str, second: str, cells: Sequence[Cell]) -> list[str]:
             difference(cell),
             md.probability(cell.p),
         ]
-        rows.append([cell.proposer, cell.name, *values, f"**{holm}**" if cell.differs else holm])
+        name = short_name(cell.proposer)
+        rows.append([name, cell.name, *values, f"**{holm}**" if cell.differs else holm])
     return md.table(rows, "llrrrrr")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 
 from ..experiment.conditions import Condition
 from ..experiment.schedules import SCHEDULES
@@ -51,6 +52,16 @@ def examples(run: Run, task: str) -> list[Example]:
     found.append(("learner", best if best is not None and gains[best] > 0 else None))
     found.append(("spoiled", worst if worst is not None and gains[worst] < 0 else None))
     return [Example(kind, i, rows[i].robot) for kind, i in found if i is not None]
+
+
+def gains(kinds: Collection[str]) -> str:
+    """Returns a sentence, and a space, on those of the kinds that gained or lost; or empty text."""
+    words = {
+        "learner": "the learner gained most",
+        "spoiled": "the spoiled robot lost most",
+    }
+    found = ", ".join(text for kind, text in words.items() if kind in kinds)
+    return f"{found[0].upper()}{found[1:]} between the two tests. " if found else ""
 
 
 def favourite(run: Run, task: str) -> Example | None:

@@ -15,10 +15,10 @@ from ..analysis.behaviour import Behaviour, Stay
 from ..analysis.paper_tables import paper_column
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Experiment
-from ..experiment.schedules import PARTS, SCHEDULES, TASK_NAMES, control_steps
+from ..experiment.schedules import PARTS, SCHEDULES, TASK_NAMES, Schedule, control_steps
 from ..results.learn_ability import CATEGORIES, Summary
 from ..results.run import Run
-from .style import CATEGORY_COLOURS, INK, canvas, colour, in_per_cent
+from .style import CATEGORY_COLOURS, DARK, INK, Look, canvas, colour, in_per_cent, looks
 
 _STEPS = 36  # of a learning curve, about
 _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its number
@@ -30,34 +30,49 @@ _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its
 def learning_curves(run: Run) -> Figure:
     """Draws the mean share of the time in contact (or in the spot) over a life, with 95 % bands."""
     tasks = run.tasks()
+    look = looks_of(run)
     figure, axes = canvas(2.5 * len(tasks) + 0.3, len(tasks), 1)
     for task, axis in zip(tasks, axes[:, 0], strict=True):
         for proposer in run.proposers(task):
             curves = run.curves(Condition(task, proposer))
             if len(curves):
-                steps = run.experiment.schedule(task).steps_of_minutes()
-                _curve(axis, curves, steps[: curves.shape[1]], proposer)
+                _curve(axis, curves, run.experiment.schedule(task), look[proposer])
         _parts(axis, run.experiment, task)
         axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
         axis.set_ylim(0, None)
         in_per_cent(axis.yaxis)
-    _legend_of_proposers(figure, run)
+    handles = [
+        Line2D([], [], color=one.colour, ls=one.dashes, label=short_name(name))
+        for name, one in look.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return figure
 
 
-def _curve(axis: Axes, curves: np.ndarray, steps: np.ndarray, proposer: str) -> None:
-    """Draws the curve of a condition's n robots.
+def looks_of(run: Run) -> dict[str, Look]:
+    """Returns the look of each proposer and agent of a run, by its recorded name."""
+    return looks(condition.proposer for condition in run.conditions())
+
+
+def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> None:
+    """Draws the curve of a condition's n robots; no point mixes minutes of a test and of training.
 
     Args:
       axis: Axis to draw on.
       curves: Share of each of M minutes, shape (n, M).
-      steps: Control steps of each minute, of which the last may be shorter, shape (M,).
-      proposer: Proposer of the robots.
+      schedule: Schedule of the robots' lives.
+      look: Look of the curve.
     """
-    minutes = len(steps)
-    width = -(-minutes // _STEPS)
-    edges = np.unique(np.minimum(np.arange(0, minutes + width, width), minutes))
+    minutes = curves.shape[1]
+    steps = schedule.steps_of_minutes()[:minutes]
+    # A minute that two parts share is a stretch of its own.
+    parts = [schedule.minutes_of(part) for part in PARTS]
+    borders = sorted({min(end, minutes) for part in parts for end in (part.start, part.stop)})
+    edges = [0]
+    for first, last in zip(borders[:-1], borders[1:], strict=True):
+        count = min(last - first, max(1, round((last - first) * _STEPS / minutes)))
+        edges += [*np.linspace(first, last, count + 1).round().astype(int)[1:]]
     points = [
         np.average(curves[:, a:b], axis=1, weights=steps[a:b])
         for a, b in zip(edges[:-1], edges[1:], strict=True)
@@ -67,8 +82,8 @@ def _curve(axis: Axes, curves: np.ndarray, steps: np.ndarray, proposer: str) -> 
     times = np.concatenate([[0], steps.cumsum()])[edges] / control_steps(60)
     hours = (times[:-1] + times[1:]) / 2
     mark = "o" if len(points) == 1 else None  # a rehearsal
-    axis.plot(hours, means, color=colour(proposer), marker=mark)
-    axis.fill_between(hours, low, high, color=colour(proposer), alpha=0.2, linewidth=0)
+    axis.plot(hours, means, color=look.colour, linestyle=look.dashes, marker=mark)
+    axis.fill_between(hours, low, high, color=look.colour, alpha=0.2, linewidth=0)
 
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
@@ -82,12 +97,6 @@ def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     upper.set_xticks(ends - np.array(hours) / 2, ["test", "training", "test"], fontsize=8)
     upper.tick_params(length=0, pad=1)
     upper.spines[:].set_visible(False)
-
-
-def _legend_of_proposers(figure: Figure, run: Run) -> None:
-    names = dict.fromkeys(condition.proposer for condition in run.conditions())
-    handles = [Line2D([], [], color=colour(name), label=short_name(name)) for name in names]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
 
 
 # ---- Categories ----
@@ -120,12 +129,10 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
             places, values, left=left, height=0.86, color=shade, linewidth=0, label=name
         )
         texts = [f"{100 * share:.0f}" if share >= _LEAST_LABELLED else "" for share in values]
-        ink = "#1b222b" if shade in CATEGORY_COLOURS[1:3] else "white"
+        ink = "white" if shade == CATEGORY_COLOURS[0] else DARK  # the darkest
         axis.bar_label(bars, texts, label_type="center", fontsize=8, color=ink)
         left += values
     axis.set_yticks(places, [f"{short_name(proposer)}, {whose}" for proposer, whose, _ in rows])
-    for label, proposer in zip(axis.get_yticklabels(), proposers, strict=True):
-        label.set_color(colour(proposer))
     axis.tick_params(length=0, labelbottom=False)
     axis.spines[:].set_visible(False)
     axis.set_xlim(0, 1)
@@ -143,40 +150,35 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
 def abilities(run: Run) -> Figure:
     """Draws how L is distributed among the measured robots, with L = -1 and L = 1 apart."""
     tasks = run.tasks()
-    names = list(dict.fromkeys(condition.proposer for condition in run.conditions()))
-    figure, axes = canvas(
-        1.15 * len(names) + 0.6, len(names), len(tasks), sharex=True, sharey="col"
-    )
-    for row, proposer in enumerate(names):
+    look = looks_of(run)
+    figure, axes = canvas(1.35 * len(look) + 0.6, len(look), len(tasks), sharex=True, sharey="col")
+    for row, (proposer, own) in enumerate(look.items()):
         for column, task in enumerate(tasks):
-            _histogram(axes[row, column], run, Condition(task, proposer))
-            if row == 0:
-                axes[row, column].set_title(TASK_NAMES[task])
-            if row == len(names) - 1:
+            title = _histogram(axes[row, column], run, Condition(task, proposer), own.colour)
+            title = f"{TASK_NAMES[task]}\n{title}" if row == 0 else title
+            axes[row, column].set_title(title, fontsize=8)
+            if row == len(look) - 1:
                 axes[row, column].set_xlabel("Learn Ability L")
     return figure
 
 
-def _histogram(axis: Axes, run: Run, condition: Condition) -> None:
+def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
+    """Draws the histogram of a condition's L; returns its title."""
     values = run.abilities(condition)
     values = values[~np.isnan(values)]
     inner = values[np.abs(values) < 1]
     counts, edges = np.histogram(inner, bins=np.linspace(-1, 1, 18))  # one of them around 0
     total = max(len(values), 1)
-    shade = colour(condition.proposer)
     axis.bar((edges[:-1] + edges[1:]) / 2, counts / total, width=0.11, color=shade, alpha=0.55)
     ends = [(values == end).sum() / total for end in (-1, 1)]
     bars = axis.bar((-1.12, 1.12), ends, width=0.1, color=shade)
-    axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8, color=shade)
-    mean = f", mean {values.mean():.2f}" if len(values) else ""
-    axis.text(
-        0.5, 0.97, f"{short_name(condition.proposer)}\n{len(values)} measured{mean}", fontsize=8,
-        color=shade, transform=axis.transAxes, ha="center", va="top",
-    )  # fmt: skip
+    if len(values):
+        axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8)
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
-    axis.set_yticks([])
-    axis.margins(y=0.3)
-    axis.spines["left"].set_visible(False)
+    axis.set(yticks=[0, 0.5, 1], ylim=(0, 1.15))
+    in_per_cent(axis.yaxis)
+    mean = f", mean {values.mean():z.2f}" if len(values) else ""
+    return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
 
 
 # ---- What the robots do ----
@@ -202,9 +204,6 @@ def spinning(behaviour: Behaviour) -> Figure:
                     [place + when - 0.15, place + when + 0.15], [mean, mean], color=shade, lw=2
                 )
         axis.set_xticks(range(len(names)), names)
-        for label, proposer in zip(axis.get_xticklabels(), names, strict=True):
-            label.set_color(colour(proposer))
-            label.set_weight("bold")
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
         axis.set_ylim(0, 1)
@@ -227,7 +226,7 @@ def stays(found: Mapping[str, Stay]) -> Figure:
         minutes, following, inside = stay.minutes.T
         for values, style in zip((following, inside), styles.values(), strict=True):
             axis.plot(minutes + 0.5, values, color=colour(proposer), linestyle=style)
-        axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots", color=colour(proposer))
+        axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots")
         axis.set_xlabel("simulated minutes")
         axis.set_ylim(0, 1)
         in_per_cent(axis.yaxis)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import datetime
 import mimetypes
 import re
 from collections.abc import Iterator, Sequence
@@ -12,12 +13,14 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup, escape
 
+from ... import __version__
+from ..agents.names import short_name
 from ..analysis.claims import ClaimResult
 from ..analysis.paper_tables import column, paper_column, row_names
 from ..experiment.conditions import Condition
 from ..results.run import Run
 from . import labels, tables
-from .style import colour
+from .figures import looks_of
 
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
 _COLUMNS = 3  # conditions next to each other, on the screen of a telephone
@@ -31,11 +34,13 @@ class Medium:
       path: File of the figure or film, a .png or an .mp4.
       title: Heading above the figure or film; empty for none.
       caption: Text below the figure or film that says what it shows.
+      alt: Sentence that replaces the figure or film for readers who cannot see it.
     """
 
     path: Path
     title: str
     caption: str
+    alt: str
 
     @property
     def uri(self) -> str:
@@ -65,6 +70,11 @@ class Table:
     columns: Sequence[tuple[str, str]]
     rows: Sequence[tuple[str, Sequence[PageCell]]]
 
+    @property
+    def has_paper(self) -> bool:
+        """Whether a cell has the paper's value."""
+        return any(cell.paper for _, cells in self.rows for cell in cells)
+
 
 def page(
     run: Run,
@@ -93,9 +103,11 @@ def page(
     environment.filters["emphasis"] = _emphasis
     experiment = run.experiment
     return environment.get_template(_TEMPLATE.name).render(
+        name=run.name,
         facts=_facts(run),
+        made=f"musebot {__version__}, {datetime.date.today()}",
         tables={labels.title(t, experiment): [*_tables(run, t)] for t in run.tasks()},
-        tables_note=tables.NOTE,
+        tables_notes=tables.notes(run),
         claims=tables.judged_claims(results),
         not_judged=tables.not_judged(results),
         claims_note=tables.claims_note(experiment) if results else "",
@@ -109,19 +121,20 @@ def page(
 def _facts(run: Run) -> list[str]:
     simulators = {"mujoco": "in MuJoCo", "kinematic": "in the kinematic simulator"}
     robots = sum(len(run.robots(condition)) for condition in run.conditions())
-    facts = [simulators[run.experiment.body], f"{robots} robots", f"seed {run.experiment.seed}"]
+    count = f"{robots} robot" if robots == 1 else f"{robots} robots"
+    facts = [simulators[run.experiment.body], count, f"seed {run.experiment.seed}"]
     return [*facts, *labels.particulars(run.experiment)]
 
 
 def _tables(run: Run, task: str) -> Iterator[Table]:
     """Yields the tables of a task: one, or several if the task has many conditions."""
-    proposers = run.proposers(task)
+    proposers, look = run.proposers(task), looks_of(run)
     for first in range(0, len(proposers), _COLUMNS):
         group = proposers[first : first + _COLUMNS]
         columns = [_column(run, Condition(task, proposer)) for proposer in group]
         names = [*row_names(task), tables.VARIATION]
         rows = [*zip(names, zip(*columns, strict=True), strict=True)]
-        yield Table([(proposer, colour(proposer)) for proposer in group], rows)
+        yield Table([(short_name(name), look[name].colour) for name in group], rows)
 
 
 def _column(run: Run, condition: Condition) -> list[PageCell]:
@@ -132,5 +145,6 @@ def _column(run: Run, condition: Condition) -> list[PageCell]:
 
 
 def _emphasis(text: str) -> Markup:
-    """Returns the text, escaped for HTML, with *words* between stars emphasised."""
-    return Markup(re.sub(r"\*(.+?)\*", r"<em>\1</em>", str(escape(text))))
+    """Returns the text, escaped for HTML, with *words* emphasised and `words` as code."""
+    marked = re.sub(r"\*(.+?)\*", r"<em>\1</em>", str(escape(text)))
+    return Markup(re.sub(r"`(.+?)`", r"<code>\1</code>", marked))

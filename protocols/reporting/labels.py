@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..experiment.experiment import Experiment, differing
 from ..experiment.schedules import TASK_NAMES
 from ..results.run import Run
@@ -32,8 +34,8 @@ def particulars(experiment: Experiment) -> list[str]:
         found.append(f"brain: {experiment.brain_name}")
     others = differing(experiment, Experiment(brain=experiment.brain))
     found += [
-        f"{name.removeprefix('kinematics.').replace('_', ' ')}: {value}"
-        for name, (value, _) in others.items()
+        f"{name.removeprefix('kinematics.').replace('_', ' ')}: {value(name, own)}"
+        for name, (own, _) in others.items()
         if name not in _STATED_APART
     ]
     if experiment.time_scale != 1:
@@ -41,9 +43,16 @@ def particulars(experiment: Experiment) -> list[str]:
     return found
 
 
+def value(name: str, field: Any) -> str:
+    """Returns the value of an experiment's field as text, that of a motor speed with its unit."""
+    if isinstance(field, tuple):
+        return " ".join(map(str, field)) or "none"  # as on the command line
+    return f"{field:g} m/s" if name == "motor_speed" and field is not None else str(field)
+
+
 def described(run: Run) -> str:
     """Returns a line of Markdown with a run's brain and its non-default fields."""
     experiment = run.experiment
     fields = differing(experiment, Experiment(brain=experiment.brain))
-    others = "".join(f", {name} {value}" for name, (value, _) in fields.items())
+    others = "".join(f", {name} {value(name, own)}" for name, (own, _) in fields.items())
     return f"- {run.name}: brain {experiment.brain_name}{others}"

@@ -45,12 +45,14 @@ class PlannedFigure:
       name: Name of the figure's files, without a suffix.
       title: Heading above the figure.
       caption: Text of a few sentences that says what the figure shows.
+      alt: Sentence that replaces the figure for readers who cannot see it.
       draw: Function that draws the figure; it returns None if there is nothing to show.
     """
 
     name: str
     title: str
     caption: str
+    alt: str
     draw: Callable[[], Figure | None]
 
 
@@ -90,7 +92,7 @@ def _write(run: Run, out: Path, page_file: Path) -> None:
             if (figure := planned.draw()) is not None:
                 paths = style.save(figure, out / "figures", planned.name)
                 png = next(path for path in paths if path.suffix == ".png")
-                drawn.append(Medium(png, planned.title, planned.caption))
+                drawn.append(Medium(png, planned.title, planned.caption, planned.alt))
     shown, missing = _films(run, out / "films")
     page = html_page.page(run, judge_all(run, behaviour), drawn, shown, missing)
     write_text(page_file, page)
@@ -114,12 +116,16 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
         "learning_curves",
         "Learning curves",
         "Means over all valid robots of a condition, with bands of 95 %.",
+        "Lines of the mean share of the time with the event over the simulated hours of a life, "
+        "one for each condition.",
         lambda: figures.learning_curves(run),
     )
     yield PlannedFigure(
         "categories",
         "Categories",
         "The rows of tables 1 and 2, here and in the paper.",
+        "Stacked bars of the per cent of the robots in each category, one for each condition here "
+        "and in the paper.",
         lambda: figures.categories(run),
     )
     yield PlannedFigure(
@@ -127,6 +133,7 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
         "Learn Ability",
         "Share of the measured robots. The solid bars at the ends are L = -1 and L = 1 themselves; "
         "the light bars are the values between.",
+        "Histograms of Learn Ability from -1 to 1, one for each condition.",
         lambda: figures.abilities(run),
     )
     for task in run.tasks():
@@ -141,6 +148,8 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
             "is their mean. In a second of spinning a robot turns by more than 1 rad and moves "
             f"less than 2 cm. First {measured_behaviour.SPIN_MINUTES * scale:g} minutes of the "
             "test, replayed with the stored brains.",
+            "Dots of the share of time that each robot spins before and after training, one group "
+            "for each condition.",
             lambda: figures.spinning(behaviour),
         )
     if behaviour.stays:
@@ -151,18 +160,23 @@ def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigu
             "with their newborn brains, at the rim of the spot, and learn. Shares of their time at "
             "the spot in which they follow its contour (nose within 2 cm of the rim) or spin "
             "inside it. The titles count the robots that spent a tenth of the time there.",
+            "Lines of the shares of following the contour and of spinning inside the spot, by "
+            "simulated minute.",
             lambda: figures.stays(behaviour.stays),
         )
 
 
 def _trajectories(run: Run, task: str, tick: Tick) -> PlannedFigure:
     minutes = robot_figures.MINUTES[task] * run.experiment.time_scale
+    kinds = [one.kind for one in example_robots.examples(run, task)]
+    found = example_robots.gains(kinds)
     return PlannedFigure(
         f"trajectories_{task}",
         f"Single robots, {TASK_NAMES[task].lower()}",
-        f"First {minutes:g} minutes of the test, from the ring to the dot; red is "
-        f"{SCHEDULES[task].event}. The learner gained most between the two tests, the spoiled "
-        "robot lost most. Replayed with the stored brains, whose noise is drawn anew.",
+        f"First {minutes:g} minutes of the test, from the ring to the dot; violet is "
+        f"{SCHEDULES[task].event}. {found}Replayed with the stored brains, whose noise is drawn "
+        "anew.",
+        f"Paths in the arena before and after training, seen from above: {', '.join(kinds)}.",
         lambda: robot_figures.trajectories(run, task, tick),
     )
 
@@ -174,6 +188,8 @@ def _values(run: Run, task: str) -> PlannedFigure:
         "Value of every action in three situations, from blue, the lowest in its panel, to yellow, "
         "the highest (the two numbers). White dots are the ideas of one step, the ring is the "
         "chosen one.",
+        "Maps of the value of each pair of motor values before and after training, one for each "
+        "situation.",
         lambda: robot_figures.values(run, task),
     )
 
@@ -182,7 +198,7 @@ def _values(run: Run, task: str) -> PlannedFigure:
 
 
 def _films(run: Run, folder: Path) -> tuple[list[Medium], str]:
-    """Renders a film for each task that has none in the folder.
+    """Renders a film of each task's example robot, unless the folder has it.
 
     Returns:
       Two values: all films of the folder, each with its name as caption, and a sentence about
@@ -190,25 +206,26 @@ def _films(run: Run, folder: Path) -> tuple[list[Medium], str]:
     """
     missing: list[str] = []
     for task in run.tasks():
-        if any(path.name.startswith(task) for path in _kept(folder)):
-            continue
         example = example_robots.favourite(run, task)
         if example is None:
             missing.append(f"{TASK_NAMES[task]} has no robot with a brain to film.")
             continue
         condition = Condition(task, example_robots.proposer_of(run, task))
         speed, kind = _FILM_SPEEDS[task], f"{example.kind}_{condition.proposer}_{example.robot}"
+        path = folder / f"{task}_{kind}_after_training_x{speed:g}.mp4"
+        if path in _kept(folder):
+            continue
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
             episode = StoredRobot(run, condition, example.robot, "post", SEED).episode()
-            path = folder / f"{task}_{kind}_after_training_x{speed:g}.mp4"
             films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed:
                 folder.rmdir()
             missing.append(f"{TASK_NAMES[task]} has no film: {error}.")
-    return [Medium(p, "", p.stem.replace("_", " ")) for p in _kept(folder)], " ".join(missing)
+    named = [(path, path.stem.replace("_", " ")) for path in _kept(folder)]
+    return [Medium(p, "", name, f"Film: {name}") for p, name in named], " ".join(missing)
 
 
 def _kept(folder: Path) -> list[Path]:

@@ -19,11 +19,10 @@ from ..playback.stored_brains import stored_brains
 from ..results.results import WHEN, When
 from ..results.run import Run
 from .example_robots import examples, favourite, proposer_of
-from .style import INK, canvas, colour
+from .style import DARK, EVENT, INK, canvas, colour
 
 MINUTES = {"wall_avoidance": 4.0, "spot_finding": 15.0}  # of the test that trajectories show
-_EVENT = "#d0462f"
-_DARK = "#1b222b"
+_LIMITS = (-0.56, 0.56)  # of motor values: marks at the edge of the image stay whole
 
 
 def ticks(run: Run) -> int:
@@ -79,12 +78,12 @@ def draw_arena(axis: Axes, track: Track, task: str, size: Dimensions) -> None:
 
 
 def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
-    """Draws a robot's path from a ring to a dot; red where the event happens."""
+    """Draws a robot's path from a ring to a dot; violet where the event happens."""
     points, events = track.poses[:, index, :2], track.events[:, index]
-    for drawn, paint, thick in ((~events, shade, 0.9), (events, _EVENT, 1.6)):
+    for drawn, paint, thick in ((~events, shade, 0.9), (events, EVENT, 1.2)):
         # A step is drawn if either of its ends is; NaN interrupts the line.
         ends = np.concatenate([drawn[:1], drawn]) | np.concatenate([drawn, drawn[-1:]])
-        axis.plot(*np.where(ends[:, None], points, np.nan).T, color=paint, lw=thick, alpha=0.8)
+        axis.plot(*np.where(ends[:, None], points, np.nan).T, color=paint, lw=thick)
     axis.plot(*points[0], "o", ms=5, mfc="none", mec=INK, mew=1.0)
     axis.plot(*points[-1], "o", ms=5, color=INK)
 
@@ -122,7 +121,7 @@ def values(run: Run, task: str) -> Figure | None:
     axes[1, 1].set_xlabel("left motor")
     figure.suptitle(
         f"{TASK_NAMES[task]}, {example.kind}: {condition.proposer} {example.robot}", x=0.01,
-        ha="left", fontsize=9.5, weight="bold", color=colour(condition.proposer),
+        ha="left", fontsize=9.5, weight="bold",
     )  # fmt: skip
     return figure
 
@@ -144,13 +143,12 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
         value.T, origin="lower", extent=(-0.5, 0.5, -0.5, 0.5), cmap="cividis",
         interpolation="bilinear", rasterized=True,
     )  # fmt: skip
-    axis.plot(*ideas[0].numpy().T, "o", ms=2.6, color="white", mec=_DARK, mew=0.4)
-    axis.plot(*best.numpy(), "o", ms=8, mfc="none", mec="white", mew=1.5)
-    axis.set_xticks([-0.5, 0, 0.5])
-    axis.set_yticks([-0.5, 0, 0.5])
+    axis.plot(*ideas[0].numpy().T, "o", ms=2.6, color="white", mec=DARK, mew=0.4, clip_on=False)
+    for edge, thick in ((DARK, 2.6), ("white", 1.3)):  # visible on light and on dark values
+        axis.plot(*best.numpy(), "o", ms=8, mfc="none", mec=edge, mew=thick, clip_on=False)
+    axis.set(xticks=[-0.5, 0, 0.5], yticks=[-0.5, 0, 0.5], xlim=_LIMITS, ylim=_LIMITS)
     axis.spines[:].set_visible(False)
-    axis.annotate(
-        f"{value.min():.2f} to {value.max():.2f}", (1, 0), xycoords="axes fraction",
-        xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=7,
-        color="white", bbox={"fc": f"{_DARK}99", "ec": "none", "pad": 1.2},
-    )  # fmt: skip
+    above = axis.secondary_xaxis("top")  # a title of the panel moves above it
+    above.set_xticks([])
+    above.spines[:].set_visible(False)
+    above.set_xlabel(f"{value.min():z.2f} to {value.max():z.2f}", fontsize=7, labelpad=1)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -19,10 +19,13 @@ from ..storage import check_place, write_atomically
 FORMATS = ("svg", "png")
 WIDTH = 5.6  # inches: 9 point remain legible on a telephone's screen
 
-# Every colour is legible on white and on near-black; the background is transparent.
-INK = "#76808c"
+# Every colour is legible on white and on near-black; the background is transparent. Colours of one
+# figure differ for readers with red-green colour blindness, too.
+INK = "#6e767e"  # of small text: the only grey with a contrast of 4.5 on white and on black
+DARK = "#1b222b"  # of text and marks on a light area
+EVENT = "#8811ff"  # of a path in contact, or in the spot
 _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
-_OTHERS = ("#b264a0", "#8a8420", "#6a6fc9", "#c2565b")
+_OTHERS = ("#cc66ff", "#776600", "#cc0044", "#775599")
 PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # for anything but proposers
 CATEGORY_COLOURS = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
 _STYLE: dict[Any, Any] = {
@@ -48,11 +51,36 @@ _STYLE: dict[Any, Any] = {
 }
 
 
+class Look(NamedTuple):
+    """Colour of whatever belongs to a proposer or an agent, and the style of its lines."""
+
+    colour: str
+    dashes: Any
+
+
 def colour(proposer: str) -> str:
-    """Returns the colour of a proposer, the same in every figure."""
-    if proposer in _PROPOSERS:
-        return _PROPOSERS[proposer]
-    return _OTHERS[sum(proposer.encode()) % len(_OTHERS)]
+    """Returns the colour of one of the three proposers, the same in every figure."""
+    return _PROPOSERS[proposer]
+
+
+def looks(names: Iterable[str]) -> dict[str, Look]:
+    """Returns a different look for each proposer or agent of a run, by name.
+
+    Agents share a few distinguishable colours: each further round of them has one more dot between
+    its dashes.
+
+    Args:
+      names: Proposers and agents, each at its first place; an agent's look depends on its place.
+    """
+    found = {}
+    for name in dict.fromkeys(names):
+        if name in _PROPOSERS:
+            found[name] = Look(_PROPOSERS[name], "-")
+            continue
+        turn, place = divmod(len(found.keys() - _PROPOSERS.keys()), len(_OTHERS))
+        dots = (1, 1.5) * (turn - 1)
+        found[name] = Look(_OTHERS[place], (0, (4, 1.5, *dots)) if turn else "-")
+    return found
 
 
 def styled() -> Any:

@@ -21,7 +21,7 @@ from ..results.run import Run
 from . import labels
 from .markdown import MEANS, bracket, number, table
 
-NOTE = (
+_NOTE = (
     "In brackets: 95 % intervals (Wilson for shares; for means and deviations "
     f"{MEANS}; Student's t for the paper's means, from its table). *By chance*: the total "
     "variation that two groups of these sizes exceed with a probability of 5 % if their robots "
@@ -55,26 +55,38 @@ def cells(column: Column) -> list[tuple[str, str]]:
 
 def variation_cell(first: Column, second: Column | None) -> tuple[str, str]:
     """Returns the total variation of two columns, and its 95th percentile under chance alone."""
+    distance, chance = _variation(first, second)
+    return ("-", "") if math.isnan(distance) else (f"{distance:.2f}", f"(by chance {chance:.2f})")
+
+
+def _variation(first: Column, second: Column | None) -> tuple[float, float]:
+    """Returns the numbers of `variation_cell`; NaN without a second column or without robots."""
     if second is None or not first.summary.robots:
-        return "-", ""
-    distance = total_variation(first.summary, second.summary)
-    chance = intervals.chance_variation(first.summary, second.summary)
-    return f"{distance:.2f}", f"(by chance {chance:.2f})"
+        return math.nan, math.nan
+    summaries = first.summary, second.summary
+    return total_variation(*summaries), intervals.chance_variation(*summaries)
 
 
 def markdown(run: Run) -> str:
     """Returns the tables of a run, and the verdicts on the claims that it can test."""
     parts = [_table(run, task) for task in run.tasks()]
-    if agreement := joint_tests(run):
-        found = ", ".join(f"{name} p = {p:.4f}" for name, p in agreement.items())
-        parts.append(
-            "Joint test that all columns of a table have the paper's shares of classes (sum of "
-            f"chi-squares, simulated null distribution): {found}.\n"
-        )
-    parts.append(NOTE + ("" if run.exact_classes else _ROUNDED) + "\n")
+    parts += [f"{note}\n" for note in notes(run)]
     if results := judge_all(run):
         parts.append(_claims(run.experiment, results))
     return "\n".join(parts)
+
+
+def notes(run: Run) -> list[str]:
+    """Returns the paragraphs under a run's tables: the joint test if there is one, and a note."""
+    found = [_NOTE + ("" if run.exact_classes else _ROUNDED)]
+    if agreement := joint_tests(run):
+        values = ", ".join(f"{name} p = {p:.4f}" for name, p in agreement.items())
+        found.insert(
+            0,
+            "Joint test that all columns of a table have the paper's shares of classes (sum of "
+            f"chi-squares, simulated null distribution): {values}.",
+        )
+    return found
 
 
 def joint_tests(run: Run) -> dict[str, float]:
@@ -155,10 +167,10 @@ def as_json(run: Run) -> dict[str, Any]:
         ours, paper = column(run, condition), paper_column(run.experiment, condition)
         entry: dict[str, Any] = {"ours": _plain(ours), "paper": None}
         if paper:
-            summaries = ours.summary, paper.summary
+            distance, chance = _variation(ours, paper)
             entry["paper"] = _plain(paper)
-            entry["total_variation"] = _finite(total_variation(*summaries))
-            entry["total_variation_by_chance"] = _finite(intervals.chance_variation(*summaries))
+            entry["total_variation"] = _finite(distance)
+            entry["total_variation_by_chance"] = _finite(chance)
         found.setdefault(condition.task, {})[condition.proposer] = entry
     experiment = run.experiment
     return {

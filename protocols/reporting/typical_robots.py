@@ -24,6 +24,7 @@ from .robot_figures import draw_arena, draw_path
 from .style import canvas, colour
 
 APPROACH_MINUTES = 40.0  # of the test after training in which approachers are looked for
+SPINS = 0.1  # least share of time: a robot that spins less only turns away from walls
 SLOW = 25.0  # [min]: the paper's slow robots arrive after 20 to 30 minutes
 DRAWN_MINUTES = 3.0  # of the follower's path, where it follows most; more would fill the spot
 _APPROACHERS = 30  # robots among which the slow one is looked for
@@ -72,10 +73,11 @@ def ticks(run: Run) -> int:
 def typical_robots(run: Run, tick: Tick = lambda: None) -> Iterator[Typical]:
     """Yields the typical robots of a run; a kind without a robot is left out.
 
-    The spinner spins most in the first minutes of the test after training. The follower's share of
-    following the spot's contour in the first third of its time there, plus its share of spinning
-    inside in the last third, is the largest among newborns that start at the rim and learn. The
-    slow approacher arrives at the spot nearest to `SLOW` minutes after the start of the test.
+    The spinner spins most in the first minutes of the test after training, and for at least
+    `SPINS` of the time. The follower's share of following the spot's contour in the first third of
+    its time there, plus its share of spinning inside in the last third, is the largest among
+    newborns that start at the rim and learn. The slow approacher arrives at the spot nearest to
+    `SLOW` minutes after the start of the test.
 
     Args:
       run: The run.
@@ -89,7 +91,8 @@ def typical_robots(run: Run, tick: Tick = lambda: None) -> Iterator[Typical]:
         shares = spins(track.poses).mean(axis=0)
         best = int(shares.argmax())
         words = f"spins in {shares[best]:.0%} of\nthe first {minutes:g} minutes"
-        yield Typical("spinner", condition, rows[best], _front(run, track), best, words, 0.06)
+        if shares[best] >= SPINS:
+            yield Typical("spinner", condition, rows[best], _front(run, track), best, words, 0.06)
     condition = _condition(run, "spot_finding")
     if condition is None:
         return

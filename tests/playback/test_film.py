@@ -18,8 +18,10 @@ from PIL import Image
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.playback import film
+from musebot.protocols.playback.episode import Episode
 from musebot.protocols.playback.panel import HEIGHT, WIDTH
 from musebot.protocols.storage import draft_name
+from musebot.tasks import make_batch
 
 
 @pytest.mark.parametrize(
@@ -166,10 +168,17 @@ def test_next_film_removes_the_draft_of_one_that_was_killed_and_no_other(tmp_pat
     assert {*os.listdir(tmp_path)} == {*others, output.name}
 
 
-def test_film_with_fewer_frames_than_announced_is_an_error_and_leaves_nothing(tmp_path):
+def test_film_with_fewer_frames_than_were_given_is_an_error_and_leaves_nothing(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(film, "_frames_in", lambda path: 24)
     with pytest.raises(OSError, match="could not be written completely"):
-        film.write(tmp_path / "film.mp4", grey(24), 25)
+        film.write(tmp_path / "film.mp4", grey(25), 25)
     assert not os.listdir(tmp_path)
+
+
+def test_film_of_fewer_frames_than_announced_says_how_many_it_has(tmp_path):
+    assert film.write(tmp_path / "film.mp4", grey(24), 25) == 24
 
 
 FULL = """
@@ -206,6 +215,35 @@ def test_film_ends_with_the_episode_at_the_latest():
     assert film.frame_count(30, 4, 60, fps=25) == 15 * 25
     assert film.frame_count(30, 1e9, 60, fps=25) == 1
     assert film.frame_count(30, 4, float("inf"), fps=8) == 30 * 8
+
+
+class Unstable:
+    """A batch whose simulation becomes unstable in a step."""
+
+    def __init__(self, batch, step):
+        self._batch, self._left = batch, step
+
+    def __getattr__(self, name):
+        return getattr(self._batch, name)
+
+    def step(self, motors):
+        self._left -= 1
+        self._batch.step(motors)
+
+    @property
+    def valid(self):
+        return np.array([self._left > 0])
+
+
+def test_film_ends_where_the_simulation_became_unstable():
+    batch = make_batch("wall_avoidance", 1)
+    episode = Episode(
+        "wall_avoidance", "nobody", True, Unstable(batch, 5), lambda _: np.zeros((1, 2)), 20,
+        np.random.default_rng(0),
+    )  # fmt: skip
+    times = np.arange(0, 2, 0.15)
+    shots = [*film.shots_at(times, episode.moments(), batch.rules, 1)]
+    assert [shot.time for shot in shots] == pytest.approx([0, 0.15, 0.3])  # the last step is 0.4 s
 
 
 def test_robot_turns_the_shorter_way_between_two_control_steps():

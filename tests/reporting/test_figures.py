@@ -6,6 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers import contrast
+from matplotlib.colors import to_hex
 
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.experiment.conditions import Condition
@@ -66,6 +68,37 @@ def test_a_curve_is_drawn_where_its_means_are():
     assert borders == pytest.approx([20 / 60, 140 / 60])
 
 
+@pytest.mark.parametrize(
+    ("task", "experiment"),
+    [
+        (WA, Experiment(time_scale=0.5)),
+        (SF, Experiment(protocol="continual")),
+        (WA, Experiment(time_scale=0.07)),  # the first test and training share a minute
+    ],
+)
+def test_no_point_of_a_curve_mixes_a_test_and_training(task, experiment):
+    schedule = experiment.schedule(task)
+    borders = [schedule.minutes_of("pre").stop, schedule.minutes_of("training").stop]
+    minutes = schedule.minutes_of("post").stop
+    condition = Condition(task, "fixed")
+    run = dataclasses.replace(run_of(condition, minutes=minutes), experiment=experiment)
+    values = np.repeat([0.8, 0.1, 0.3], np.diff([0, *borders, minutes]))
+    run.results[condition].curves[:] = values
+    with style.styled():
+        means = figures.learning_curves(run).axes[0].lines[0].get_ydata()
+    assert {*np.round(means, 6)} == {0.8, 0.1, 0.3}
+    assert len(means) >= min(minutes, 20)
+
+
+def test_lines_and_legend_tell_agents_apart():
+    agents = [Condition(WA, f"agents:number_{number}") for number in range(6)]
+    with style.styled():
+        figure = figures.learning_curves(run_of(*agents))
+    drawn = figure.axes[0].lines[:6], figure.legends[0].get_lines()
+    shown = [{(one.get_color(), one.get_linestyle()) for one in lines} for lines in drawn]
+    assert shown[0] == shown[1] and len(shown[0]) == 6
+
+
 def test_a_curve_of_a_rehearsal_is_where_its_minutes_are():
     run = run_of(WALLS_FIXED, minutes=2)
     run = dataclasses.replace(run, experiment=Experiment(time_scale=1 / 128))
@@ -92,6 +125,27 @@ def test_robots_with_l_of_0_are_drawn_at_0():
         axis = figures.abilities(run).axes[0]
     ((left, width),) = [(b.get_x(), b.get_width()) for b in axis.patches if b.get_height() == 1]
     assert left + width / 2 == pytest.approx(0)
+
+
+def test_a_histogram_has_a_scale_and_no_shares_where_nothing_was_measured():
+    run = run_of(WALLS_FIXED, Condition(SF, "fixed"))
+    rows = run.results[WALLS_FIXED].robots
+    rows[:] = [dataclasses.replace(row, learn_ability=NAN, category="genius") for row in rows]
+    with style.styled():
+        empty, full = figures.abilities(run).axes
+    assert not empty.texts and [text.get_text() for text in full.texts] == ["17%", "50%"]
+    assert empty.get_title(loc="left") == "Wall avoidance\nfixed, 0 measured"
+    assert full.get_title(loc="left") == "Spot finding\nfixed, 6 measured, mean 0.17"
+    assert all([*axis.get_yticks()] == [0, 0.5, 1] for axis in (empty, full))
+
+
+def test_numbers_in_bars_contrast_with_them():
+    with style.styled():
+        axis = figures.categories(run_of(*ALL)).axes[0]
+    bars = [bar for part in axis.containers for bar in part]
+    assert {to_hex(bar.get_facecolor()) for bar in bars} == {*style.CATEGORY_COLOURS}
+    for bar, text in zip(bars, axis.texts, strict=True):
+        assert contrast(text.get_color(), bar.get_facecolor()) >= 4.5
 
 
 def test_an_invalid_robot_is_in_no_curve():

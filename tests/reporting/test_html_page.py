@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import datetime
+import html
+import re
+
 import numpy as np
 import pytest
 
+from musebot import __version__
+from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.analysis.paper_claims import judge_all
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
@@ -52,17 +59,63 @@ def test_many_conditions_are_several_tables():
     agents = [f"agents:number_{i}" for i in range(4)]
     text = page(run_of("fixed", *agents), [], [], [], "")
     assert text.count("<table>") == 2
-    assert all(agent in text for agent in agents)
+    assert all(f">{agent}</th>" in text for agent in agents)
+
+
+def test_agents_have_their_short_names_and_colours_of_their_own():
+    text = page(run_of(*(RECORDED_NAMES[name] for name in ("dqn", "hand_coded"))), [], [], [], "")
+    heads = re.findall(r'<th scope="col" style="border-color:(#\w+)">(.*?)</th>', text)
+    assert [name for _, name in heads] == ["dqn", "hand_coded"]
+    assert len({shade for shade, _ in heads}) == 2
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_the_page_says_under_its_tables_what_the_markdown_says(run, exact):
+    run = dataclasses.replace(run, exact_classes=exact)
+    text = html.unescape(re.sub("</?em>", "*", re.sub("</?code>", "`", page(run, [], [], [], ""))))
+    found = tables.notes(run)
+    assert len(found) == 2 and "Joint test" in found[0]
+    for note in found:
+        assert f'<p class="note">{note}</p>' in text and note in tables.markdown(run)
+    assert ("rounded to two decimals" in text) == (not exact)
+
+
+def test_the_page_is_named_after_its_run_and_says_when_it_was_made(run):
+    text = page(dataclasses.replace(run, name="a & b"), [], [], [], "")
+    for tag in ("title", "h1"):
+        assert f"<{tag}>a &amp; b - Musebot report</{tag}>" in text
+    assert f"musebot {__version__}, {datetime.date.today()}" in text
+    assert "12 robots, seed 1" in text
+
+
+def test_one_robot_is_no_robots():
+    run = run_of("fixed")
+    del next(iter(run.results.values())).robots[1:]
+    assert "1 robot, seed 1" in page(run, [], [], [], "")
 
 
 def test_figures_and_films_are_part_of_the_file(run, tmp_path):
     figure, film = tmp_path / "a.png", tmp_path / "b.mp4"
     figure.write_bytes(b"figure")
     film.write_bytes(b"film")
-    media = [Medium(figure, "A & B", "What it shows.")], [Medium(film, "", "a robot")]
+    media = (
+        [Medium(figure, "A & B", "What it shows.", "A picture of A & B.")],
+        [Medium(film, "", "a robot", "Film: a robot")],
+    )
     text = page(run, [], *media, "")
-    assert 'src="data:image/png;base64,ZmlndXJl" alt="A &amp; B"' in text
+    assert 'src="data:image/png;base64,ZmlndXJl" alt="A picture of A &amp; B."' in text
     assert 'src="data:video/mp4;base64,ZmlsbQ=="' in text
+    assert '<video aria-label="Film: a robot" ' in text
+
+
+def test_a_table_has_a_caption_and_heads_of_its_columns_and_rows(run):
+    text = page(run, [], [], [], "")
+    assert "<caption>Wall avoidance (table 1): ours, its interval, and <span" in text
+    without = page(run_of("agents:mine"), [], [], [], "")
+    assert "<caption>Wall avoidance (table 1): ours, its interval.</caption>" in without
+    assert text.count('<th scope="col"') == 2
+    assert text.count('<th scope="row">') == text.count("<tr>") - 1
+    assert text.count("<th") == text.count("<th scope")
 
 
 def test_claims_that_a_run_cannot_judge_are_one_line():
@@ -80,7 +133,7 @@ def test_claims_that_a_run_cannot_judge_are_one_line():
 def test_films_and_learning_curves_come_before_the_tables(run, tmp_path):
     for name in "abc":
         (tmp_path / f"{name}.png").write_bytes(name.encode())
-    figures = [Medium(tmp_path / f"{name}.png", f"Figure {name}", "") for name in "abc"]
+    figures = [Medium(tmp_path / f"{name}.png", f"Figure {name}", "", "") for name in "abc"]
     text = page(run, judge_all(run), figures, [], "No film.")
     marks = ("No film.", "Figure a", "<table>", "The claims", "Figure b", "Figure c")
     places = [text.index(mark) for mark in marks]

@@ -25,6 +25,17 @@ def test_particulars_are_all_fields_that_are_not_the_default():
     assert labels.particulars(OTHER) == ["brain: steady", "body: kinematic", "wheel base: 0.055"]
 
 
+def test_settings_are_written_as_on_the_command_line_and_a_speed_has_its_unit():
+    experiment = Experiment(settings=("rate=0.1", "discount=0.9"), motor_speed=0.4)
+    assert labels.particulars(experiment) == [
+        "motor speed: 0.4 m/s",
+        "settings: rate=0.1 discount=0.9",
+    ]
+    assert labels.described(Run("mine", experiment, {})) == (
+        "- mine: brain paper, motor_speed 0.4 m/s, settings rate=0.1 discount=0.9"
+    )
+
+
 def test_the_title_of_several_runs_has_what_they_share():
     found = labels.title("spot_finding", OTHER, Experiment(body="kinematic"))
     assert found == "Spot finding (table 2), body: kinematic"

@@ -58,7 +58,7 @@ def test_the_page_holds_tables_claims_and_every_figure(page, out):
     claims = text.count('class="verdict ')
     assert f"{28 - claims} of 28 claims are not judged: no robots of " in text and claims > 0
     places = [
-        text.index(part) for part in ("<h2>Films", "<h2>Learning curves", "<table", "<h2>Cat")
+        text.index(part) for part in ("<h2>Films", "<h2>Learning curves", "<table>", "<h2>Cat")
     ]
     assert places == sorted(places)
     assert text.count("<img ") == len(list((out / "figures").glob("*.png"))) >= 7
@@ -81,7 +81,7 @@ def test_films_are_in_the_page_or_the_page_says_why_not(page, out, draws):
         assert "has no film: there is no headless OpenGL (EGL)" in page.read_text()
 
 
-def test_existing_films_are_kept_and_captioned_by_their_names(out, page, tmp_path):
+def test_existing_films_are_kept_and_captioned_by_their_names(out, page, tmp_path, monkeypatch):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
@@ -90,29 +90,44 @@ def test_existing_films_are_kept_and_captioned_by_their_names(out, page, tmp_pat
     for name in names:
         (copy / "films" / name).write_bytes(b"film")
     output = tmp_path / "elsewhere.html"
-    assert cli.main(["report", str(copy), "--output", str(output)]) == 0
+    monkeypatch.setattr(film, "film", without_egl)
+    report(read_run(copy), copy, output)
     text = output.read_text()
     assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 3
     assert "my robot" in text and "wall avoidance learner" in text
     assert sorted(p.name for p in (copy / "films").iterdir()) == names
 
 
-def test_a_task_without_a_film_gets_one_or_the_page_says_why(out, page, tmp_path, monkeypatch):
+def test_an_example_robot_without_a_film_gets_one_or_the_page_says_why(
+    out, page, tmp_path, monkeypatch
+):
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
-    (copy / "films").mkdir()
-    (copy / "films" / "wall_avoidance.mp4").write_bytes(b"film")
     made = []
+
+    def write(_, path, **__):
+        made.append(path)
+        path.write_bytes(b"film")
+
     run = read_run(copy)
-    monkeypatch.setattr(film, "film", lambda _, path, **__: made.append(path))
+    monkeypatch.setattr(film, "film", write)
     report(run, copy, None)
-    assert [path.name.startswith("spot_finding_") for path in made] == [True]
+    walls, spot = made
+    assert walls.name.startswith("wall_avoidance_") and spot.name.startswith("spot_finding_")
+    report(run, copy, None)
+    assert len(made) == 2
+    spot.rename(
+        spot.with_name(f"spot_finding_learner_creative_99{spot.suffix}")
+    )  # of another robot
+    report(run, copy, None)
+    assert made[2:] == [spot]
+    spot.unlink()
     monkeypatch.setattr(film, "film", without_egl)
     report(run, copy, None)
     text = (copy / "report.html").read_text()
     assert "Spot finding has no film: there is no headless OpenGL" in text
-    assert text.count("<video ") == 1
+    assert text.count("<video ") == 2
 
 
 def without_egl(*_, **__):

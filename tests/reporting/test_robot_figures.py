@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.playback.stored_brains import stored_brains
 from musebot.protocols.reporting import example_robots, robot_figures, style
 from musebot.protocols.results.results import collect
 from musebot.protocols.results.run import Run
@@ -62,6 +64,31 @@ def test_single_robots_are_drawn_before_and_after_training(task, run, check_file
             assert isinstance(figure, Figure)
             assert len(figure.axes) == 6
             check_files(style.save(figure, tmp_path, draw.__name__))
+
+
+def test_the_numbers_are_above_the_image_and_marks_at_its_edge_stay_whole(run):
+    condition = Condition(WA, "creative")
+    brain = stored_brains(run, condition, [(1, "after")], seed=0).controller
+    brain.values = lambda _, actions: -0.002 * (actions[..., 0] + 0.5)
+    with style.styled():
+        figure = Figure()
+        axis = figure.subplots()
+        robot_figures.draw_values(axis, brain, np.zeros(5, np.float32))
+    assert not axis.texts
+    (above,) = axis.child_axes
+    assert above.get_xlabel() == "0.00 to 0.00"
+    assert max(axis.images[0].get_extent()) == 0.5 < min(axis.get_xlim()[1], axis.get_ylim()[1])
+    assert not any(line.get_clip_on() for line in axis.lines) and len(axis.lines) == 3
+
+
+def test_words_on_gains_are_of_the_examples_that_are_shown():
+    assert example_robots.gains(["genius"]) == ""
+    assert example_robots.gains(["ignorant", "spoiled"]) == (
+        "The spoiled robot lost most between the two tests. "
+    )
+    assert example_robots.gains(["learner", "spoiled"]) == (
+        "The learner gained most, the spoiled robot lost most between the two tests. "
+    )
 
 
 def test_without_valid_robots_there_is_no_figure(run):

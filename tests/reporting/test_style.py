@@ -1,24 +1,33 @@
 """The style of figures: legible on light and on dark, and for colour-blind readers."""
 
+import itertools
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import contrast
 from matplotlib.colors import to_rgb
 
 from musebot.protocols.reporting import style
 
 
-def luminance(shade):
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(shade)]
-    return sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
-
-
 @pytest.mark.parametrize("background", ["#ffffff", "#14171c"])
-@pytest.mark.parametrize("shade", [style.INK, *map(style.colour, ("fixed", "random", "creative"))])
+@pytest.mark.parametrize("shade", [style.INK, style.EVENT, *style.PALETTE])
 def test_ink_and_colours_contrast_with_light_and_dark_backgrounds(shade, background):
-    first, second = sorted([luminance(shade), luminance(background)])
-    assert (second + 0.05) / (first + 0.05) >= 3  # bound of WCAG for graphics and large text
+    assert contrast(shade, background) >= 3  # bound of WCAG for graphics and large text
+
+
+def test_small_text_contrasts_with_the_reports_page_by_day_and_by_night():
+    template = Path(style.__file__).with_name("report.html.jinja").read_text()
+    schemes = re.findall(r"--ink: (#\w+); --dim: (#\w+); --line: #\w+; --page: (#\w+);", template)
+    assert len(schemes) == 2
+    for *texts, page in schemes:
+        for text in (style.INK, *texts):
+            assert contrast(text, page) >= 4.5  # bound of WCAG for small text
+    colours_of_text = re.findall(r"[{;] color: ?([^;}]+)", template)
+    assert {"var(--ink)", "var(--dim)"} == set(colours_of_text)
 
 
 def seen_without_red_or_green(shade, kind):
@@ -32,16 +41,25 @@ def seen_without_red_or_green(shade, kind):
     return 1.055 * mixed ** (1 / 2.4) - 0.055
 
 
+PROPOSERS = ("fixed", "random", "creative")
+# Solid lines of one figure, and a path with its events.
+TOGETHER = {*itertools.combinations(style.PALETTE, 2)} | {
+    (style.EVENT, style.colour(proposer)) for proposer in PROPOSERS
+}
+
+
 @pytest.mark.parametrize("kind", ["protanopia", "deuteranopia"])
-def test_proposers_look_different_to_colour_blind_readers(kind):
-    seen = [
-        seen_without_red_or_green(style.colour(p), kind) for p in ("fixed", "random", "creative")
-    ]
-    for first, second in ((0, 1), (0, 2), (1, 2)):
-        assert math.dist(seen[first], seen[second]) > 0.2
+@pytest.mark.parametrize(("first", "second"), sorted(TOGETHER))
+def test_colours_drawn_together_look_different_to_colour_blind_readers(first, second, kind):
+    seen = [seen_without_red_or_green(shade, kind) for shade in (first, second)]
+    assert math.dist(*seen) > 0.2
 
 
-def test_an_agent_has_its_own_colour():
-    known = {style.colour(p) for p in ("fixed", "random", "creative")}
-    assert style.colour("ppo") not in known
-    assert len({style.colour(name) for name in ("ppo", "avg", "dqn", "newborn")}) > 1
+def test_each_agent_of_a_run_has_its_own_look_and_proposers_keep_their_colours():
+    agents = ["q_learner", "stream_q", "amortised_q", "hand_coded", "sarsa_lambda", "avg", "dqn"]
+    names = [*agents[:2], *PROPOSERS, *agents[2:], *(f"mine:{number}" for number in range(5))]
+    looks = style.looks([*names, *names])
+    assert [*looks] == names and len({*looks.values()}) == len(names)
+    assert all(looks[name] == (style.colour(name), "-") for name in PROPOSERS)
+    solid = [look for look in looks.values() if look.dashes == "-"]
+    assert len({look.colour for look in solid}) == len(solid) == 7

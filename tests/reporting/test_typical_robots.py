@@ -44,6 +44,18 @@ def test_each_typical_robot_is_the_one_that_its_words_describe(run):
     assert abs(inside.argmax() / 600 - wanted) == pytest.approx(nearest)
 
 
+def test_a_run_whose_robots_hardly_spin_has_no_spinner(run, monkeypatch):
+    def spinning(poses):
+        seconds = np.zeros((20, poses.shape[1]), bool)
+        seconds[:1, 4] = True  # 5 % of the time
+        return seconds
+
+    monkeypatch.setattr(typical_robots, "spins", spinning)
+    assert "spinner" not in {one.kind for one in typical_robots.typical_robots(run)}
+    only = {c: part for c, part in run.results.items() if c.task == "wall_avoidance"}
+    assert typical_robots.draw(Run("run", EXPERIMENT, only)) is None
+
+
 def test_the_follower_is_the_robot_that_its_words_describe(run, monkeypatch):
     """The first robot of three does not stay; the last one follows most."""
     numbers = Stay(

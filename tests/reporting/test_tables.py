@@ -1,0 +1,47 @@
+"""Tables as text and as data say the same, with the names that commands take."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from musebot.protocols.agents.names import RECORDED_NAMES
+from musebot.protocols.analysis.comparison import compare_runs
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.reporting import comparison_tables, tables
+from musebot.protocols.results.results import ConditionResults, Robot
+from musebot.protocols.results.run import Run
+
+WA = "wall_avoidance"
+
+
+def run_of(proposer, kind, ability, *, post=2.0, experiment=None):
+    condition = Condition(WA, proposer)
+    rows = [Robot(WA, proposer, 1, 0, i, 6.0, post, ability, kind) for i in range(20)]
+    results = ConditionResults(rows, np.zeros((20, 1)), {"before": {}, "after": {}})
+    return Run("run", experiment or Experiment(), {condition: results})
+
+
+def test_a_column_without_robots_has_no_total_variation_in_text_and_data():
+    run = run_of("fixed", "invalid", math.nan)
+    entry = tables.as_json(run)["tables"][WA]["fixed"]
+    assert entry["ours"]["robots"] == 0 and entry["paper"]["robots"] == 500
+    assert entry["total_variation"] is entry["total_variation_by_chance"] is None
+    assert f"| {tables.VARIATION} | - |" in tables.markdown(run)
+    full = run_of("fixed", "0 < L < 1", 0.5)
+    distance = tables.as_json(full)["tables"][WA]["fixed"]["total_variation"]
+    assert f"| {tables.VARIATION} | {distance:.2f} (by chance " in tables.markdown(full)
+
+
+def test_a_comparison_has_short_names_and_settings_as_on_the_command_line():
+    name = RECORDED_NAMES["sarsa_lambda"]
+    ours = run_of(name, "0 < L < 1", 0.5)
+    theirs = run_of(
+        name, "L < 0", -0.5, post=600.0, experiment=Experiment(settings=("trace=0.5", "tiles=6"))
+    )
+    text = comparison_tables.markdown(ours, theirs, compare_runs(ours, theirs))
+    assert "- wall_avoidance, sarsa_lambda: " in text and "| sarsa_lambda | L < 0 |" in text
+    assert name not in text
+    assert "settings (none, trace=0.5 tiles=6)" in text
