@@ -24,6 +24,7 @@ from .episode import Episode, Moment
 from .panel import Panel
 from .scene import Scene, Shot
 
+_ROUNDING = 1e-6  # [s], of the times of frames and of control steps
 _TRAIL = 8.0  # [s] of the film, after which the robot's trail has faded
 _LONGEST = 3600  # [s], of a film
 _TRAIL_LIMIT = 90.0  # simulated [s] after which it has faded at any speed of the film
@@ -134,10 +135,10 @@ def shots_at(
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
-        if past[-1].time < time:  # the simulation became unstable
+        if past[-1].time < time - _ROUNDING:  # the simulation became unstable
             return
         now = max(0, len(past) - 2)
-        if past[-1].time == time:  # the episode is over
+        if past[-1].time <= time:  # the episode is over
             now = len(past) - 1
         yield _shot(past, now, shown, time, rules, speed)
         shown = now
