@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import sys
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, get_args, get_type_hints
 
 import tyro
 
 from .. import __version__
 from .commands import VERBS, study_command, verb_class
 from .errors import InputError, nearest
-from .exit_status import complain, exit_status
+from .exit_status import exit_status
 from .studies import STUDIES
 from .terminal import safe_streams, say
 
@@ -26,6 +27,7 @@ _DESCRIPTION = (
 )
 _UNCHECKED = ("doctor", "list")  # one checks the versions itself, the other simulates nothing
 _CONFIG = (tyro.conf.FlagCreatePairsOff,)
+_HELP = {"-h", "--help"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,19 +43,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]
     if words == ["--version"]:
         return exit_status(lambda: say(f"musebot {__version__}"), check=False)
-    options = [word.partition("=")[0] for word in words if word.startswith("--")]
-    given = [name.replace("_", "-") for name in options]  # tyro takes both
-    for name in given:
-        if given.count(name) > 1:  # tyro would use the last one only
-            return complain(f"{name} is given twice: give it once, followed by all its values", 2)
     verb: Any = None
+    stopped: Any = None
 
     def parse() -> None:
-        nonlocal verb
-        verb = _parse(words)
+        nonlocal verb, stopped
+        _check_given(words)
+        try:
+            verb = _parse(words)
+        except SystemExit as stop:  # tyro has printed the help, or what is wrong
+            stopped = stop.code
 
-    if status := exit_status(parse, check=False):  # a reader of help may close the pipe early
-        return status
+    status = exit_status(parse, check=False)  # a reader of help may close the pipe early
+    if verb is None:
+        return status or stopped or 0
     # Before the first import of mujoco: a film opens EGL itself, the other verbs draw nothing.
     if words[0] != "explore":
         os.environ["MUJOCO_GL"] = "off"
@@ -67,11 +70,9 @@ def _parse(words: list[str]) -> Any:
         if study not in STUDIES:
             raise InputError(f"there is no study {study!r}; {nearest(study, STUDIES)}")
         os.environ.setdefault("MUJOCO_GL", "off")
-        command, prog = study_command(study), f"musebot study {study}"
-        return tyro.cli(command, args=words[2:], prog=prog, config=_CONFIG)
+        return parsed(study_command(study), f"musebot study {study}", words[2:])
     if name in VERBS:
-        prog = f"musebot {name}"
-        return tyro.cli(verb_class(name), args=words[1:], prog=prog, config=_CONFIG)
+        return parsed(verb_class(name), f"musebot {name}", words[1:])
     if not name.startswith("-"):
         if name in STUDIES:
             raise InputError(f"{name} is a study: musebot study {name} OUT")
@@ -83,3 +84,95 @@ def _parse(words: list[str]) -> Any:
         description=_DESCRIPTION,
         config=_CONFIG,
     )
+
+
+def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
+    """Returns a command with the values that its words give.
+
+    Args:
+      command: Dataclass of the command.
+      prog: Name of the command.
+      words: Options and other words; with --help among them, the help is printed instead.
+
+    Raises:
+      InputError: an option has no value, or one that is no number where a number is needed.
+      SystemExit: the help was printed, or other words cannot be parsed.
+    """
+    if _HELP & {*words}:
+        # tyro's usage leaves out given words, and in a long usage all options.
+        required = [f"{one.name} {one.values}" for one in _options(command) if one.required]
+        prog, words = " ".join([prog, *required]), ["--help"]
+    else:
+        _check_values(command, words)
+    return tyro.cli(command, args=words, prog=prog, config=_CONFIG)
+
+
+def _given(words: Sequence[str]) -> list[tuple[str, list[str]]]:
+    """Returns each option with the words that follow it; tyro takes _ and - in its name."""
+    found: list[tuple[str, list[str]]] = []
+    for word in words:
+        if word.startswith("--"):
+            name, equals, value = word.partition("=")
+            found.append((name.replace("_", "-"), [value] if equals else []))
+        elif found:
+            found[-1][1].append(word)
+    return found
+
+
+def _check_given(words: Sequence[str]) -> None:
+    """Raises InputError for an empty word, and for an option that is given twice."""
+    given = _given(words)
+    if "" in words or any("" in values for _, values in given):
+        raise InputError("a word of the command is empty: is a variable of the shell unset?")
+    names = [name for name, _ in given]
+    for name in names:
+        if names.count(name) > 1:  # tyro would use the last one only
+            raise InputError(f"{name} is given twice: give it once, followed by all its values")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Option:
+    """An option of a command: its name, its types, and its values as help shows them."""
+
+    name: str
+    types: frozenset[Any]
+    values: str
+    required: bool
+
+
+def _options(command: type) -> Iterator[_Option]:
+    """Yields the options of a command, those of its parts included."""
+    hints = get_type_hints(command, include_extras=True)
+    for field in dataclasses.fields(command):
+        hint = hints[field.name]
+        notes = getattr(hint, "__metadata__", ())
+        kind = hint.__origin__ if notes else hint
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+            yield from _options(kind)
+        elif tyro.conf.Positional not in notes:
+            shown = (one.metavar for one in notes if getattr(one, "metavar", None))
+            yield _Option(
+                name=f"--{field.name.replace('_', '-')}",
+                types=frozenset({kind, *get_args(kind)}),
+                values=next(shown, field.name.upper()),
+                required=field.default is field.default_factory is dataclasses.MISSING,
+            )
+
+
+def _check_values(command: type, words: Sequence[str]) -> None:
+    """Raises InputError for an option without its value, and for words that are no numbers."""
+    types = {one.name: one.types for one in _options(command)}
+    for name, values in _given(words):
+        if name not in types or bool in types[name]:
+            continue
+        if not values:  # tyro accepts none where several are allowed
+            raise InputError(f"{name} needs a value")
+        # tyro would take None for an option that is not given.
+        if values[0] == "None" and type(None) in types[name]:
+            raise InputError(f"{name} must have a value, got None")
+        for number, what in ((int, "a whole number"), (float, "a number")):
+            if number in types[name]:
+                try:
+                    number(values[0])
+                except ValueError as error:
+                    raise InputError(f"{name} must be {what}, got {values[0]!r}") from error

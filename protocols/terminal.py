@@ -196,6 +196,7 @@ class JobProgress:
         self._what = f"{printable(what)}, {total / 3600:,.0f} robot-hours"
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
         self._began, self._pace = time.monotonic(), _Pace()
+        self._shown: float | None = None  # simulated seconds done at the last line
         self._watcher: Callable[[], None] = lambda: None
 
     def __enter__(self) -> JobProgress:
@@ -206,7 +207,7 @@ class JobProgress:
 
     def __exit__(self, *exception: object) -> None:
         self._progress.stop()
-        if self._lines:
+        if self._lines and self._shown != sum(self._done.values()):
             notice(self.line())
 
     def watch(self, watcher: Callable[[], None]) -> None:
@@ -233,6 +234,7 @@ class JobProgress:
         self._progress.update(self._bar, completed=done, speed=speed, left=left)
         if self._lines and self._pace.due():
             notice(self.line())
+            self._shown = done
         self._watcher()
 
     def line(self) -> str:

@@ -18,6 +18,9 @@ from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
 from musebot.models import Kinematics
 from musebot.protocols import cli, shared_options
 from musebot.protocols.agents.names import RECORDED_NAMES
+from musebot.protocols.commands.run import RunCommand
+from musebot.protocols.config import Config
+from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import BODIES, Experiment, NosePlace, Physics
 from musebot.protocols.experiment.manifest import MANIFEST, experiment_from, read_manifest
@@ -309,6 +312,18 @@ def test_a_reading_of_the_paper_is_recorded_and_options_differ_from_it(
     assert changed.kinematics == dataclasses.replace(held.kinematics, lag=0.1)
 
 
+def test_a_reading_in_another_body_leaves_out_the_kinematics_of_its_own(tmp_path):
+    mujoco = RunCommand(tmp_path / "run", reading="plain", body="mujoco")
+    found = mujoco._plan(None, Config()).experiment
+    expected = {**READINGS["plain"], "body": "mujoco", "kinematics": Kinematics()}
+    assert {name: getattr(found, name) for name in expected} == expected
+    own = RunCommand(tmp_path / "run", reading="plain", body="kinematic")
+    assert own._plan(None, Config()).experiment.kinematics == READINGS["plain"]["kinematics"]
+    given = RunCommand(tmp_path / "run", reading="plain", body="mujoco", kinematics=("lag=0.1",))
+    with pytest.raises(InputError, match="kinematics are parameters of the body 'kinematic' only"):
+        given._plan(None, Config())
+
+
 def test_the_default_reading_is_body():
     experiment = Experiment()
     assert {name: getattr(experiment, name) for name in READINGS["body"]} == READINGS["body"]
@@ -457,9 +472,7 @@ def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):
 
 @pytest.mark.parametrize("verb", cli.VERBS)
 def test_every_verb_has_a_help_text(verb, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main([verb, "--help"])
-    assert stop.value.code == 0
+    assert cli.main([verb, "--help"]) == 0
     assert len(capsys.readouterr().out) > 100
 
 
@@ -469,9 +482,7 @@ def test_the_verbs_are_these():
 
 
 def test_no_word_shows_the_help_and_version_the_version(capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main([])
-    assert stop.value.code == 0
+    assert cli.main([]) == 0
     text = capsys.readouterr().out
     assert "usage: musebot" in text and all(f" {verb} " in text for verb in cli.VERBS)
     assert cli.main(["--version"]) == 0
@@ -515,9 +526,7 @@ def test_an_unknown_list_is_refused(capsys):
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
 def test_completion_is_that_of_the_command(shell, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["--tyro-print-completion", shell])
-    assert not stop.value.code
+    assert cli.main(["--tyro-print-completion", shell]) == 0
     text = capsys.readouterr().out
     assert "musebot" in text and "--cohort-size" in text
 
@@ -526,8 +535,7 @@ def test_help_loads_neither_torch_nor_mujoco():
     code = (
         "import sys\n"
         "from musebot.protocols import cli\n"
-        "try: cli.main(['run', '--help'])\n"
-        "except SystemExit: pass\n"
+        "assert cli.main(['run', '--help']) == 0\n"
         "assert cli.main(['study']) == 0\n"
         "assert not {'torch', 'mujoco', 'dm_control', 'matplotlib'} & set(sys.modules)\n"
     )
@@ -536,14 +544,123 @@ def test_help_loads_neither_torch_nor_mujoco():
 
 
 @pytest.mark.parametrize(
-    ("words", "status"),
-    [(["--engine", "steam"], 2), (["--but", "epsilon=1"], 2)],
+    "words", [["run"], ["run", "new", "--engine", "steam"], ["run", "new", "--but", "epsilon=1"]]
 )
-def test_a_command_line_that_cannot_be_parsed_has_exit_status_2(words, status, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["run", str(tmp_path / "new"), *words])
-    assert stop.value.code == status
+def test_a_command_line_that_cannot_be_parsed_has_exit_status_2(
+    words, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    assert capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["run", "new", "--task"], "--task needs a value"),
+        (["run", "new", "--set", "--seed", "1"], "--set needs a value"),
+        (["run", "new", "--agent_set"], "--agent-set needs a value"),
+        (["film", "--output", "x.mp4", "--task"], "--task needs a value"),
+        (["study", "ablation", "new", "--robots"], "--robots needs a value"),
+        (["run", "new", "--seed", "abc"], "--seed must be a whole number, got 'abc'"),
+        (["run", "--seed=1.5", "new"], "--seed must be a whole number, got '1.5'"),
+        (["run", "new", "--seed", "None"], "--seed must have a value, got None"),
+        (["run", "new", "--reading", "None"], "--reading must have a value, got None"),
+        (["run", "new", "--time-scale", "1,5"], "--time-scale must be a number, got '1,5'"),
+        (["run", "new", "--processes", "all"], "--processes must be a whole number, got 'all'"),
+        (["study", "ablation", "new", "--robots", "x"], "--robots must be a whole number, got 'x'"),
+        (["demo", "new", "--time-scale", "fast"], "--time-scale must be a number, got 'fast'"),
+    ],
+)  # fmt: skip
+def test_an_option_without_its_value_or_its_number_is_one_sentence(
+    words, sentence, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    assert capsys.readouterr().err == f"musebot: {sentence}\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "", "--seed", "1"],
+        ["run", "--seed", "1", ""],
+        ["run", "new", "--config="],
+        ["demo", ""],
+        ["report", ""],
+        ["study", "ablation", ""],
+        ["explore", "--out", ""],
+    ],
+    ids=" ".join,
+)
+def test_an_empty_word_is_refused_by_all_verbs(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    sentence = "musebot: a word of the command is empty: is a variable of the shell unset?\n"
+    assert capsys.readouterr().err == sentence
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            ["run", "new", "--address", "1.2.3.4:5"],
+            "--address is for the engine ray",
+        ),
+        (
+            ["study", "timestep", "new", "--engine", "ray", "--processes", "1"],
+            "--processes is for the engine local",
+        ),
+        (["explore", "--keys", "--robot", "7"], "--robot chooses a brain or a policy"),
+        (["explore", "--random", "--robot", "0"], "--robot chooses a brain or a policy"),
+        (["explore", "--random", "--phase", "pre"], "--phase chooses a brain or a policy"),
+    ],
+)
+def test_an_option_that_another_one_makes_useless_is_refused(
+    words, sentence, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"musebot: {sentence}") and error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+COMMANDS = [[verb] for verb in cli.VERBS] + [["study", name] for name in STUDIES]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_the_usage_has_each_required_word_and_no_line_of_help_is_broken(
+    command, capsys, monkeypatch
+):
+    monkeypatch.setenv("COLUMNS", "2000")
+    assert cli.main([*command, "--help"]) == 0
+    usage, *lines = capsys.readouterr().out.splitlines()
+    lines = [line.replace("│", " ").rstrip() for line in lines]  # without the frame of a terminal
+    rows = [line.strip() for line in lines if line.startswith("  ")]
+    for row, before in zip(rows, ["", *rows], strict=False):
+        if row.endswith("(required)"):  # the name may stand in a line of its own
+            name = (row if "  " in row else before).split()[0]
+            assert usage.split().count(name) == 1
+        alone = row.startswith("-") and "  " not in row
+        whole = row.endswith((")", "exit")) or row.startswith("[KIND]")
+        assert alone or whole, row
+    assert rows
+
+
+def test_the_studies_are_named_by_the_help_that_lists_them(capsys):
+    assert cli.main(["study", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert ", ".join(STUDIES) in " ".join(text.split())
+
+
+def test_help_is_shown_where_an_option_has_no_value_yet(capsys):
+    assert cli.main(["run", "new", "--task", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert "--cohort-size" in text and text.startswith("usage: musebot run [-h] [OPTIONS] OUT\n")
 
 
 def choices(text):
@@ -559,8 +676,7 @@ def test_the_values_that_help_shows_are_those_of_the_code():
 
 def test_help_names_every_value_that_a_choice_has(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
-    with pytest.raises(SystemExit):
-        cli.main(["run", "--help"])
+    assert cli.main(["run", "--help"]) == 0
     named = dict(re.findall(r"--([\w-]+) \{(.*?)\}", capsys.readouterr().out))
     *whole, less = named.pop("brain").split(",")
     ours = {f"steady-{ingredient}" for ingredient in INGREDIENTS}

@@ -7,6 +7,7 @@ import pytest
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols import cli
+from musebot.protocols.commands.run import RunCommand
 from musebot.protocols.config import read_config
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import Condition
@@ -63,8 +64,8 @@ def test_a_file_is_simulated_and_an_option_comes_first(written, tmp_path, comman
     assert (experiment.brain.epsilon, experiment.brain.fixed_motors) == (0.2, (0.0, 0.5))
     assert cli.main(command) == 2  # another seed
     command = ["run", str(tmp_path / "other"), "--config", str(path), "--robots", "1"]
-    assert cli.main([*command, "--task", "spot_finding", "--proposer", "random"]) == 0
-    assert read_manifest(tmp_path / "other").robots == {Condition("spot_finding", "random"): 1}
+    assert cli.main([*command, "--task", "spot_finding", "--proposer", "creative"]) == 0
+    assert read_manifest(tmp_path / "other").robots == {Condition("spot_finding", "creative"): 1}
 
 
 def test_the_manifest_of_a_run_gives_the_same_run_again(written, tmp_path, commands_in_process):
@@ -150,8 +151,8 @@ def test_a_merge_key_of_yaml_adds_what_it_refers_to(written):
         (["--proposer", "creative", "--robots", "4"], {
             Condition("spot_finding", "creative"): 4, Condition("wall_avoidance", "creative"): 4,
         }),
-        (["--task", "spot_finding", "--proposer", "fixed", "--robots", "1"], {
-            Condition("spot_finding", "fixed"): 1,
+        (["--task", "spot_finding", "--proposer", "creative", "--robots", "1"], {
+            Condition("spot_finding", "creative"): 1,
         }),
     ],
 )  # fmt: skip
@@ -164,6 +165,58 @@ def test_options_choose_among_the_robots_of_a_file(
     command = ["run", str(tmp_path / "run"), "--config", str(path), *options]
     assert cli.main(command) == 0
     assert read_manifest(tmp_path / "run").robots == planned
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--task", "spot_finding"],
+        ["--task", "wall_avoidance", "spot_finding"],
+        ["--proposer", "fixed", "creative"],
+        ["--agent", "dqn"],
+        ["--task", "wall_avoidance", "--proposer", "random"],
+    ],
+    ids=" ".join,
+)
+def test_robots_that_a_file_does_not_plan_are_refused(options, written, tmp_path, capsys):
+    path = written("plan: [{task: wall_avoidance, proposer: fixed, robots: 2}]")
+    assert cli.main(["run", str(tmp_path / "new"), "--config", str(path), *options]) == 2
+    asked = ", ".join(options[1:]).replace("dqn", "musebot:dqn").replace("--proposer, ", "")
+    assert capsys.readouterr().err == (
+        f"musebot: {path} plans wall_avoidance/fixed: --task, --proposer and --agent choose among "
+        f"these, got {asked}\n"
+    )
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_a_pair_that_a_file_does_not_plan_is_refused_though_it_plans_both_names(written, tmp_path):
+    rows = "{task: wall_avoidance, proposer: fixed, robots: 2}, "
+    rows += "{task: spot_finding, proposer: creative, robots: 2}"
+    path = written(f"plan: [{rows}]")
+    options = {"task": ("wall_avoidance",), "proposer": ("creative",)}
+    command = RunCommand(tmp_path / "new", config=path, **options)
+    with pytest.raises(InputError, match="plans wall_avoidance/fixed, spot_finding/creative: "):
+        command._plan(None, read_config(path))
+
+
+def test_an_agent_of_the_file_is_chosen_by_its_short_name(written, tmp_path):
+    path = written(
+        "plan: [{task: spot_finding, proposer: dqn, robots: 2}, "
+        "{task: spot_finding, proposer: fixed, robots: 2}]"
+    )
+    command = RunCommand(tmp_path / "new", config=path, agent=("dqn",))
+    plan = command._plan(None, read_config(path))
+    assert plan.robots == {Condition("spot_finding", "musebot:dqn"): 2}
+
+
+@pytest.mark.parametrize(
+    "row", ["task: dancing, proposer: fixed", "task: spot_finding, proposer: x"]
+)
+def test_a_wrong_name_in_a_plan_is_reported_with_the_files_name(row, written, tmp_path, capsys):
+    path = written(f"plan: [{{{row}, robots: 1}}]")
+    assert cli.main(["run", str(tmp_path / "new"), "--config", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"musebot: {path}: the") and error.count("\n") == 1
 
 
 def test_a_file_that_is_not_there_is_one_sentence(tmp_path, capsys):

@@ -68,6 +68,21 @@ def test_a_log_gets_lines_with_robots_speed_and_time_left(capfd, monkeypatch):
     assert line == "musebot: 77.8 %, 5 of 10 robots done, 56 x real time, 0:00:29 left"
 
 
+def test_the_last_line_of_a_log_is_not_printed_twice(capfd, monkeypatch):
+    reports = queue.Queue()
+    with JobProgress("two cohorts", [3600.0, 3600.0]) as progress:
+        for number, done in ((0, 3600.0), (1, 3600.0)):
+            reports.put((number, done, ""))
+            later(progress, 60 + number, monkeypatch)
+            progress.show(reports)
+    lines = capfd.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines[1:]] == ["musebot: 50.0 %", "musebot: 100.0 %"]
+    with JobProgress("two cohorts", [3600.0]) as progress:
+        reports.put((0, 3600.0, ""))
+        progress.show(reports)
+    assert capfd.readouterr().err.splitlines()[1:] == ["musebot: 100.0 %, 1 of 1 jobs done"]
+
+
 def test_a_run_continued_counts_the_time_left_by_this_calls_speed():
     reports = queue.Queue()
     with JobProgress("one cohort", [4000.0], quiet=True) as progress:

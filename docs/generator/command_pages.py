@@ -8,11 +8,10 @@ import os
 import re
 from collections.abc import Iterator
 
-import tyro
 from tables import table
 
+from musebot.protocols.cli import parsed
 from musebot.protocols.commands import VERBS, study_command, verb_class
-from musebot.protocols.machine import cores
 from musebot.protocols.studies import STUDIES
 
 
@@ -51,14 +50,12 @@ def _help(prog: str, command: type) -> str:
     os.environ["COLUMNS"] = "2000"
     try:
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
-            tyro.cli(command, args=["--help"], prog=prog, config=(tyro.conf.FlagCreatePairsOff,))
+            parsed(command, prog, ["--help"])
     finally:
         del os.environ["COLUMNS"]
         if columns is not None:
             os.environ["COLUMNS"] = columns
-    # The default that differs from machine to machine.
-    own = f"one core each (default: {cores()})"
-    return printed.getvalue().replace(own, "one core each (default: the number of cores)")
+    return printed.getvalue()
 
 
 def _options(text: str) -> Iterator[tuple[str, str, str]]:

@@ -26,8 +26,8 @@ class CheckAgentCommand:
     """a name that `musebot list agents` prints, or a factory of yours as package.module:factory"""
     task: Annotated[tuple[str, ...], option(f"{TASK_CHOICES} ..", "those of the protocol")] = ()
     """tasks whose signals it is given"""
-    protocol: Annotated[str, option("{paper,walls}", "paper")] = "paper"
-    """walls: spot finding with walls sensed, as on the benchmark's board walls"""
+    protocol: Annotated[str, option("{paper,continual,walls}", "paper")] = "paper"
+    """continual: spot finding only; walls: spot finding with walls sensed, as on the board walls"""
     signals: Annotated[str, option("{paper,raw}", "paper")] = "paper"
     """raw: smell and reward before they saturate"""
     agent_set: Annotated[tuple[str, ...], option("NAME=VALUE ..", "none")] = ()

@@ -10,7 +10,13 @@ class DoctorCommand:
     """Report what is installed, what renders, and what is missing and how to get it."""
 
     def __call__(self) -> None:
-        """Exits with 1 where something is missing."""
-        from .. import doctor
+        """Prints a line for each check.
 
-        raise SystemExit(doctor.report())
+        Raises:
+          RunError: something is missing.
+        """
+        from .. import doctor
+        from ..errors import RunError
+
+        if doctor.report():
+            raise RunError("something that musebot requires is missing here")

@@ -33,9 +33,9 @@ class ExploreCommand:
     """proposer of the robot; only for a run"""
     agent: Annotated[str | None, option("AGENT", "none")] = None
     """agent of the robot, as `musebot run --agent` takes it; only for a run"""
-    robot: int = 0
+    robot: Annotated[int | None, option("INT", "0")] = None
     """number of the robot within its condition, or of the policy"""
-    phase: Literal["pre", "post"] = "post"
+    phase: Annotated[Literal["pre", "post"] | None, option("{pre,post}", "post")] = None
     """show the robot before (pre) or after (post) training"""
 
     def __call__(self) -> None:
@@ -47,6 +47,9 @@ class ExploreCommand:
         for name in ("proposer", "agent"):
             if getattr(self, name) and not self.out:
                 raise InputError(f"--{name} needs --out, the run to take a brain from")
+        for name in ("robot", "phase"):
+            if getattr(self, name) is not None and (self.keys or self.random):
+                raise InputError(f"--{name} chooses a brain or a policy, got --keys or --random")
         viewer.explore(self.task, self._driver())
 
     def _driver(self) -> Driver | None:
@@ -60,9 +63,10 @@ class ExploreCommand:
             return None
         if self.keys:
             return Driver("arrow keys", ArrowKeys())
+        robot, phase = self.robot or 0, self.phase or "post"
         if self.out:
             run = read_run(self.out, replay=True)
             condition = robots_named(self.task, self.proposer, self.agent)
-            return Driver.of_robot(StoredRobot(run, condition, self.robot, self.phase))
+            return Driver.of_robot(StoredRobot(run, condition, robot, phase))
         policies = Policies.load(self.policies or policy_file(self.task), self.task)
-        return Driver.of_policy(policies, self.robot, self.phase)
+        return Driver.of_policy(policies, robot, phase)

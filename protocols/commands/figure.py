@@ -18,15 +18,17 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class FigureCommand:
-    """Draw the paper's figures, the architecture or the robot, or typical robots of a run."""
+    """Draw the paper's figures, the architecture or the robot, or typical robots of a run.
+
+    Typical robots are a spinner, one that follows the spot's contour, and a slow approacher.
+    """
 
     name: Annotated[
         Literal["architecture", "robot", "typical"],
         tyro.conf.Positional,
         tyro.conf.arg(metavar="NAME"),
     ]
-    """architecture: the two networks; robot: the body and its sensors; typical: paths of a spinner,
-    of a robot that follows the spot's contour, and of a slow approacher, from the brains of OUT"""
+    """architecture: the networks; robot: body and sensors; typical: paths, from OUT's brains"""
     output: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """figure to write, an .svg or .png"""
     out: Annotated[Path | None, tyro.conf.Positional, option("[OUT]", "none")] = None

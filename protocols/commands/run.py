@@ -25,6 +25,7 @@ from ..terminal import show_markdown
 
 if TYPE_CHECKING:
     from ..config import Config
+    from ..experiment.conditions import Condition
     from ..experiment.plan import Plan
     from ..results.run import Run
 
@@ -43,9 +44,10 @@ def _kept(values: str, default: str) -> Any:
 class RunCommand:
     """Simulate robots' lives: all that OUT does not hold yet. Can be stopped and continued.
 
-    Options that are not given keep the values stored in OUT, tasks, proposers and agents included.
-    --save-every, --log and the options of the workers are not stored. Where standard error is a
-    file, lines show the progress, at most a minute apart.
+    Options that are not given keep the values stored in OUT, tasks, proposers and agents included,
+    but --save-every, --log and the options of the workers are not stored. With a --config that
+    plans robots, --task, --proposer and --agent choose among these. Where standard error is a file,
+    lines show the progress, at most a minute apart.
     """
 
     out: Out
@@ -54,7 +56,7 @@ class RunCommand:
     """tasks to learn"""
     proposer: Annotated[tuple[str, ...], _kept(f"{PROPOSER_CHOICES} ..", "all three")] = ()
     """how actions are proposed; none of these if only agents are given"""
-    agent: Annotated[tuple[str, ...], option("AGENT ..", "none")] = ()
+    agent: Annotated[tuple[str, ...], _kept("AGENT ..", "none")] = ()
     """names that `musebot list agents` prints, or a factory of yours as package.module:factory"""
     agent_set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
     """settings of the agents to change, such as discount=0.95"""
@@ -73,7 +75,7 @@ class RunCommand:
     time_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
     """factor on every duration, in (0, 1], for rehearsals"""
     reading: Annotated[str | None, _kept("{body,plain}", "body")] = None
-    """reading of the paper: plain sets the four options below (docs/paper.md); they may differ"""
+    """reading of the paper: sets --body, --kinematics, --nose, --nose-place where not given"""
     nose: Annotated[str | None, _kept("{inverse,printed}", "inverse")] = None
     """form of Eq. 3"""
     nose_place: Annotated[str | None, _kept("{front,centre}", "front")] = None
@@ -89,8 +91,7 @@ class RunCommand:
     brain: Annotated[
         str | None, _kept("{paper,paper-stopping,recurrent,steady,steady-X}", "paper")
     ] = None
-    """paper-stopping: training ends after a minute in the spot; recurrent: steady with a recurrent
-    context; steady-X: steady without X"""
+    """a name that `musebot list brains` explains; steady-X: steady without its ingredient X"""
     set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()
     """parameters of the brain to change, such as epsilon=0.1 noise=0.5 (`controller.Parameters`)"""
     arena_scale: Annotated[float | None, _kept("FLOAT", "1")] = None
@@ -148,7 +149,7 @@ class RunCommand:
         held = planned(self.out)
         trust(*self.proposer, *map(recorded_name, self.agent))
         if self.trust_agent:
-            trust(*(recorded_name(proposer) for _, proposer in config.robots))
+            trust(*(condition.proposer for condition in self._file_robots(config)))
             trust(*(condition.proposer for condition in held.robots) if held else ())
         plan = self._plan(held, config)
         changed = plan.experiment.signals == "raw" or plan.experiment.settings
@@ -174,14 +175,20 @@ class RunCommand:
         if self.robots is not None and (type(self.robots) is not int or self.robots < 1):
             raise InputError(f"robots must be at least 1, got {self.robots}")
         chosen = (*self.proposer, *map(recorded_name, self.agent))
-        rows: dict[Condition, int] = {}
-        for (task, proposer), number in config.robots.items():
-            name = recorded_name(proposer)
-            if task in (self.task or (task,)) and name in (chosen or (name,)):
-                rows[Condition(task, name)] = number if self.robots is None else self.robots
-        tasks, proposers = {c.task for c in rows}, {c.proposer for c in rows}
-        if not ({*self.task} <= tasks and {*chosen} <= proposers):
-            rows = {}  # the options ask for more than the file plans
+        rows = self._file_robots(config)
+        whole = ", ".join(map(str, rows))
+        for condition in [*rows]:
+            if self.robots is not None:
+                rows[condition] = self.robots
+            tasks, proposers = self.task or (condition.task,), chosen or (condition.proposer,)
+            if condition.task not in tasks or condition.proposer not in proposers:
+                del rows[condition]
+        found = {name for condition in rows for name in (condition.task, condition.proposer)}
+        if whole and not {*self.task, *chosen} <= found:
+            raise InputError(
+                f"{self.config} plans {whole}: --task, --proposer and --agent choose among these, "
+                f"got {', '.join((*self.task, *chosen))}"
+            )
         for condition in rows:
             check_trusted(condition.proposer, self.config)
         known = rows or (held.robots if held else {})
@@ -207,6 +214,19 @@ class RunCommand:
             conditions = [c for c in conditions if c in here] or conditions
         return Plan.of(experiment, conditions, robots)
 
+    def _file_robots(self, config: Config) -> dict[Condition, int]:
+        """Returns the robots that the file plans."""
+        from ..agents.names import recorded_name
+        from ..experiment.conditions import Condition
+
+        try:
+            return {
+                Condition(task, recorded_name(proposer)): number
+                for (task, proposer), number in config.robots.items()
+            }
+        except InputError as error:
+            raise InputError(f"{self.config}: {error}") from error
+
     def _wanted(self, held: Plan | None, config: Config) -> dict[str, Any]:
         """Returns the experiment's fields that were given as options, or else in the file."""
         from ...controller import Parameters
@@ -216,7 +236,10 @@ class RunCommand:
 
         wanted = dict(config.fields)
         if self.reading is not None:
-            wanted |= named_reading(self.reading)
+            reading = named_reading(self.reading)
+            wanted |= reading
+            if self.body not in (None, reading["body"]):
+                wanted["kinematics"] = Kinematics()  # the reading's are those of its own body
         wanted |= {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
         if self.brain is not None:
             wanted["brain"] = named_brain(self.brain)
@@ -261,6 +284,8 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     for name in ("task", "proposer", "agent", "agent_set", "set", "kinematics"):
         if name in options:
             options[name] = _words(options[name])
+    if out == "":
+        raise InputError("out must name a folder, got ''")
     if options.get("config") is not None:
         options["config"] = Path(options["config"])
     command = RunCommand(Path(out), **options, workers=dataclasses.replace(HERE, **given))

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from ..simulation.executor_choice import HERE, WorkersOption
-from ..studies import study_class
+from ..studies import STUDIES, study_class
 from ..terminal import show_markdown
 from .listing import ListCommand
 
@@ -21,6 +21,9 @@ class ListStudies:
     def __call__(self) -> None:
         """Prints a line for each study."""
         ListCommand("studies")()
+
+
+ListStudies.__doc__ = f"{ListStudies.__doc__} NAME is one of {', '.join(STUDIES)}."
 
 
 def study_command(name: str) -> type:

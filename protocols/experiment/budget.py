@@ -106,7 +106,7 @@ def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> Non
         each = [kind.needed for kind in kinds for _ in range(min(kind.jobs, at_once))]
         largest = sorted(each)[-at_once:]
         _check_fits(
-            f"{len(largest)} cohorts at a time (--processes)",
+            f"{len(largest)} cohort{'s' * (len(largest) > 1)} at a time (--processes)",
             sum(largest) + len(largest) * _PROCESS,
         )
     whole = whole or plan

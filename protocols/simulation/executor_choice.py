@@ -12,6 +12,7 @@ import tyro
 
 from ..errors import InputError
 from ..machine import cores
+from ..shared_options import option
 
 if TYPE_CHECKING:
     from .jobs import Executor
@@ -21,12 +22,12 @@ if TYPE_CHECKING:
 class Workers:
     """The processes that run the jobs of a run or a study."""
 
-    processes: int = cores()
+    processes: Annotated[int | None, option("INT", "the number of cores")] = None
     """number of jobs that this machine runs at a time, one core each"""
     engine: Literal["local", "ray"] = "local"
     """local: this machine; ray: a cluster, with OUT on storage that all its nodes share"""
-    address: str = "auto"
-    """address of the Ray cluster, as host:port"""
+    address: Annotated[str | None, option("HOST:PORT", "auto")] = None
+    """address of the Ray cluster"""
 
     def executor(self, device: str = "cpu") -> Executor:
         """Returns the executor; with Ray, it is connected to the cluster.
@@ -39,19 +40,25 @@ class Workers:
           InputError: a value is invalid, there is no such cluster, or Ray is not installed or
             cannot be used with the device.
         """
-        if self.processes < 1:
+        if self.processes is not None and self.processes < 1:
             raise InputError(f"processes must be at least 1, got {self.processes}")
         if self.engine not in ("local", "ray"):
             raise InputError(f"engine must be local or ray, got {self.engine!r:.60}")
         if self.engine == "ray" and device != "cpu":
             raise InputError(f"the device {device} is this machine's: Ray cannot be used with it")
         if self.engine == "ray":
+            if self.processes is not None:
+                raise InputError(
+                    "--processes is for the engine local: Ray uses its cluster's cores"
+                )
             from . import ray_cluster
 
-            return ray_cluster.RayCluster(self.address)
+            return ray_cluster.RayCluster("auto" if self.address is None else self.address)
+        if self.address is not None:
+            raise InputError(f"--address is for the engine ray, got {self.address} with local")
         from .local import Local
 
-        return Local(self.processes if device == "cpu" else 1)
+        return Local(self.processes or cores() if device == "cpu" else 1)
 
 
 HERE = Workers()  # as many processes as this machine has cores

@@ -85,11 +85,15 @@ def simulate(
                 book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)
                 stack.callback(book.close)
                 executor = book.watching(executor)
-            what = f"{sum(len(job.keys) for job in jobs)} cohorts"
+            what = _cohorts(sum(len(job.keys) for job in jobs))
             execute(what, jobs, executor, run.finished, messages=messages, quiet=quiet)
     if run.left:
-        raise RunError(f"{len(run.left)} cohorts are not finished; the same command continues")
+        raise RunError(f"unfinished: {_cohorts(len(run.left))}; the same command continues")
     return run.run
+
+
+def _cohorts(number: int) -> str:
+    return "1 cohort" if number == 1 else f"{number} cohorts"
 
 
 def check_device(plan: Plan) -> None:

@@ -7,10 +7,11 @@ import importlib.util
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
+import tyro
 
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
@@ -41,13 +42,12 @@ class PPOTraining(Study):
 
     name: ClassVar[str] = "ppo"
 
-    task: str
+    task: Annotated[str, tyro.conf.arg(metavar="TASK")]
     """any task of docs/tasks.md, preferably one with actions in [-1, 1]"""
     policies: int = 60
     """number of policies; more can be added later"""
     steps: int = 144_000
-    """control steps for each policy, of its 16 robots together, rounded up to a multiple of 4,096;
-    by default as many as the training in spot finding has"""
+    """control steps of each policy's 16 robots together, rounded up to a multiple of 4,096"""
     seed: int = 0
     """seed of the first policy; each further policy has the next one"""
 

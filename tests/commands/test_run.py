@@ -85,6 +85,8 @@ def test_a_task_alone_has_the_proposers_that_the_run_has_in_it(tmp_path):
 def test_an_unknown_option_is_refused_with_all_names(tmp_path):
     with pytest.raises(TypeError, match="takes the options address, agent, .*, got robot$"):
         musebot.run(tmp_path / "run", robot=2)
+    with pytest.raises(InputError, match="out must name a folder"):
+        musebot.run("")
     for wrong in ({"robots": "2"}, {"robots": 0}, {"processes": 0}, {"brain": "divine"}):
         with pytest.raises(InputError):
             musebot.run(tmp_path / "run", **wrong)

@@ -373,5 +373,7 @@ def test_on_a_gpu_one_job_runs_at_a_time_and_ray_is_refused():
     assert Workers(processes=4).executor("cuda") == Local(1)
     with pytest.raises(InputError, match="the device cuda is this machine's"):
         Workers(engine="ray").executor("cuda")
+    with pytest.raises(InputError, match="--processes is for the engine local"):
+        Workers(processes=4, engine="ray").executor()
     with pytest.raises(InputError, match="engine must be local or ray, got 'Ray'"):
         Workers(engine="Ray").executor()  # type: ignore[arg-type]
