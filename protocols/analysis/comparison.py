@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..results.results import Robot
 from ..results.run import Run, abilities, shares
 from ..terminal import StepProgress
 from . import intervals
-from .hypothesis_tests import holm, same_deviation, same_mean, same_share
+from .hypothesis_tests import DRAWS, holm, same_deviation, same_mean, same_share
 from .intervals import Interval
 from .paper_tables import row_names
 
@@ -124,7 +124,7 @@ def shared_conditions(ours: Run, other: Run) -> list[Condition]:
     return both
 
 
-def compare(match: Match, only: Container[str] | None = None) -> list[Cell]:
+def compare(match: Match, only: Collection[str] | None = None, draws: int = DRAWS) -> list[Cell]:
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
@@ -133,6 +133,7 @@ def compare(match: Match, only: Container[str] | None = None) -> list[Cell]:
     Args:
       match: Robots to compare.
       only: Names of the wanted cells; None for all.
+      draws: Largest number of permutations of each test.
     """
     paired, condition = match.is_paired(), match.condition
     rows = [match.ours.robots(condition), match.other.robots(match.against or condition)]
@@ -146,7 +147,7 @@ def compare(match: Match, only: Container[str] | None = None) -> list[Cell]:
         for run, own, keep in zip((match.ours, match.other), rows, valid, strict=True)
     )
     return [
-        _cell(condition, name, (values, second[name]), paired)
+        _cell(condition, name, (values, second[name]), paired, draws)
         for name, values in first.items()
         if only is None or name in only
     ]
@@ -170,7 +171,11 @@ def _measures(run: Run, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarra
 
 
 def _cell(
-    condition: Condition, name: str, pair: tuple[np.ndarray, np.ndarray], paired: bool
+    condition: Condition,
+    name: str,
+    pair: tuple[np.ndarray, np.ndarray],
+    paired: bool,
+    draws: int,
 ) -> Cell:
     share = pair[0].dtype == bool
     statistic = _deviation if name == "sd of L" else np.mean if share else np.nanmean
@@ -179,11 +184,11 @@ def _cell(
         p = same_share(*pair, paired)
     elif statistic is _deviation:
         interval = intervals.difference(*pair, statistic, paired)
-        p = same_deviation(*pair, paired)
+        p = same_deviation(*pair, paired, draws)
     else:
         span = intervals.ABILITY if name == "mean L" else intervals.SHARE
         interval = intervals.difference_of_means(*pair, paired, span)
-        p = same_mean(*pair, paired)
+        p = same_mean(*pair, paired, draws)
     robots = _count(pair[0]), _count(pair[1])
     ours, other = (_value(values, statistic) for values in pair)
     return Cell(condition, name, share, paired, robots, ours, other, interval, p)
@@ -220,7 +225,7 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
 
 def compare_all(
     matches: Sequence[Match],
-    only: Callable[[Match], Container[str] | None] = lambda match: None,
+    only: Callable[[Match], Collection[str] | None] = lambda match: None,
 ) -> list[Cell]:
     """Compares the cells of all matches, corrected together, and shows the progress.
 
@@ -228,10 +233,14 @@ def compare_all(
       matches: Robots to compare.
       only: Function that returns the names of a match's cells to compare, or None for all.
     """
+    wanted = [only(match) for match in matches]
+    family = sum(CELLS if names is None else len(names) for names in wanted)
+    # Holm's smallest threshold is ALPHA / family: 50 permutations beyond it, or more.
+    draws = max(DRAWS, 1000 * family)
     found: list[Cell] = []
     with StepProgress("comparing", len(matches)) as progress:
-        for match in matches:
-            found += compare(match, only(match))
+        for match, names in zip(matches, wanted, strict=True):
+            found += compare(match, names, draws)
             progress.advance()
     return corrected(found)
 

@@ -14,7 +14,8 @@ from .intervals import FEWEST, LEVEL, UNKNOWN, Interval
 _NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values may not be 0
 _SEED = 1  # equal data give bit-exact equal p-values
 _JOINT_DRAWS = 9999
-_DRAWS, _BLOCK, _ENOUGH = 100_000, 2_000, 2_000  # of permutations; see `same_mean`
+DRAWS = 100_000  # of permutations, at most
+_BLOCK, _ENOUGH = 2_000, 2_000  # of permutations; see `same_mean`
 
 
 class Sample(NamedTuple):
@@ -194,7 +195,7 @@ def _homogeneity(counts: np.ndarray) -> np.ndarray:
     return terms.sum(axis=(1, 2))
 
 
-def same_mean(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
+def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = DRAWS) -> float:
     """Returns the two-sided p-value of a permutation test that two groups have equal means.
 
     The statistic is the difference of the means divided by its standard error, so that groups of
@@ -202,17 +203,18 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     Chung and Romano, Annals of Statistics 41, 2013). Pairs are swapped at random; robots of
     independent groups are dealt to the two groups at random.
 
-    Permutations are drawn until `_ENOUGH` of them are as extreme as the data, at most `_DRAWS`.
-    Then the random error of p is about 2 % (Besag and Clifford, Biometrika 78, 1991), or p is
-    below 0.02.
+    Permutations are drawn until `_ENOUGH` of them are as extreme as the data: then the random error
+    of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). A smaller p rests on fewer, which
+    are at least 100 for a p of 100 / `draws`.
 
     Args:
       first: Values of the first group, shape (n,); NaN for a robot without a value.
       second: Values of the second group, shape (m,); NaN for a robot without a value.
       paired: Whether robots of the same index are pairs; then n = m.
+      draws: Largest number of permutations, a multiple of `_BLOCK`.
 
     Returns:
-      The p-value, above 1 / `_DRAWS`; NaN where a group has fewer than `FEWEST` values.
+      The p-value, at least 1 / (`draws` + 1); NaN where a group has fewer than `FEWEST` values.
     """
     if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
         return float("nan")
@@ -223,13 +225,15 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     random = np.random.default_rng(_SEED)
     found = apart(start[None])[0] * (1 - 1e-9)  # equal but for rounding errors counts as equal
     drawn = extreme = 0
-    while drawn < _DRAWS and extreme < _ENOUGH:
+    while drawn < draws and extreme < _ENOUGH:
         extreme += int((apart(deal(random)) >= found).sum())
         drawn += _BLOCK
     return (extreme + 1) / (drawn + 1)
 
 
-def same_deviation(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
+def same_deviation(
+    first: np.ndarray, second: np.ndarray, paired: bool, draws: int = DRAWS
+) -> float:
     """Returns the two-sided p-value under the null hypothesis of equal standard deviations.
 
     This is `same_mean` of the squared distances from the group's own mean.
@@ -238,11 +242,12 @@ def same_deviation(first: np.ndarray, second: np.ndarray, paired: bool) -> float
       first: Values of the first group, shape (n,); NaN for a robot without a value.
       second: Values of the second group, shape (m,); NaN for a robot without a value.
       paired: Whether robots of the same index are pairs; then n = m.
+      draws: Largest number of permutations; see `same_mean`.
     """
     if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
         return float("nan")
     squares = [(x - np.nanmean(x)) ** 2 for x in (first, second)]
-    return same_mean(squares[0], squares[1], paired)
+    return same_mean(squares[0], squares[1], paired, draws)
 
 
 _Permutation = tuple[

@@ -23,7 +23,7 @@ class Workers:
     """The processes that run the jobs of a run or a study."""
 
     processes: Annotated[int | None, option("INT", "the number of cores")] = None
-    """number of jobs that this machine runs at a time, one core each"""
+    """number of jobs that this machine runs at a time, one core each; on a GPU always one"""
     engine: Literal["local", "ray"] = "local"
     """local: this machine; ray: a cluster, with OUT on storage that all its nodes share"""
     address: Annotated[str | None, option("HOST:PORT", "auto")] = None

@@ -24,6 +24,7 @@ from musebot.protocols.studies.wear.recovery import (
     Recovery,
     compared,
     effects,
+    ends,
     mean_minutes,
     noise_pairs,
     verdict,
@@ -351,7 +352,7 @@ def test_the_verdict_is_the_first_line_of_the_rule_that_holds(arms, sentence):
 def test_there_is_no_verdict_until_all_pairs_are_there(absent):
     arms = four((FAST, FAST), (FAST, NEVER))
     del arms[f"trained-quiet-{absent}"]
-    sentence = f"No verdict: trained-noise-{absent} and its partner without noise are missing."
+    sentence = f"No verdict: not finished: trained-quiet-{absent}."
     assert verdict(arms, noise_pairs(arms)) == sentence
 
 
@@ -359,6 +360,22 @@ def test_the_reset_pairs_suffice_without_any_other_clock():
     arms = four((FAST, FAST), (FAST, NEVER))
     arms = {name: arm for name, arm in arms.items() if name.endswith("reset")}
     assert verdict(arms, noise_pairs(arms)).startswith("The claim fails: noise speeds recovery")
+
+
+def test_the_ends_of_arms_are_compared_in_pairs():
+    random = np.random.default_rng(3)
+    first = recovery(20, robots=40)
+    level = random.uniform(0.3, 0.8, 40)
+    first.shares[-1] = level + 0.02 + random.normal(0, 0.01, 40)
+    first.shares[-1, 0] = np.nan  # a robot that was stopped
+    second = recovery(20, robots=40)
+    second.shares[-1] = level
+    arms = four((first, second), (first, first))
+    (_, found), *_, (nothing, p) = zip(
+        noise_pairs(arms), ends(arms, noise_pairs(arms)), strict=True
+    )
+    assert found[0] == pytest.approx(0.02, abs=0.005) and found[1] < 0.001
+    assert p == (0.0, 1.0) and nothing.first == "trained-noise-own-reset"
 
 
 def test_a_born_memory_does_not_decide():

@@ -23,7 +23,8 @@ from .cells import IDEAS, WAYS, Cell
 
 Groups = Mapping[Cell, np.ndarray]
 """Share of time with the event in the test after training of each robot, by cell, shape (n,); NaN
-for a robot whose simulation became unstable. Robots with the same number were born alike."""
+for a robot whose simulation became unstable. Robots with the same number were born alike, but for
+the ways that are not `Way.born_alike`."""
 
 ALPHA = 0.05
 MARGIN = 0.05  # by which the rule may be worse

@@ -28,7 +28,7 @@ class Way:
       proposer: Proposer of the condition.
       counts: Whether the number of ideas matters where there are no outside ideas.
       mixes: Whether outside ideas change anything.
-      born_alike: Whether robots of one seed have the newborn networks of today's way.
+      born_alike: Whether robots of one seed have the newborn evaluation network of today's way.
     """
 
     says: str

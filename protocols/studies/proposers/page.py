@@ -112,9 +112,9 @@ def _cells(task: str, outcomes: Sequence[Outcome]) -> list[str]:
         "",
         f"Share of the test after training {event}, mean over valid robots, 95 % interval "
         f"({MEANS}). Difference from today's way with equally many ideas and, where there are "
-        "some, the same share of outside ideas; permutation test, in pairs of robots that were "
-        "born alike (all ways but `uniform` and `recurrent`). Ways that do not depend on outside "
-        "ideas, or on the number of ideas, were simulated once.",
+        "some, the same share of outside ideas; permutation test, in pairs of robots with the same "
+        "newborn evaluation network (all ways but `uniform` and `recurrent`). Ways that do not "
+        "depend on outside ideas, or on the number of ideas, were simulated once.",
         "",
     ]
 
@@ -136,7 +136,7 @@ def _contrasts(groups: Mapping[Cell, np.ndarray]) -> list[str]:
             *table(rows),
             "",
             "Weighted sums of the cells' means (docs/plans/proposers.md), 95 % interval and p by "
-            "Student's t test of the sums of robots that were born alike; Holm's correction over "
+            "Student's t test of the robots' own sums; Holm's correction over "
             f"{len(answers)} contrasts.",
             "",
         ]

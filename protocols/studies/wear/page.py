@@ -23,6 +23,7 @@ from .recovery import (
     Recovery,
     against_newborns,
     effects,
+    ends,
     mean_minutes,
     noise_pairs,
     verdict,
@@ -97,8 +98,11 @@ def _pairs(arms: Arms) -> list[str]:
     tested = noise_pairs(arms)
     if not tested:
         return []
-    rows = [["with noise", "minutes", "without", "minutes", "difference", "p (Holm)", "noise is"]]
-    for pair in tested:
+    rows = [
+        ["with noise", "minutes", "without", "minutes", "difference", "p (Holm)", "noise is"]
+        + ["difference at the end", "p (Holm)"]
+    ]
+    for pair, (end, p) in zip(tested, ends(arms, tested), strict=True):
         rows.append(
             [
                 f"`{pair.first}`",
@@ -108,12 +112,16 @@ def _pairs(arms: Arms) -> list[str]:
                 _signed(pair.difference),
                 probability(pair.p),
                 ("faster", "-", "slower")[pair.sign + 1],
+                f"{end:+.3f}",
+                probability(p),
             ]
         )
     return [
-        *table(rows, "lrlrrrl"),
+        *table(rows, "lrlrrrlrr"),
         "",
-        f"Restricted mean times; log-rank test. **{verdict(arms, tested)}**",
+        f"Restricted mean times; log-rank test. **{verdict(arms, tested)}** At the end: share of "
+        "the last probe in the spot, permutation test in pairs; not planned, no part of the "
+        "verdict.",
         "",
     ]
 

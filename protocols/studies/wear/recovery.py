@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...analysis import intervals
-from ...analysis.hypothesis_tests import holm
+from ...analysis.hypothesis_tests import holm, same_mean
 from ...analysis.intervals import Interval
 from ...analysis.survival import Durations, log_rank, restricted
 from .arms import FACTORS, FROZEN, NEWBORN, pairs
@@ -122,6 +123,25 @@ def noise_pairs(arms: Arms) -> list[Pair]:
     return compared(arms, pairs("noise", arms))
 
 
+def ends(arms: Arms, tested: Sequence[Pair]) -> list[tuple[float, float]]:
+    """Returns the difference of the last probes of each pair of arms, and its p-value.
+
+    Each is over the robots that had learned, a share of time of the first arm minus that of the
+    second; permutation test of the same robots in pairs, Holm-corrected over the pairs.
+    """
+    found = []
+    for pair in tested:
+        first, second = arms[pair.first], arms[pair.second]
+        both = first.learned & second.learned
+        last = first.shares[-1, both], second.shares[-1, both]
+        both = ~np.isnan(last[0] - last[1])
+        last = last[0][both], last[1][both]
+        mean = float((last[0] - last[1]).mean()) if both.any() else math.nan
+        found.append((mean, same_mean(*last, paired=True)))
+    p_values = holm(np.array([p for _, p in found]))
+    return [(mean, float(p)) for (mean, _), p in zip(found, p_values, strict=True)]
+
+
 def effects(arms: Arms) -> dict[str, tuple[float, Interval]]:
     """Returns the main effect of each factor, and that of noise times ideas.
 
@@ -157,18 +177,14 @@ def _mean(differences: Sequence[np.ndarray]) -> tuple[float, Interval]:
     )
 
 
-def _missing(own: Sequence[Pair]) -> list[str]:
-    """Returns the trained noise arms that the rule needs and that are not finished.
+def _needed(own: Sequence[Pair]) -> list[str]:
+    """Returns the arms that the rule needs: with noise and without, and with both kinds of ideas.
 
-    It needs both kinds of ideas, with a reset clock and with any other clock that was simulated.
+    The clock of these is reset, and any other that is among the pairs.
     """
-    first, second = FACTORS["ideas"]
-    names = {pair.first for pair in own}
-    clocks = {"reset", *(name.split("-")[-1] for name in names)}
-    wanted = [
-        f"trained-noise-{ideas}-{clock}" for clock in sorted(clocks) for ideas in (first, second)
-    ]
-    return [name for name in wanted if name not in names]
+    clocks = sorted({"reset", *(pair.first.split("-")[-1] for pair in own)})
+    levels = itertools.product(FACTORS["ideas"], clocks, FACTORS["noise"])
+    return [f"trained-{noise}-{ideas}-{clock}" for ideas, clock, noise in levels]
 
 
 def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
@@ -186,8 +202,8 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
     spared = [FROZEN] if FROZEN in arms else [n for pair in own for n in (pair.first, pair.second)]
     if all(arms[name].unharmed > 0.5 for name in spared):
         return "Undecided: the change cost most robots nothing."
-    if missing := _missing(own):
-        return f"No verdict: {' and '.join(missing)} and its partner without noise are missing."
+    if missing := [name for name in _needed(own) if name not in arms]:
+        return f"No verdict: not finished: {', '.join(missing)}."
     signs = {pair.first: pair.sign for pair in own}
     faster = {name for name, sign in signs.items() if sign < 0}
     slower = {name for name, sign in signs.items() if sign > 0}
