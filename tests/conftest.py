@@ -7,10 +7,14 @@ import sys
 import time
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 from helpers import forget_digests
 
+# A busy machine may need longer than hypothesis expects of an example.
+hypothesis.settings.register_profile("musebot", deadline=None)
+hypothesis.settings.load_profile("musebot")
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
 os.environ.setdefault("MUJOCO_GL", "off")
 # Threads only slow the tests' small tensors down, and each worker of pytest has a core.

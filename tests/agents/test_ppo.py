@@ -187,3 +187,20 @@ def test_a_task_without_a_policy_is_one_sentence(monkeypatch):
     monkeypatch.setitem(TASKS, "mine", TASKS["wall_avoidance"])
     with pytest.raises(InputError, match="^musebot brings no policy for mine: `musebot study ppo`"):
         policy_file("mine")
+
+
+@pytest.mark.parametrize(("task", "limit"), [("wall_avoidance", 0.5), ("wall_avoidance_unit", 1)])
+def test_a_policys_action_is_clipped_to_its_tasks_limit_and_scaled_to_a_motor_value(task, limit):
+    arrays = newborn("wall_avoidance_unit", 2).arrays
+    state = np.random.default_rng(3).uniform(-1, 1, (2, 5)).astype(np.float32)
+    expected = []
+    for robot in range(2):
+        signal = state[robot].astype(float)
+        for layer in range(3):
+            weights, biases = (arrays[f"after.{layer}.{x}"][robot] for x in ("weights", "biases"))
+            signal = weights @ signal + biases
+            signal = np.tanh(signal) if layer < 2 else signal
+        expected.append(np.clip(signal, -limit, limit) * 0.5 / limit)
+    found = Policies(task, arrays).act(state, trained=True)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+    assert np.abs(expected).max() <= 0.5 and np.abs(expected).min() < 0.5  # not all are clipped

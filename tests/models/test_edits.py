@@ -91,3 +91,14 @@ def test_enlarge_refuses_a_factor_below_1(factor):
     with pytest.raises(ValueError, match="factor must be finite and at least 1, got"):
         enlarge(spec, factor)
     assert spec.to_xml() == before
+
+
+def test_a_larger_arena_stays_in_the_picture_and_its_spot_in_the_corner():
+    small, large = arena_spec(), arena_spec()
+    enlarge(large, 2.0)
+    small, large = small.compile(), large.compile()
+    for name in ("overhead", "corner"):
+        np.testing.assert_allclose(large.camera(name).pos, 2 * small.camera(name).pos)
+    corner = np.array([Dimensions.of(small).half_length, Dimensions.of(small).half_width])
+    gaps = [k * corner - m.body("spot").pos[:2] for k, m in ((1, small), (2, large))]
+    np.testing.assert_allclose(gaps[0], gaps[1])

@@ -18,7 +18,7 @@ from PIL import Image
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.playback import film
-from musebot.protocols.playback.episode import Episode
+from musebot.protocols.playback.episode import Episode, Moment
 from musebot.protocols.playback.panel import HEIGHT, WIDTH
 from musebot.protocols.storage import draft_name
 from musebot.tasks import make_batch
@@ -250,6 +250,35 @@ def test_robot_turns_the_shorter_way_between_two_control_steps():
     pose = film.between(np.array([0.0, 0.2, 3.0]), np.array([0.1, 0.0, -3.0]), 0.5)
     np.testing.assert_allclose(pose[:2], [0.05, 0.1])
     assert np.cos(pose[2]) == pytest.approx(-1)
+
+
+def test_a_shot_between_two_control_steps_shows_the_one_before_and_the_pose_between():
+    rules = make_batch("spot_finding", 1).rules
+    readings = make_batch("spot_finding", 1).sensordata[0]
+    moments = [
+        Moment(
+            0.1 * k,
+            pose=np.array([0.1 * k, 0.2 * k, 0.3 * k]),
+            spot=np.array([k, -k]) / 10,
+            sensordata=readings + 0.001 * k,
+            motors=np.array([0.1 * k, -0.1 * k]),
+            event=k == 2,
+            event_seconds=float(k),
+        )
+        for k in range(5)
+    ]
+    first, second = film.shots_at([0.05, 0.25], iter(moments), rules, speed=1)
+    assert not first.event and second.event
+    np.testing.assert_allclose(first.pose, [0.05, 0.1, 0.15])
+    np.testing.assert_allclose(second.pose, [0.25, 0.5, 0.75])
+    assert second.motors.tolist() == pytest.approx([0.2, -0.2])
+    assert second.spot.tolist() == pytest.approx([0.2, -0.2]) and second.event_seconds == 2
+    for name, values in rules.observations(moments[2].sensordata).items():
+        np.testing.assert_array_equal(second.signals[name], values)
+    trail = [[0, 0], [0.1, 0.2], [0.2, 0.4], [0.25, 0.5]]
+    np.testing.assert_allclose(second.trail, trail, atol=1e-12)
+    assert second.trail_events.tolist() == [False, False, True, False]
+    np.testing.assert_allclose(second.trail_ages, np.array([0.25, 0.15, 0.05, 0]) / 8)
 
 
 def test_shot_shows_what_happened_since_the_frame_before(stored):

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from PIL import ImageDraw
 
 from musebot.protocols.playback import film, scene
 from musebot.protocols.playback.episode import Episode
@@ -50,3 +51,42 @@ def test_everything_on_the_panel_is_inside_the_frame(shown):
     last = panel.frame(IMAGE, dataclasses.replace(shot, time=1.0))
     timeline = (last != before).any(axis=2).any(axis=1).nonzero()[0].max()
     assert timeline < HEIGHT - 5
+
+
+def test_the_panel_writes_each_number_beside_its_name(monkeypatch, newborn):
+    written, boxes = [], []
+    text, rectangle = ImageDraw.ImageDraw.text, ImageDraw.ImageDraw.rectangle
+
+    def spy_text(self, xy, words, *rest, **more):
+        written.append((round(xy[1]), words))
+        return text(self, xy, words, *rest, **more)
+
+    def spy_rectangle(self, box, *rest, **more):
+        boxes.append(tuple(round(x) for x in box))
+        return rectangle(self, box, *rest, **more)
+
+    episode = Episode.of_policy(newborn("wall_avoidance"), 0, "post", 0)
+    (shot,) = film.shots_at([0.0], episode.moments(), episode.batch.rules, speed=1)
+    distances = np.array([0.11, 0.22, 0.33, 0.44])
+    shot = dataclasses.replace(
+        shot, time=72.3, event_seconds=18.1, motors=np.array([0.25, -0.4]),
+        signals={**shot.signals, "distances": distances},
+    )  # fmt: skip
+    monkeypatch.setattr(ImageDraw.ImageDraw, "text", spy_text)
+    monkeypatch.setattr(ImageDraw.ImageDraw, "rectangle", spy_rectangle)
+    Panel("wall_avoidance", "nobody", False, speed=1, seconds=100).frame(IMAGE, shot)
+    rows = {}
+    for y, words in written:
+        rows.setdefault(y, []).append(words)
+    pairs = [words for words in rows.values() if len(words) == 2]
+    for name, value in zip(("front", "back", "left", "right"), distances, strict=True):
+        assert [name, f"{value:.3f}"] in pairs
+    assert ["left", "+0.25"] in pairs and ["right", "-0.40"] in pairs
+    words = [words for _, words in written]
+    assert {"before training", "01:12.3", "18.1 s", "25.0%"} <= {*words}
+    bars = {}  # right of zero for a positive motor value, left of it for a negative one
+    for name, value in (("left", "+0.25"), ("right", "-0.40")):
+        (y,) = [y for y, found in rows.items() if found == [name, value]]
+        groove, bar = [box for box in boxes if box[1] == y - 4]
+        bars[name] = np.sign(sum(bar[::2]) - sum(groove[::2]))
+    assert bars == {"left": 1, "right": -1}

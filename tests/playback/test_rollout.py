@@ -78,3 +78,15 @@ def test_started_minutes_tick_once(minutes, count):
     batch = make_batch("wall_avoidance", 1)
     rollout.watch(batch, Recorder(), steps, learning=False, tick=lambda: ticks.append(1))
     assert len(ticks) == rollout.minutes_of(minutes) == count
+
+
+def test_a_track_has_the_spot_in_the_frame_of_the_nose():
+    batch = make_batch("spot_finding", 1)
+    batch.place_spot(np.array([0]), np.array([[0.3, 0.2]]))
+    batch.place(np.array([0]), np.array([[0.1, -0.1, 0.5]]))
+    track = rollout.watch(batch, Recorder(), 3, learning=False, tick=lambda: None)
+    x, y, heading = track.poses[-1, 0].astype(float)
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    away = np.array([0.3, 0.2]) - [x, y] - batch.dimensions.nose * ahead
+    expected = [away @ ahead, away @ [-ahead[1], ahead[0]]]
+    np.testing.assert_allclose(track.nose[-1, 0], expected, atol=5e-4)  # sensed a substep before

@@ -241,11 +241,14 @@ def test_conditions_of_a_task_are_one_job(tensors, tmp_path):
 
 
 def test_a_part_takes_no_step_of_its_own(tensors):
-    first, second = robots_on_device(TRIO, "wall_avoidance", 2)
+    first, second = robots_on_device(TRIO, "spot_finding", 2)
     with pytest.raises(TypeError, match="a part takes no step of its own"):
         first.step(torch.zeros(3, 2))
     second.place(np.array([0]), np.array([[0.1, 0.2, 0.3]]))
     assert second.pose[0].tolist() == pytest.approx([0.1, 0.2, 0.3]) and not first.pose.any()
+    before = first.spot.tolist()
+    second.place_spot(np.array([1]), np.array([[-0.1, 0.25]]))
+    assert second.spot[1].tolist() == pytest.approx([-0.1, 0.25]) and first.spot.tolist() == before
     second.stop(np.array([2]))
     assert first.valid.tolist() == [True] * 3 and second.valid.tolist() == [True, True, False]
     with pytest.raises(ValueError, match=r"robots must lie in \[0, 2\]"):

@@ -11,6 +11,7 @@ from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.results.results import collect
 from musebot.protocols.simulation import tensorboard_log
 from musebot.protocols.simulation.checkpoints import checkpoint_file, save_checkpoint
 from musebot.protocols.simulation.cohort import Cohort
@@ -102,6 +103,32 @@ def test_the_curve_of_running_cohorts_ends_where_the_slowest_is(plain, tmp_path)
     np.testing.assert_array_equal(unfinished.curve(condition), wanted)
     (tmp_path / "checkpoints" / f"{key}.safetensors").write_bytes(b"damaged")
     assert len(unfinished.curve(condition)) == 0
+
+
+def test_a_robot_that_was_stopped_is_in_no_part_of_the_curve(tmp_path):
+    condition, the_plan = CONDITIONS[0], plan()
+    (tmp_path / "checkpoints").mkdir()
+    cohorts = []
+    for index in range(2):
+        cohort = Cohort(the_plan.experiment, key := CohortKey(condition, index))
+        cohorts.append((key, cohort))
+        cohort.advance(30)
+        cohort.batch.stop(np.array([1]))
+        cohort.advance(600 * 2)
+        save_checkpoint(checkpoint_file(tmp_path, key), cohort)
+    (first, lives), (second, _) = cohorts
+    valid = lives.lives()
+    running = UnfinishedRun(tmp_path, the_plan, {}, the_plan.cohorts(), {})
+    one_finished = UnfinishedRun(tmp_path, the_plan, {}, the_plan.cohorts(), {first: valid})
+    rows = collect(the_plan.experiment, [(key, one.lives()) for key, one in cohorts])[condition]
+    collected = UnfinishedRun(tmp_path, the_plan, {condition: rows}, the_plan.cohorts(), {})
+    wanted = rows.curves[[0, 2]].mean(axis=0, dtype=float)
+    everybody = rows.curves.mean(axis=0, dtype=float)
+    for unfinished in (running, one_finished, collected):
+        found = unfinished.curve(condition)
+        assert len(found) >= 2
+        np.testing.assert_allclose(found[:2], wanted[:2])
+        assert not np.allclose(found[:2], everybody[:2])
 
 
 def test_the_log_is_updated_while_jobs_run(tmp_path):

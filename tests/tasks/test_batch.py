@@ -261,3 +261,27 @@ def test_huge_motors_are_clipped_without_a_warning():
             warnings.simplefilter("error")
             batch.step(np.array([[1e308, 1e308], [-1e308, -1e308], [0, 0]]))
         assert batch.valid.all()
+
+
+def both_simulators(robots):
+    return (
+        make_batch("wall_avoidance", robots),
+        make_kinematic_batch("wall_avoidance", robots, Kinematics()),
+    )
+
+
+def test_a_stopped_robot_that_is_placed_still_senses_nothing():
+    for batch in both_simulators(2):
+        batch.stop(np.array([1]))
+        batch.place(np.arange(2), np.full((2, 3), 0.1))
+        assert batch.sensordata[0].any() and not batch.sensordata[1].any()
+
+
+def test_a_robot_that_is_placed_at_a_wall_senses_the_same_whatever_it_did_before():
+    wall = np.array([[0.525 - 0.0275, 0.0, 0.0]])
+    for driven, fresh in zip(both_simulators(1), both_simulators(1), strict=True):
+        for _ in range(3):
+            driven.step(np.full((1, 2), 0.5))
+        for batch in (driven, fresh):
+            batch.place(np.array([0]), wall)
+        np.testing.assert_array_equal(driven.sensordata, fresh.sensordata)

@@ -204,3 +204,37 @@ def test_environments_of_two_threads_do_not_affect_each_other():
     for seed in (1, 2):
         for mine, its in zip(alone[seed], together[seed], strict=True):
             np.testing.assert_array_equal(mine, its)
+
+
+class ShortDmControl(DmControl):
+    """Episodes of 60 control steps, of which the tests see the ends."""
+
+    def __init__(self, seed):
+        self.env = musebot.load("arena", TASK, {"random": seed, "time_limit": 6.0})
+        self.env.reset()
+
+    def step(self, step, motors):
+        timestep = self.env.step(2 * motors[0])
+        return [timestep.step_type, timestep.observation["nose"], self.env.physics.data.qpos]
+
+
+class ShortVector(Vector):
+    def __init__(self, seed):
+        self.env = gymnasium.make_vec(ID, ROBOTS, max_episode_steps=60)
+        self.env.reset(seed=seed)
+
+
+@pytest.mark.parametrize("at", [58, 59, 60, 61])
+@pytest.mark.parametrize("kind", [ShortDmControl, ShortVector], ids=lambda kind: kind.__name__)
+def test_a_restored_environment_ends_its_episodes_when_the_original_does(kind, at):
+    motors = np.full((ROBOTS, 2), 0.2)
+    original = kind(seed=1)
+    for step in range(at):
+        original.step(step, motors)
+    restored = copied(original, "state")
+    for step in range(at, at + 70):
+        ours, theirs = (
+            [np.array(value) for value in one.step(step, motors)] for one in (original, restored)
+        )
+        for mine, its in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(mine, its)

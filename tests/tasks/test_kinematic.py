@@ -57,6 +57,24 @@ def test_the_kinematic_simulator_refuses_other_arenas():
             make_kinematic_batch(task, 1, Kinematics())
 
 
+def test_a_robot_that_is_placed_is_at_rest():
+    batch = make_kinematic_batch("wall_avoidance", 2, Kinematics(lag=0.08))
+    for _ in range(5):
+        batch.step(np.full((2, 2), 0.5))
+    rolling = batch.pose[1, 0]
+    batch.place(np.array([0]), np.array([[0.1, 0.0, 0.3]]))
+    batch.step(np.zeros((2, 2)))
+    assert batch.pose[0] == pytest.approx([0.1, 0.0, 0.3], abs=1e-12)
+    assert batch.pose[1, 0] > rolling + 0.005  # the other one rolls on
+
+
+@pytest.mark.parametrize(("gap", "touches"), [(0.0004, True), (0.0006, False)])
+def test_a_robot_that_is_placed_at_a_wall_senses_it_before_its_first_step(gap, touches):
+    batch = make_kinematic_batch("wall_avoidance", 1, Kinematics())
+    batch.place(np.array([0]), np.array([[ROOM[0] - gap, 0.0, 0.0]]))
+    assert batch.rules.event(batch.sensordata).tolist() == [touches]
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.0004, 0.0006, 0.01])
 def test_contact_is_a_gap_of_at_most_0_5_mm(gap):
     batch = make_kinematic_batch("wall_avoidance", 1, Kinematics())
