@@ -51,10 +51,10 @@ AREAS = {
         "protocols/analysis/paper_tables.py protocols/analysis/regret.py "
         "protocols/analysis/scores.py"
     ),
-    "learning rules": "controller/extensions/*.py",
+    "learning rules": "controller/extensions/*.py controller/novelty/*.py",
     "resume": (
         "protocols/simulation/checkpoints.py protocols/simulation/cohort.py "
-        "protocols/simulation/jobs.py protocols/results/results.py"
+        "protocols/simulation/jobs.py protocols/simulation/runs.py protocols/results/results.py"
     ),
     "readers": (
         "protocols/results/checks.py protocols/results/run_files.py protocols/storage.py "
@@ -62,9 +62,18 @@ AREAS = {
     ),
     "tasks": (
         "tasks/episode.py tasks/rules.py tasks/sensors.py tasks/spot_finding.py tasks/starts.py "
-        "tasks/wall_avoidance.py models/changes.py models/edits.py models/kinematic.py"
+        "tasks/wall_avoidance.py models/changes.py models/edits.py models/kinematic.py "
+        "tasks/arena.py tasks/batch.py tasks/kinematic/*.py tasks/tensors/*.py "
+        "tasks/gymnasium_env/*.py models/physics.py"
     ),
-    "agents": "protocols/agents/learners/*.py protocols/agents/bounds.py",
+    "agents": (
+        "protocols/agents/learners/*.py protocols/agents/bounds.py protocols/agents/ppo.py "
+        "protocols/agents/raw_signals.py"
+    ),
+    "playback": (
+        "protocols/playback/episode.py protocols/playback/film.py protocols/playback/panel.py "
+        "protocols/playback/rollout.py protocols/playback/scene.py"
+    ),
     "studies": (
         "protocols/studies/learners/boards.py protocols/studies/learners/summary.py "
         "protocols/studies/proposers/answers.py protocols/studies/proposers/cells.py "
@@ -92,8 +101,13 @@ MORE_TESTS = {
     "protocols/results/checks.py": "simulation/test_checkpoints.py results/test_run_files.py",
     "protocols/results/run_files.py": "results/test_checks.py",
     "protocols/simulation/jobs.py": "simulation/test_runs.py",
+    "protocols/simulation/runs.py": "simulation/test_tensorboard_log.py simulation/test_jobs.py",
+    "protocols/playback/*": "playback/test_film.py playback/test_panel.py playback/test_scene.py",
+    "tasks/tensors/*": "tasks/test_kinematic_tensors.py simulation/test_device.py",
+    "tasks/gymnasium_env/*": "tasks/test_gymnasium_env.py tasks/test_copies.py",
     "tasks/*": (
-        "tasks/test_arena.py tasks/test_batch.py tasks/test_kinematic.py tasks/test_suite.py"
+        "tasks/test_arena.py tasks/test_batch.py tasks/test_kinematic.py tasks/test_suite.py "
+        "tasks/test_copies.py"
     ),
     "models/*": (
         "models/test_edits.py models/test_changes.py tasks/test_kinematic.py "
