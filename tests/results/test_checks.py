@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import json
+import re
 import os
 import struct
 import tracemalloc
@@ -148,7 +149,7 @@ def test_an_edited_experiment_is_refused(folder, changes):
     content = json.loads((folder / MANIFEST).read_text())
     content["experiment"] |= changes
     write_json(folder / MANIFEST, content)
-    with pytest.raises(DamagedFileError):
+    with pytest.raises(DamagedFileError, match=re.escape(str(folder))):
         read_run(folder)
 
 

@@ -181,8 +181,9 @@ def test_a_finished_cohort_of_another_experiment_or_key_is_refused(
     save_lives(path, other_lives(lives, key), experiment, key)
     with pytest.raises(DamagedFileError) as caught:
         read_lives(path, SHORT, KEY)
-    assert str(path) in str(caught.value)
-    assert words in str(caught.value) or key.condition != KEY.condition
+    # Robots without a creative memory lack its arrays, which are read first.
+    missing = "memory.hidden_biases is missing" if key.condition != KEY.condition else words
+    assert str(path) in str(caught.value) and missing in str(caught.value)
 
 
 @pytest.mark.parametrize(("experiment", "key", "words"), OTHERS)
