@@ -276,6 +276,29 @@ def test_the_shares_in_mujoco_are_those_of_its_board():
         assert f"`{name}` ({by_name[name][0]})" in prose
 
 
+def test_the_shares_with_the_papers_signals_in_mujoco_are_those_of_its_board():
+    page = (DOCS / "leaderboard.md").read_text()
+    text = (DOCS / "results" / "benchmark-mujoco-paper" / "benchmark.md").read_text()
+    rows = [line.split("|") for line in text.splitlines() if "| 30 | " in line][:13]
+    by_name = {row[1].strip(): row for row in rows}
+    for name in (
+        "sarsa_lambda",
+        "amortised_q",
+        "avg",
+        "dqn",
+        "paper, creative",
+        "steady, creative",
+    ):
+        row = by_name[name]
+        numbers = " | ".join(cell.split()[0] for cell in row[3:6])
+        fails = row[7].strip().replace("%", " %")
+        assert f"| `{name}` | {numbers} | {fails} |" in page
+    assert float(by_name["dqn"][9]) == pytest.approx(0.28, abs=0.005)
+    said = next(line for line in text.splitlines() if line.startswith("- steady, creative: "))
+    above = "significantly above it: sarsa_lambda; amortised_q; avg; dqn, below it: none."
+    assert said.endswith(above)
+
+
 def test_the_example_of_a_brain_alone_runs():
     (example,) = re.findall(r"```python\n(.*?)```", (DOCS / "faq.md").read_text(), re.DOTALL)
     found: dict[str, float] = {}
