@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import datetime
 import mimetypes
 import re
 from collections.abc import Iterator, Sequence
@@ -19,6 +18,7 @@ from ..analysis.claims import ClaimResult
 from ..analysis.paper_tables import column, paper_column, row_names
 from ..experiment.conditions import Condition
 from ..results.run import Run
+from ..terminal import printable
 from . import labels, tables
 from .figures import looks_of
 
@@ -103,9 +103,9 @@ def page(
     environment.filters["emphasis"] = _emphasis
     experiment = run.experiment
     return environment.get_template(_TEMPLATE.name).render(
-        name=run.name,
+        name=printable(run.name),
         facts=_facts(run),
-        made=f"musebot {__version__}, {datetime.date.today()}",
+        made=f"musebot {__version__}",
         tables={labels.title(t, experiment): [*_tables(run, t)] for t in run.tasks()},
         tables_notes=tables.notes(run),
         claims=tables.judged_claims(results),

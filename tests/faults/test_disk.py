@@ -201,7 +201,7 @@ def film(episode, output, *, seconds, speed):
 
 def figures(run, behaviour, tick):
     for name in ("first", "second"):
-        yield report.PlannedFigure(name, name, name, Figure)
+        yield report.PlannedFigure(name, name, name, name, Figure)
 
 
 @pytest.fixture
@@ -240,9 +240,11 @@ class Sweep:
         self.ends = collections.Counter()
         self._case, self._folder, self._executor, self._capsys = case, folder, executor, capsys
         case.prepare(self._made("before"), executor())
-        whole, status, self._said = self._done(self._fresh("whole"))
+        out = self._fresh("out")  # a report has the name of its folder
+        whole, status, self._said = self._done(out)
         assert status == 0
-        self.calls, self._whole = whole.calls, files(folder / "whole")
+        self.calls, self._whole = whole.calls, files(out)
+        shutil.rmtree(out)
 
     def _made(self, name):
         (self._folder / name).mkdir()

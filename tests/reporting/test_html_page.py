@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import html
 import re
 
@@ -80,11 +79,11 @@ def test_the_page_says_under_its_tables_what_the_markdown_says(run, exact):
     assert ("rounded to two decimals" in text) == (not exact)
 
 
-def test_the_page_is_named_after_its_run_and_says_when_it_was_made(run):
+def test_the_page_is_named_after_its_run_and_says_which_version_made_it(run):
     text = page(dataclasses.replace(run, name="a & b"), [], [], [], "")
     for tag in ("title", "h1"):
         assert f"<{tag}>a &amp; b - Musebot report</{tag}>" in text
-    assert f"musebot {__version__}, {datetime.date.today()}" in text
+    assert f"musebot {__version__}<" in text
     assert "12 robots, seed 1" in text
 
 
