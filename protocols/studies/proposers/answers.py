@@ -92,15 +92,14 @@ def compared(groups: Groups) -> dict[Cell, Answer]:
         if paired:
             ours, other = _same_robots([ours, other])
         span = intervals.difference_of_means(ours, other, paired, intervals.SHARE)
-        value = mean_share(ours) - mean_share(other)
+        value = Sample.of(ours).mean - Sample.of(other).mean
         found[cell] = Answer(value, span, same_mean(ours, other, paired))
     return _corrected(found)
 
 
-def mean_share(values: np.ndarray) -> float:
-    """Returns the mean over valid robots; NaN if there is none."""
-    measured = values[~np.isnan(values)]
-    return float(measured.mean()) if len(measured) else float("nan")
+def measured(values: np.ndarray) -> np.ndarray:
+    """Returns the values of the valid robots."""
+    return values[~np.isnan(values)]
 
 
 def _same_robots(groups: Sequence[np.ndarray]) -> list[np.ndarray]:

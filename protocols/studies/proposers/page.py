@@ -17,7 +17,7 @@ from ...reporting import style
 from ...reporting.markdown import MEANS, mean_cell, probability, table, with_interval
 from ...results.run import Run
 from ..study import Page
-from .answers import MARGIN, Answer, compared, contrasts, decisions, rule
+from .answers import MARGIN, Answer, compared, contrasts, decisions, measured, rule
 from .cells import IDEAS, WAYS, Cell, Part, PartName
 
 
@@ -46,7 +46,7 @@ class Outcome:
     @property
     def measured(self) -> np.ndarray:
         """Shares of the valid robots."""
-        return self.shares[~np.isnan(self.shares)]
+        return measured(self.shares)
 
 
 Seats = Mapping[tuple[Cell, Cell], np.ndarray]
@@ -190,7 +190,7 @@ def _rule(groups: Mapping[Cell, np.ndarray]) -> list[str]:
 def _never(groups: Mapping[Cell, np.ndarray]) -> list[str]:
     """Returns the table of both tests of the context, corrected together."""
     (today, before), (recurrent, after) = groups.items()
-    before, after = (shares[~np.isnan(shares)] for shares in (before, after))
+    before, after = measured(before), measured(after)
     never = [shares == 0 for shares in (before, after)]
     time = compared(groups)[recurrent].p  # of one comparison, so not corrected
     p_values = holm(np.array([time, same_share(never[0], never[1], paired=False)]))
@@ -224,8 +224,7 @@ def draw(groups: Mapping[Cell, np.ndarray]) -> Figure:
             known = [n for n in IDEAS if Cell(way, n, outside).simulated in groups]
             if not known or (outside and not WAYS[way].mixes):
                 continue
-            values = [groups[Cell(way, n, outside).simulated] for n in known]
-            values = [own[~np.isnan(own)] for own in values]
+            values = [measured(groups[Cell(way, n, outside).simulated]) for n in known]
             means = [float(own.mean()) for own in values]
             colour = style.PALETTE[number % len(style.PALETTE)]
             dashes = "-" if number < len(style.PALETTE) else "--"

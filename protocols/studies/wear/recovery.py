@@ -132,11 +132,9 @@ def ends(arms: Arms, tested: Sequence[Pair]) -> list[tuple[float, float]]:
     found = []
     for pair in tested:
         first, second = arms[pair.first], arms[pair.second]
-        both = first.learned & second.learned
-        last = first.shares[-1, both], second.shares[-1, both]
-        both = ~np.isnan(last[0] - last[1])
-        last = last[0][both], last[1][both]
-        mean = float((last[0] - last[1]).mean()) if both.any() else math.nan
+        kept = first.learned & second.learned & ~np.isnan(first.shares[-1] - second.shares[-1])
+        last = first.shares[-1, kept], second.shares[-1, kept]
+        mean = float((last[0] - last[1]).mean()) if kept.any() else math.nan
         found.append((mean, same_mean(*last, paired=True)))
     p_values = holm(np.array([p for _, p in found]))
     return [(mean, float(p)) for (mean, _), p in zip(found, p_values, strict=True)]
