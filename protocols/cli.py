@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from typing import Any, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import tyro
 
@@ -73,9 +74,9 @@ def _parse(words: list[str]) -> Any:
         return parsed(study_command(study), f"musebot study {study}", words[2:])
     if name in VERBS:
         return parsed(verb_class(name), f"musebot {name}", words[1:])
-    if not name.startswith("-"):
-        if name in STUDIES:
-            raise InputError(f"{name} is a study: musebot study {name} OUT")
+    if name in STUDIES:
+        raise InputError(f"{name} is a study: musebot study {name} OUT")
+    if name not in _HELP and not name.startswith("--tyro-"):
         raise InputError(f"there is no verb {name!r}; {nearest(name, VERBS)}")
     return tyro.extras.subcommand_cli_from_dict(
         {name: verb_class(name) for name in VERBS},
@@ -95,15 +96,16 @@ def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
       words: Options and other words; with --help among them, the help is printed instead.
 
     Raises:
-      InputError: an option has no value, or one that is no number where a number is needed.
+      InputError: an argument is missing, unknown, or has a value that it cannot have.
       SystemExit: the help was printed, or other words cannot be parsed.
     """
+    known = [*_arguments(command)]
     if _HELP & {*words}:
         # tyro's usage leaves out given words, and in a long usage all options.
-        required = [f"{one.name} {one.values}" for one in _options(command) if one.required]
+        required = [one.usage for one in known if one.required and not one.positional]
         prog, words = " ".join([prog, *required]), ["--help"]
-    else:
-        _check_values(command, words)
+    elif not any(word.startswith("--tyro-") for word in words):
+        _check_words(known, words, prog)
     return tyro.cli(command, args=words, prog=prog, config=_CONFIG)
 
 
@@ -131,48 +133,101 @@ def _check_given(words: Sequence[str]) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Option:
-    """An option of a command: its name, its types, and its values as help shows them."""
+class _Argument:
+    """An option of a command, or a word without option, such as OUT.
+
+    Attributes:
+      name: Its name, with dashes if it is an option.
+      hint: Its type.
+      values: Its values as help shows them.
+      required: Whether it must be given.
+      positional: Whether it is a word without option.
+    """
 
     name: str
-    types: frozenset[Any]
+    hint: Any
     values: str
     required: bool
+    positional: bool
+
+    @property
+    def types(self) -> set[Any]:
+        """Its type and the types within it."""
+        return {self.hint, *get_args(self.hint)}
+
+    @property
+    def several(self) -> bool:
+        """Whether it takes all words that follow."""
+        return get_origin(self.hint) is tuple
+
+    @property
+    def usage(self) -> str:
+        """How it is given."""
+        return self.name if self.positional else f"{self.name} {self.values}"
+
+    def check(self, values: Sequence[str]) -> None:
+        """Raises InputError for values that tyro would refuse, or take for others."""
+        # tyro would take None for an option that is not given.
+        if values[0] == "None" and type(None) in self.types:
+            raise InputError(f"{self.name} must have a value, got None")
+        for number, what in ((int, "a whole number"), (float, "a number")):
+            if number in self.types:
+                try:
+                    number(values[0])
+                except ValueError as error:
+                    raise InputError(f"{self.name} must be {what}, got {values[0]!r}") from error
+        choices = [
+            name for one in self.types if get_origin(one) is Literal for name in get_args(one)
+        ]
+        for value in values if choices else ():
+            if value not in choices:
+                names = ", ".join(choices)
+                raise InputError(f"{self.name} must be one of {names}, got {value!r}")
 
 
-def _options(command: type) -> Iterator[_Option]:
-    """Yields the options of a command, those of its parts included."""
+def _arguments(command: type) -> Iterator[_Argument]:
+    """Yields the arguments of a command, those of its parts included."""
     hints = get_type_hints(command, include_extras=True)
     for field in dataclasses.fields(command):
         hint = hints[field.name]
         notes = getattr(hint, "__metadata__", ())
         kind = hint.__origin__ if notes else hint
         if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-            yield from _options(kind)
-        elif tyro.conf.Positional not in notes:
-            shown = (one.metavar for one in notes if getattr(one, "metavar", None))
-            yield _Option(
-                name=f"--{field.name.replace('_', '-')}",
-                types=frozenset({kind, *get_args(kind)}),
-                values=next(shown, field.name.upper()),
-                required=field.default is field.default_factory is dataclasses.MISSING,
-            )
-
-
-def _check_values(command: type, words: Sequence[str]) -> None:
-    """Raises InputError for an option without its value, and for words that are no numbers."""
-    types = {one.name: one.types for one in _options(command)}
-    for name, values in _given(words):
-        if name not in types or bool in types[name]:
+            yield from _arguments(kind)
             continue
-        if not values:  # tyro accepts none where several are allowed
-            raise InputError(f"{name} needs a value")
-        # tyro would take None for an option that is not given.
-        if values[0] == "None" and type(None) in types[name]:
-            raise InputError(f"{name} must have a value, got None")
-        for number, what in ((int, "a whole number"), (float, "a number")):
-            if number in types[name]:
-                try:
-                    number(values[0])
-                except ValueError as error:
-                    raise InputError(f"{name} must be {what}, got {values[0]!r}") from error
+        shown = (one.metavar for one in notes if getattr(one, "metavar", None))
+        values, positional = next(shown, field.name.upper()), tyro.conf.Positional in notes
+        option = f"--{'no-' if field.default is True else ''}{field.name.replace('_', '-')}"
+        yield _Argument(
+            name=values if positional else option,
+            hint=kind,
+            values=values,
+            required=field.default is field.default_factory is dataclasses.MISSING,
+            positional=positional,
+        )
+
+
+def _check_words(known: Sequence[_Argument], words: Sequence[str], prog: str) -> None:
+    """Raises InputError, one sentence, for most of what tyro would refuse with a panel."""
+    options = {one.name: one for one in known if not one.positional}
+    given, alone = _given(words), []
+    alone += itertools.takewhile(lambda word: not word.startswith("--"), words)
+    for name, values in given:
+        if name not in options:
+            raise InputError(f"there is no option {name}; {nearest(name, options)}")
+        most = 0 if bool in options[name].types else None if options[name].several else 1
+        if most != 0:
+            if not values:  # tyro accepts none where several are allowed
+                raise InputError(f"{name} needs a value")
+            options[name].check(values[:most])
+        alone += [] if most is None else values[most:]
+    places = [one for one in known if one.positional]
+    for place, word in zip(places, alone, strict=False):
+        place.check([word])
+    if len(alone) > len(places):
+        raise InputError(f"{alone[len(places)]!r} is one word too many")
+    missing = [one for one in places[len(alone) :] if one.required]
+    missing += [one for one in options.values() if one.required and one.name not in dict(given)]
+    if missing:
+        needed = " ".join([prog, *(one.usage for one in known if one.required)])
+        raise InputError(f"{missing[0].name} is missing: {needed}")

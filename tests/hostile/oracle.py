@@ -5,7 +5,6 @@ import dataclasses
 import hashlib
 import io
 import os
-import re
 import resource
 import signal
 import stat
@@ -17,9 +16,6 @@ REFUSED = {1, 2}  # exit statuses of a refusal
 # Of a case: processor time, time on a busy machine, and address space that it may add.
 MOST_SECONDS, LONGEST_WAIT, MOST_BYTES = 10.0, 120.0, 2**31
 MOST_CHARACTERS = 4500  # of the sentence of a refusal: 2,000 with every character escaped
-
-# tyro's own complaint about a command line is a panel, not a sentence.
-_PANEL = re.compile(r"^(musebot|usage:|Usage|[-+|╭│╰─ ]|\s*$)")
 
 
 class OutOfTime(BaseException):
