@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -29,6 +29,7 @@ _DESCRIPTION = (
 _UNCHECKED = ("doctor", "list")  # one checks the versions itself, the other simulates nothing
 _CONFIG = (tyro.conf.FlagCreatePairsOff,)
 _HELP = {"-h", "--help"}
+_ONE_DASH = re.compile(r"-(?!(inf|infinity|nan)$)[a-z]", re.IGNORECASE)  # tyro takes no such word
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -70,7 +71,7 @@ def _parse(words: list[str]) -> Any:
         study = words[1]
         if study not in STUDIES:
             raise InputError(f"there is no study {study!r}; {nearest(study, STUDIES)}")
-        os.environ.setdefault("MUJOCO_GL", "off")
+        os.environ["MUJOCO_GL"] = "off"  # before the study's import of mujoco, as in `main`
         return parsed(study_command(study), f"musebot study {study}", words[2:])
     if name in VERBS:
         return parsed(verb_class(name), f"musebot {name}", words[1:])
@@ -100,33 +101,51 @@ def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
       SystemExit: the help was printed, or other words cannot be parsed.
     """
     known = [*_arguments(command)]
-    if _HELP & {*words}:
+    options = words[: words.index("--")] if "--" in words else words
+    if _HELP & {*options}:
         # tyro's usage leaves out given words, and in a long usage all options.
         required = [one.usage for one in known if one.required and not one.positional]
         prog, words = " ".join([prog, *required]), ["--help"]
-    elif not any(word.startswith("--tyro-") for word in words):
+    elif not any(word.startswith("--tyro-") for word in options):
         _check_words(known, words, prog)
     return tyro.cli(command, args=words, prog=prog, config=_CONFIG)
 
 
-def _given(words: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Returns each option with the words that follow it; tyro takes _ and - in its name."""
-    found: list[tuple[str, list[str]]] = []
-    for word in words:
+@dataclasses.dataclass(frozen=True)
+class _Given:
+    """An option of a command line.
+
+    Attributes:
+      name: Its name; tyro takes _ and - in it.
+      values: Words that follow it.
+      attached: Whether the first of them stands behind = in the same word.
+    """
+
+    name: str
+    values: list[str]
+    attached: bool
+
+
+def _divided(words: Sequence[str]) -> tuple[list[str], list[_Given], list[str]]:
+    """Returns the words before the first option, the options, and the words after `--`."""
+    end = words.index("--") if "--" in words else len(words)
+    first: list[str] = []
+    given: list[_Given] = []
+    for word in words[:end]:
         if word.startswith("--"):
             name, equals, value = word.partition("=")
-            found.append((name.replace("_", "-"), [value] if equals else []))
-        elif found:
-            found[-1][1].append(word)
-    return found
+            given.append(_Given(name.replace("_", "-"), [value] if equals else [], bool(equals)))
+        else:
+            (given[-1].values if given else first).append(word)
+    return first, given, [*words[end + 1 :]]
 
 
 def _check_given(words: Sequence[str]) -> None:
     """Raises InputError for an empty word, and for an option that is given twice."""
-    given = _given(words)
-    if "" in words or any("" in values for _, values in given):
+    _, given, _ = _divided(words)
+    if "" in words or any("" in one.values for one in given):
         raise InputError("a word of the command is empty: is a variable of the shell unset?")
-    names = [name for name, _ in given]
+    names = [one.name for one in given]
     for name in names:
         if names.count(name) > 1:  # tyro would use the last one only
             raise InputError(f"{name} is given twice: give it once, followed by all its values")
@@ -154,6 +173,11 @@ class _Argument:
     def types(self) -> set[Any]:
         """Its type and the types within it."""
         return {self.hint, *get_args(self.hint)}
+
+    @property
+    def flag(self) -> bool:
+        """Whether it takes no value."""
+        return bool in self.types
 
     @property
     def several(self) -> bool:
@@ -197,9 +221,8 @@ def _arguments(command: type) -> Iterator[_Argument]:
             continue
         shown = (one.metavar for one in notes if getattr(one, "metavar", None))
         values, positional = next(shown, field.name.upper()), tyro.conf.Positional in notes
-        option = f"--{'no-' if field.default is True else ''}{field.name.replace('_', '-')}"
         yield _Argument(
-            name=values if positional else option,
+            name=values if positional else f"--{field.name.replace('_', '-')}",
             hint=kind,
             values=values,
             required=field.default is field.default_factory is dataclasses.MISSING,
@@ -208,26 +231,37 @@ def _arguments(command: type) -> Iterator[_Argument]:
 
 
 def _check_words(known: Sequence[_Argument], words: Sequence[str], prog: str) -> None:
-    """Raises InputError, one sentence, for most of what tyro would refuse with a panel."""
+    """Raises InputError, one sentence, for what tyro would refuse with a panel."""
     options = {one.name: one for one in known if not one.positional}
-    given, alone = _given(words), []
-    alone += itertools.takewhile(lambda word: not word.startswith("--"), words)
-    for name, values in given:
-        if name not in options:
-            raise InputError(f"there is no option {name}; {nearest(name, options)}")
-        most = 0 if bool in options[name].types else None if options[name].several else 1
-        if most != 0:
-            if not values:  # tyro accepts none where several are allowed
-                raise InputError(f"{name} needs a value")
-            options[name].check(values[:most])
-        alone += [] if most is None else values[most:]
     places = [one for one in known if one.positional]
+    alone, given, last = _divided(words)
+    for word in words[: len(words) - len(last)]:
+        if _ONE_DASH.match(word):
+            raise InputError(f"there is no option {word}; {nearest(word, options)}")
+    for one in given:
+        if one.name not in options:
+            raise InputError(f"there is no option {one.name}; {nearest(one.name, options)}")
+        option, values = options[one.name], one.values
+        if option.flag and one.attached:
+            raise InputError(f"{one.name} takes no value, got {values[0]!r}")
+        most = 0 if option.flag else 1
+        if option.several:
+            # tyro leaves the last words of the last option for the places that are still open.
+            needed = sum(place.required for place in places) - len(alone) - len(last)
+            most = max(1, len(values) - (max(0, needed) if one is given[-1] else 0))
+        if not option.flag and not values:  # tyro accepts none where several are allowed
+            raise InputError(f"{one.name} needs a value")
+        if most:
+            option.check(values[:most])
+        alone += values[most:]
+    alone += last
     for place, word in zip(places, alone, strict=False):
         place.check([word])
     if len(alone) > len(places):
         raise InputError(f"{alone[len(places)]!r} is one word too many")
-    missing = [one for one in places[len(alone) :] if one.required]
-    missing += [one for one in options.values() if one.required and one.name not in dict(given)]
+    missing = [place for place in places[len(alone) :] if place.required]
+    names = {one.name for one in given}
+    missing += [one for one in options.values() if one.required and one.name not in names]
     if missing:
-        needed = " ".join([prog, *(one.usage for one in known if one.required)])
-        raise InputError(f"{missing[0].name} is missing: {needed}")
+        needs = " ".join([prog, *(one.usage for one in known if one.required)])
+        raise InputError(f"{missing[0].name} is missing: {needs}")

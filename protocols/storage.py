@@ -1,7 +1,7 @@
 """Files that are whole or absent: atomic writes, arrays with a digest, locks. No pickle.
 
-All files that a command leaves are created, replaced and deleted by the functions of this module.
-They follow no link below the folder that the user has named.
+All files that a command leaves are created, replaced and deleted by the functions of this module,
+which follow no link below the folder that the user has named; but TensorBoard writes its own.
 """
 
 from __future__ import annotations
@@ -26,11 +26,10 @@ from safetensors.numpy import save
 
 from .errors import DamagedFileError, InputError
 
-# Longest path of OUT, so that the paths of its files stay within the system's 4,096 bytes; and how
-# many missing folders of that path are made.
+# Bytes of OUT's path (the limit for its files is 4,096), and missing folders that are made.
 _MOST_BYTES_OF_PATH, _MOST_MISSING = 3800, 100
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-
+_NO_FILE = errno.ELOOP, errno.ENOTDIR, errno.ENAMETOOLONG  # errors of a path that names no file
 # Largest files that are read: of arrays or rows, and of JSON.
 MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
 DTYPES: Mapping[np.dtype, str] = MappingProxyType(
@@ -49,7 +48,6 @@ Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
 """The dtype, as safetensors names it, and the shape of each array of a file."""
 
 _DIGEST = "digest"  # of a file of JSON, in it
-
 # A temporary file of an interrupted write: no name that anything else would give to a file.
 _DRAFT = re.compile(r"\..*\.[0-9a-f]{16}\.musebot", re.DOTALL)
 
@@ -330,6 +328,8 @@ def check_file(path: Path, most: int = MOST_BYTES) -> None:
     except FileNotFoundError as error:
         raise FileNotFoundError(f"there is no file {path}") from error
     except (OSError, ValueError) as error:
+        if getattr(error, "errno", errno.ELOOP) not in _NO_FILE:  # may pass, as on a network
+            raise
         raise DamagedFileError(f"{path} cannot be read ({error})") from error
     if not stat.S_ISREG(found.st_mode):
         raise DamagedFileError(f"{path} is not a regular file")

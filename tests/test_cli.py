@@ -572,7 +572,11 @@ def test_help_loads_neither_torch_nor_mujoco():
         (["run", "new", "old"], "'old' is one word too many"),
         (["run", "new", "--seed", "1", "old"], "'old' is one word too many"),
         (["run", "new", "--trust-agent", "yes"], "'yes' is one word too many"),
-        (["run", "new", "-v"], "'-v' is one word too many"),
+        (["film", "-phase", "pre"], "there is no option -phase; did you mean --phase?"),
+        (["tables", "-json", "new"], "there is no option -json; did you mean --json?"),
+        (["run", "new", "--trust-agent=false"], "--trust-agent takes no value, got 'false'"),
+        (["run", "--task", "new"], "OUT is missing: musebot run OUT"),
+        (["run", "--task", "x", "new", "--seed", "1"], "OUT is missing: musebot run OUT"),
         (["run", "new", "--log", "all"], "--log must be one of none, tensorboard, got 'all'"),
         (["figure", "dog", "x.svg"], "NAME must be one of architecture, robot, typical, got 'dog'"),
         (["study", "benchmark", "a", "--signals", "raw", "b"],
@@ -586,6 +590,26 @@ def test_words_that_a_command_does_not_take_are_one_sentence(
     assert cli.main(words) == 2
     assert capsys.readouterr().err == f"musebot: {sentence}\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["new", "--task", "wall_avoidance"],
+        ["--task", "wall_avoidance", "new"],
+        ["--task", "wall_avoidance", "--", "new"],
+        ["--seed", "1", "new", "--task=wall_avoidance"],
+    ],
+    ids=" ".join,
+)
+def test_a_folder_may_stand_before_or_after_the_options(words):
+    command = cli.parsed(RunCommand, "musebot run", words)
+    assert (str(command.out), command.task) == ("new", ("wall_avoidance",))
+
+
+def test_all_words_after_two_dashes_are_no_options():
+    assert str(cli.parsed(RunCommand, "musebot run", ["--", "-out"]).out) == "-out"
+    assert str(cli.parsed(RunCommand, "musebot run", ["--", "--seed"]).out) == "--seed"
 
 
 @pytest.mark.parametrize(

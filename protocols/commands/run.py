@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -198,7 +197,7 @@ class RunCommand:
             check_same_experiment(self.out, experiment, wanted)
         else:
             if "cohort_size" not in wanted:
-                wanted["cohort_size"] = default_cohort_size(math.gcd(*rows.values()) or robots)
+                wanted["cohort_size"] = default_cohort_size(*(rows.values() or [robots]))
             experiment = Experiment(**wanted)
         if rows:
             return Plan(experiment, rows)
@@ -220,10 +219,13 @@ class RunCommand:
         from ..experiment.conditions import Condition
 
         try:
-            return {
-                Condition(task, recorded_name(proposer)): number
-                for (task, proposer), number in config.robots.items()
-            }
+            rows: dict[Condition, int] = {}
+            for (task, proposer), number in config.robots.items():
+                condition = Condition(task, recorded_name(proposer))
+                if condition in rows:  # an agent has several names
+                    raise InputError(f"{condition} is planned twice")
+                rows[condition] = number
+            return rows
         except InputError as error:
             raise InputError(f"{self.config}: {error}") from error
 

@@ -161,6 +161,8 @@ def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str
         if name == "brain":
             own, value = held.brain_name, brain_name(value)
         if name == "kinematics":
-            own = " ".join(overrides_of(held.kinematics, Kinematics()))
-            value = " ".join(overrides_of(wanted["kinematics"], held.kinematics))
+            own = overrides_of(held.kinematics, Kinematics())
+            value = overrides_of(wanted["kinematics"], held.kinematics)
+        if name in ("kinematics", "settings"):
+            own, value = " ".join(own) or "none", " ".join(value) or "none"
         raise InputError(f"{directory} holds an experiment with {name} {own}, not {value}")

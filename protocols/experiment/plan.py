@@ -6,6 +6,7 @@ A variant is a plan's difference from a baseline.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -90,17 +91,21 @@ class Plan:
         return Plan(self.experiment, robots)
 
 
-def default_cohort_size(robots: int, most: int = 250) -> int:
-    """Returns the largest divisor of a number of robots that is at most `most`.
+def default_cohort_size(*robots: int, most: int = 250) -> int:
+    """Returns the largest common divisor of numbers of robots that is at most `most`.
 
     Raises:
       InputError: the robots only split into many small cohorts, which are simulated slowly.
     """
-    size = max(size for size in range(1, min(most, max(robots, 1)) + 1) if robots % size == 0)
-    if robots > most and size < most / 10:
+    common = math.gcd(*robots)
+    size = max(size for size in range(1, min(most, max(common, 1)) + 1) if common % size == 0)
+    if max(robots) > most and size < most / 10:
+        numbers = sorted({*robots})
+        more = "numbers with a larger common divisor"
+        better = more if numbers[1:] else f"{round(numbers[0] / most) * most} robots"
         raise InputError(
-            f"{robots} robots do not split into a few equal cohorts of at most {most}; "
-            f"take {round(robots / most) * most} robots, or name a cohort size"
+            f"{' and '.join(map(str, numbers))} robots do not split into a few equal cohorts of at "
+            f"most {most}; take {better}, or name a cohort size"
         )
     return size
 

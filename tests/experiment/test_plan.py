@@ -114,9 +114,17 @@ def test_the_default_cohort_size_is_the_largest_divisor_up_to_the_most(robots, m
     largest = max(size for size in range(1, min(most, robots) + 1) if robots % size == 0)
     if robots > most and largest < most / 10:
         with pytest.raises(InputError, match="do not split into a few equal cohorts"):
-            default_cohort_size(robots, most)
+            default_cohort_size(robots, most=most)
     else:
-        assert default_cohort_size(robots, most) == largest
+        assert default_cohort_size(robots, most=most) == largest
+
+
+def test_cohorts_divide_the_robots_of_all_conditions():
+    assert default_cohort_size(500, 300) == 100
+    with pytest.raises(
+        InputError, match="499 and 500 robots do not split .* larger common divisor"
+    ):
+        default_cohort_size(500, 499)
 
 
 def test_500_robots_are_two_cohorts_and_60_are_one():

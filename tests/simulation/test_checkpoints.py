@@ -322,21 +322,23 @@ def test_a_pipe_in_place_of_a_checkpoint_is_set_aside_and_not_waited_for(tmp_pat
     assert f"{path} is not a regular file" in message
 
 
-def test_a_file_that_cannot_be_read_is_no_damage_and_stays(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("place", "name"), [(io, "open"), (os, "stat")])
+def test_a_file_that_cannot_be_read_is_no_damage_and_stays(place, name, tmp_path, monkeypatch):
     advanced = Cohort(SHORT, KEY)
     advanced.advance(3)
     path = checkpoint_file(tmp_path, KEY)
     save_checkpoint(path, advanced)
-    real = io.open
+    real = getattr(place, name)
 
     def fail(file, *args, **kwargs):
         if str(file) == str(path):
             raise OSError(errno.EIO, "Input/output error", str(path))
         return real(file, *args, **kwargs)
 
-    monkeypatch.setattr(io, "open", fail)
-    with pytest.raises(OSError, match="Input/output error"):
-        restored_cohort(path, SHORT, KEY)
+    with monkeypatch.context() as patch:
+        patch.setattr(place, name, fail)
+        with pytest.raises(OSError, match="Input/output error"):
+            restored_cohort(path, SHORT, KEY)
     assert [*path.parent.iterdir()] == [path]
 
 

@@ -52,7 +52,7 @@ class Proposers(VariantStudy):
 
     def baseline(self) -> Experiment:
         """See `VariantStudy.baseline`."""
-        size = default_cohort_size(self.count, self.chosen.cohort)
+        size = default_cohort_size(self.count, most=self.chosen.cohort)
         return self.chosen.start(size, self.time_scale)
 
     def variants(self) -> Sequence[Variant]:
