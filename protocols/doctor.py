@@ -59,6 +59,9 @@ import torch._dynamo
 _PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a hang must end
 
 
+_INSTALLATION = "install what the line names (docs/install.md)"
+
+
 class Missing(Exception):
     """Something required is missing.
 
@@ -113,8 +116,7 @@ def report(probes: Mapping[str, Probe] | None = None) -> int:
     say("")
     for check in checks:
         if check.remedy:
-            state = "fails" if check.passed else "is missing"
-            say(f"{check.name} {state}. Remedy: {check.remedy}")
+            say(f"{check.name}: {check.text}. Remedy: {check.remedy}")
     if all(check.passed for check in checks):
         say("Nothing that musebot requires is missing.")
         return 0
@@ -133,12 +135,8 @@ def examine(probes: Mapping[str, Probe]) -> Iterator[Check]:
 
 def all_probes() -> dict[str, Probe]:
     """Returns every probe by its name, in the order of the report."""
-    try:
-        lines = metadata.requires("musebot") or []
-    except metadata.PackageNotFoundError:
-        packages: dict[str, Probe] = {"musebot": _not_installed}
-    else:
-        packages = package_probes(lines)
+    lines = _requirements()
+    packages = {"musebot": _not_installed} if lines is None else package_probes(lines)
     return {
         "Python": _python,
         **packages,
@@ -223,11 +221,24 @@ _DETAILS = {"mujoco": _mujoco, "torch": _torch, "imageio-ffmpeg": _ffmpeg}
 
 
 def _optional(name: str) -> str:
+    extra, use = _OPTIONAL[name]
+    remedy = f"pip install 'musebot[{extra}]'"
     try:
-        return metadata.version(name)
+        version = metadata.version(name)
     except metadata.PackageNotFoundError:
-        extra, use = _OPTIONAL[name]
-        return f"not installed, optional; for {use}: pip install 'musebot[{extra}]'"
+        return f"not installed, optional; for {use}: {remedy}"
+    for one in map(Requirement, _requirements() or ()):
+        if one.name == name and not one.specifier.contains(version, prereleases=True):
+            raise Fragile(f"for {use} its version must be {one.specifier}, got {version}", remedy)
+    return version
+
+
+def _requirements() -> list[str] | None:
+    """Returns the requirements of musebot and its extras; None if it is not installed."""
+    try:
+        return metadata.requires("musebot") or []
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def _egl() -> str:
@@ -238,7 +249,8 @@ def _egl() -> str:
         raise Missing(f"the driver crashed (signal {-done.returncode})", EGL_REMEDY)
     if done.returncode:
         lines = done.stderr.strip().splitlines() or ["no reason given"]
-        raise Missing(lines[-1], EGL_REMEDY)
+        packages = "ModuleNotFoundError" in lines[-1]
+        raise Missing(lines[-1], _INSTALLATION if packages else EGL_REMEDY)
     found = json.loads(done.stdout.splitlines()[-1])
     return f"{found['renderer']}, {found['ms']:.0f} ms an image of 640 x 480"
 
@@ -283,9 +295,7 @@ def _cores() -> str:
 
 def _memory() -> str:
     try:
-        total = machine_bytes()
-        free = min(total, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES"))
-        return f"{total / 2**30:.1f} GiB, {free / 2**30:.1f} GiB free"
+        return f"{machine_bytes() / 2**30:.1f} GiB"
     except (ValueError, OSError, AttributeError):
         return "unknown"
 
@@ -297,7 +307,9 @@ def _physics() -> str:
         physics = tasks.load("arena", "wall_avoidance").physics
     except Exception as error:  # incompatible versions of dm_control and MuJoCo raise anything
         reason = f"the arena does not compile ({type(error).__name__}: {error})"
-        raise Missing(reason, "see mujoco and dm-control above") from error
+        absent = isinstance(error, ImportError)
+        remedy = _INSTALLATION if absent else "see mujoco and dm-control above"
+        raise Missing(reason, remedy) from error
     import mujoco
 
     model, data = physics.model.ptr, physics.data.ptr

@@ -22,7 +22,8 @@ from .settings import Setting, settings_of
 ROBOTS = 8
 _STEPS = 300
 _LIMIT = 0.5  # largest motor value
-_TIMED = 60, 500  # robots and control steps of the measurement of speed
+TIMED = 60, 500
+"""Robots and control steps of the measurement of speed."""
 _PARTS = 10  # parts of these steps; the first is not timed
 
 
@@ -282,7 +283,7 @@ def _costs(experiment: Experiment, condition: Condition) -> Iterator[Check]:
     yield Check(
         "time",
         None,
-        f"{found.microseconds:.1f} us a robot-step with {_TIMED[0]} robots, the paper's brain "
+        f"{found.microseconds:.1f} us a robot-step with {TIMED[0]} robots, the paper's brain "
         f"{found.papers:.1f} ({found.microseconds / found.papers:.1f} times)",
     )
     yield Check("memory", None, f"{found.bytes / 1024:.1f} KiB a robot in a checkpoint")
@@ -323,7 +324,7 @@ def costs(experiment: Experiment, condition: Condition) -> Costs:
       InputError: the agent cannot be made.
       RunError: the agent fails or exits.
     """
-    robots, steps = _TIMED
+    robots, steps = TIMED
     stream = Stream(experiment.arena_task(condition.task), robots, steps)
     papers = Experiment(protocol=experiment.protocol, brain=Parameters())
     learner = make_agent(experiment, condition, robots, 1)

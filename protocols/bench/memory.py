@@ -35,6 +35,7 @@ def peak_memory(setting: Setting) -> float:
     except EOFError as error:
         raise RunError(DIED) from error
     finally:
+        process.terminate()  # after Ctrl-C it may still be at work
         process.join()
 
 

@@ -92,7 +92,10 @@ class Panel:
 
     def _remember(self, shot: Shot) -> None:
         if shot.event:
-            self._events.append((self._seen, shot.time))
+            start = self._seen
+            if self._events and self._events[-1][1] == start:  # it goes on
+                start, _ = self._events.pop()
+            self._events.append((start, shot.time))
         self._seen = shot.time
 
     def _clock(self, draw: ImageDraw.ImageDraw, y: int, shot: Shot) -> int:

@@ -71,9 +71,12 @@ class StoredRobot:
         """Returns the first phase of the test, with robot and spot at their start places.
 
         Raises:
-          InputError: see `agent`.
+          InputError: see `agent`; or the robot has other dimensions than the one that is drawn.
         """
         act, experiment, task = self.act(), self.run.experiment, self.condition.task
+        for name in ("radius", "wheel_base"):
+            if (value := getattr(experiment.kinematics, name)) is not None:
+                raise InputError(f"a film shows the robot's own {name}, got a run with {value:g} m")
         start = next(p for p in experiment.schedule(task).phases if p.part == self.phase)
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         place(batch, start, random)

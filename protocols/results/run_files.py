@@ -164,9 +164,13 @@ def read_runs(
 
 
 def run_names(directories: Sequence[Path]) -> list[str]:
-    """Returns the folders' names, or the paths as given where two names are equal."""
-    names = [resolved(directory).name for directory in directories]
-    return names if len({*names}) == len(names) else [str(directory) for directory in directories]
+    """Returns the folders' names, with as many folders above them as make the names differ."""
+    paths = [resolved(directory) for directory in directories]
+    for length in range(1, max((len(path.parts) for path in paths), default=0) + 1):
+        names = ["/".join(path.parts[-length:]) for path in paths]
+        if len({*names}) == len(names):
+            return names
+    return [str(directory) for directory in directories]  # a folder is given twice
 
 
 def check_names(directories: Sequence[Path]) -> None:

@@ -200,7 +200,7 @@ def module(monkeypatch):
         setattr(mine, cls.__name__, cls)
     monkeypatch.setitem(sys.modules, "mine", mine)
     monkeypatch.setattr(trust, "_TRUSTED", {f"mine:{cls.__name__}" for cls in FAULTS})
-    monkeypatch.setattr(agent_check, "_TIMED", (4, 30))
+    monkeypatch.setattr(agent_check, "TIMED", (4, 30))
 
 
 @pytest.mark.parametrize("cls", FAULTS, ids=lambda cls: cls.__name__)

@@ -45,6 +45,15 @@ def test_panel_shows_every_signal(shown):
 
 
 @pytest.mark.parametrize("shown", TASKS, indirect=True)
+def test_an_event_that_goes_on_is_one_interval_of_the_timeline(shown):
+    panel, shot, _ = shown
+    for time, event in ((0.2, True), (0.3, True), (0.4, True), (0.5, False), (0.6, True)):
+        panel.frame(IMAGE, dataclasses.replace(shot, time=time, event=event))
+    first, second = panel._events[-2:]
+    assert first[1] == 0.4 and second == (0.5, 0.6)
+
+
+@pytest.mark.parametrize("shown", TASKS, indirect=True)
 def test_everything_on_the_panel_is_inside_the_frame(shown):
     panel, shot, before = shown
     panel.frame(IMAGE, dataclasses.replace(shot, event=True, time=1.0))

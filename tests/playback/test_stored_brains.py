@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from musebot.controller import BRAINS, Parameters
+from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
@@ -140,6 +141,20 @@ def test_a_learner_does_what_it_did_in_the_run(name, signals):
         expected = cohort.agent.act(nose, False)[1:]
         np.testing.assert_allclose(again(nose[1:]), expected, rtol=0, atol=1e-6)
     assert StoredRobot(run, condition, 0, "pre").episode().driver == f"{name}, robot 0"
+
+
+@pytest.mark.parametrize("name", ["radius", "wheel_base"])
+def test_a_robot_of_other_dimensions_is_not_filmed_as_the_ordinary_one(name):
+    kinematics = Kinematics(**{name: 0.05})
+    experiment = Experiment(
+        cohort_size=1, time_scale=0.001, body="kinematic", kinematics=kinematics, seed=3
+    )
+    condition = Condition("spot_finding", "creative")
+    cohort = Cohort(experiment, CohortKey(condition, 0))
+    cohort.advance(cohort.steps)
+    run = Run("own", experiment, collect(experiment, [(CohortKey(condition, 0), cohort.lives())]))
+    with pytest.raises(InputError, match=f"the robot's own {name}, got a run with 0.05 m"):
+        StoredRobot(run, condition, 0, "post").episode()
 
 
 def test_an_agent_that_cannot_take_over_weights_is_named(run):

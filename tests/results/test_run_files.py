@@ -572,7 +572,7 @@ def test_several_runs_have_distinct_names(tmp_path, results):
         write_manifest(folder, PLAN)
         write_results(folder, results)
     assert [run.name for run in read_runs(folders[1:])] == ["run", "other"]
-    assert [run.name for run in read_runs(folders[:2])] == [str(folder) for folder in folders[:2]]
+    assert [run.name for run in read_runs(folders[:2])] == ["a/run", "b/run"]
     assert run_names([folders[0], folders[0].parent / "run"]) == [str(folders[0])] * 2
     with pytest.raises(InputError, match="a run is given twice"):
         read_runs([folders[0], folders[0].parent / ".." / "a" / "run"])

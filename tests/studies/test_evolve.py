@@ -92,6 +92,20 @@ def test_a_parameter_that_cannot_be_searched_is_refused(names, sentence):
 
 
 @pytest.mark.parametrize(
+    ("brain", "name", "sentence"),
+    [
+        (BRAINS["paper"], "exploration_steps", "from 1 to 60, but the search would start at 0: "),
+        (dataclasses.replace(STEADY, noise=3.0), "noise", "from 0 to 2, but .* start at 3: "),
+        (BRAINS["paper"], "epsilon_decay_steps", "has no effect without initial_epsilon: "),
+        (BRAINS["paper"], "learn_rate_decay_steps", "has no effect without initial_learn_rate: "),
+    ],
+)
+def test_a_search_starts_at_its_brain_and_changes_what_has_an_effect(brain, name, sentence):
+    with pytest.raises(InputError, match=f"^{name} .*{sentence}give it a"):
+        check_names([name], brain)
+
+
+@pytest.mark.parametrize(
     ("name", "sentence"),
     [
         ("noise", "noise cannot be evolved: at 0, noise_adaptation needs noise and "),

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from musebot.controller import BRAINS
 from musebot.models import Kinematics
 from musebot.protocols import cli
 from musebot.protocols.errors import InputError
@@ -29,6 +30,7 @@ from musebot.protocols.studies.learners.costs import cost_jobs
 from musebot.protocols.studies.learners.leaderboard import Leaderboard
 from musebot.protocols.studies.learners.page import draw, markdown, standings
 from musebot.protocols.studies.learners.summary import placed, summary
+from musebot.protocols.studies.search.tune import Effort, efforts
 
 
 @pytest.fixture(autouse=True)
@@ -127,7 +129,7 @@ def test_what_was_trained_beforehand_has_a_row_but_is_not_compared():
 
 def test_the_page_has_a_row_a_learner_and_the_figure_a_named_line():
     board = Board("raw", "paper", "spot_finding")
-    ranking, p = placed(board, ranked(BOARD))
+    ranking, p = placed(board, BOARD)
     text = "\n".join(markdown(board, ranking, p, {}, {}))
     assert text.startswith("### Spot finding, protocol paper, raw signals, MuJoCo\n")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
@@ -147,7 +149,7 @@ def test_wall_avoidance_reports_robots_that_touch_a_wall_and_ranks_none():
 
     board = Board("paper", "paper", "wall_avoidance")
     entries = [walls("newborn", 20), walls("good", 1), walls("perfect", 0), walls("hand_coded", 0)]
-    ranking, p = placed(board, ranked(entries))
+    ranking, p = placed(board, entries)
     text = "\n".join(markdown(board, ranking, p, {}, {}))
     rows = [line.split("|") for line in text.splitlines() if line.startswith("| ")][2:6]
     assert [row[1].strip() for row in rows] == ["*hand_coded*", "perfect", "good", "*newborn*"]
@@ -162,7 +164,7 @@ def cells(lines):
 
 
 def summary_of(found):
-    return summary({board: placed(board, ranked(entries)) for board, entries in found.items()})
+    return summary({board: placed(board, entries) for board, entries in found.items()})
 
 
 def test_the_summary_has_a_row_a_learner_and_marks_those_that_may_be_the_first():
@@ -281,6 +283,50 @@ def test_steady_has_one_name_in_both_tracks_where_they_differ(runs):
     assert "raw_reward=false" in command
 
 
+def test_the_effort_is_that_of_the_settings_of_the_run():
+    held = {"musebot:slow, paper": Effort("3 settings", frozenset({(), ("a=1", "b=2")}))}
+    slow, board = BOARD[1], Board("paper", "paper", "spot_finding")
+    own = slow.experiment
+
+    def tuned(held, **fields):
+        one = dataclasses.replace(slow, experiment=dataclasses.replace(own, **fields))
+        rows = markdown(board, *placed(board, [one, LOW, HIGH]), {}, held)
+        (row,) = [row for row in rows if row.startswith("| slow | -")]
+        return row.split(" | ")[4]
+
+    assert tuned(held, settings=("b=2", "a=1")) == tuned(held) == "3 settings"
+    assert tuned(held, settings=("a=3",)) == "own settings, not those of the tuning"
+    assert tuned({}, settings=("a=3",)) == "own settings"
+    assert tuned({}) == "defaults"
+
+
+def test_only_the_papers_brain_is_called_published():
+    board = Board("paper", "paper", "spot_finding")
+
+    def tuned(brain):
+        one = entry("brain", 0.5, 0.5)
+        experiment = dataclasses.replace(one.experiment, brain=brain)
+        condition = Condition("spot_finding", "creative")
+        one = dataclasses.replace(one, experiment=experiment, condition=condition)
+        rows = markdown(board, *placed(board, [one, LOW, HIGH]), {}, {})
+        (row,) = [row for row in rows if row.startswith("| brain | -")]
+        return row.split(" | ")[4]
+
+    saturated = dataclasses.replace(BRAINS["steady"], raw_signals=False, raw_reward=False)
+    assert tuned(BRAINS["paper"]) == "as published"
+    assert tuned(BRAINS["steady"]) == tuned(saturated) == "by hand, hundreds of settings"
+    for other in ("recurrent", "paper-stopping"):
+        assert tuned(BRAINS[other]) == "another brain, see the command"
+    assert tuned(dataclasses.replace(BRAINS["steady"], noise=0.1)).startswith("another brain")
+
+
+def test_the_curve_of_a_rehearsal_shows_all_its_minutes():
+    short = [dataclasses.replace(one, curve=one.curve[:8]) for one in BOARD]
+    line = draw(ranked(short)).axes[0].lines[0]
+    assert line.get_xdata() == [8 / 60]
+    assert line.get_ydata() == pytest.approx(ranked(short)[0].entry.curve.mean())
+
+
 def test_a_short_rehearsal_can_be_drawn():
     short = [dataclasses.replace(one, curve=one.curve[:1]) for one in BOARD]
     assert len(draw(ranked(short)).axes[0].lines) == 5
@@ -335,7 +381,7 @@ def test_runs_become_boards_whose_rows_name_their_commands(
         if line.startswith("| sarsa_lambda |") and "--agent" in line
     )
     _, _, us, ratio, size, tuned, module, _, _ = (cell.strip() for cell in own.split("|"))
-    assert float(us) > float(ratio) > 0 and float(size) > 1 and tuned == "defaults"
+    assert float(us) > float(ratio) > 0 and float(size) > 1 and tuned == "own settings"
     assert module == "`musebot.protocols.agents.learners.sarsa`"
     measured = {path: path.read_bytes() for path in (tmp_path / "out" / "costs").iterdir()}
     assert len(measured) == 4 + 4 + 3
@@ -398,8 +444,8 @@ def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys, c
             "1, then 2, durations times 0.004"
         }
     }
-    (effort,) = board.details()["effort"].values()
-    assert f"| {effort} |" in board.page(tmp_path).markdown
+    assert () in efforts([tuned])["musebot:sarsa_lambda, raw"].tried
+    assert "| own settings, not those of the tuning |" in board.page(tmp_path).markdown
     with pytest.raises(InputError, match=r"study.json is no study `tune` of musebot's"):
         Leaderboard(runs=tuple(runs), tuned=(tmp_path,)).details()
 
@@ -417,7 +463,7 @@ def test_runs_in_a_larger_arena_are_a_board_of_their_own(runs):
         dataclasses.replace(board, arena_scale=1.5) for board in ordinary
     }
     for board in {*together} - {*ordinary}:
-        text = "\n".join(markdown(board, *placed(board, ranked(together[board])), {}, {}))
+        text = "\n".join(markdown(board, *placed(board, together[board]), {}, {}))
         assert ", arena 1.5 times as large, " in text.splitlines()[0]
         assert text.count(" --arena-scale 1.5 ") == len(together[board])
 

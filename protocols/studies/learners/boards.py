@@ -356,15 +356,21 @@ def _middle(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
-def ranked(entries: Sequence[Entry]) -> Ranking:
-    """Returns the entries with their scores, the highest first."""
+def ranked(entries: Sequence[Entry], draw: bool = True) -> Ranking:
+    """Returns the entries with their scores, the highest first.
+
+    Args:
+      entries: Learners and bounds.
+      draw: Whether robots are drawn for intervals and tests; without, each `draws` is empty.
+    """
     by_name = {entry.name: entry for entry in entries}
     bounds = by_name[LOWER], by_name[UPPER]
-    drawn = [_drawn_means(bound) for bound in bounds]
+    drawn = [_drawn_means(bound) for bound in bounds if draw]
     found = []
     for entry in entries:
         scores = scores_of(entry, *bounds)
-        found.append(Ranked(entry, scores, float(_middle(scores)), _draws(entry, *drawn)))
+        draws = _draws(entry, *drawn) if draw else np.empty(0)
+        found.append(Ranked(entry, scores, float(_middle(scores)), draws))
     return sorted(found, key=lambda one: (-np.nan_to_num(one.score), one.entry.name))
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...agents.agent_check import Costs, costs
+from ....tasks.arena import CONTROL_TIMESTEP
+from ...agents.agent_check import TIMED, Costs, costs
 from ...agents.names import TRAINED_BEFORE, is_own
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
@@ -45,8 +46,9 @@ class CostJob:
 
     @property
     def cost(self) -> float:
-        """See `Job.cost`."""
-        return 1.0
+        """See `Job.cost`: the learner and the paper's brain are measured."""
+        robots, steps = TIMED
+        return 2 * robots * steps * CONTROL_TIMESTEP
 
     def done(self) -> bool:
         """See `Job.done`."""

@@ -14,7 +14,7 @@ from ...results.run import Run
 from ...results.run_files import read_runs
 from ...shared_options import Runs, option
 from ...simulation.jobs import Job
-from ..search.tune import efforts
+from ..search.tune import Effort, efforts
 from ..study import Page, Study
 from .boards import Board, Entry, boards
 from .costs import FOLDER, cost_jobs, measured
@@ -53,7 +53,7 @@ class Leaderboard(Study):
 
     def details(self) -> Mapping[str, Any]:
         """See `Study.details`: the effort of tuning."""
-        return {"effort": self._effort}
+        return {"effort": {key: effort.words for key, effort in self._effort.items()}}
 
     def folders(self, out: Path) -> Sequence[Path]:
         """See `Study.folders`."""
@@ -68,7 +68,7 @@ class Leaderboard(Study):
         yield cost_jobs(out, self._boards)
 
     @functools.cached_property
-    def _effort(self) -> dict[str, str]:
+    def _effort(self) -> dict[str, Effort]:
         return efforts(self.tuned)
 
     def page(self, out: Path) -> Page:

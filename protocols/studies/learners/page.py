@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from ....controller.brains import BRAINS
 from ...agents.agent_check import Costs
 from ...agents.names import MOVED, TRAINED_BEFORE, name_in_track
 from ...analysis import intervals
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
-from .boards import DRAWS, Board, Entry, Ranking, first_learner, ranked
+from .boards import DRAWS, Board, Entry, Ranking, first_learner
 from .costs import Boards, Measured
 from .summary import LEVEL, placed, score_cell, summary
+
+if TYPE_CHECKING:
+    from ..search.tune import Effort
 
 BOARDS_HEADING = "## Boards"
 """Title of the part of the page that follows the summary."""
@@ -24,7 +30,7 @@ BOARDS_HEADING = "## Boards"
 _LINE_STYLES = ("-", "--")
 
 
-def page(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
+def page(found: Boards, costs: Measured, efforts: Mapping[str, Effort]) -> Page:
     """Returns the page of all boards.
 
     Args:
@@ -32,7 +38,7 @@ def page(found: Boards, costs: Measured, efforts: Mapping[str, str]) -> Page:
       costs: What learners cost, by board and name.
       efforts: Effort of tuning, by `name_in_track`.
     """
-    places = {board: placed(board, ranked(entries)) for board, entries in found.items()}
+    places = {board: placed(board, entries) for board, entries in found.items()}
     parts, figures = [*summary(places), BOARDS_HEADING, ""], {}
     with style.styled():
         for board, (order, tests) in places.items():
@@ -46,7 +52,7 @@ def markdown(
     ranking: Ranking,
     tests: np.ndarray,
     costs: Mapping[str, Costs],
-    efforts: Mapping[str, str],
+    efforts: Mapping[str, Effort],
 ) -> list[str]:
     """Returns the tables of a board: a row for each learner.
 
@@ -194,16 +200,22 @@ def _costs(found: Costs | None) -> list[str]:
     return [f"{found.microseconds:.1f}", f"{ratio:.1f}", f"{found.bytes / 1024:.1f}"]
 
 
-def _tuned(entry: Entry, efforts: Mapping[str, str]) -> str:
+def _tuned(entry: Entry, efforts: Mapping[str, Effort]) -> str:
     if entry.is_bound:
         return ""
     if entry.condition.has_brain:
-        steady = entry.experiment.brain_name.startswith("steady")
-        return "by hand, hundreds of settings" if steady else "as published"
+        brain = entry.experiment.brain
+        if dataclasses.replace(brain, raw_signals=True, raw_reward=True) == BRAINS["steady"]:
+            return "by hand, hundreds of settings"
+        return "as published" if brain == BRAINS["paper"] else "another brain, see the command"
     if entry.name == TRAINED_BEFORE:
         return f"{len(entry.after)} policies, trained beforehand"
+    settings = tuple(sorted(entry.experiment.settings))
     key = name_in_track(entry.condition.proposer, entry.experiment.signals)
-    return efforts.get(key, "defaults")
+    if key not in efforts:
+        return "own settings" if settings else "defaults"
+    effort = efforts[key]
+    return effort.words if settings in effort.tried else "own settings, not those of the tuning"
 
 
 def module_of(proposer: str) -> str:
@@ -218,13 +230,13 @@ def draw(ranking: Ranking) -> Figure:
     axis = axes.flat[0]
     ends = {}
     for number, entry in enumerate(one.entry for one in ranking):
-        whole = max(len(entry.curve) // 10 * 10, 1)
-        width = min(10, whole)
-        points = entry.curve[: whole // width * width].reshape(-1, width).mean(axis=1)
+        width = min(10, len(entry.curve))  # a rehearsal may have fewer minutes
+        whole = len(entry.curve) // width * width
+        points = entry.curve[:whole].reshape(-1, width).mean(axis=1)
         hours = (np.arange(len(points)) + 1) * width / 60
         shade = style.PALETTE[number % len(style.PALETTE)]
         dashes = _LINE_STYLES[number // len(style.PALETTE) % len(_LINE_STYLES)]
-        mark = "o" if len(points) == 1 else None  # a rehearsal
+        mark = "o" if len(points) == 1 else None
         axis.plot(hours, points, color=shade, linestyle=dashes, linewidth=1.2, marker=mark)
         ends[entry.name] = (float(points[-1]), shade)
     axis.set(xlabel="hours of training", ylabel="share of time", ylim=(-0.02, 1.02))

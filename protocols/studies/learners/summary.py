@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...reporting.markdown import table, with_interval
-from .boards import Board, Ranked, Ranking, first_learner, pair_tests
+from .boards import Board, Entry, Ranked, Ranking, first_learner, pair_tests, ranked
 
 LEVEL = 0.05
 """Below this p two learners differ significantly."""
@@ -22,8 +22,9 @@ def score_cell(one: Ranked) -> str:
     return "-" if math.isnan(one.score) else with_interval(f"{one.score:.3f}", one.interval)
 
 
-def placed(board: Board, ranking: Ranking) -> Placed:
+def placed(board: Board, entries: Sequence[Entry]) -> Placed:
     """Returns the places of a board; p is NaN where nothing is ranked."""
+    ranking = ranked(entries, draw=board.ranks)
     unranked = np.full((len(ranking), len(ranking)), math.nan)
     return ranking, pair_tests(ranking) if board.ranks else unranked
 

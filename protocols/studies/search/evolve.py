@@ -182,7 +182,7 @@ class Evolve(Study):
             self._tell(evolution, search, points, jobs)
         winner = self._winner(search)
         tests = [self._finals(out, brain) for brain in (self.start.brain, winner)]
-        yield [job for jobs in tests for job in jobs]
+        yield [*dict.fromkeys(job for jobs in tests for job in jobs)]  # winner and start may be one
         shares = [np.concatenate([job.shares() for job in jobs]) for jobs in tests]
         evolution.start, evolution.winner = shares
         evolution.words = self.options_of(winner)

@@ -91,8 +91,17 @@ def check_names(names: Sequence[str], brain: Parameters) -> None:
             raise InputError(
                 f"there is no parameter {name!r:.60} to search: {nearest(name, RANGES)}"
             )
-        if getattr(brain, name) is None:
+        if (value := getattr(brain, name)) is None:
             raise InputError(f"the brain has no {name}: give it a value first, by --set")
+        if not RANGES[name].low <= value <= RANGES[name].high:
+            low, high = RANGES[name].low, RANGES[name].high
+            raise InputError(
+                f"{name} is searched from {low:g} to {high:g}, but the search would start at "
+                f"{value:g}: give it another value by --set"
+            )
+        first = f"initial_{name.removesuffix('_decay_steps')}"
+        if name.endswith("_decay_steps") and getattr(brain, first) is None:
+            raise InputError(f"{name} has no effect without {first}: give it a value by --set")
     if len({*names}) < len(names):
         raise InputError(f"the parameters must differ, got {', '.join(names)}")
     for name in names:

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import tyro
@@ -347,9 +347,26 @@ def tunings(folders: Sequence[Path]) -> dict[str, tuple[Path, Tune]]:
     return found
 
 
-def efforts(folders: Sequence[Path]) -> dict[str, str]:
-    """Returns the effort of each study that tunes, in words, by `name_in_track`."""
-    return {key: study.effort for key, (_, study) in tunings(folders).items()}
+class Effort(NamedTuple):
+    """The effort of a study that tunes.
+
+    Attributes:
+      words: What was tried, in words.
+      tried: The settings of each trial, sorted.
+    """
+
+    words: str
+    tried: frozenset[tuple[str, ...]]
+
+
+def efforts(folders: Sequence[Path]) -> dict[str, Effort]:
+    """Returns the effort of each study that tunes, by `name_in_track`."""
+    found = {}
+    for key, (folder, study) in tunings(folders).items():
+        trials = read_json(folder / STUDY_FILE)["details"]["trials"]
+        tried = frozenset(tuple(sorted(map(str, settings))) for settings in trials)
+        found[key] = Effort(study.effort, tried)
+    return found
 
 
 def _mean_or_least(values: np.ndarray | None) -> float:
