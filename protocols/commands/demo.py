@@ -11,10 +11,11 @@ from ..terminal import show_markdown
 
 @dataclasses.dataclass
 class DemoCommand:
-    """Film a trained robot, let a few robots learn, and film the best and a typical one.
+    """Film a trained robot, let a few learn, and film the best and a typical one in each task.
 
     The first film is ready within a minute, the rest in about five minutes on two idle cores. Can
-    be stopped and continued. OUT/paper and OUT/steady are runs, for all other commands.
+    be stopped and continued. OUT/paper and OUT/steady are ordinary runs: other commands, such as
+    `musebot report`, accept them.
     """
 
     out: Out

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class FigureCommand:
-    """Draw the paper's figures, the architecture or the robot, or typical robots of a run.
+    """Draw a figure of the paper (architecture or robot), or typical robots of a run.
 
     Typical robots are a spinner, one that follows the spot's contour, and a slow approacher.
     """

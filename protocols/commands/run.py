@@ -41,12 +41,12 @@ def _kept(values: str, default: str) -> Any:
 
 @dataclasses.dataclass
 class RunCommand:
-    """Simulate robots' lives: all that OUT does not hold yet. Can be stopped and continued.
+    """Simulate the robots that are missing in OUT. Can be stopped and continued.
 
-    Options that are not given keep the values stored in OUT, tasks, proposers and agents included,
-    but --save-every, --log and the options of the workers are not stored. With a --config that
-    plans robots, --task, --proposer and --agent choose among these. Where standard error is a file,
-    lines show the progress, at most a minute apart.
+    Options that are not given keep the values stored in OUT, also tasks, proposers and agents. Not
+    stored are --save-every, --log, --processes, --engine and --address. If --config plans robots,
+    --task, --proposer and --agent choose among these. Where standard error is a file, lines show
+    the progress, at most a minute apart.
     """
 
     out: Out
@@ -62,7 +62,7 @@ class RunCommand:
     signals: Annotated[str | None, _kept("{paper,raw}", "paper")] = None
     """what agents sense; raw: smell and reward before they saturate, as steady reads them"""
     trust_agent: bool = False
-    """run the code of agents that only OUT or a --config names; --agent allows those it names"""
+    """also run the code of agents that are named in OUT or --config, but not in --agent"""
     robots: Annotated[int | None, _kept("INT", "60")] = None
     """number of robots in each condition"""
     cohort_size: Annotated[int | None, _kept(*COHORT_SIZE)] = None
@@ -82,7 +82,7 @@ class RunCommand:
     body: Annotated[str | None, _kept(BODY_CHOICES, "mujoco")] = None
     """mujoco, or kinematic for an ideal differential drive without physics"""
     physics: Annotated[str | None, _kept("{c,warp}", "c")] = None
-    """what simulates the body mujoco; warp: MuJoCo Warp, in single precision, also on a GPU"""
+    """engine of --body mujoco; c: MuJoCo; warp: MuJoCo Warp, in single precision, also on a GPU"""
     device: Annotated[str | None, _kept("{cpu,cuda,cuda:N}", "cpu")] = None
     """device of kinematic robots or MuJoCo Warp, and of brains; on a GPU, take large cohorts"""
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
@@ -98,7 +98,7 @@ class RunCommand:
     motor_speed: Annotated[float | None, _kept("FLOAT", "the robot's 0.2")] = None
     """speed of a wheel at motor value 0.5, in metres per second"""
     motor_torque: Annotated[str | None, _kept("{constant,scaled}", "constant")] = None
-    """torque at another motor speed; scaled with the speed, the lag of the wheels stays equal"""
+    """torque at another --motor-speed; scaled: with the speed, so that wheels keep their lag"""
     workers: WorkersOption = HERE
     save_every: float = 60.0
     """seconds between two checkpoints of a cohort"""

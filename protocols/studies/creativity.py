@@ -23,7 +23,7 @@ from ..playback.stored_brains import stored_brains
 from ..reporting import style
 from ..reporting.comparison_tables import difference, number
 from ..reporting.labels import described
-from ..reporting.markdown import MEANS, table
+from ..reporting.markdown import MEANS, probability, table
 from ..results.run import Run
 from ..results.run_files import read_runs
 from ..shared_options import Runs
@@ -154,7 +154,8 @@ def markdown(
       found: Comparisons to report.
       regretted: Regret of ideas for each comparison (`regrets`).
     """
-    head = ["run", "ideas", "robots", "", _CREATIVE, _RANDOM, "difference", "creative is"]
+    head = ["run", "ideas", "robots", "", _CREATIVE, _RANDOM, "difference", "p (Holm)"]
+    head.append("creative is")
     rows = [head]
     for contrast in found:
         for cell in contrast.cells:
@@ -167,13 +168,14 @@ def markdown(
                     number(cell, cell.ours),
                     number(cell, cell.other),
                     difference(cell),
+                    probability(cell.corrected),
                     verdict(cell),
                 ]
             )
     note = (
         "Two independent groups of robots. In brackets the 95 % interval of the difference "
-        f"({MEANS}). Better or worse: permutation test, corrected by Holm's method over the "
-        f"{2 * len(found)} rows."
+        f"({MEANS}). p: permutation test, corrected by Holm's method over the "
+        f"{2 * len(found)} rows; better or worse: p below 0.05."
     )
     head = ["run", "ideas", "", "situation", "regret of their ideas", "of random ideas"]
     reasons = [head]
@@ -188,7 +190,7 @@ def markdown(
         "are their own ideas and as many uniformly random ones."
     )
     descriptions = dict.fromkeys(described(contrast.run) for contrast in found)
-    lines = [*table(rows, "lrrlrrrl"), "", note, ""]
+    lines = [*table(rows, "lrrlrrrrl"), "", note, ""]
     lines += [*table(reasons, "lrllrr"), "", explained, ""]
     return "\n".join([*lines, *descriptions, ""])
 

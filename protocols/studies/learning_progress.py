@@ -59,7 +59,7 @@ class LearningProgress(Study):
     seed: int = 1
     """seed from which all random streams derive"""
     reading: Annotated[str | None, option("{body,plain}", "body")] = None
-    """reading of the paper, in place of --body and --kinematics (docs/paper.md)"""
+    """sets body, kinematics, form of Eq. 3 and place of the nose; excludes the next two options"""
     body: Body = "mujoco"
     """body of the robot; kinematic: the kinematic simulator"""
     kinematics: KinematicsOption = ()

@@ -59,10 +59,11 @@ BOARDS: Mapping[BoardName, Mapping[str, Any]] = MappingProxyType(
 class Benchmark(VariantStudy):
     """Simulate learners by the same schedules, each with its tuned settings, and rank them.
 
-    Each learner has a run of its own on each board and in each track; both bounds have one a board.
-    The page needs no brains. More learners, tracks or boards can be added to those that OUT has.
-    Boards: paper, both tasks; walls, spot finding with walls sensed; continual, 24 hours in which
-    the spot jumps; larger, spot finding in an arena a third larger.
+    On each board each learner has one run per track. The bounds newborn and hand_coded have one
+    run per board, which counts in both tracks. The page needs no brains. More learners, tracks
+    or boards can be added to those that OUT has. Boards: paper, both tasks; walls, spot finding
+    with walls sensed; continual, 24 hours in which the spot jumps; larger, spot finding in an
+    arena a third larger.
     """
 
     name: ClassVar[str] = "benchmark"
@@ -83,7 +84,7 @@ class Benchmark(VariantStudy):
     )
     """protocols and tasks in which they are compared"""
     robots: int = 60
-    """number of robots of each learner: at most 30, or a multiple of 30; kinematic: of 60"""
+    """robots of each learner: at most 30, or a multiple of 30; with --body kinematic of 60"""
     seed: int = 32010
     """seed of the boards paper and walls"""
     body: Body = "mujoco"

@@ -52,9 +52,9 @@ MODES: Mapping[str, Mode] = MappingProxyType(
 class ContinuedLearning(Study):
     """Repeat the test after training while agents explore, or while they go on learning.
 
-    The agents have the weights that they had after training, and agents of ours their age. What
-    runs do not keep begins as at birth: moments of an optimizer and of the reward, traces, a replay
-    memory, and a target network, which is soon copied.
+    The agents have their weights from the end of training; our own agents also have their age. What
+    runs do not keep starts as in a newborn: moments of the optimizer and of the reward, eligibility
+    traces, replay memory, and the target network, which is soon copied.
     """
 
     name: ClassVar[str] = "continued-learning"

@@ -23,10 +23,10 @@ from .seats import FOLDER, SeatJob, seats
 class Proposers(VariantStudy):
     """Compare ways to propose equally many actions to the same evaluation network.
 
-    Each part has a folder of its own (docs/plans/proposers.md): `first` has all ways, `outside`
-    further ones with outside ideas, `rule` the one-fifth rule, `mujoco` six cells in MuJoCo,
-    `paper` the paper's brain, `context` a recurrent context. The page shows the cells that are
-    finished, and needs only robots.csv.
+    Each part has a folder of its own (docs/plans/proposers.md): `first` compares the ways,
+    `outside` further ones with outside ideas, `rule` the one-fifth rule, `mujoco` six cells in
+    MuJoCo, `paper` the paper's brain, `context` a recurrent context. The page shows the cells that
+    are finished, and needs only robots.csv.
     """
 
     name: ClassVar[str] = "proposers"

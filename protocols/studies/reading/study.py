@@ -29,10 +29,10 @@ NEWBORNS = "newborns"  # folder of stage 1
 class Reading(VariantStudy):
     """Compare readings of the paper by what they make of its tables.
 
-    Stage 0 simulates the plain reading, stage 1 the tests before training of newborns in other
-    worlds, stage 2 creative robots with twelve combinations of eight choices, stage 3 the
-    finalists (docs/plans/reading.md). The page shows what is finished, also when the study is
-    stopped.
+    Stage 0 simulates the plain reading, stage 1 the tests before training of newborns with
+    other walls, speeds, contacts and places of the nose, stage 2 creative robots with twelve
+    combinations of eight choices, stage 3 the finalists (docs/plans/reading.md). The page shows
+    what is finished, also when the study is stopped.
     """
 
     name: ClassVar[str] = "reading"

@@ -47,9 +47,9 @@ _FINALS = 4  # cohorts of the start and of the winner, on seeds that no generati
 class Evolve(Study):
     """Evolve parameters of a brain in the kinematic simulator.
 
-    A generation's brains live on the same seeds, each generation on new ones. The winner is the
-    mean of the search in the end; it and the brain from which the search started live on fresh
-    seeds.
+    All brains of a generation are simulated with the same seeds, each generation with new ones. The
+    winner is the mean of the search distribution after the last generation. It and the brain from
+    which the search started are then simulated with fresh seeds.
     """
 
     name: ClassVar[str] = "evolve"

@@ -34,8 +34,7 @@ class Wear(Study):
 
     Robots with the brain `steady` learn spot finding for four hours; then the body changes, and
     they learn for four hours more (docs/plans/wear.md). The page shows the arms that are
-    finished, also when the study is stopped.
-    The folder `lives` can be deleted when all are.
+    finished, also when the study is stopped. Once all are, the folder `lives` can be deleted.
     """
 
     name: ClassVar[str] = "wear"
