@@ -182,8 +182,8 @@ class Neurocontroller:
     def propose(self, state: Tensor) -> Tensor:
         """Returns proposed actions, motor values of shape (B, A, 2).
 
-        They are drawn from the brains' random stream, so later steps differ. Their noise is that of
-        the present step where ideas keep their noise (`Parameters.noise_steps`).
+        They are drawn from the brains' random stream, so later steps differ. Where ideas keep their
+        noise for several steps (`Parameters.noise_steps`), a call counts as one of them.
 
         Args:
           state: Sensor signals, shape (B, S).

@@ -34,7 +34,8 @@ class FixedActions(ActionProposer):
 
     def __init__(self, motors: tuple[float, ...]) -> None:
         """Forms the pairs of these motor values."""
-        self._actions = torch.tensor(list(itertools.product(motors, repeat=2)))
+        pairs = list(itertools.product(motors, repeat=2))
+        self._actions = torch.tensor(pairs, dtype=torch.float32)
 
     def propose(self, state: Tensor) -> Tensor:
         """See `ActionProposer.propose`."""

@@ -222,7 +222,8 @@ class Dimensions:
 
         Raises:
           KeyError: The arena lacks a body, geom, site or actuator.
-          ValueError: An obstacle has no geom.
+          ValueError: An obstacle has no geom, lies in another body, or its largest geom is not at
+            its centre.
         """
         bumper = model.geom("bumper")
         wheel_radius = float(model.geom("left_wheel").size[0])
@@ -248,10 +249,15 @@ class Dimensions:
 
 def _widest(model: mujoco.MjModel, body: int) -> float:
     """Returns the largest first size of a body's geoms, in [m]: the radius of a round body."""
-    own = model.geom_bodyid == body
-    if not own.any():
-        raise ValueError(f"the obstacle {model.body(body).name!r} has no geom")
-    return float(model.geom_size[own, 0].max())
+    own, name = np.flatnonzero(model.geom_bodyid == body), model.body(body).name
+    if not len(own):
+        raise ValueError(f"the obstacle {name!r} has no geom")
+    largest = own[model.geom_size[own, 0].argmax()]
+    if model.body_parentid[body] != 0 or model.geom_pos[largest, :2].any():
+        raise ValueError(
+            f"the obstacle {name!r} must be a body of the world whose largest geom is at its centre"
+        )
+    return float(model.geom_size[largest, 0])
 
 
 def _gain(model: mujoco.MjModel, name: str) -> float:

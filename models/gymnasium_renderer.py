@@ -24,7 +24,7 @@ class ArenaRenderer(MujocoRenderer):
         Args:
           model: Model to render.
           data: State to render.
-          camera_id: Name of one of the model's cameras.
+          camera_id: Name of one of the model's cameras; in a window the one that is shown first.
           width: Width of a picture in pixels.
           height: Height of a picture in pixels.
         """
@@ -32,6 +32,10 @@ class ArenaRenderer(MujocoRenderer):
         super().__init__(
             model,
             data,
+            default_cam_config={
+                "type": int(mujoco.mjtCamera.mjCAMERA_FIXED),
+                "fixedcamid": model.camera(camera_id).id,
+            },
             width=width,
             height=height,
             camera_name=camera_id,

@@ -39,7 +39,7 @@ except ModuleNotFoundError as error:
         raise
     raise ModuleNotFoundError(
         "dm_control is not installed; on Python 3.13 and later, where its requirement labmaze "
-        "cannot be built, pip install --no-deps 'dm-control>=1.0.50' gets it",
+        "cannot be built, pip install --no-deps dm-control==1.0.50 gets it",
         name=error.name,
     ) from error
 

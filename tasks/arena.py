@@ -38,6 +38,7 @@ from .sensors import NoseForm
 from .starts import Corner, Random, Start, random_spots
 
 CONTROL_TIMESTEP = 0.1  # [s]; the cycle time of section 3
+SHELL = "musebot_shell"  # material that `visualize_reward` colours
 SUITE = containers.TaggedTasks()  # every task's factory, added by wall_avoidance, spot_finding
 
 # Allowed values of dm_control's keywords, the default first, and the words of the error. Jumps of
@@ -138,8 +139,8 @@ class Task(base.Task):
             colours = physics.named.model.mat_rgba
             shell = self._shell
             if shell is None:
-                shell = self._shell = colours["musebot_shell"].copy()
-            colours["musebot_shell"] = reward * highlight + (1 - reward) * shell
+                shell = self._shell = colours[SHELL].copy()
+            colours[SHELL] = reward * highlight + (1 - reward) * shell
 
 
 class Environment(control.Environment):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,15 +36,23 @@ class ArenaVecEnv(VecEnv):
         """Initialises the batch.
 
         Args:
-          task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id.
+          task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id; MODULE: before it
+            imports a module that registers it.
           num_envs: Number of robots, B.
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
             task, 1,000 in the suite.
         """
-        task = GYMNASIUM_TASKS.get(task.removeprefix("musebot/"), task)
-        kwargs = {"max_episode_steps": EPISODE_STEPS.get(task, USUAL_STEPS), **kwargs}
+        module, _, name = task.rpartition(":")
+        if module and all(part.isidentifier() for part in module.split(".")):
+            importlib.import_module(module)  # it registers the task, its id and its steps
+        name = GYMNASIUM_TASKS.get(name.removeprefix("musebot/"), name)
+        kwargs = {"max_episode_steps": EPISODE_STEPS.get(name, USUAL_STEPS), **kwargs}
+        own = module not in ("", "musebot")
         self._robots = ArenaVectorEnv(
-            task, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs
+            f"{module}:{name}" if own else name,
+            num_envs,
+            autoreset_mode=AutoresetMode.SAME_STEP,
+            **kwargs,
         )
         self._actions = np.zeros((num_envs, 2), dtype=np.float32)
         robots = self._robots

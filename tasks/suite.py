@@ -9,7 +9,7 @@ from typing import Any
 from dm_control import suite as dm_suite
 
 from . import spot_finding, wall_avoidance
-from .arena import SUITE, Edit, Environment, TaskDefinition
+from .arena import SHELL, SUITE, Edit, Environment, TaskDefinition
 from .batch import Batch
 from .sensors import NoseForm
 
@@ -79,6 +79,8 @@ def load(
     if environment_kwargs is not None:
         kwargs["environment_kwargs"] = environment_kwargs
     environment = SUITE[task_name](**kwargs)
+    if visualize_reward and SHELL not in environment.physics.named.model.mat_rgba.axes.row.names:
+        raise ValueError(f"visualize_reward needs a robot with the material {SHELL!r}")
     environment.task.visualize_reward = visualize_reward
     return environment
 

@@ -35,7 +35,7 @@ class Decay(Schedule):
         self._final = final
         self._steps = steps
         on_host = torch.get_default_device().type == "cpu"
-        super().__init__(initial if on_host else torch.full((), initial))
+        super().__init__(initial if on_host else torch.full((), float(initial)))
 
     def update(self, age: Tensor) -> None:
         """See `Schedule.update`."""

@@ -14,14 +14,15 @@ from ..errors import InputError, RunError
 from ..storage import DTYPES
 from .base import Agent, sound
 
-# A fault of a user's code lies neither here, nor in Python, nor in these libraries.
+# A fault of a user's code lies neither here, nor in Python, nor in these libraries. Without a
+# virtual environment Python's folder has that of the packages in it.
 _LIBRARIES = Path(np.__file__).parents[1]
 _NOT_THEIRS = (
     "<",
     str(Path(__file__).parents[1]),
-    sysconfig.get_paths()["stdlib"],
     *(str(_LIBRARIES / name) for name in ("numpy", "torch")),
 )
+_PYTHON = sysconfig.get_paths()["stdlib"]
 
 
 class CheckedAgent(Agent):
@@ -185,12 +186,18 @@ def ending_in_a_sentence(
         raise kind(f"{what} ({fault(error)})") from error
 
 
+def _is_not_theirs(file: str) -> bool:
+    if file.startswith(str(_LIBRARIES)):
+        return file.startswith(_NOT_THEIRS)
+    return file.startswith((*_NOT_THEIRS, _PYTHON))
+
+
 def fault(error: BaseException) -> str:
     """Returns type, text and place of an error in one line: the last place in a user's code."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith(_NOT_THEIRS)
+        if not _is_not_theirs(frame.filename)
     ]
     return f"{text}, {Path(frames[-1].filename).name} line {frames[-1].lineno}" if frames else text

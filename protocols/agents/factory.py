@@ -20,7 +20,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.networks import senses_of
 from .base import Agent
 from .checked_agent import CheckedAgent, ending_in_a_sentence
-from .names import MOVED, OWN_ENCODING, RECORDED_NAMES, is_own, short_name
+from .names import MOVED, OWN_BOUNDS, OWN_ENCODING, RECORDED_NAMES, is_own, short_name
 from .neurocontroller import NeurocontrollerAgent
 from .raw_signals import RawSignals
 from .settings import checked_settings, settings_from
@@ -77,6 +77,10 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
             experiment.brain, proposer, robots, len(senses.state), seed, senses
         )
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
+    if experiment.nose == "printed" and proposer in OWN_BOUNDS:
+        if any(signal.maximal for signal in senses.state):
+            name = short_name(proposer)
+            raise InputError(f"{name} uses the maximal smell: it needs the nose 'inverse'")
     factory = factory_of(proposer)
     words = settings_from(experiment.settings, several=True)
     settings = checked_settings(short_name(proposer), factory, words, robots) if words else {}

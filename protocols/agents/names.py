@@ -31,6 +31,7 @@ MOVED = {
     RECORDED_NAMES[name]: f"{__package__}.{module}:{name}" for name, (_, module) in _OWN.items()
 }
 TRAINED_BEFORE = "ppo"  # our agent that learned before its life
+OWN_BOUNDS = {RECORDED_NAMES[name] for name in ("newborn", "hand_coded")}
 OWN_ENCODING = {RECORDED_NAMES["newborn"]}  # a brain that reads raw signals by itself
 
 

@@ -55,18 +55,22 @@ def _differ_in(ours: Run, other: Run) -> str:
     )
 
 
+def pairing(cells: Sequence[Cell]) -> str:
+    """Returns in words which robots of the cells are compared."""
+    paired = [cell.paired for cell in cells]
+    if not any(paired):
+        return "The robots are independent groups: their newborn brains differ"
+    words = "Robots of the same number have the same newborn brain and are compared in pairs"
+    return words if all(paired) else f"{words} in {sum(paired)} of {len(cells)} cells"
+
+
 def note(cells: Sequence[Cell]) -> str:
     """Returns a note on how the cells, corrected together, were compared."""
     paired = [cell.paired for cell in cells]
-    pairs = "Robots of the same number have the same newborn brain and are compared in pairs"
-    if not any(paired):
-        pairs = "The robots are independent groups: their newborn brains differ"
-    elif not all(paired):
-        pairs += f" in {sum(paired)} of {len(cells)} cells"
     tests = ["McNemar's" if any(paired) else "", "Fisher's" if not all(paired) else ""]
     return (
-        f"{pairs}. In brackets: the 95 % interval of the difference (Newcombe for shares of "
-        f"robots; for the rest {md.MEANS}). *p*: two-sided, "
+        f"{pairing(cells)}. In brackets: the 95 % interval of the difference (Newcombe for shares "
+        f"of robots; for the rest {md.MEANS}). *p*: two-sided, "
         f"{' or '.join(filter(None, tests))} exact test for shares, a permutation test for the "
         f"rest. *Holm*: p corrected over {len(cells)} cells, bold below {ALPHA:g}. A dash: too few "
         "measured robots.\n"

@@ -43,6 +43,12 @@ def particulars(experiment: Experiment) -> list[str]:
     return found
 
 
+def durations(experiment: Experiment) -> str:
+    """Returns in words, after a comma, that an experiment is a rehearsal; empty if it is none."""
+    scale = experiment.time_scale
+    return "" if scale == 1 else f", all durations times {scale:g}"
+
+
 def value(name: str, field: Any) -> str:
     """Returns the value of an experiment's field as text, that of a motor speed with its unit."""
     if isinstance(field, tuple):

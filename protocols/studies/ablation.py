@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from ...controller import BRAINS, INGREDIENTS
 from ...models import Kinematics
-from ..analysis.comparison import Cell, Match, outcomes, verdict
+from ..analysis.comparison import ALPHA, Cell, Match, outcomes, verdict
 from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Body, Experiment
@@ -18,7 +18,7 @@ from ..experiment.plan import Variant, default_cohort_size
 from ..experiment.schedules import TASK_NAMES
 from ..reporting import comparison_tables
 from ..reporting.labels import described, title
-from ..reporting.markdown import probability, table
+from ..reporting.markdown import MEANS, probability, table
 from ..results.run import Run
 from ..shared_options import COHORT_SIZE, TASK_CHOICES, KinematicsOption, option
 from .study import Page
@@ -140,12 +140,17 @@ def markdown(runs: Mapping[str, Run], ingredients: Sequence[str] = tuple(INGREDI
     note = (
         "An ingredient helps in a task where the brain does worse without it in one of the two "
         "numbers, and better in none. *Robots*: how many have a value, with the whole brain and "
-        "without the ingredient; L has none if the robot never met the spot, or a wall. A dash: "
-        "without the ingredient the lives are the same, bit-exactly. The ingredients are explained "
-        "in `controller/brains.py`.\n"
+        "without the ingredient; L has none if the robot never met the spot, or a wall. A dash in "
+        "the first table: without the ingredient the lives are the same, bit-exactly. Ingredients "
+        "are explained in `controller/brains.py`.\n"
     )
     every = [cell for cells in comparisons.values() for cell in cells]
-    end = [note, comparison_tables.note(every), described(runs[WHOLE]), ""]
+    tests = (
+        f"{comparison_tables.pairing(every)}. In brackets: the 95 % interval of the difference "
+        f"({MEANS}). *Holm*: permutation test, p corrected over {len(every)} cells, bold below "
+        f"{ALPHA:g}. A dash in the other tables: too few measured robots.\n"
+    )
+    end = [note, tests, described(runs[WHOLE]), ""]
     return "\n".join([*lines, "", *end])
 
 
@@ -163,4 +168,5 @@ def _row(ingredient: str, cell: Cell) -> list[str]:
     robots = " and ".join(map(str, cell.robots))
     difference = comparison_tables.difference(cell)
     p = probability(cell.corrected)
+    p = f"**{p}**" if cell.differs else p
     return [ingredient, cell.name, robots, *numbers, difference, p, _in_a_word([cell])]

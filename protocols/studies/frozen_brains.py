@@ -29,7 +29,8 @@ from .study import MinuteTick, StoppedError, advance, check_shares, own_arrays
 
 TIMES = 9  # of the training, its beginning and its end among them
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
-SMELLS = {"no smell": None, "weak: 20 cm ahead": 0.2, "strong: 7 cm ahead": 0.07, "maximal": 0.0}
+# Distance of the spot's centre from the nose in metres; for no smell the spot is behind.
+SMELLS = {"no smell": None, "20 cm ahead": 0.2, "7 cm ahead": 0.07, "in the spot": 0.0}
 
 CONDITION = Condition("spot_finding", "creative")
 _TOGETHER = 250  # robots in lockstep in a test

@@ -20,6 +20,7 @@ from ..experiment.experiment import Body, Experiment
 from ..experiment.overrides import named_brain, named_reading, with_overrides
 from ..experiment.plan import Plan
 from ..reporting import style
+from ..reporting.labels import durations
 from ..reporting.markdown import mean_cell, table
 from ..reporting.robot_figures import draw_values
 from ..shared_options import KinematicsOption, option
@@ -124,7 +125,7 @@ class LearningProgress(Study):
 def markdown(found: Sequence[Evaluation]) -> str:
     """Returns the page: a row for each brain, with its test results and the regret of its ideas."""
     head = ["brain", "robots", "in the spot, at its best time", "in the end", "forgotten"]
-    head += [f"regret, {smell.partition(':')[0]}" for smell in SMELLS]
+    head += [f"regret, {smell}" for smell in SMELLS]
     rows = [head]
     for one in found:
         sound = ~np.isnan(one.tests).any(axis=(0, 1))
@@ -133,7 +134,8 @@ def markdown(found: Sequence[Evaluation]) -> str:
         shares = [f"{share:.0%}" for share in one.regret[-1].mean(axis=-1)]
         left_out = one.progress.experiment.cohort_size - sound.sum()
         robots = f"{sound.sum()}" + (f" (and {left_out} invalid)" if left_out else "")
-        rows.append([one.progress.name, robots, *cells, *shares])
+        name = f"{one.progress.name}{durations(one.progress.experiment)}"
+        rows.append([name, robots, *cells, *shares])
     note = (
         "Shares of the time in the spot, in the test after training with frozen weights. One test "
         "chooses each robot's best time, another gives the shares at that time and in the end: a "
@@ -155,9 +157,8 @@ def draw(found: Sequence[Evaluation]) -> Figure:
         above.lines[-1].set_linestyle("--")
         _line(above, hours, one.shares, style.colour("creative"), "now")
         for smell, (name, shade) in enumerate(zip(SMELLS, style.PALETTE, strict=False)):
-            label = name.partition(":")[0]
-            _line(middle, hours, one.spread[:, smell], shade, label)
-            _line(below, hours, one.regret[:, smell], shade, label)
+            _line(middle, hours, one.spread[:, smell], shade, name)
+            _line(below, hours, one.regret[:, smell], shade, name)
         below.set_xlabel("hours of training")
     labels = ("in the spot,\nfrozen weights", "spread of ideas", "regret of ideas")
     for axis, label in zip(axes[:, 0], labels, strict=True):

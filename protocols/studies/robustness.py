@@ -32,7 +32,7 @@ from ..playback.measured_behaviour import sample, with_brains
 from ..playback.rollout import Tick, repeat_test
 from ..playback.stored_brains import stored_brains
 from ..reporting import markdown
-from ..reporting.labels import described
+from ..reporting.labels import described, durations
 from ..results.results import When
 from ..results.run import Run
 from ..results.run_files import check_names, flat_networks, read_runs
@@ -180,7 +180,7 @@ class Robustness(Study):
         }
         if not chosen:
             raise InputError(f"{run.name} has no brain of a {' or '.join(self.proposer)} robot")
-        return EvaluatedRun(Run(run.name, experiment, run.results), chosen)
+        return EvaluatedRun(Run(run.name, experiment, run.results), chosen, described(run))
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`."""
@@ -250,8 +250,7 @@ class Robustness(Study):
         if len(head) == 1:
             return ""
         title = f"### {TASK_NAMES[task]}"
-        if (scale := self.evaluated[0].run.experiment.time_scale) != 1:
-            title += f", all durations times {scale:g}"
+        title += durations(self.evaluated[0].run.experiment)
         return "\n".join([title, "", *markdown.table([head, *table]), ""])
 
     def _note(self) -> str:
@@ -259,9 +258,10 @@ class Robustness(Study):
             "Trained brains repeat the test after training with frozen weights: share of the time, "
             f"mean over robots, in brackets its 95 % interval ({markdown.MEANS}). *Difference*: "
             "from the test without a perturbation, and how many robots have more and less time "
-            "than there. No interval where robots are too few.",
+            "than there. No interval where robots are too few. The tests have the seed "
+            f"{self.seed}{f' and the body {self.body}' if self.body else ''}. The runs:",
             "",
-            *(described(one.run) for one in self.evaluated),
+            *(one.trained for one in self.evaluated),
             "",
         ]
         return "\n".join(lines)
@@ -274,10 +274,12 @@ class EvaluatedRun:
     Attributes:
       run: The run; its experiment has the body and the seed of the study.
       robots: Number of robots to evaluate, by condition; the first valid robots are taken.
+      trained: The run as it was simulated, in words.
     """
 
     run: Run
     robots: Mapping[Condition, int]
+    trained: str
 
     @property
     def name(self) -> str:

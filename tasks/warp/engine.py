@@ -7,14 +7,14 @@ import math
 import warnings
 
 import mujoco
-import torch
-from torch import Tensor
 
 from ..batch import CapacityError
 
 try:
     import mujoco_warp as mjw
+    import torch
     import warp as wp
+    from torch import Tensor
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
         f"{error.name} is not installed; pip install 'musebot[warp]' gets it", name=error.name

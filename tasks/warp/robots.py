@@ -6,11 +6,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import torch
 
 from ..batch import Batch
 from ..rules import Rules
-from .engine import WarpEngine
+from .engine import WarpEngine, torch
 
 # Rounding decides whether a robot that is exactly on the floor has contacts in its first physics
 # step, in C MuJoCo too; robots 10 nm above it agree.

@@ -5,7 +5,10 @@ import pytest
 
 from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.bounds import hand_coded, newborn
+from musebot.protocols.agents.factory import make_agent
+from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError
+from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.networks import senses_of
 from musebot.tasks.starts import random_poses, random_spots
@@ -20,6 +23,15 @@ def test_it_turns_without_smell_drives_where_it_smells_and_stands_inside(smell, 
     for learning in (False, True):
         chosen = agent.act(np.full((2, 1), smell, np.float32), learning)
         assert chosen.tolist() == [motors, motors]
+
+
+@pytest.mark.parametrize("name", ["hand_coded", "newborn"])
+def test_bounds_that_use_the_maximal_smell_need_a_nose_that_has_one(name):
+    experiment = Experiment(cohort_size=2, body="kinematic", nose="printed")
+    condition = Condition("spot_finding", recorded_name(name))
+    with pytest.raises(InputError, match=f"{name} uses the maximal smell: .* 'inverse'"):
+        make_agent(experiment, condition, 2, 0)
+    make_agent(experiment, Condition("wall_avoidance", recorded_name(name)), 2, 0)
 
 
 @pytest.mark.parametrize("body", ["kinematic", "mujoco"])

@@ -35,6 +35,11 @@ def test_five_fixed_actions_are_pure_spinning_or_standing_still():
     assert sum(left == -right for left, right in own) == 5
 
 
+def test_fixed_actions_of_whole_numbers_are_floats():
+    (actions,) = FixedActions((0,)).propose(torch.zeros(1, 2))
+    assert actions.dtype == torch.float32 and actions.tolist() == [[0, 0]]
+
+
 def test_the_fixed_actions_do_not_depend_on_the_state():
     proposer = FixedActions((-0.5, 0.1))
     first, second = proposer.propose(torch.zeros(3, 4)), proposer.propose(torch.ones(3, 4))

@@ -110,7 +110,7 @@ env.reset()
 
 
 def make(mode):
-    made = gymnasium.make("musebot/SpotFinding-v0", render_mode=mode)
+    made = gymnasium.make("musebot/SpotFinding-v0", render_mode=mode, camera="follow")
     made.reset(seed=0)
     return made
 
@@ -120,6 +120,8 @@ window, pictures = make("human"), make("rgb_array")
 first = pictures.render()
 assert first.std() > 0
 window.step(np.zeros(2, np.float32))
+shown = window.unwrapped.mujoco_renderer.viewer.cam
+assert shown.fixedcamid == window.unwrapped.model.camera("follow").id
 assert (pictures.render() == first).all() and (env.physics.render(64, 96) == still).all()
 window.close()
 assert (pictures.render() == first).all() and (env.physics.render(64, 96) == still).all()

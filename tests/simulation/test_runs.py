@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from helpers import files_below
 
+from musebot.controller import BRAINS
 from musebot.protocols import storage
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment.conditions import CohortKey, Condition
@@ -126,6 +127,22 @@ def test_a_run_that_has_more_robots_than_the_plan_keeps_them(run, whole):
     larger = run(whole, plan(robots=2, conditions=BOTH[:1]))
     assert [len(larger.robots(condition)) for condition in BOTH] == [4, 4]
     assert contents(whole) == before
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"context_neurons": 2},
+        {"keep_main_idea": True, "noise_adaptation": 0.01, "initial_range": 0.5},
+        {"context_neurons": 10, "initial_range": 0.2},
+    ],
+)
+def test_arrays_that_are_not_drawn_from_the_initial_interval_are_sound(changes, run, tmp_path):
+    brain = dataclasses.replace(BRAINS["steady"], **changes)
+    own = plan(4, [Condition("spot_finding", "creative")], brain=brain)
+    first = run(tmp_path / "out", own)
+    again = run(tmp_path / "out", own)  # reads the finished files
+    assert_same(first, again)
 
 
 def test_a_finished_run_is_not_simulated_again_and_says_so(whole, capsys):

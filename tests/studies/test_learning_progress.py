@@ -31,7 +31,7 @@ def test_the_second_test_gives_the_shares_at_the_times_that_the_first_chose():
     one = of([[0.0, 0.5], [0.8, 0.2], [0.1, 0.9]], [[0.1, 0.4], [0.7, 0.1], [0.2, 1.0]])
     assert one.best.tolist() == [[0.1, 0.4], [0.7, 0.4], [0.7, 1.0]]
     row = learning_progress.markdown([one]).splitlines()[2]
-    assert row.startswith("| one | 2 | 0.850 |")
+    assert row.startswith("| one, all durations times 0.005 | 2 | 0.850 |")
     assert "| 0.600 |" in row
     assert "| 0.250 |" in row
 

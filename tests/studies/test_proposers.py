@@ -319,10 +319,11 @@ def test_a_context_that_finds_what_is_not_smelt_is_noticed():
     shares = [random.uniform(0.5, 0.9, 100) for _ in cells]
     shares[0][:20] = 0
     found = [Outcome(cell, "spot_finding", own) for cell, own in zip(cells, shares, strict=True)]
-    text = page("context", PARTS["context"], found, {}).markdown
+    text = page("context", PARTS["context"], "", found, {}).markdown
     row = next(line for line in text.splitlines() if line.startswith("| never in the spot"))
     assert "20 of 100 | 0 of 100" in row and row.split("|")[-2].strip() == "< 0.0001"
-    assert "### Recurrent context" not in page("context", PARTS["context"], found[:1], {}).markdown
+    alone = page("context", PARTS["context"], ", all durations times 0.5", found[:1], {}).markdown
+    assert "### Recurrent context" not in alone and ", all durations times 0.5; 1 of 2" in alone
 
 
 def test_the_figure_names_every_way_once_in_each_panel():

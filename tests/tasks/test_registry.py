@@ -76,6 +76,19 @@ def test_an_episode_has_the_same_length_in_every_interface(limit, steps, forgott
     assert found == EPISODE_STEPS["short"] == steps
 
 
+@pytest.mark.parametrize("limit", [0.3, np.inf])
+def test_an_episode_of_stable_baselines_has_that_length_by_every_name(limit, forgotten):
+    baselines = pytest.importorskip("musebot.tasks.stable_baselines", reason="needs `baselines`")
+    forgotten.append("short")
+    musebot.register_task("short", Still, time_limit=limit)
+    for name in ("short", "Short-v0", "musebot/Short-v0", "json:short", "json:musebot/Short-v0"):
+        robots = baselines.ArenaVecEnv(name, 2)
+        robots.reset()
+        ends = [bool(robots.step(np.zeros((2, 2)))[2].all()) for _ in range(7)]
+        assert ends == [limit < 1 and step % 3 == 2 for step in range(7)], name
+    assert baselines.ArenaVecEnv("musebot:musebot/SpotFinding-v0", 2).num_envs == 2
+
+
 class Raw(WallAvoidanceRules):
     """Gives parts of the measurements themselves."""
 
@@ -340,6 +353,33 @@ def test_an_obstacles_geom_may_have_any_name(forgotten):
     forgotten.append("one_block")
     musebot.register_task("one_block", Still, edits=(block,))
     assert make_batch("one_block", 1).dimensions.obstacles == ((0.2, 0.1, 0.04),)
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_an_obstacle_that_is_not_where_its_body_is_is_refused(nested):
+    def block(spec):
+        body = spec.worldbody.add_body(name="outer" if nested else "obstacle_9", pos=[0.2, 0.1, 0])
+        if nested:
+            body = body.add_body(name="obstacle_9", pos=[0.1, 0, 0])
+        size, place = [0.04, 0.03, 0], [0, 0, 0.03] if nested else [0.1, 0, 0.03]
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, pos=place)
+
+    with pytest.raises(ValueError, match="'obstacle_9' must be a body of the world whose largest"):
+        musebot.register_task("moved_block", Still, edits=(block,))
+    assert "moved_block" not in suite.TASKS
+
+
+def test_the_reward_is_shown_by_robots_with_a_shell_only(forgotten):
+    def bare(spec):
+        for geom in spec.geoms:
+            geom.material = ""
+        spec.delete(spec.material("musebot_shell"))
+
+    forgotten.append("bare")
+    musebot.register_task("bare", Still, edits=(bare,))
+    musebot.load("arena", "bare").reset()
+    with pytest.raises(ValueError, match="needs a robot with the material 'musebot_shell'"):
+        musebot.load("arena", "bare", visualize_reward=True)
 
 
 def test_an_obstacle_without_a_geom_is_refused():

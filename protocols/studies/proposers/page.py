@@ -53,19 +53,20 @@ Seats = Mapping[tuple[Cell, Cell], np.ndarray]
 """Share of each brain's test, by the cells in which it was trained and in which it is tested."""
 
 
-def page(name: PartName, part: Part, outcomes: Sequence[Outcome], seats: Seats) -> Page:
+def page(name: PartName, part: Part, scale: str, outcomes: Sequence[Outcome], seats: Seats) -> Page:
     """Returns the page made from what is finished.
 
     Args:
       name: Name of the part.
       part: The part.
+      scale: That durations are scaled, see `labels.durations`.
       outcomes: Finished cells.
       seats: Finished tests of brains under other ways.
     """
     done, cells = len({outcome.cell for outcome in outcomes}), len(part.cells)
     lines = [
-        f"Ways to propose actions: {part.says}. Seed {part.seed}; {done} of {cells} cells are "
-        "finished.",
+        f"Ways to propose actions: {part.says}. Seed {part.seed}{scale}; {done} of {cells} cells "
+        "are finished.",
         "",
     ]
     for task in part.tasks:

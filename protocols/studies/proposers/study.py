@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from ...experiment.experiment import Experiment
 from ...experiment.plan import Variant, default_cohort_size
+from ...reporting.labels import durations
 from ...results.run_files import Needs, has_all_rows, read_so_far
 from ...simulation.jobs import Job
 from ..study import Page
@@ -94,7 +95,8 @@ class Proposers(VariantStudy):
             for condition in self.chosen.conditions(cell)
         ]
         tested = {(job.trained, job.test): job.shares() for job in self._seats(out) if job.done()}
-        return page.page(self.part, self.chosen, found, tested)
+        scale = durations(next(iter(plans.values())).experiment)
+        return page.page(self.part, self.chosen, scale, found, tested)
 
     def _seats(self, out: Path) -> list[SeatJob]:
         if self.part != "first":

@@ -14,6 +14,7 @@ from ...experiment.budget import check_memory
 from ...experiment.conditions import PAPER_TASKS, Condition
 from ...experiment.experiment import Experiment
 from ...experiment.plan import Plan, Variant, changed
+from ...reporting.labels import durations
 from ...results.run_files import ROBOTS_FILE, Needs, read_so_far
 from ...simulation.jobs import Job
 from ..study import Page, check_positive
@@ -138,7 +139,8 @@ class Reading(VariantStudy):
         names = [name for name in self.plans() if (out / name / ROBOTS_FILE).is_file()]
         runs = {name: read_so_far(out / name, "rows") for name in names}
         screened = {name: runs[name] for name in self.screen() if name in runs}
-        parts = [page.hypothesis(runs[PLAIN])] if PLAIN in runs else []
+        parts = [f"Rehearsal{scale}.\n"] if (scale := durations(self.baseline())) else []
+        parts += [page.hypothesis(runs[PLAIN])] if PLAIN in runs else []
         parts += page.newborns(self.newborn_jobs(out), self.newborns)
         parts += page.screening(screened)
         parts += page.finals(runs)

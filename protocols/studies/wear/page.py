@@ -14,6 +14,7 @@ from ...analysis.survival import kaplan_meier
 from ...experiment.experiment import Experiment
 from ...experiment.overrides import overrides_of
 from ...reporting import style
+from ...reporting.labels import durations
 from ...reporting.markdown import probability, table, with_interval
 from ..study import Page
 from .arms import ARMS, FROZEN, NEWBORN
@@ -43,7 +44,7 @@ def page(changes: Mapping[str, Arms], experiment: Experiment) -> Page:
     if experiment.body == "kinematic":
         kinematics = overrides_of(experiment.kinematics, Kinematics())
         simulator = " ".join(["Kinematic simulator", *kinematics])
-    where = f"{simulator}; seed {experiment.seed}."
+    where = f"{simulator}; seed {experiment.seed}{durations(experiment)}."
     lines = [f"Old brains in a changed body (docs/plans/wear.md). {where}", ""]
     figures = {}
     for change, found in changes.items():

@@ -7,6 +7,7 @@ import torch
 
 from musebot.controller import Parameters
 from musebot.controller.brains import assemble
+from musebot.controller.extensions.decay import Decay
 
 
 def parts(parameters):
@@ -47,6 +48,12 @@ def test_the_papers_parameters_are_constant():
     for age in (0, 10**7):
         assert after(paper.epsilon, age) == 0.01
         assert after(paper.learn_rate, age) == 0.01
+
+
+def test_on_another_device_a_whole_number_decays_through_fractions():
+    with torch.device("meta"):
+        decaying = Decay(1, 0, 10.0)
+    assert decaying.value.dtype == torch.float32
 
 
 def test_on_another_device_a_decaying_value_is_a_tensor_that_keeps_its_place():
