@@ -299,6 +299,38 @@ def test_the_shares_with_the_papers_signals_in_mujoco_are_those_of_its_board():
     assert said.endswith(above)
 
 
+def test_the_scores_with_sensed_walls_in_mujoco_are_those_of_their_boards():
+    page = " ".join((DOCS / "leaderboard.md").read_text().split())
+    rows = {}
+    for track in ("raw", "paper"):
+        text = (DOCS / "results" / f"benchmark-walls-{track}" / "benchmark.md").read_text()
+        found = [line.split("|") for line in text.splitlines() if "| 30 | " in line]
+        rows[track] = {row[1].strip(): row for row in found}
+
+    def first(track, name, column):
+        return rows[track][name][column].split()[0]
+
+    raw = [f"`{name}` ({first('raw', name, 3)}" for name in ("stream_ac", "dqn", "stream_q")]
+    assert f"`steady` has the highest score ({first('raw', 'steady, creative', 3)}); " in page
+    assert f"{raw[0]}), {raw[1]}, p = 0.69) and {raw[2]}, p = 0.14) are not significantly" in page
+    steady, sarsa = (
+        [first("raw", name, c) for c in (4, 5)] for name in ("steady, creative", "sarsa_lambda")
+    )
+    both = f"for {steady[0]} of the time, `sarsa_lambda` for {sarsa[0]}"
+    assert f"{both} (in training {steady[1]} and {sarsa[1]})" in page
+    near = [name for name, row in rows["raw"].items() if row[9].strip() and float(row[9]) >= 0.05]
+    assert near == ["stream_ac", "dqn", "stream_q"]
+    far = {name for name, row in rows["paper"].items() if row[9].strip() and float(row[9]) < 0.05}
+    assert far == {"dqn", "sarsa_lambda", "paper, random", "paper, fixed"}
+    assert f"`stream_ac` has the highest score ({first('paper', 'stream_ac', 3)}); only" in page
+    ours = [first("paper", f"{name}, creative", 3) for name in ("steady", "paper")]
+    assert f"`steady` ({ours[0]}) and the paper's creative robots ({ours[1]}) are not" in page
+    learners = [row for name, row in rows["paper"].items() if not name.startswith("*")]
+    best = max(float(row[4].split()[0]) for row in learners)
+    least = min(int(row[7].strip()[:-1]) for row in learners)
+    assert f"for more than {best:.3f} of the time (`steady`), and at least {least} % have" in page
+
+
 def test_the_example_of_a_brain_alone_runs():
     (example,) = re.findall(r"```python\n(.*?)```", (DOCS / "faq.md").read_text(), re.DOTALL)
     found: dict[str, float] = {}
