@@ -113,8 +113,8 @@ def study_of(page):
 
 def run_named(name):
     """Returns a kept run's folder, which may be a study's."""
-    own = RESULTS / name
-    return own if own.is_dir() else next(RESULTS.glob(f"*/{name}"))
+    found = [own for own in (RESULTS / name, RESULTS.parent / name) if own.is_dir()]
+    return found[0] if found else min(RESULTS.glob(f"*/{name}"))
 
 
 def made_again(page, capsys):
