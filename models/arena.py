@@ -253,7 +253,7 @@ def _widest(model: mujoco.MjModel, body: int) -> float:
     if not len(own):
         raise ValueError(f"the obstacle {name!r} has no geom")
     largest = own[model.geom_size[own, 0].argmax()]
-    if model.body_parentid[body] != 0 or model.geom_pos[largest, :2].any():
+    if model.body_parentid[body] != 0 or np.abs(model.geom_pos[largest, :2]).max() > 1e-9:
         raise ValueError(
             f"the obstacle {name!r} must be a body of the world whose largest geom is at its centre"
         )

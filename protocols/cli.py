@@ -237,7 +237,10 @@ def _check_words(known: Sequence[_Argument], words: Sequence[str], prog: str) ->
     alone, given, last = _divided(words)
     for word in words[: len(words) - len(last)]:
         if _ONE_DASH.match(word):
-            raise InputError(f"there is no option {word}; {nearest(word, options)}")
+            near = nearest(word, options)
+            if not near.startswith("did you mean"):
+                near = "a value that begins with a dash stands behind =, as in --output=-f.mp4"
+            raise InputError(f"there is no option {word}; {near}")
     for one in given:
         if one.name not in options:
             raise InputError(f"there is no option {one.name}; {nearest(one.name, options)}")
@@ -247,8 +250,11 @@ def _check_words(known: Sequence[_Argument], words: Sequence[str], prog: str) ->
         most = 0 if option.flag else 1
         if option.several:
             # tyro leaves the last words of the last option for the places that are still open.
-            needed = sum(place.required for place in places) - len(alone) - len(last)
-            most = max(1, len(values) - (max(0, needed) if one is given[-1] else 0))
+            open_ = [place for place in places[len(alone) :] if place.required]
+            spare = len(open_) if one is given[-1] and "--" not in words else 0
+            if 0 < len(values) <= spare:
+                raise InputError(f"{one.name} needs a value, or {open_[-1].name} is missing")
+            most = len(values) - spare
         if not option.flag and not values:  # tyro accepts none where several are allowed
             raise InputError(f"{one.name} needs a value")
         if most:

@@ -56,10 +56,8 @@ context = mujoco.egl.GLContext(64, 64)
 context.make_current()
 import torch._dynamo
 """
-_PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a hang must end
-
-
 _INSTALLATION = "install what the line names (docs/install.md)"
+_PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a hang must end
 
 
 class Missing(Exception):

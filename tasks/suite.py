@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import mujoco
 from dm_control import suite as dm_suite
 
 from . import spot_finding, wall_avoidance
@@ -79,7 +80,8 @@ def load(
     if environment_kwargs is not None:
         kwargs["environment_kwargs"] = environment_kwargs
     environment = SUITE[task_name](**kwargs)
-    if visualize_reward and SHELL not in environment.physics.named.model.mat_rgba.axes.row.names:
+    model, kind = environment.physics.model.ptr, mujoco.mjtObj.mjOBJ_MATERIAL
+    if visualize_reward and mujoco.mj_name2id(model, kind, SHELL) < 0:
         raise ValueError(f"visualize_reward needs a robot with the material {SHELL!r}")
     environment.task.visualize_reward = visualize_reward
     return environment

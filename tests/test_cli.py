@@ -114,6 +114,7 @@ def study_of(page):
 def run_named(name):
     """Returns a kept run's folder, which may be a study's."""
     found = [own for own in (RESULTS / name, RESULTS.parent / name) if own.is_dir()]
+    # Older studies name a run without its folder; then it is the first one's.
     return found[0] if found else min(RESULTS.glob(f"*/{name}"))
 
 
@@ -575,7 +576,11 @@ def test_help_loads_neither_torch_nor_mujoco():
         (["run", "new", "--trust-agent", "yes"], "'yes' is one word too many"),
         (["tables", "-json", "new"], "there is no option -json; did you mean --json?"),
         (["run", "new", "--trust-agent=false"], "--trust-agent takes no value, got 'false'"),
-        (["run", "--task", "new"], "OUT is missing: musebot run OUT"),
+        (["run", "--task", "new"], "--task needs a value, or OUT is missing"),
+        (["study", "benchmark", "--board", "a"], "--board needs a value, or OUT is missing"),
+        (["run", "--task", "x", "new", "--"], "OUT is missing: musebot run OUT"),
+        (["film", "new", "--output", "-f.mp4"], "there is no option -f.mp4; a value that begins "
+         "with a dash stands behind =, as in --output=-f.mp4"),
         (["run", "--task", "x", "new", "--seed", "1"], "OUT is missing: musebot run OUT"),
         (["run", "new", "--log", "all"], "--log must be one of none, tensorboard, got 'all'"),
         (["figure", "dog", "x.svg"], "NAME must be one of architecture, robot, typical, got 'dog'"),

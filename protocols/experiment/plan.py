@@ -99,7 +99,7 @@ def default_cohort_size(*robots: int, most: int = 250) -> int:
     """
     common = math.gcd(*robots)
     size = max(size for size in range(1, min(most, max(common, 1)) + 1) if common % size == 0)
-    if max(robots) > most and size < most / 10:
+    if max(robots) > most and size < min(most, *robots) / 10:
         numbers = sorted({*robots})
         more = "numbers with a larger common divisor"
         better = more if numbers[1:] else f"{round(numbers[0] / most) * most} robots"

@@ -76,7 +76,7 @@ class StoredRobot:
         act, experiment, task = self.act(), self.run.experiment, self.condition.task
         for name in ("radius", "wheel_base"):
             if (value := getattr(experiment.kinematics, name)) is not None:
-                raise InputError(f"a film shows the robot's own {name}, got a run with {value:g} m")
+                raise InputError(f"films draw the ordinary robot; this run has {name}={value:g}")
         start = next(p for p in experiment.schedule(task).phases if p.part == self.phase)
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         place(batch, start, random)

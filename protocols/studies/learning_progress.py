@@ -60,7 +60,7 @@ class LearningProgress(Study):
     seed: int = 1
     """seed from which all random streams derive"""
     reading: Annotated[str | None, option("{body,plain}", "body")] = None
-    """sets body, kinematics, form of Eq. 3 and place of the nose; excludes the next two options"""
+    """sets body, kinematics, form of Eq. 3 and place of the nose; excludes --body, --kinematics"""
     body: Body = "mujoco"
     """body of the robot; kinematic: the kinematic simulator"""
     kinematics: KinematicsOption = ()

@@ -9,7 +9,10 @@ import numpy as np
 
 from ..batch import Batch
 from ..rules import Rules
-from .engine import WarpEngine, torch
+from .engine import WarpEngine  # says how to install what is missing, torch included
+
+# isort: split
+import torch
 
 # Rounding decides whether a robot that is exactly on the floor has contacts in its first physics
 # step, in C MuJoCo too; robots 10 nm above it agree.

@@ -407,7 +407,7 @@ def _judged(words, outcome, changed, lost):
         return "carried out" if not changed or words[0] == "study" else f"wrong: changed {changed}"
     if outcome.status == WORK_BEGINS:
         return "sound: the work would begin"
-    if wrong := oracle.complaint(outcome, panel=True):
+    if wrong := oracle.complaint(outcome):
         return f"wrong: {wrong}"
     if changed:
         return f"wrong: refused, but changed {changed}"

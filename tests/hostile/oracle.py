@@ -93,20 +93,13 @@ def carried_out(work):
     return Outcome(status, value, printed, time.perf_counter() - began)
 
 
-def complaint(outcome, panel=False):
-    """Returns what is wrong with an outcome that must be a refusal; empty if nothing is.
-
-    Args:
-      outcome: Outcome of a case.
-      panel: Whether the panel of the parser of command lines counts as a sentence.
-    """
+def complaint(outcome):
+    """Returns what is wrong with an outcome that must be a refusal; empty if nothing is."""
     if outcome.status not in REFUSED:
         return f"status {outcome.status}: {outcome.printed[-1500:]}"
     lines = outcome.printed.strip().splitlines()
     if "Traceback" in outcome.printed:
         return f"traceback: {outcome.printed[-1500:]}"
-    if panel and lines and not lines[-1].startswith("musebot:"):
-        return "" if outcome.status == 2 else f"status {outcome.status} of the parser"
     # Warnings may come before it; the last line is the refusal.
     if not lines or not lines[-1].startswith("musebot: ") or len(lines[-1]) > MOST_CHARACTERS:
         return f"no sentence: {outcome.printed[-1500:]!r}"

@@ -153,7 +153,9 @@ def test_a_robot_of_other_dimensions_is_not_filmed_as_the_ordinary_one(name):
     cohort = Cohort(experiment, CohortKey(condition, 0))
     cohort.advance(cohort.steps)
     run = Run("own", experiment, collect(experiment, [(CohortKey(condition, 0), cohort.lives())]))
-    with pytest.raises(InputError, match=f"the robot's own {name}, got a run with 0.05 m"):
+    with pytest.raises(
+        InputError, match=f"films draw the ordinary robot; this run has {name}=0.05"
+    ):
         StoredRobot(run, condition, 0, "post").episode()
 
 

@@ -446,6 +446,13 @@ def test_the_effort_of_tuning_is_read_from_its_studies(runs, tmp_path, capsys, c
     }
     assert () in efforts([tuned])["musebot:sarsa_lambda, raw"].tried
     assert "| own settings, not those of the tuning |" in board.page(tmp_path).markdown
+    (effort,) = board.details()["effort"].values()
+    usual = tmp_path / "usual"
+    words = "--robots 6 --cohort-size 6 --time-scale 0.004 --body kinematic --processes 1"
+    own = ["run", str(usual), "--agent", "sarsa_lambda", "--signals", "raw", *words.split()]
+    assert cli.main(own) == 0
+    runs = [runs[0], usual]
+    assert f"| {effort} |" in Leaderboard(runs=(*runs,), tuned=(tuned,)).page(tmp_path).markdown
     with pytest.raises(InputError, match=r"study.json is no study `tune` of musebot's"):
         Leaderboard(runs=tuple(runs), tuned=(tmp_path,)).details()
 

@@ -371,9 +371,10 @@ def test_an_obstacle_that_is_not_where_its_body_is_is_refused(nested):
 
 def test_the_reward_is_shown_by_robots_with_a_shell_only(forgotten):
     def bare(spec):
-        for geom in spec.geoms:
-            geom.material = ""
-        spec.delete(spec.material("musebot_shell"))
+        for one in [*spec.geoms, *spec.sites]:
+            one.material = ""
+        for material in list(spec.materials):
+            spec.delete(material)
 
     forgotten.append("bare")
     musebot.register_task("bare", Still, edits=(bare,))
