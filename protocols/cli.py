@@ -270,4 +270,7 @@ def _check_words(known: Sequence[_Argument], words: Sequence[str], prog: str) ->
     missing += [one for one in options.values() if one.required and one.name not in names]
     if missing:
         needs = " ".join([prog, *(one.usage for one in known if one.required)])
+        greedy = [one for one in given[:-1] if len(one.values) > 1 and options[one.name].several]
+        if greedy and missing[0].positional:
+            needs += f" (all words after {greedy[0].name} are its values)"
         raise InputError(f"{missing[0].name} is missing: {needs}")

@@ -193,7 +193,9 @@ class JobProgress:
             disable=quiet or self._lines,
         )
         total = sum(costs)
-        self._what = f"{printable(what)}, {total / 3600:,.0f} robot-hours"
+        hours = total / 3600
+        amount = f"{hours:,.0f}" if hours >= 10 else f"{hours:.2g}"
+        self._what = f"{printable(what)}, {amount} robot-hours"
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
         self._began, self._pace = time.monotonic(), _Pace()
         self._shown: float | None = None  # simulated seconds done at the last line

@@ -581,7 +581,8 @@ def test_help_loads_neither_torch_nor_mujoco():
         (["run", "--task", "x", "new", "--"], "OUT is missing: musebot run OUT"),
         (["film", "new", "--output", "-f.mp4"], "there is no option -f.mp4; a value that begins "
          "with a dash stands behind =, as in --output=-f.mp4"),
-        (["run", "--task", "x", "new", "--seed", "1"], "OUT is missing: musebot run OUT"),
+        (["run", "--task", "x", "new", "--seed", "1"],
+         "OUT is missing: musebot run OUT (all words after --task are its values)"),
         (["run", "new", "--log", "all"], "--log must be one of none, tensorboard, got 'all'"),
         (["figure", "dog", "x.svg"], "NAME must be one of architecture, robot, typical, got 'dog'"),
         (["study", "benchmark", "a", "--signals", "raw", "b"],

@@ -196,7 +196,7 @@ def test_no_character_controls_the_terminal(text, shown, capfd):
     lines = capfd.readouterr().err.splitlines()
     assert lines[0] == f"musebot: {shown}"
     assert shown in lines
-    assert any(line == f"musebot: {shown}, 0 robot-hours" for line in lines)
+    assert any(line == f"musebot: {shown}, 0.00028 robot-hours" for line in lines)
 
 
 def test_a_sentence_has_a_bounded_length_and_a_page_has_none():

@@ -79,7 +79,10 @@ def simulate(
         messages = run.begin()
         jobs = run.jobs(save_every)
         if not jobs and not quiet:
-            notice(f"{directory} is finished, so nothing is simulated")
+            scale = run.plan.experiment.time_scale
+            short = f" (all durations times {scale:g}; another folder starts another run)"
+            words = short if scale != 1 else ""
+            notice(f"{directory} is finished{words}, so nothing is simulated")
         with contextlib.ExitStack() as stack:
             if log:
                 book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)

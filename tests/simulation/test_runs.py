@@ -152,7 +152,8 @@ def test_a_finished_run_is_not_simulated_again_and_says_so(whole, capsys):
     before = contents(whole)
     simulate(whole, plan(), refuse)
     assert contents(whole) == before
-    assert "is finished, so nothing is simulated" in capsys.readouterr().err
+    words = "is finished (all durations times 0.004; another folder starts another run), so nothing"
+    assert words in capsys.readouterr().err
 
 
 # Processes that are stopped or killed
