@@ -101,7 +101,7 @@ def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
       SystemExit: the help was printed, or other words cannot be parsed.
     """
     known = [*_arguments(command)]
-    options = words[: words.index("--")] if "--" in words else words
+    options = _before_dashes(words)
     if _HELP & {*options}:
         # tyro's usage leaves out given words, and in a long usage all options.
         required = [one.usage for one in known if one.required and not one.positional]
@@ -126,18 +126,23 @@ class _Given:
     attached: bool
 
 
+def _before_dashes(words: Sequence[str]) -> Sequence[str]:
+    """Returns the words before `--`, after which no word is an option."""
+    return words[: words.index("--")] if "--" in words else words
+
+
 def _divided(words: Sequence[str]) -> tuple[list[str], list[_Given], list[str]]:
     """Returns the words before the first option, the options, and the words after `--`."""
-    end = words.index("--") if "--" in words else len(words)
+    ahead = _before_dashes(words)
     first: list[str] = []
     given: list[_Given] = []
-    for word in words[:end]:
+    for word in ahead:
         if word.startswith("--"):
             name, equals, value = word.partition("=")
             given.append(_Given(name.replace("_", "-"), [value] if equals else [], bool(equals)))
         else:
             (given[-1].values if given else first).append(word)
-    return first, given, [*words[end + 1 :]]
+    return first, given, [*words[len(ahead) + 1 :]]
 
 
 def _check_given(words: Sequence[str]) -> None:
@@ -235,7 +240,7 @@ def _check_words(known: Sequence[_Argument], words: Sequence[str], prog: str) ->
     options = {one.name: one for one in known if not one.positional}
     places = [one for one in known if one.positional]
     alone, given, last = _divided(words)
-    for word in words[: len(words) - len(last)]:
+    for word in _before_dashes(words):
         if _ONE_DASH.match(word):
             near = nearest(word, options)
             if not near.startswith("did you mean"):

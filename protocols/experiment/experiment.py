@@ -178,6 +178,11 @@ class Experiment:
         return brain_name(self.brain)
 
     @property
+    def rehearsal(self) -> str:
+        """In words, that all durations are scaled; empty if they are not."""
+        return "" if self.time_scale == 1 else f"all durations times {self.time_scale:g}"
+
+    @property
     def tasks(self) -> tuple[str, ...]:
         """The tasks of the experiment's protocol."""
         return tuple(PROTOCOLS[self.protocol])

@@ -87,7 +87,6 @@ def table(first: str, second: str, cells: Sequence[Cell]) -> list[str]:
     """
     rows = [["", "", first, second, "difference", "p", "Holm"]]
     for cell in cells:
-        holm = md.probability(cell.corrected)
         values = [
             number(cell, cell.ours),
             number(cell, cell.other),
@@ -95,8 +94,14 @@ def table(first: str, second: str, cells: Sequence[Cell]) -> list[str]:
             md.probability(cell.p),
         ]
         name = short_name(cell.proposer)
-        rows.append([name, cell.name, *values, f"**{holm}**" if cell.differs else holm])
+        rows.append([name, cell.name, *values, corrected(cell)])
     return md.table(rows, "llrrrrr")
+
+
+def corrected(cell: Cell) -> str:
+    """Returns p after Holm's correction, bold where the cell differs."""
+    p = md.probability(cell.corrected)
+    return f"**{p}**" if cell.differs else p
 
 
 def words(cell: Cell) -> str:

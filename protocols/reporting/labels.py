@@ -38,15 +38,12 @@ def particulars(experiment: Experiment) -> list[str]:
         for name, (own, _) in others.items()
         if name not in _STATED_APART
     ]
-    if experiment.time_scale != 1:
-        found.append(f"all durations times {experiment.time_scale:g}")
-    return found
+    return [*found, experiment.rehearsal] if experiment.rehearsal else found
 
 
 def durations(experiment: Experiment) -> str:
     """Returns in words, after a comma, that an experiment is a rehearsal; empty if it is none."""
-    scale = experiment.time_scale
-    return "" if scale == 1 else f", all durations times {scale:g}"
+    return f", {experiment.rehearsal}" if experiment.rehearsal else ""
 
 
 def value(name: str, field: Any) -> str:

@@ -79,9 +79,8 @@ def simulate(
         messages = run.begin()
         jobs = run.jobs(save_every)
         if not jobs and not quiet:
-            scale = run.plan.experiment.time_scale
-            short = f" (all durations times {scale:g}; another folder starts another run)"
-            words = short if scale != 1 else ""
+            scaled = run.plan.experiment.rehearsal
+            words = f" ({scaled}; another folder starts another run)" if scaled else ""
             notice(f"{directory} is finished{words}, so nothing is simulated")
         with contextlib.ExitStack() as stack:
             if log:

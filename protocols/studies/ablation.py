@@ -18,7 +18,7 @@ from ..experiment.plan import Variant, default_cohort_size
 from ..experiment.schedules import TASK_NAMES
 from ..reporting import comparison_tables
 from ..reporting.labels import described, title
-from ..reporting.markdown import MEANS, probability, table
+from ..reporting.markdown import MEANS, table
 from ..results.run import Run
 from ..shared_options import COHORT_SIZE, TASK_CHOICES, KinematicsOption, option
 from .study import Page
@@ -167,6 +167,5 @@ def _row(ingredient: str, cell: Cell) -> list[str]:
     numbers = [comparison_tables.number(cell, value) for value in (cell.ours, cell.other)]
     robots = " and ".join(map(str, cell.robots))
     difference = comparison_tables.difference(cell)
-    p = probability(cell.corrected)
-    p = f"**{p}**" if cell.differs else p
+    p = comparison_tables.corrected(cell)
     return [ingredient, cell.name, robots, *numbers, difference, p, _in_a_word([cell])]

@@ -155,8 +155,7 @@ def markdown(
       regretted: Regret of ideas for each comparison (`regrets`).
     """
     head = ["run", "ideas", "robots", "", _CREATIVE, _RANDOM, "difference", "p (Holm)"]
-    head.append("creative is")
-    rows = [head]
+    rows = [[*head, "creative is"]]
     for contrast in found:
         for cell in contrast.cells:
             rows.append(
