@@ -196,14 +196,11 @@ PARTS: Mapping[PartName, Part] = MappingProxyType(
             _cells(("connections", "copies", "success-rule"), IDEAS, True),
         ),
         "mujoco": Part(
-            "six cells in MuJoCo",
+            "three ways in MuJoCo",
             200,
             50,
             31020,
-            [
-                *_cells(("connections", "copies", "untrained", "uniform"), [25], True),
-                *_cells(("connections", "uniform"), [3], True),
-            ],
+            _cells(("connections", "copies", "untrained"), [25], True),
             fields={},
         ),
         "paper": Part(

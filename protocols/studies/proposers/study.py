@@ -25,7 +25,7 @@ class Proposers(VariantStudy):
     """Compare ways to propose equally many actions to the same evaluation network.
 
     Each part has a folder of its own (docs/plans/proposers.md): `first` compares the ways,
-    `outside` further ones with outside ideas, `rule` the one-fifth rule, `mujoco` six cells in
+    `outside` further ones with outside ideas, `rule` the one-fifth rule, `mujoco` three ways in
     MuJoCo, `paper` the paper's brain, `context` a recurrent context. The page shows the cells that
     are finished, and needs only robots.csv.
     """
