@@ -56,5 +56,9 @@ CHANGES: Mapping[str, BodyChange] = MappingProxyType(
         "turned-nose": BodyChange(
             "the nose points 30 degrees to the left", nose_turn=math.radians(30)
         ),
+        "left-reversed": BodyChange("the left wheel turns the other way round", gains=(-1.0, 1.0)),
+        "sideways-nose": BodyChange(
+            "the nose points 90 degrees to the left", nose_turn=math.radians(90)
+        ),
     }
 )

@@ -15,7 +15,7 @@ from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies import study
 from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.wear import branches, probes
-from musebot.protocols.studies.wear.arms import ARMS, FACTORS, FROZEN, NEWBORN, pairs
+from musebot.protocols.studies.wear.arms import ARMS, FACTORS, FROZEN, NEWBORN, learns, pairs
 from musebot.protocols.studies.wear.branches import Branch, BranchJob
 from musebot.protocols.studies.wear.page import draw, page
 from musebot.protocols.studies.wear.probes import CONDITION, PERIODS, TRAINING, period, probe
@@ -24,9 +24,9 @@ from musebot.protocols.studies.wear.recovery import (
     Recovery,
     compared,
     effects,
-    ends,
     mean_minutes,
     noise_pairs,
+    noise_pairs_by_share,
     verdict,
 )
 from musebot.protocols.studies.wear.study import LIVES, Wear
@@ -269,7 +269,7 @@ def test_more_robots_and_arms_are_added_to_a_study(finished, tmp_path, here):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--change", "colour"], "the change must be one of polarity, half-gain, turned-nose, got"),
+        (["--change", "colour"], "the change must be one of polarity, half-gain, turned-nose, "),
         (["--arm", "trained"], "the arm must be one of trained-noise-random-old, "),
         (["--arm", FROZEN, FROZEN], "arm must name different ones, got frozen frozen"),
         (["--robots", "0"], "robots must be at least 1, got 0"),
@@ -337,15 +337,16 @@ FAST, SLOW, NEVER = recovery(20, robots=40), recovery(120, robots=40), recovery(
     [
         (four((FAST, NEVER), (FAST, NEVER)), "The claim holds: noise is essential."),
         (four((FAST, SLOW), (FAST, NEVER)), "Noise helps, but is not essential."),
-        (four((FAST, FAST), (FAST, NEVER)), "The claim fails: noise speeds recovery only where no"),
+        (four((FAST, FAST), (FAST, NEVER)), "The claim fails: noise helps only where no ideas"),
         (four((SLOW, FAST), (FAST, FAST)), "The claim fails: noise hinders."),
         (four((SLOW, SLOW), (FAST, FAST)), "The claim fails: noise has no detectable effect."),
-        (four((SLOW, FAST), (FAST, SLOW)), "The claim fails: noise speeds recovery only where no"),
-        (four((FAST, SLOW), (FAST, FAST)), "Mixed: faster with trained-noise-random-old, "),
+        (four((SLOW, FAST), (FAST, SLOW)), "The claim fails: noise helps only where no ideas"),
+        (four((FAST, SLOW), (FAST, FAST)), "Mixed: noise helps trained-noise-random-old, "),
     ],
 )
 def test_the_verdict_is_the_first_line_of_the_rule_that_holds(arms, sentence):
     assert verdict(arms, noise_pairs(arms)).startswith(sentence)
+    assert verdict(arms, noise_pairs_by_share(arms)).startswith(sentence)
 
 
 @pytest.mark.parametrize("absent", ["random-old", "random-reset", "own-old", "own-reset"])
@@ -359,23 +360,27 @@ def test_there_is_no_verdict_until_all_pairs_are_there(absent):
 def test_the_reset_pairs_suffice_without_any_other_clock():
     arms = four((FAST, FAST), (FAST, NEVER))
     arms = {name: arm for name, arm in arms.items() if name.endswith("reset")}
-    assert verdict(arms, noise_pairs(arms)).startswith("The claim fails: noise speeds recovery")
+    assert verdict(arms, noise_pairs(arms)).startswith("The claim fails: noise helps only")
 
 
-def test_the_ends_of_arms_are_compared_in_pairs():
+def test_shares_of_time_after_the_first_probe_are_compared_in_pairs():
     random = np.random.default_rng(3)
-    first = recovery(20, robots=40)
+    first, second = recovery(20, robots=40), recovery(20, robots=40)
     level = random.uniform(0.3, 0.8, 40)
-    first.shares[-1] = level + 0.02 + random.normal(0, 0.01, 40)
+    second.shares[:] = level
+    first.shares[:] = level + 0.02 + random.normal(0, 0.01, 40)
+    first.shares[0] = 0.9  # the probe before any training does not count
     first.shares[-1, 0] = np.nan  # a robot that was stopped
-    second = recovery(20, robots=40)
-    second.shares[-1] = level
+    second.reference[1] = 0.1  # a robot that had not learned
     arms = four((first, second), (first, first))
-    (_, found), *_, (nothing, p) = zip(
-        noise_pairs(arms), ends(arms, noise_pairs(arms)), strict=True
-    )
-    assert found[0] == pytest.approx(0.02, abs=0.005) and found[1] < 0.001
-    assert p == (0.0, 1.0) and nothing.first == "trained-noise-own-reset"
+    found, *_, nothing = noise_pairs_by_share(arms)
+    assert np.isnan(first.spot).tolist() == [True] + 39 * [False]
+    assert np.isnan(second.spot).tolist() == [False, True] + 38 * [False]
+    expected = (first.shares[1:, 2:] - second.shares[1:, 2:]).mean()
+    assert found.difference == pytest.approx(expected) and found.p < 0.001 and found.sign == 1
+    assert (nothing.difference, nothing.p, nothing.sign) == (0.0, 1.0, 0)
+    worse, *_ = noise_pairs_by_share(four((second, first), (first, first)))
+    assert worse.sign == -1 and worse.difference == pytest.approx(-expected)
 
 
 def test_a_born_memory_does_not_decide():
@@ -400,6 +405,11 @@ def test_a_change_that_costs_nothing_tells_nothing():
     mostly = recovery([0] * 21 + [None] * 19)
     assert mostly.unharmed == 21 / 40
     assert verdict(arms | {FROZEN: mostly}, noise_pairs(arms)) == sentence
+    lucky = {FROZEN: recovery([100] * 21 + [None] * 19)}
+    sentence = "Undecided: most robots reach the bound without learning."
+    assert verdict(arms | lucky, noise_pairs(arms)) == sentence
+    lucky = {FROZEN: recovery([100] * 20 + [None] * 20)}
+    assert verdict(arms | lucky, noise_pairs(arms)) == "Noise helps, but is not essential."
 
 
 def test_the_goal_needs_a_known_median_of_the_best_arm():
@@ -414,16 +424,31 @@ def test_the_goal_needs_a_known_median_of_the_best_arm():
 def test_pairs_are_corrected_over_their_family():
     (one,) = compared({"a": FAST, "b": SLOW}, [("a", "b")])
     two = compared({"a": FAST, "b": SLOW, "c": FAST}, [("a", "b"), ("a", "c")])
-    assert two[0].p == pytest.approx(min(2 * one.p, 1)) and two[0].sign == -1
+    assert two[0].p == pytest.approx(min(2 * one.p, 1)) and two[0].sign == 1
     assert Pair("a", "b", float("nan"), -5.0).sign == 0 == two[1].sign
+    assert Pair("a", "b", 0.01, -5.0, less_is_better=False).sign == -1
 
 
 def test_an_effect_is_the_mean_difference_of_each_robot():
     arms = four((recovery([0, 10]), recovery([20, 50])), (recovery([0, 0]), recovery([100, 100])))
-    found = {name.partition(":")[0]: value for name, (value, _) in effects(arms).items()}
-    assert found["noise"] == (20 + 40 + 100 + 100) / 4
-    assert found["clock"] == 0 and "memory" not in found
-    assert found["noise x ideas"] == 100 - 30
+    found = {name.partition(":")[0]: values[:2] for name, values in effects(arms).items()}
+    assert found["noise"] == (2, (20 + 40) / 2)  # without the arms that cannot learn
+    assert found["ideas"] == (2, -5) and found["clock"] == (3, 0) and "memory" not in found
+    assert found["noise x ideas"] == (4, 100 - 30)
+
+
+def test_arms_that_cannot_learn_are_known(life):
+    """What they learn about values does not reach their actions: the memory's one idea stays."""
+    for name, arm in ARMS.items():
+        branch = Branch(life, life.brains(), "polarity", arm)
+        before = {k: weights.copy() for k, weights in branch.agent.weights().items()}
+        for _ in range(3):
+            branch.advance(lambda: None)
+        changed = [
+            k for k, weights in branch.agent.weights().items() if (weights != before[k]).any()
+        ]
+        assert any(k.startswith("memory.") for k in changed) is learns(name)
+        assert any(k.startswith("evaluation.") for k in changed) is (name != FROZEN)
 
 
 def test_the_page_names_the_verdict_and_the_goal():

@@ -81,6 +81,15 @@ def _arms() -> dict[str, Arm]:
 ARMS: Mapping[str, Arm] = MappingProxyType(_arms())
 
 
+def learns(name: str) -> bool:
+    """Returns whether robots of an arm can learn.
+
+    Frozen ones cannot, nor those whose only idea is a memory's without noise: they always do what
+    the memory says, and it has nothing else to learn.
+    """
+    return name != FROZEN and "quiet-own" not in name
+
+
 def pairs(factor: str, names: Mapping[str, object]) -> list[tuple[str, str]]:
     """Returns the pairs of arms that differ in a factor alone.
 

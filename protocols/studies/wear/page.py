@@ -24,12 +24,13 @@ from .recovery import (
     Recovery,
     against_newborns,
     effects,
-    ends,
     mean_minutes,
     noise_pairs,
+    noise_pairs_by_share,
     verdict,
 )
 
+_SIGNS = {1: "helps", 0: "-", -1: "hinders"}
 _SHOWN = ("trained-noise", "trained-quiet")  # arms in the figure, besides the controls
 
 
@@ -100,29 +101,30 @@ def _pairs(arms: Arms) -> list[str]:
     if not tested:
         return []
     rows = [
-        ["with noise", "minutes", "without", "minutes", "difference", "p (Holm)", "noise is"]
-        + ["difference at the end", "p (Holm)"]
+        ["with noise", "without", "minutes", "p (Holm)", "noise", "in the spot", "p (Holm)"]
+        + ["noise"]
     ]
-    for pair, (end, p) in zip(tested, ends(arms, tested), strict=True):
+    by_share = noise_pairs_by_share(arms)
+    for time, share in zip(tested, by_share, strict=True):
         rows.append(
             [
-                f"`{pair.first}`",
-                _plain(mean_minutes(arms[pair.first])),
-                f"`{pair.second}`",
-                _plain(mean_minutes(arms[pair.second])),
-                _signed(pair.difference),
-                probability(pair.p),
-                ("faster", "-", "slower")[pair.sign + 1],
-                f"{end:+.3f}",
-                probability(p),
+                f"`{time.first}`",
+                f"`{time.second}`",
+                _signed(time.difference),
+                probability(time.p),
+                _SIGNS[time.sign],
+                "-" if math.isnan(share.difference) else f"{share.difference:+.3f}",
+                probability(share.p),
+                _SIGNS[share.sign],
             ]
         )
     return [
-        *table(rows, "lrlrrrlrr"),
+        *table(rows, "llrrlrrl"),
         "",
-        f"Restricted mean times; log-rank test. **{verdict(arms, tested)}** At the end: share of "
-        "the last probe in the spot, permutation test in pairs; not planned, no part of the "
-        "verdict.",
+        "With noise minus without. Minutes: restricted mean time to recovery, log-rank test. "
+        f"**{verdict(arms, tested)}** In the spot: mean share of the probes from ten minutes after "
+        "the change on, permutation test of the same robots in pairs. "
+        f"**{verdict(arms, by_share)}** Which of the two decides: docs/plans/wear.md.",
         "",
     ]
 
@@ -131,15 +133,17 @@ def _effects(arms: Arms) -> list[str]:
     found = effects(arms)
     if not found:
         return []
-    rows = [["effect", "minutes"]]
+    rows = [["effect", "pairs of arms", "minutes"]]
     rows += [
-        [name, with_interval(_signed(value), interval)] for name, (value, interval) in found.items()
+        [name, str(count), with_interval(_signed(value), interval)]
+        for name, (count, value, interval) in found.items()
     ]
     return [
         *table(rows),
         "",
         "Difference of the restricted time for each robot, mean over pairs of arms that differ in "
-        "the factor alone; 95 % interval (BCa bootstrap over robots). Not tested.",
+        "the factor alone; 95 % interval (BCa bootstrap over robots). Not tested. Main effects "
+        "without the arms `quiet-own`, which cannot learn.",
         "",
     ]
 

@@ -13,7 +13,7 @@ from ...analysis import intervals
 from ...analysis.hypothesis_tests import holm, same_mean
 from ...analysis.intervals import Interval
 from ...analysis.survival import Durations, log_rank, restricted
-from .arms import FACTORS, FROZEN, NEWBORN, pairs
+from .arms import FACTORS, FROZEN, NEWBORN, learns, pairs
 from .probes import PERIODS, PROBE
 
 ALPHA = 0.05
@@ -56,6 +56,14 @@ class Recovery:
         return Durations(probes * float(PROBE.minutes), happened)
 
     @property
+    def spot(self) -> np.ndarray:
+        """Mean share of time in the spot from the second probe after the change on, shape (N,).
+
+        NaN where nothing was learned, or the robot was stopped.
+        """
+        return np.where(self.learned, self.shares[1:].mean(axis=0), np.nan)
+
+    @property
     def unharmed(self) -> float:
         """Share of the robots that had learned whose first probe was a recovery; NaN for none."""
         times = self.durations
@@ -80,24 +88,30 @@ class Pair:
     Attributes:
       first: Name of the first arm.
       second: Name of the second.
-      p: p of the log-rank test, Holm-corrected over the family; NaN if not tested.
-      difference: Restricted mean time of the first minus that of the second, in minutes.
+      p: p of the test, Holm-corrected over the family; NaN if not tested.
+      difference: Mean of the first minus that of the second.
+      less_is_better: Whether a lower mean is better.
     """
 
     first: str
     second: str
     p: float
     difference: float
+    less_is_better: bool = True
 
     @property
     def sign(self) -> int:
-        """-1 if the first is faster, 1 if it is slower, 0 if that is undecided."""
+        """1 if the first is better, -1 if it is worse, 0 if that is undecided."""
         decided = not math.isnan(self.p) and self.p < ALPHA
-        return int(np.sign(self.difference)) if decided else 0
+        better = -self.difference if self.less_is_better else self.difference
+        return int(np.sign(better)) if decided else 0
 
 
 def compared(arms: Arms, wanted: Sequence[tuple[str, str]]) -> list[Pair]:
-    """Tests pairs of arms by the log-rank test, corrected over all of them by Holm's method."""
+    """Tests the times to recovery of pairs of arms, in minutes, by the log-rank test.
+
+    The restricted means are compared; Holm's correction over all pairs.
+    """
     times = {name: arms[name].durations for pair in wanted for name in pair}
     p_values = holm(np.array([log_rank(times[a], times[b]) for a, b in wanted]))
     return [
@@ -119,38 +133,46 @@ def against_newborns(arms: Arms) -> dict[str, Pair]:
 
 
 def noise_pairs(arms: Arms) -> list[Pair]:
-    """Returns the arms with noise compared with those that differ in noise alone."""
+    """Returns the arms with noise compared with those that differ in noise alone, by time."""
     return compared(arms, pairs("noise", arms))
 
 
-def ends(arms: Arms, tested: Sequence[Pair]) -> list[tuple[float, float]]:
-    """Returns the difference of the last probes of each pair of arms, and its p-value.
+def noise_pairs_by_share(arms: Arms) -> list[Pair]:
+    """Returns the same pairs compared by the share of time in the spot, see `Recovery.spot`.
 
-    Each is over the robots that had learned, a share of time of the first arm minus that of the
-    second; permutation test of the same robots in pairs, Holm-corrected over the pairs.
+    Permutation test of the same robots in pairs; Holm's correction over all pairs.
     """
-    found = []
-    for pair in tested:
-        first, second = arms[pair.first], arms[pair.second]
-        kept = first.learned & second.learned & ~np.isnan(first.shares[-1] - second.shares[-1])
-        last = first.shares[-1, kept], second.shares[-1, kept]
-        mean = float((last[0] - last[1]).mean()) if kept.any() else math.nan
-        found.append((mean, same_mean(*last, paired=True)))
-    p_values = holm(np.array([p for _, p in found]))
-    return [(mean, float(p)) for (mean, _), p in zip(found, p_values, strict=True)]
+    wanted = pairs("noise", arms)
+    spots = [(arms[a].spot, arms[b].spot) for a, b in wanted]
+    p_values = holm(np.array([same_mean(*both, paired=True) for both in spots]))
+    return [
+        Pair(*names, float(p), _known_mean(first - second), less_is_better=False)
+        for names, (first, second), p in zip(wanted, spots, p_values, strict=True)
+    ]
 
 
-def effects(arms: Arms) -> dict[str, tuple[float, Interval]]:
+def _known_mean(values: np.ndarray) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else math.nan
+
+
+def effects(arms: Arms) -> dict[str, tuple[int, float, Interval]]:
     """Returns the main effect of each factor, and that of noise times ideas.
 
     An effect is the second level's restricted time minus the first's, in minutes, for each robot a
-    mean over all pairs of arms that differ in the factor alone; its 95 % interval is over robots.
+    mean over the pairs of arms that differ in the factor alone; its 95 % interval is over robots.
+    Main effects leave out arms that cannot learn, see `learns`.
+
+    Returns:
+      Number of pairs of arms, mean and interval, by a description of the effect.
     """
     found = {}
+    able = {name: arm for name, arm in arms.items() if learns(name)}
     for factor, levels in FACTORS.items():
-        if own := pairs(factor, arms):
+        if own := pairs(factor, able):
             name = f"{factor}: {levels[1]} instead of {levels[0]}"
-            found[name] = _mean([arms[b].minutes - arms[a].minutes for a, b in own])
+            differences = [arms[b].minutes - arms[a].minutes for a, b in own]
+            found[name] = len(own), *_mean(differences)
     by_ideas = {
         level: [
             arms[b].minutes - arms[a].minutes
@@ -161,18 +183,15 @@ def effects(arms: Arms) -> dict[str, tuple[float, Interval]]:
     }
     if all(by_ideas.values()):
         random, own = (np.asarray(np.mean(by_ideas[k], axis=0)) for k in FACTORS["ideas"])
-        found["noise x ideas: effect of quiet with own ideas, minus with random"] = _mean(
-            [own - random]
-        )
+        name = "noise x ideas: effect of quiet with own ideas, minus with random"
+        found[name] = sum(map(len, by_ideas.values())), *_mean([own - random])
     return found
 
 
 def _mean(differences: Sequence[np.ndarray]) -> tuple[float, Interval]:
     each = np.mean(differences, axis=0)
     each = each[~np.isnan(each)]
-    return (
-        (float(each.mean()), intervals.mean(each)) if len(each) else (math.nan, intervals.UNKNOWN)
-    )
+    return _known_mean(each), intervals.mean(each) if len(each) else intervals.UNKNOWN
 
 
 def _needed(own: Sequence[Pair]) -> list[str]:
@@ -190,7 +209,7 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
 
     Args:
       arms: Recovery by arm.
-      tested: Noise pairs; those with a trained memory decide.
+      tested: Noise pairs, by time or by share; those with a trained memory decide.
     """
     own = [pair for pair in tested if pair.first.startswith("trained-")]
     if not own:
@@ -200,30 +219,31 @@ def verdict(arms: Arms, tested: Sequence[Pair]) -> str:
     spared = [FROZEN] if FROZEN in arms else [n for pair in own for n in (pair.first, pair.second)]
     if all(arms[name].unharmed > 0.5 for name in spared):
         return "Undecided: the change cost most robots nothing."
+    if FROZEN in arms and arms[FROZEN].durations.happened.mean() > 0.5:
+        return "Undecided: most robots reach the bound without learning."
     if missing := [name for name in _needed(own) if name not in arms]:
         return f"No verdict: not finished: {', '.join(missing)}."
     signs = {pair.first: pair.sign for pair in own}
-    faster = {name for name, sign in signs.items() if sign < 0}
-    slower = {name for name, sign in signs.items() if sign > 0}
+    better = {name for name, sign in signs.items() if sign > 0}
+    worse = {name for name, sign in signs.items() if sign < 0}
     without = {name for name in signs if "own" in name.split("-")}
-    if faster == signs.keys():
+    if better == signs.keys():
         recovered = [arms[pair.second].durations.happened for pair in own]
         if all(happened.mean() < 0.5 for happened in recovered):
             return "The claim holds: noise is essential."
         return "Noise helps, but is not essential."
-    if without and faster == without:
+    if without and better == without:
         return (
-            "The claim fails: noise speeds recovery only where no ideas are random, so novelty "
-            "need not come from noise."
+            "The claim fails: noise helps only where no ideas are random, so novelty need not "
+            "come from noise."
         )
-    if slower and not faster:
+    if worse and not better:
         return "The claim fails: noise hinders."
-    if not slower and not faster:
+    if not worse and not better:
         return "The claim fails: noise has no detectable effect."
-    named = ", ".join(
-        f"{word} with {name}"
-        for word, names in (("faster", faster), ("slower", slower))
-        for name in signs
-        if name in names
+    named = "; ".join(
+        f"{word} {', '.join(name for name in signs if name in names)}"
+        for word, names in (("helps", better), ("hinders", worse))
+        if names
     )
-    return f"Mixed: {named}; no difference in the other pairs."
+    return f"Mixed: noise {named}; no detectable effect in the other pairs."
