@@ -144,20 +144,37 @@ def test_the_winner_is_the_mean_of_the_search_and_lives_on_fresh_seeds(finished)
     out, page = finished
     evolution = TINY.evolution(out)
     assert len(evolution.generations) == 2
-    assert evolution.start is not None and len(evolution.start) == 4 * TINY.robots
+    assert {name: len(shares) for name, shares in evolution.tests.items()} == {
+        "start": 4 * TINY.robots,
+        "winner": 4 * TINY.robots,
+        "best": 4 * TINY.robots,
+    }
     brain = brain_at(evolution.generations[-1].mean, TINY.over, STEADY)
     winners = (out / FOLDER).glob("final*winner*")
     assert {load_arrays(path)[1]["brain.noise"] for path in winners} == {brain.noise}
     assert "| winner | 12 |" in page.markdown
-    assert "Difference " in page.markdown
-    (words,) = re.findall(r"`--brain steady --set (.*)`\.", page.markdown)
+    assert "Difference of winner and first brain" in page.markdown
+    assert "protocol `paper`, all durations times 0.001, kinematic simulator " in page.markdown
+    (words,) = re.findall(r"`--task .* --brain steady --set (.*)`\.", page.markdown)
     assert with_overrides(named_brain("steady"), words.split()) == brain
+
+
+def test_the_best_brain_of_the_last_generation_is_tested_on_fresh_seeds(finished):
+    out, page = finished
+    last = TINY.evolution(out).generations[-1]
+    brain = brain_at(last.points[last.fitness.argmax()], TINY.over, STEADY)
+    best = [load_arrays(path)[1] for path in (out / FOLDER).glob("final*best*")]
+    assert len(best) == 4 and {note["brain.noise"] for note in best} == {brain.noise}
+    assert f"last generation had {last.fitness.max():.3f} on its own seed" in page.markdown
 
 
 def test_the_printed_winner_holds_what_was_set_before_the_search():
     study = dataclasses.replace(TINY, set=("discount=0.8",))
-    assert study.options_of(study.start.brain) == "--brain steady --set discount=0.8"
-    assert study.options_of(STEADY) == "--brain steady"
+    start = "--task spot_finding --proposer creative --brain steady"
+    assert study.options_of(study.start.brain) == f"{start} --set discount=0.8"
+    assert study.options_of(STEADY) == start
+    walls = dataclasses.replace(TINY, protocol="walls")
+    assert walls.options_of(STEADY) == f"{start} --protocol walls"
 
 
 def test_a_search_that_was_stopped_makes_the_same_brains(finished, tmp_path, in_process):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 FOLDER = "evaluations"
 _SIGMA = 0.2  # initial standard deviation of every coordinate
 _FEWEST = 4  # brains in a generation, as CMA-ES needs
-_FINALS = 4  # cohorts of the start and of the winner, on seeds that no generation had
+_FINALS = 4  # cohorts of a brain in the end, on seeds that no generation had
 
 
 @dataclasses.dataclass
@@ -48,8 +48,8 @@ class Evolve(Study):
     """Evolve parameters of a brain in the kinematic simulator.
 
     All brains of a generation are simulated with the same seeds, each generation with new ones. The
-    winner is the mean of the search distribution after the last generation. It and the brain from
-    which the search started are then simulated with fresh seeds.
+    winner is the mean of the search distribution after the last generation. It, the best brain of
+    that generation and the brain from which the search started are then simulated with fresh seeds.
     """
 
     name: ClassVar[str] = "evolve"
@@ -151,7 +151,7 @@ class Evolve(Study):
         self.evolution(out)
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`: a group for each generation, then the start and the winner."""
+        """See `Study.stages`: a group for each generation, then the tests on fresh seeds."""
         evolution = Evolution(self.over)
         for jobs in self._course(out, evolution):
             number = len(evolution.generations)
@@ -170,7 +170,7 @@ class Evolve(Study):
         return evolution
 
     def _course(self, out: Path, evolution: Evolution) -> Iterator[list[EvaluationJob]]:
-        """Yields each generation's jobs, then those of the start and of the winner.
+        """Yields each generation's jobs, then those of the tests on fresh seeds.
 
         The jobs must be done when the next group is requested: what they found is added to the
         evolution, and the search moves.
@@ -180,17 +180,26 @@ class Evolve(Study):
             points, jobs = self._generation(search, number, out)
             yield jobs
             self._tell(evolution, search, points, jobs)
-        winner = self._winner(search)
-        tests = [self._finals(out, brain) for brain in (self.start.brain, winner)]
-        yield [*dict.fromkeys(job for jobs in tests for job in jobs)]  # winner and start may be one
-        shares = [np.concatenate([job.shares() for job in jobs]) for jobs in tests]
-        evolution.start, evolution.winner = shares
+        winner, last = self._brain(search.mean), evolution.generations[-1]
+        brains = {
+            "start": self.start.brain,
+            "winner": winner,
+            "best": self._brain(last.points[last.fitness.argmax()]),
+        }
+        tests = {name: self._finals(out, name, brain) for name, brain in brains.items()}
+        yield [*dict.fromkeys(job for jobs in tests.values() for job in jobs)]
+        evolution.tests = {
+            name: np.concatenate([job.shares() for job in jobs]) for name, jobs in tests.items()
+        }
         evolution.words = self.options_of(winner)
 
     def options_of(self, brain: Parameters) -> str:
-        """Returns the options of `musebot run` that choose a brain."""
+        """Returns the options of `musebot run` that choose a brain and its lives."""
         changes = overrides_of(brain, named_brain(self.brain))
-        return " ".join([f"--brain {self.brain}", *(["--set", *changes] if changes else [])])
+        words = [f"--task {self.task}", "--proposer creative", f"--brain {self.brain}"]
+        words += ["--set", *changes] if changes else []
+        words += [f"--protocol {self.protocol}"] if self.protocol != "paper" else []
+        return " ".join(words)
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
@@ -223,15 +232,15 @@ class Evolve(Study):
             self._job(
                 out,
                 f"{number:03}-{index:02}",
-                brain_at(point, self.over, self.start.brain),
+                self._brain(point),
                 self.seed + number,
             )
             for index, point in enumerate(points)
         ]
         return points, jobs
 
-    def _finals(self, out: Path, brain: Parameters) -> list[EvaluationJob]:
-        name = "start" if brain == self.start.brain else "winner"
+    def _finals(self, out: Path, name: str, brain: Parameters) -> list[EvaluationJob]:
+        name = "start" if brain == self.start.brain else name
         first = self.seed + self.generations
         return [
             self._job(out, f"final-{self.generations:03}-{name}-{k}", brain, first + k)
@@ -258,6 +267,5 @@ class Evolve(Study):
             Generation(np.array(points), sign * shares, search.mean.copy())
         )
 
-    def _winner(self, search: CMA) -> Parameters:
-        """Returns the brain at the search's mean; the best brain seen was also the luckiest."""
-        return brain_at(search.mean, self.over, self.start.brain)
+    def _brain(self, point: np.ndarray) -> Parameters:
+        return brain_at(point, self.over, self.start.brain)

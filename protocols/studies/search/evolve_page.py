@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
+from ....models import Kinematics
 from ...analysis import intervals
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
+from ...experiment.overrides import overrides_of
 from ...experiment.schedules import TASK_NAMES, Schedule
 from ...reporting import style
 from ...reporting.markdown import MEANS, mean_cell, table, with_interval
 from ..study import Page
 from .space import NEWBORNS, RANGES
 
+_BRAINS = {"start": "first brain", "winner": "winner", "best": "best of the last generation"}
 _LEAST = 12  # evaluations from which the weight of a parameter is shown
 
 
@@ -45,15 +48,14 @@ class Evolution:
     Attributes:
       over: Names of the n parameters.
       generations: Finished generations.
-      start: Shares of the robots with the first brain on fresh seeds, shape (B,); None if missing.
-      winner: Those of the robots with the winner.
-      words: Options of `musebot run` that choose the winner's brain.
+      tests: Shares of the robots on fresh seeds, each of shape (B,), with the brains "start",
+        "winner", and "best", that of the last generation; empty if missing.
+      words: Options of `musebot run` that choose the winner's brain and its lives.
     """
 
     over: Sequence[str]
     generations: list[Generation] = dataclasses.field(default_factory=list)
-    start: np.ndarray | None = None
-    winner: np.ndarray | None = None
+    tests: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     words: str = ""
 
     @property
@@ -106,9 +108,11 @@ def page(
         f"### {TASK_NAMES[condition.task]}: {schedule.event} after training",
         "",
         f"{len(evolution.generations)} generations of {size} brains, each with "
-        f"{experiment.cohort_size} creative robots, started from `{experiment.brain_name}`; all "
-        f"durations times {experiment.time_scale:g}. A generation's brains share their seed; each "
-        "generation has a new one.",
+        f"{experiment.cohort_size} creative robots, started from `{experiment.brain_name}`; "
+        f"protocol `{experiment.protocol}`, all durations times {experiment.time_scale:g}, "
+        f"kinematic simulator {' '.join(overrides_of(experiment.kinematics, Kinematics()))}. A "
+        f"generation's brains share their seed, the first {experiment.seed}; each generation has "
+        "the next one.",
         "",
     ]
     rows = [["generation", "best", "mean", "worst", "mean of the search after it"]]
@@ -124,30 +128,30 @@ def page(
             rows.append([f"`{name}`", f"{correlation:+.2f}", f"{width:.2f}"])
         lines += [
             "Spearman's correlation within generations. A search that has settled varies a "
-            "parameter little, so a small correlation does not say that it has no effect. "
+            "parameter little, so a small correlation does not say that it has no effect; and "
+            "parameters that it varies together share theirs. The end value of a parameter without "
+            "effect is chance. "
             "*Spread*: standard deviation in the last generation, as a share of the range.",
             "",
             *table(rows),
             "",
         ]
-    if evolution.start is not None and evolution.winner is not None:
+    if evolution.tests:
+        start, winner = evolution.tests["start"], evolution.tests["winner"]
         paired = NEWBORNS.isdisjoint(evolution.over)
-        gain = intervals.difference_of_means(
-            evolution.winner, evolution.start, paired=paired, span=intervals.SHARE
-        )
+        gain = intervals.difference_of_means(winner, start, paired=paired, span=intervals.SHARE)
         of = "of pairs of equal newborns" if paired else "of independent groups"
-        pairs = (("first brain", evolution.start), ("winner", evolution.winner))
         rows = [["on fresh seeds", "robots", schedule.event]]
-        for name, shares in pairs:
-            rows.append([name, str(len(shares)), mean_cell(shares, intervals.SHARE)])
-        change = evolution.winner.mean() - evolution.start.mean()
-        seen = sign * max(float(one.fitness.max()) for one in evolution.generations)
+        for name, shares in evolution.tests.items():
+            rows.append([_BRAINS[name], str(len(shares)), mean_cell(shares, intervals.SHARE)])
+        change = winner.mean() - start.mean()
+        seen = sign * float(evolution.generations[-1].fitness.max())
         lines += [
             *table(rows),
             "",
-            f"Difference {of} {with_interval(f'{change:+.3f}', gain)}. The best brain seen had "
-            f"{seen:.3f} on its own seed. The winner is the mean of the search: "
-            f"`{evolution.words}`. In brackets 95 % intervals ({MEANS}).",
+            f"Difference of winner and first brain, {of}: {with_interval(f'{change:+.3f}', gain)}. "
+            f"The best brain of the last generation had {seen:.3f} on its own seed. The winner is "
+            f"the mean of the search: `{evolution.words}`. In brackets 95 % intervals ({MEANS}).",
             "",
         ]
     return Page("\n".join(lines), {"evolve": draw(evolution, sign, schedule.event)})
@@ -163,11 +167,9 @@ def draw(evolution: Evolution, sign: int, event: str) -> Figure:
     count = np.arange(1, len(evolution.generations) + 1)
     means = [sign * one.fitness.mean() for one in evolution.generations]
     above.plot(count, means, color=style.PALETTE[2])
-    for shares, words, shade in (
-        (evolution.start, "first brain,\nfresh seeds", style.INK),
-        (evolution.winner, "winner,\nfresh seeds", style.PALETTE[1]),
-    ):
-        if shares is not None:
+    for name, shade in (("start", style.INK), ("winner", style.PALETTE[1])):
+        if name in evolution.tests:
+            shares, words = evolution.tests[name], f"{_BRAINS[name]},\nfresh seeds"
             above.axhline(shares.mean(), color=shade, lw=1, ls="--")
             above.annotate(
                 words, (1, shares.mean()), xycoords=("axes fraction", "data"), xytext=(4, 0),
