@@ -156,7 +156,8 @@ class CohortJob:
                 ) from error
             now = time.monotonic()
             for number, cohort in enumerate(cohorts):
-                if len(robots := _broken(cohort)) > len(broken[number]):
+                robots = (~cohort.valid).nonzero()[0].tolist()
+                if len(robots) > len(broken[number]):
                     new = sorted({*robots}.difference(broken[number]))
                     broken[number] = robots
                     where, step = self._name(cohort.key), cohort.step
@@ -188,11 +189,6 @@ class CohortJob:
     def _seconds(self, cohorts: Sequence[Cohort]) -> float:
         steps = sum(cohort.step for cohort in cohorts)
         return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
-
-
-def _broken(cohort: Cohort) -> list[int]:
-    """Returns the robots of a cohort that were stopped."""
-    return (~cohort.valid).nonzero()[0].tolist()
 
 
 def _causes(cohort: Cohort, stopped: Sequence[int]) -> list[tuple[str, list[int]]]:
