@@ -17,10 +17,8 @@ from ..results.learn_ability import CATEGORIES, Summary
 from ..results.results import Robot
 from ..results.run import Run
 from .behaviour import Behaviour
-from .hypothesis_tests import Sample, TestedInequality
+from .hypothesis_tests import ALPHA, Sample, TestedInequality
 from .paper_numbers import PAPER
-
-ALPHA = 0.05  # two-sided level of a claim; half of it for either verdict
 
 Verdict = Literal["holds", "does not hold", "undecided", "not judged"]
 
@@ -186,7 +184,8 @@ def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
 
     A claim holds if the tests support all its inequalities significantly; that needs no correction.
     It fails if one test contradicts its inequality significantly; the p-values against them are
-    multiplied by the number of inequalities (Bonferroni).
+    multiplied by the number of inequalities (Bonferroni). The level is two-sided: half of `ALPHA`
+    for either verdict.
     """
     try:
         inequalities = tuple(claim.compare(evidence))
