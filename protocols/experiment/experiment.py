@@ -14,6 +14,7 @@ import numpy as np
 from ...controller.parameters import Parameters, shown
 from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, scale_torque
 from ...models.arena import FASTEST
+from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import Robots
 from ...tasks.kinematic.robots import make_kinematic_batch
 from ...tasks.sensors import NoseForm
@@ -196,6 +197,10 @@ class Experiment:
             x, y = half_size(arena_spec())
             schedule = schedule.moved_out((self.arena_scale - 1) * x, (self.arena_scale - 1) * y)
         return schedule
+
+    def robot_seconds(self, steps: int) -> float:
+        """Returns the simulated seconds of some control steps, added up over a cohort's robots."""
+        return steps * self.cohort_size * CONTROL_TIMESTEP
 
     def arena_task(self, task: str) -> str:
         """Returns the task of the domain "arena" in which a task of the protocol is simulated."""

@@ -8,7 +8,6 @@ from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import CapacityError
 from ..agents.base import sound
 from ..agents.trust import trust
@@ -124,7 +123,7 @@ class CohortJob:
         """See `Job.cost`."""
         task = self.keys[0].condition.task
         steps = len(self.keys) * sum(self.experiment.schedule(task).steps())
-        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
+        return self.experiment.robot_seconds(steps)
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -188,7 +187,7 @@ class CohortJob:
 
     def _seconds(self, cohorts: Sequence[Cohort]) -> float:
         steps = sum(cohort.step for cohort in cohorts)
-        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
+        return self.experiment.robot_seconds(steps)
 
 
 def _causes(cohort: Cohort, stopped: Sequence[int]) -> list[tuple[str, list[int]]]:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ....tasks import CONTROL_TIMESTEP
 from ...agents.factory import make_agent
 from ...errors import RunError
 from ...experiment.conditions import Condition
@@ -81,7 +80,7 @@ class SeatJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        return self._steps * CONTROL_TIMESTEP * self._robots
+        return self.experiment.robot_seconds(self._steps)
 
     def done(self) -> bool:
         """See `Job.done`."""

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ....tasks import CONTROL_TIMESTEP
 from ...experiment.conditions import CohortKey, Condition
 from ...experiment.experiment import Experiment
 from ...simulation.cohort import Cohort
@@ -44,7 +43,7 @@ class NewbornJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        return self._steps * CONTROL_TIMESTEP * self.experiment.cohort_size
+        return self.experiment.robot_seconds(self._steps)
 
     @property
     def _steps(self) -> int:

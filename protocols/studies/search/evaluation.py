@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ....tasks import CONTROL_TIMESTEP
 from ...agents.trust import trust
 from ...errors import InputError, RunError
 from ...experiment.conditions import CohortKey, Condition
@@ -41,7 +40,7 @@ class EvaluationJob:
     def cost(self) -> float:
         """See `Job.cost`."""
         schedule = self.experiment.schedule(self.condition.task)
-        return sum(schedule.steps()) * CONTROL_TIMESTEP * self.experiment.cohort_size
+        return self.experiment.robot_seconds(sum(schedule.steps()))
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -52,7 +51,7 @@ class EvaluationJob:
         trust(self.condition.proposer)  # the command has named it
         path, robots = self.path.with_suffix(CHECKPOINT), self.experiment.cohort_size
         cohort, message = restored_cohort(path, self.experiment, CohortKey(self.condition, 0))
-        done = cohort.step * CONTROL_TIMESTEP * robots
+        done = self.experiment.robot_seconds(cohort.step)
         report(done, message)
         tick = MinuteTick(self, robots, stop, report, done)
         try:
