@@ -7,7 +7,7 @@ import functools
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -29,7 +29,7 @@ NosePlace = Literal["front", "centre"]
 MotorTorque = Literal["constant", "scaled"]
 Signals = Literal["paper", "raw"]
 Physics = Literal["c", "warp"]
-BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
+BODIES: tuple[Body, ...] = get_args(Body)
 MOST_IN_COHORT = 1_000_000
 _SEEDS, _LARGEST_TURN, _LARGEST_ARENA = 2**128, 360, 10  # turn in [deg]
 _MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}  # number, [s], [m]
@@ -116,12 +116,12 @@ class Experiment:
             )
         for name, allowed in (
             ("protocol", tuple(PROTOCOLS)),
-            ("nose", ("inverse", "printed")),
-            ("nose_place", ("front", "centre")),
-            ("motor_torque", ("constant", "scaled")),
+            ("nose", get_args(NoseForm)),
+            ("nose_place", get_args(NosePlace)),
+            ("motor_torque", get_args(MotorTorque)),
             ("body", BODIES),
-            ("physics", ("c", "warp")),
-            ("signals", ("paper", "raw")),
+            ("physics", get_args(Physics)),
+            ("signals", get_args(Signals)),
         ):
             if (value := getattr(self, name)) not in allowed:
                 word = name.replace("_", " ")
