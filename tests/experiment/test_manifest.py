@@ -139,10 +139,9 @@ def test_a_run_of_another_physics_is_refused_and_left_alone(sound):
     before = (sound / MANIFEST).read_bytes()
     assert not same_physics(sound)
     sentence = f"{sound} was simulated in another physics than this version's: "
-    for refused in (check_physics, lambda folder: write_manifest(folder, read_manifest(folder))):
-        with pytest.raises(InputError) as caught:
-            refused(sound)
-        assert str(caught.value) == sentence + "its robots and new ones must not be mixed"
+    with pytest.raises(InputError) as caught:
+        check_physics(sound)
+    assert str(caught.value) == sentence + "its robots and new ones must not be mixed"
     assert (sound / MANIFEST).read_bytes() == before
 
 
