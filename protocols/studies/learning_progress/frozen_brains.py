@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..agents.factory import make_agent
-from ..agents.neurocontroller import NeurocontrollerAgent
-from ..analysis.regret import regret
-from ..errors import DamagedFileError, InputError, RunError
-from ..experiment.conditions import CohortKey, Condition
-from ..experiment.experiment import Experiment, check_same
-from ..experiment.manifest import UNREADABLE, experiment_from
-from ..experiment.schedules import control_steps
-from ..playback.rollout import Tick, count_events
-from ..results.checks import check_same_shapes
-from ..simulation.cohort import Cohort, shapes_of
-from ..simulation.jobs import Report, Stop
-from ..simulation.placement import place
-from ..storage import digest, load_arrays, save_arrays
-from .study import MinuteTick, StoppedError, advance, check_shares, own_arrays
+from ...agents.factory import make_agent
+from ...agents.neurocontroller import NeurocontrollerAgent
+from ...analysis.regret import regret
+from ...errors import DamagedFileError, InputError, RunError
+from ...experiment.conditions import CohortKey, Condition
+from ...experiment.experiment import Experiment, check_same
+from ...experiment.manifest import UNREADABLE, experiment_from
+from ...experiment.schedules import control_steps
+from ...playback.rollout import Tick, count_events
+from ...results.checks import check_same_shapes
+from ...simulation.cohort import Cohort, shapes_of
+from ...simulation.jobs import Report, Stop
+from ...simulation.placement import place
+from ...storage import digest, load_arrays, save_arrays
+from ..study import MinuteTick, StoppedError, advance, check_shares, own_arrays
 
 TIMES = 9  # of the training, its beginning and its end among them
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
