@@ -19,7 +19,8 @@ from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
 from ..storage import locked, resolved
 from ..terminal import notice
-from .study import SAVE_EVERY, Study, check_positive
+from .jobs import SAVE_EVERY
+from .study import Study, check_positive
 
 
 class VariantStudy(Study):

@@ -24,7 +24,7 @@ from ...simulation.cohort import Cohort, shapes_of
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import digest, load_arrays, save_arrays
-from ..study import MinuteTick, StoppedError, advance, check_shares, own_arrays
+from ..jobs import MinuteTick, StoppedError, advance, check_shares, own_arrays
 
 TIMES = 9  # of the training, its beginning and its end among them
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it

@@ -16,7 +16,8 @@ from ...experiment.schedules import PARTS, Part
 from ...simulation.checkpoints import restored_cohort, save_checkpoint
 from ...simulation.jobs import Report, Stop
 from ...storage import remove_files, save_arrays
-from ..study import CHECKPOINT, MinuteTick, StoppedError, advance, identity_of, own_arrays
+from ..jobs import MinuteTick, StoppedError, advance, identity_of, own_arrays
+from ..study import CHECKPOINT
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,7 +22,7 @@ from ...playback.rollout import Mode, Tick, count_events
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import load_arrays, save_arrays
-from ..study import SAVE_EVERY, MinuteTick, StoppedError, check_notes, check_shares
+from ..jobs import SAVE_EVERY, MinuteTick, StoppedError, check_notes, check_shares
 from .arms import ARMS, FROZEN, NEWBORN, Arm
 from .lives import LifeJob, OldBrains
 from .probes import CONDITION, PERIODS, PERIODS_PER_SPOT, TRAINING, period, probe

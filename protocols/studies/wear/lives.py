@@ -15,7 +15,7 @@ from ...experiment.manifest import UNREADABLE, experiment_from
 from ...simulation.cohort import Cohort, shapes_of
 from ...simulation.jobs import Report, Stop
 from ...storage import digest, load_arrays, save_arrays
-from ..study import MinuteTick, StoppedError, advance, check_shares
+from ..jobs import MinuteTick, StoppedError, advance, check_shares
 from .probes import CONDITION, REFERENCES, period, probe
 
 
