@@ -2,7 +2,18 @@
 
 import json
 
+import numpy as np
 from matplotlib.colors import to_rgb
+
+# Source of an agent whose motor values have a wrong shape.
+LAZY_AGENT = """import numpy as np
+from musebot.protocols.agents.bounds import HandCoded
+class Lazy(HandCoded):
+    def __init__(self, robots, senses, seed):
+        super().__init__(senses)
+    def act(self, state, learning):
+        return np.zeros((1, 2))
+"""
 
 
 def forget_digests(directory):
@@ -26,6 +37,23 @@ def snapshot(tensors):
 def same(first, second):
     """Returns whether tensors by name are equal."""
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)
+
+
+def same_results(first, second):
+    """Returns whether two results are equal, NaN equal to NaN."""
+    from musebot.protocols.results.results import WHEN
+
+    return [*first] == [*second] and all(
+        repr(one.robots) == repr(other.robots)
+        and one.curves.dtype == other.curves.dtype
+        and np.array_equal(one.curves, other.curves)
+        and all(
+            one.networks[w].keys() == other.networks[w].keys()
+            and all(np.array_equal(x, other.networks[w][k]) for k, x in one.networks[w].items())
+            for w in WHEN
+        )
+        for one, other in zip(first.values(), second.values(), strict=True)
+    )
 
 
 def luminance(shade):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,10 +17,8 @@ from ..results.learn_ability import CATEGORIES, Summary
 from ..results.results import Robot
 from ..results.run import Run
 from .behaviour import Behaviour
-from .hypothesis_tests import Sample, TestedInequality
+from .hypothesis_tests import ALPHA, Sample, TestedInequality
 from .paper_numbers import PAPER
-
-ALPHA = 0.05  # two-sided level of a claim; half of it for either verdict
 
 Verdict = Literal["holds", "does not hold", "undecided", "not judged"]
 
@@ -29,67 +27,43 @@ class Undecidable(Exception):
     """The evidence is not sufficient to test a claim; the text says what is missing."""
 
 
-class Evidence(Protocol):
-    """Data by which claims are judged. Every method raises Undecidable where data are missing."""
-
-    def summary(self, condition: Condition) -> Summary:
-        """Returns a column of table 1 or 2."""
-        ...
-
-    def single_robots(self) -> Run:
-        """Returns the run that has the data of single robots."""
-        ...
-
-    def observed(self) -> Behaviour:
-        """Returns the behaviour of the robots."""
-        ...
-
-
 @dataclasses.dataclass(frozen=True)
-class RunEvidence:
-    """The evidence of a run.
+class Evidence:
+    """Data by which claims are judged: a run, or the paper's own tables.
+
+    Every method raises Undecidable where data are missing.
 
     Attributes:
-      run: The run.
+      run: The run; None for the paper's tables, which hold no data of single robots.
       behaviour: Behaviour of the run's robots; None if they were not observed.
     """
 
-    run: Run
+    run: Run | None
     behaviour: Behaviour | None = None
 
     def summary(self, condition: Condition) -> Summary:
-        """See `Evidence.summary`."""
+        """Returns a column of table 1 or 2."""
+        if self.run is None:
+            return PAPER[condition]
         if not self.run.valid(condition):
             raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
         return self.run.summary(condition)
 
     def single_robots(self) -> Run:
-        """See `Evidence.single_robots`."""
+        """Returns the run that has the data of single robots."""
+        if self.run is None:
+            raise Undecidable("the paper has no data of single robots")
         return self.run
 
     def observed(self) -> Behaviour:
-        """See `Evidence.observed`."""
+        """Returns the behaviour of the robots."""
+        if self.run is None:
+            raise Undecidable("the paper does not measure what the robots do")
         if self.behaviour is None:
             raise Undecidable(
                 "the brains were not observed in their robots, as `musebot report` does"
             )
         return self.behaviour
-
-
-class PaperEvidence:
-    """The paper's own tables as evidence; they hold no data of single robots."""
-
-    def summary(self, condition: Condition) -> Summary:
-        """See `Evidence.summary`."""
-        return PAPER[condition]
-
-    def single_robots(self) -> Run:
-        """See `Evidence.single_robots`."""
-        raise Undecidable("the paper has no data of single robots")
-
-    def observed(self) -> Behaviour:
-        """See `Evidence.observed`."""
-        raise Undecidable("the paper does not measure what the robots do")
 
 
 def robots(evidence: Evidence, condition: Condition) -> list[Robot]:
@@ -210,7 +184,8 @@ def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
 
     A claim holds if the tests support all its inequalities significantly; that needs no correction.
     It fails if one test contradicts its inequality significantly; the p-values against them are
-    multiplied by the number of inequalities (Bonferroni).
+    multiplied by the number of inequalities (Bonferroni). The level is two-sided: half of `ALPHA`
+    for either verdict.
     """
     try:
         inequalities = tuple(claim.compare(evidence))

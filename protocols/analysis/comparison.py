@@ -16,11 +16,10 @@ from ..results.results import Robot
 from ..results.run import Run, abilities, shares
 from ..terminal import StepProgress
 from . import intervals
-from .hypothesis_tests import DRAWS, holm, same_deviation, same_mean, same_share
+from .hypothesis_tests import ALPHA, DRAWS, holm, same_deviation, same_mean, same_share
 from .intervals import Interval
 from .paper_tables import row_names
 
-ALPHA = 0.05  # probability of any false difference in a family of cells
 CELLS = len(CATEGORIES) + 4  # of a condition
 
 _deviation = functools.partial(np.nanstd, ddof=1)

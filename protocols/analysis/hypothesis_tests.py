@@ -11,6 +11,9 @@ from scipy import stats
 
 from .intervals import FEWEST, LEVEL, UNKNOWN, Interval
 
+ALPHA = 0.05
+"""Level of all tests: below this p-value, corrected where there are several, one is significant."""
+
 _NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values may not be 0
 _SEED = 1  # equal data give bit-exact equal p-values
 _JOINT_DRAWS = 9999

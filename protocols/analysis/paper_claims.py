@@ -35,7 +35,7 @@ from .claim_tests import (
     spun,
     stuck,
 )
-from .claims import Claim, ClaimResult, PaperEvidence, RunEvidence, ability, judge, post_share
+from .claims import Claim, ClaimResult, Evidence, ability, judge, post_share
 from .paper_numbers import PAPER
 
 _WALLS, _SPOT = "wall_avoidance", "spot_finding"
@@ -57,7 +57,7 @@ def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]
     comparable = experiment.protocol == "paper" and experiment.brain_name == "paper"
     if not comparable or not any(condition in PAPER for condition in run.conditions()):
         return []
-    own, paper = RunEvidence(run, behaviour), PaperEvidence()
+    own, paper = Evidence(run, behaviour), Evidence(None)
     return [
         dataclasses.replace(judge(claim, own), paper=judge(claim, paper).verdict)
         for claim in CLAIMS

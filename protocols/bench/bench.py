@@ -38,7 +38,6 @@ from .measurements import (
     draw,
 )
 from .memory import peak_memory
-from .section import Section
 from .targets import targets_section
 
 SIZES = (1, 2, 5, 10, 20, SMALL, 100, MAIN, 500, 1000, 2000)
@@ -274,7 +273,7 @@ class _Printer:
         of = f"{self._number} of {self._measurements}"
         notice(", ".join(filter(None, [f"measuring {what}", of, f"{seconds:.0f} s", left])))
 
-    def show(self, section: Section) -> None:
+    def show(self, section: str) -> None:
         """Prints a section: formatted on a terminal, as Markdown otherwise."""
-        show_markdown(section.markdown())
+        show_markdown(section)
         sys.stdout.flush()

@@ -16,8 +16,8 @@ import numpy as np
 
 from ...tasks.gymnasium_env import ArenaVectorEnv
 from ..errors import RunError
+from ..reporting import markdown
 from .lives import BareRollout
-from .section import Section
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +57,7 @@ class InterfaceCosts:
         """Median ratio of the batch's steps per second to those of single environments."""
         return median(b / a for a, b in zip(self.batch, self.single, strict=True))
 
-    def section(self) -> Section:
+    def section(self) -> str:
         """Returns the section with the steps per second of all interfaces."""
         rows = [
             ("bare `mujoco.rollout`", self.bare, self.substeps),
@@ -70,13 +70,13 @@ class InterfaceCosts:
         for name, seconds, substeps in rows:
             rate = self.robots / median(seconds)
             cells.append((name, f"{rate:,.0f}", f"{rate * substeps:,.0f}"))
-        return Section(
+        return markdown.section(
             "Gymnasium interfaces",
             f"{self.robots} robots, {self.threads} threads, {len(self.batch)} rounds. The batch "
             f"runs at {self.over_bare:.2f} of the rate of bare physics and at "
             f"{self.over_single:.1f} times the rate of single environments.",
             ("", "control steps a second", "physics steps a second"),
-            tuple(cells),
+            cells,
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from statistics import mean, median
 
@@ -301,11 +301,6 @@ def environment_costs(rounds: int, steps: int) -> list[EnvironmentCost]:
         if turn:  # the first round warms up
             seconds[timer.name].append(pair)
     return [
-        EnvironmentCost(timer.name, timer.substeps, *_columns(seconds[timer.name]))
+        EnvironmentCost(timer.name, timer.substeps, *zip(*seconds[timer.name], strict=True))
         for timer in timers
     ]
-
-
-def _columns(rows: Iterable[tuple[float, float]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    first, second = zip(*rows, strict=True)
-    return first, second

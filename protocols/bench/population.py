@@ -15,10 +15,10 @@ from ...tasks.tensors.robots import TensorRobots
 from ..experiment.conditions import CohortKey, Condition
 from ..experiment.experiment import Experiment
 from ..experiment.plan import Plan
+from ..reporting import markdown
 from ..simulation.cohort import Cohort
 from ..simulation.runs import check_device as check_plan
 from .lives import begin_training
-from .section import Section
 
 CONDITION = Condition("spot_finding", "creative")
 WORLDS = {"kinematic": {"body": "kinematic"}, "C MuJoCo": {}, "MuJoCo Warp": {"physics": "warp"}}
@@ -112,7 +112,7 @@ def _measure(rate: Rate, world: str, device: str, seconds: float) -> None:
     rate.physics[world] = robots * _steps_a_second(simulate, block, device, seconds)
 
 
-def section(device: str, rates: Sequence[Rate]) -> Section:
+def section(device: str, rates: Sequence[Rate]) -> str:
     """Returns the section on populations."""
     shown = worlds(device)
     rows = [
@@ -121,14 +121,14 @@ def section(device: str, rates: Sequence[Rate]) -> Section:
     ]
     longest = "; ".join(f"{w}: {', '.join(names)}" for w, names in rates[-1].longest.items())
     head = ("physics", "life") if device == "cpu" else ("physics", "life", "kernels", "copies")
-    return Section(
+    return markdown.section(
         f"Populations on {device}",
         "Robot-steps a second of creative spot finding in training: the physics alone, and lives "
         "with sensors, the paper's brain and tallies. On a GPU also the kernels that a control "
         "step of a life launches, and its copies between GPU and host, by PyTorch's profiler. "
         + (f"Longest kernels with the most robots: {longest}." if longest else ""),
         ("robots", *(f"{world}: {name}" for world in shown for name in head)),
-        tuple(rows),
+        rows,
     )
 
 

@@ -7,6 +7,7 @@ from statistics import median
 from typing import Any
 
 from ..experiment.conditions import PAPER_TASKS
+from ..reporting.markdown import section
 from .lives import BrainCost, PairedTiming, Setting
 from .measurements import (
     MAIN,
@@ -17,20 +18,19 @@ from .measurements import (
     life_steps,
 )
 from .models import LIKE_CAR, EnvironmentCost, StepCost
-from .section import Section
 from .workers import Scaling, Work
 
 
-def machine_section(machine: Mapping[str, Any]) -> Section:
+def machine_section(machine: Mapping[str, Any]) -> str:
     """Returns a section with the versions and the processor."""
     text = "The machine of all measurements below."
     if machine["quick"]:
         text += " **Measured with --quick: too short to be quoted.**"
-    rows = tuple((_words(name), str(value)) for name, value in machine.items())
-    return Section("Machine", text, ("", "value"), rows)
+    rows = [(_words(name), str(value)) for name, value in machine.items()]
+    return section("Machine", text, ("", "value"), rows)
 
 
-def lives_section(timings: Iterable[PairedTiming]) -> Section:
+def lives_section(timings: Iterable[PairedTiming]) -> str:
     """Returns a section on the throughput of every condition, compared with bare physics."""
     rows = []
     for timing in timings:
@@ -46,7 +46,7 @@ def lives_section(timings: Iterable[PairedTiming]) -> Section:
                 f"{us['brain'] + us['rest']:.1f}",
             )
         )
-    return Section(
+    return section(
         "Lives against bare physics",
         "Robot-steps a second of robots in training (sensors, brain, tallies, physics), and of "
         "`mujoco.rollout` alone, which repeats their motor commands from the same states, one "
@@ -61,28 +61,28 @@ def lives_section(timings: Iterable[PairedTiming]) -> Section:
             "range of blocks",
             "outside physics, us a robot-step",
         ),
-        tuple(rows),
+        rows,
     )
 
 
-def sizes_section(timings: Iterable[PairedTiming]) -> Section:
+def sizes_section(timings: Iterable[PairedTiming]) -> str:
     """Returns a section on the time of a robot-step for every number of robots."""
     rows = []
     for timing in timings:
         us = timing.microseconds
         cells = (f"{us[part]:.1f}" for part in ("total", "physics", "brain", "rest", "bare"))
         rows.append((str(timing.setting.robots), *cells, f"{timing.ratio:.3f}"))
-    return Section(
+    return section(
         "Cost against the number of robots",
         "Microseconds a robot-step of creative wall avoidance in one process. Physics is MuJoCo. "
         "Brain is acting and learning. Rest is sensors, rewards, tallies and the copying between "
         "them. Ratio is the median of bare over total.",
         ("robots", "total", "physics", "brain", "rest", "bare", "ratio"),
-        tuple(rows),
+        rows,
     )
 
 
-def brains_section(brains: Mapping[str, Mapping[str, BrainCost]]) -> Section:
+def brains_section(brains: Mapping[str, Mapping[str, BrainCost]]) -> str:
     """Returns a section on the time of the brains `steady` and `paper`."""
     rows = []
     for task, costs in brains.items():
@@ -90,7 +90,7 @@ def brains_section(brains: Mapping[str, Mapping[str, BrainCost]]) -> Section:
             numbers = cost.microseconds, cost.ratio(costs[PAPER]), cost.share
             cells = (f"{x:{form}}" for x, form in zip(numbers, (".1f", ".2f", ".3f"), strict=True))
             rows.append((f"{_words(task)}, {name}", *cells))
-    return Section(
+    return section(
         "Two brains",
         f"Time of acting and learning of {MAIN} creative robots in one process, with the paper's "
         "brain and with ours, in alternation, medians of blocks.",
@@ -100,14 +100,14 @@ def brains_section(brains: Mapping[str, Mapping[str, BrainCost]]) -> Section:
             "relative to the paper's",
             "share of the time",
         ),
-        tuple(rows),
+        rows,
     )
 
 
-def timers_section(timers: tuple[float, float], setting: Setting) -> Section:
+def timers_section(timers: tuple[float, float], setting: Setting) -> str:
     """Returns a section on the time that MuJoCo's stage timers cost."""
     on, off = (1e6 * seconds / setting.robot_steps for seconds in timers)
-    return Section(
+    return section(
         "MuJoCo's timers",
         "A bare rollout in two processes in alternation: one with MuJoCo's stage timers on, which "
         "is MuJoCo's default, and one with them off, as in all other measurements.",
@@ -116,7 +116,7 @@ def timers_section(timers: tuple[float, float], setting: Setting) -> Section:
     )
 
 
-def scaling_section(scaling: Mapping[Work, Scaling]) -> Section:
+def scaling_section(scaling: Mapping[Work, Scaling]) -> str:
     """Returns a section on the throughput of one, two and all processes."""
     names: dict[Work, str] = {"live": "lives", "replay": "bare rollout"}
     rows = []
@@ -132,16 +132,16 @@ def scaling_section(scaling: Mapping[Work, Scaling]) -> Section:
                 f"{times.robot_steps_per_second:,.0f}",
             )
         )
-    return Section(
+    return section(
         "Processes",
         f"Robot-steps a second of creative wall avoidance, {MAIN} robots in each process: one "
         "process, two at the same time, and as many as there are cores, in alternation.",
         ("", "one", "two", "two over one", f"all {scaling['live'].processes}"),
-        tuple(rows),
+        rows,
     )
 
 
-def steps_section(steps: Mapping[str, StepCost]) -> Section:
+def steps_section(steps: Mapping[str, StepCost]) -> str:
     """Returns a section on the time of a physics step of every model."""
     rows = []
     for cost in steps.values():
@@ -158,7 +158,7 @@ def steps_section(steps: Mapping[str, StepCost]) -> Section:
                 f"**{cost.ratio(steps[LIKE_CAR]):.3f}**",
             )
         )
-    return Section(
+    return section(
         "A physics step compared with a car's",
         "`mj_step` of our robot in its arena, and of a free two-wheeled car with as many degrees "
         "of freedom (our own, with the structure of MuJoCo's `model/car/car.xml`; that file too, "
@@ -174,13 +174,13 @@ def steps_section(steps: Mapping[str, StepCost]) -> Section:
             "us a step",
             "relative to car-like",
         ),
-        tuple(rows),
+        rows,
     )
 
 
-def environments_section(costs: Iterable[EnvironmentCost]) -> Section:
+def environments_section(costs: Iterable[EnvironmentCost]) -> str:
     """Returns a section on the time of `env.step` outside the physics."""
-    rows = tuple(
+    rows = [
         (
             cost.name if cost.name == "point_mass" else _words(cost.name),
             str(cost.substeps),
@@ -189,8 +189,8 @@ def environments_section(costs: Iterable[EnvironmentCost]) -> Section:
             f"**{cost.overhead_us:.1f}**",
         )
         for cost in costs
-    )
-    return Section(
+    ]
+    return section(
         "A step of the environment",
         "`env.step` of our dm_control tasks and of dm_control's point_mass, and the same physics "
         "steps alone, from the same states, in alternation, in microseconds.",
@@ -199,18 +199,18 @@ def environments_section(costs: Iterable[EnvironmentCost]) -> Section:
     )
 
 
-def memory_section(memory: Mapping[int, float]) -> Section:
+def memory_section(memory: Mapping[int, float]) -> str:
     """Returns a section on the peak memory of a process."""
-    return Section(
+    return section(
         "Memory",
         "Peak of a new process that simulates creative wall avoidance for a short time and saves "
         "a checkpoint, in MB (10^6 bytes).",
         ("robots", "peak, MB"),
-        tuple((str(robots), f"{peak:.0f}") for robots, peak in memory.items()),
+        [(str(robots), f"{peak:.0f}") for robots, peak in memory.items()],
     )
 
 
-def hours_section(measured: Measurements) -> Section:
+def hours_section(measured: Measurements) -> str:
     """Returns a section on the time of simulating the paper's tables."""
     rows = [
         (
@@ -223,14 +223,14 @@ def hours_section(measured: Measurements) -> Section:
         for proposer in PROPOSERS
     ]
     rows.append(("both tables", "", "", f"**{measured.tables_hours:.2f}**"))
-    return Section(
+    return section(
         "The paper's tables",
         f"Hours with two processes of {MAIN} robots for {TABLE_ROBOTS} robots in each of the six "
         "conditions. The rate is that of training; tests are cheaper. All cores together "
         f"simulate {measured.realtime_factor:,.0f} robot-seconds a second (creative wall "
         "avoidance).",
         ("condition", "control steps a life", "us a robot-step", "hours"),
-        tuple(rows),
+        rows,
     )
 
 

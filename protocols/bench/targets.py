@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ..experiment.conditions import PAPER_TASKS
+from ..reporting.markdown import section
 from .measurements import MAIN, PAPER, SMALL, STEADY, Measurements
-from .section import Section
 
 
-def targets_section(measured: Measurements) -> Section:
+def targets_section(measured: Measurements) -> str:
     """Returns a section with each target, the measured value, and whether it meets the target."""
     two, bare = measured.scaling["live"].ratio, measured.scaling["replay"].ratio
     env, point = measured.env_overhead, measured.point_mass_overhead
@@ -60,9 +60,9 @@ def targets_section(measured: Measurements) -> Section:
             measured.memory[1000] < 1500,
         ),
     ]
-    return Section(
+    return section(
         "Targets",
         "The project's targets for speed and memory.",
         ("", "measured", "target", "met"),
-        tuple((*cells, "yes" if met else "**no**") for *cells, met in targets),
+        [(*cells, "yes" if met else "**no**") for *cells, met in targets],
     )

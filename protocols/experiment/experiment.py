@@ -7,13 +7,14 @@ import functools
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from ...controller.parameters import Parameters, shown
 from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, scale_torque
 from ...models.arena import FASTEST
+from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import Robots
 from ...tasks.kinematic.robots import make_kinematic_batch
 from ...tasks.sensors import NoseForm
@@ -28,7 +29,7 @@ NosePlace = Literal["front", "centre"]
 MotorTorque = Literal["constant", "scaled"]
 Signals = Literal["paper", "raw"]
 Physics = Literal["c", "warp"]
-BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
+BODIES: tuple[Body, ...] = get_args(Body)
 MOST_IN_COHORT = 1_000_000
 _SEEDS, _LARGEST_TURN, _LARGEST_ARENA = 2**128, 360, 10  # turn in [deg]
 _MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}  # number, [s], [m]
@@ -115,12 +116,12 @@ class Experiment:
             )
         for name, allowed in (
             ("protocol", tuple(PROTOCOLS)),
-            ("nose", ("inverse", "printed")),
-            ("nose_place", ("front", "centre")),
-            ("motor_torque", ("constant", "scaled")),
+            ("nose", get_args(NoseForm)),
+            ("nose_place", get_args(NosePlace)),
+            ("motor_torque", get_args(MotorTorque)),
             ("body", BODIES),
-            ("physics", ("c", "warp")),
-            ("signals", ("paper", "raw")),
+            ("physics", get_args(Physics)),
+            ("signals", get_args(Signals)),
         ):
             if (value := getattr(self, name)) not in allowed:
                 word = name.replace("_", " ")
@@ -196,6 +197,10 @@ class Experiment:
             x, y = half_size(arena_spec())
             schedule = schedule.moved_out((self.arena_scale - 1) * x, (self.arena_scale - 1) * y)
         return schedule
+
+    def robot_seconds(self, steps: int) -> float:
+        """Returns the simulated seconds of some control steps, added up over a cohort's robots."""
+        return steps * self.cohort_size * CONTROL_TIMESTEP
 
     def arena_task(self, task: str) -> str:
         """Returns the task of the domain "arena" in which a task of the protocol is simulated."""

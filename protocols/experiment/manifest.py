@@ -37,13 +37,10 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     continued or enlarged.
 
     Args:
-      directory: Folder of the run.
+      directory: Folder of the run; `check_physics` accepts it.
       plan: Plan with at least the robots in the plan of the existing file (see `Plan.merged_with`).
       begun: Whether to keep the list of versions in the existing file; False if no robot was
         simulated with those versions.
-
-    Raises:
-      InputError: the existing file records another physics.
     """
     path = directory / MANIFEST
     made_with: list[Any] = []
@@ -52,7 +49,6 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
         older = read_json(path)
         files = {_FILES: older[_FILES]} if _FILES in older else {}
         made_with = [one for one in older["made_with"] if begun and one != machine()]
-        check_physics(directory)
     experiment = plan.experiment
     robots = sorted(plan.robots.items())  # a run that was continued has them in this order
     content = {

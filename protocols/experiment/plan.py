@@ -72,11 +72,8 @@ class Plan:
             for condition, robots in self.robots.items()
             for index in range(robots // self.experiment.cohort_size)
         ]
-        return sorted(keys, key=lambda key: -self.steps(key))
-
-    def steps(self, key: CohortKey) -> int:
-        """Returns the number of control steps in the life of a cohort."""
-        return sum(self.experiment.schedule(key.condition.task).steps())
+        schedule = self.experiment.schedule
+        return sorted(keys, key=lambda key: -sum(schedule(key.condition.task).steps()))
 
     def merged_with(self, older: Plan) -> Plan:
         """Returns a plan with the robots of both plans.

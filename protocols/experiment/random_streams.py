@@ -1,4 +1,4 @@
-"""The random streams of a cohort, derived from the experiment's seed."""
+"""Random streams of brains and placements, derived from the experiment's seed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,20 @@ def random_streams(seed: int, key: CohortKey) -> tuple[int, np.random.Generator]
     Returns:
       The seed of the cohort's brains, and the generator that draws its placements.
     """
-    condition = zlib.crc32(str(key.condition).encode())
-    sequence = np.random.SeedSequence(seed, spawn_key=(condition, key.index))
-    brains, world = sequence.spawn(2)
+    return named_streams(seed, str(key.condition), key.index)
+
+
+def named_streams(seed: int, name: str, *numbers: int) -> tuple[int, np.random.Generator]:
+    """Derives the random streams of robots that a name and some numbers identify.
+
+    Args:
+      seed: Seed of the experiment.
+      name: Name of what the robots do.
+      *numbers: Numbers that tell them from others with this name.
+
+    Returns:
+      The seed of the robots' brains, and the generator that draws their placements.
+    """
+    key = (zlib.crc32(name.encode()), *numbers)
+    brains, world = np.random.SeedSequence(seed, spawn_key=key).spawn(2)
     return int(brains.generate_state(1, np.uint64)[0] >> 1), np.random.default_rng(world)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
@@ -65,29 +65,20 @@ class Schedule:
 
     def scaled(self, factor: float) -> Schedule:
         """Returns the schedule with every duration multiplied by a factor."""
-        return dataclasses.replace(
-            self,
-            phases=tuple(
-                dataclasses.replace(
-                    phase,
-                    minutes=phase.minutes * factor,
-                    every_minutes=phase.every_minutes and phase.every_minutes * factor,
-                )
-                for phase in self.phases
-            ),
+        return self._changed(
+            lambda phase: {
+                "minutes": phase.minutes * factor,
+                "every_minutes": phase.every_minutes and phase.every_minutes * factor,
+            }
         )
 
     def turned(self, angle: float) -> Schedule:
         """Returns the schedule with every fixed pose of the robot turned by an angle in [rad]."""
-        return dataclasses.replace(
-            self,
-            phases=tuple(
-                dataclasses.replace(phase, robot=(*phase.robot[:2], phase.robot[2] + angle))
-                if isinstance(phase.robot, tuple)
-                else phase
-                for phase in self.phases
-            ),
-        )
+
+        def turned(pose: Any) -> Any:
+            return (*pose[:2], pose[2] + angle) if isinstance(pose, tuple) else pose
+
+        return self._changed(lambda phase: {"robot": turned(phase.robot)})
 
     def moved_out(self, x: float, y: float) -> Schedule:
         """Returns the schedule with every fixed place moved away from the centre by x and y [m]."""
@@ -98,13 +89,7 @@ class Schedule:
             return (place[0] + math.copysign(x, place[0]), place[1] + math.copysign(y, place[1]),
                     *place[2:])  # fmt: skip
 
-        return dataclasses.replace(
-            self,
-            phases=tuple(
-                dataclasses.replace(phase, robot=moved(phase.robot), spot=moved(phase.spot))
-                for phase in self.phases
-            ),
-        )
+        return self._changed(lambda phase: {"robot": moved(phase.robot), "spot": moved(phase.spot)})
 
     def steps(self) -> list[int]:
         """Returns the number of control steps of each phase, at least one."""
@@ -135,6 +120,11 @@ class Schedule:
     def event(self) -> str:
         """The measured event, in words."""
         return "in the spot" if self.wanted else "in contact"
+
+    def _changed(self, fields: Callable[[Phase], dict[str, Any]]) -> Schedule:
+        """Returns the schedule with some fields of every phase replaced."""
+        phases = tuple(dataclasses.replace(phase, **fields(phase)) for phase in self.phases)
+        return dataclasses.replace(self, phases=phases)
 
 
 def control_steps(minutes: float) -> int:

@@ -17,7 +17,7 @@ import numpy as np
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.rules import Rules
 from ..errors import InputError
-from ..simulation.signals import handling
+from ..simulation.stop_requests import handling
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import StepProgress, notice
 from .episode import Episode, Moment

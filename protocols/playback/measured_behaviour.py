@@ -13,7 +13,7 @@ from ..experiment.conditions import Condition
 from ..experiment.schedules import control_steps
 from ..results.results import WHEN, When
 from ..results.run import Run
-from .rollout import SEED, Tick, evaluate, minutes_of, watch
+from .rollout import SEED, Tick, evaluate, ticks_of, watch
 from .stored_brains import stored_brains
 
 SAMPLE = 60  # robots observed in each condition
@@ -51,7 +51,7 @@ def ticks(run: Run) -> int:
     batches = [(SPIN_MINUTES, sample(run, condition, SAMPLE)) for condition in with_brains(run)]
     batches += [(STAY_MINUTES, finders(run, condition)) for condition in _searching(run)]
     scale = run.experiment.time_scale
-    return sum(minutes_of(minutes * scale) for minutes, rows in batches if rows)
+    return sum(ticks_of(minutes * scale) for minutes, rows in batches if rows)
 
 
 def with_brains(run: Run) -> list[Condition]:

@@ -18,6 +18,9 @@ from ...models import arena_spec
 from ...models.rendering import fit_buffer, load_triton, no_egl
 from ..errors import InputError
 
+_MOST_GEOMS = 4000  # in the scene
+_FRAMES = 5  # timed by `probe`
+
 
 class Canvas:
     """Renders a model through one of its cameras.
@@ -27,9 +30,7 @@ class Canvas:
       scene: MuJoCo's scene; geoms can be added to it between `look` and `pixels`.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, camera: str, width: int, height: int, max_geoms: int = 4000
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
         """Opens EGL and prepares the scene.
 
         Args:
@@ -37,7 +38,6 @@ class Canvas:
           camera: Name of one of the model's cameras.
           width: Width of an image in pixels.
           height: Height of an image in pixels.
-          max_geoms: Largest number of geoms in the scene.
 
         Raises:
           InputError: there is no EGL.
@@ -61,7 +61,7 @@ class Canvas:
             from OpenGL.GL import GL_RENDERER, glGetString
 
             self.renderer = str(glGetString(GL_RENDERER).decode())  # type: ignore[union-attr]
-            self.scene = mujoco.MjvScene(model, max_geoms)
+            self.scene = mujoco.MjvScene(model, _MOST_GEOMS)
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         except Exception as error:  # drivers, PyOpenGL and MuJoCo each raise their own
             raise InputError(no_egl(error)) from error
@@ -86,25 +86,21 @@ class Canvas:
         self._gl.free()
 
 
-def probe(frames: int = 5) -> None:
-    """Prints the renderer and the time in [ms] of rendering an image of 640 x 480, as JSON.
-
-    Args:
-      frames: Number of images to render; the median time is printed.
-    """
+def probe() -> None:
+    """Prints the renderer and the median time in [ms] of an image of 640 x 480, as JSON."""
     model = arena_spec().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     canvas = Canvas(model, "overhead", 640, 480)
     times = []
-    for _ in range(1 + frames):
+    for _ in range(1 + _FRAMES):
         began = time.perf_counter()
         canvas.look(data)
         canvas.pixels()
         times.append(time.perf_counter() - began)
     canvas.close()
     # The first image takes longer, because it compiles the shaders.
-    print(json.dumps({"renderer": canvas.renderer, "ms": 1e3 * sorted(times[1:])[frames // 2]}))
+    print(json.dumps({"renderer": canvas.renderer, "ms": 1e3 * sorted(times[1:])[_FRAMES // 2]}))
 
 
 if __name__ == "__main__":

@@ -159,6 +159,6 @@ def _events(
             tick()
 
 
-def minutes_of(minutes: float) -> int:
+def ticks_of(minutes: float) -> int:
     """Returns how often a simulation of `minutes` simulated minutes calls `tick`."""
     return -(-control_steps(minutes) // control_steps(1))

@@ -20,6 +20,7 @@ _NOSES = {"nose": ("nose",), "noses": ("left_nose", "right_nose")}  # sites of t
 Colour = tuple[float, float, float]
 BLUE, GREY, AMBER = (0.13, 0.42, 0.66), (0.46, 0.53, 0.62), (0.98, 0.65, 0.15)
 RED, GREEN, _MOSS = (0.89, 0.20, 0.16), (0.16, 0.66, 0.27), (0.04, 0.34, 0.12)
+_REACH, _SLICES = 0.24, 12  # of the sector in which a nose smells, in [m], and its triangles
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,23 +131,15 @@ class Scene:
                 height = 0.002 + 0.0001 * side  # two of them must not share a plane
                 self._odour(_NOSES[name][side], float(signal), frustum, height)
 
-    def _odour(
-        self,
-        site: str,
-        signal: float,
-        frustum: float,
-        height: float,
-        reach: float = 0.24,
-        slices: int = 12,
-    ) -> None:
+    def _odour(self, site: str, signal: float, frustum: float, height: float) -> None:
         nose = self._data.site(site)
         ahead = np.arctan2(nose.xmat[3], nose.xmat[0])
-        angles = ahead + np.linspace(-frustum / 2, frustum / 2, slices + 1)
+        angles = ahead + np.linspace(-frustum / 2, frustum / 2, _SLICES + 1)
         rays = np.column_stack([np.cos(angles), np.sin(angles)])
-        clear = np.minimum(reach, _to_wall(nose.xpos[:2], rays, self._model))
+        clear = np.minimum(_REACH, _to_wall(nose.xpos[:2], rays, self._model))
         # Overlapping sectors make the colour denser near the nose.
         for layer, share in enumerate((1.0, 0.75, 0.5, 0.25)):
-            corners = np.minimum(clear, share * reach)[:, None] * rays
+            corners = np.minimum(clear, share * _REACH)[:, None] * rays
             base = np.array([*nose.xpos[:2], height + 0.0002 * layer])
             for first, second in zip(corners[:-1], corners[1:], strict=True):
                 # MuJoCo's triangle (0, 0), (1, 0), (0, 1), whose axes are the sector's edges.

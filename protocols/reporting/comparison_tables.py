@@ -8,7 +8,8 @@ from typing import Any
 
 from ..agents.names import short_name
 from ..analysis import intervals
-from ..analysis.comparison import ALPHA, Cell
+from ..analysis.comparison import Cell
+from ..analysis.hypothesis_tests import ALPHA
 from ..experiment.experiment import differing
 from ..results.run import Run
 from . import labels

@@ -32,6 +32,19 @@ def table(rows: Sequence[Sequence[str]], align: str = "") -> list[str]:
     return [line(rows[0]), line(rule), *map(line, rows[1:])]
 
 
+def section(title: str, text: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Returns a heading, a paragraph and a table as Markdown.
+
+    Args:
+      title: Heading.
+      text: Paragraph.
+      head: Names of the table's columns.
+      rows: Rows of the table, a text for each cell.
+    """
+    lines = "\n".join(table([head, *rows]))
+    return f"### {title}\n\n{text}\n\n{lines}\n"
+
+
 def number(value: float) -> str:
     """Returns a number as text with four decimals; a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.4f}"

@@ -223,16 +223,13 @@ _WIDTH, _HEIGHT, _FOVY = 1120, 720, 20.0  # [pixels], [deg]
 _EYE, _TARGET = np.array([0.17, 0.13, 0.085]), np.array([0.0, 0.0, 0.014])  # [m]
 
 
-def robot(task: str = "spot_finding") -> Figure:
+def robot() -> Figure:
     """Draws the robot with its sensors; every label points at a place that the model gives.
-
-    Args:
-      task: Task whose model is drawn.
 
     Raises:
       InputError: there is no EGL.
     """
-    spec = task_definition(task).spec()
+    spec = task_definition("spot_finding").spec()
     ahead = (_TARGET - _EYE) / np.linalg.norm(_TARGET - _EYE)
     right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
     up = np.cross(right, ahead)

@@ -14,7 +14,7 @@ from ..analysis.behaviour import Track
 from ..analysis.regret import GRID, grid, situations
 from ..experiment.conditions import Condition
 from ..experiment.schedules import SCHEDULES, TASK_NAMES
-from ..playback.rollout import SEED, Tick, evaluate, minutes_of
+from ..playback.rollout import SEED, Tick, evaluate, ticks_of
 from ..playback.stored_brains import stored_brains
 from ..results.results import WHEN, When
 from ..results.run import Run
@@ -28,7 +28,7 @@ _LIMITS = (-0.56, 0.56)  # of motor values: marks at the edge of the image stay 
 def ticks(run: Run) -> int:
     """Returns how often `trajectories` calls `tick`, over all tasks of a run."""
     scale = run.experiment.time_scale
-    return sum(minutes_of(MINUTES[task] * scale) for task in run.tasks() if examples(run, task))
+    return sum(ticks_of(MINUTES[task] * scale) for task in run.tasks() if examples(run, task))
 
 
 # ---- Trajectories ----

@@ -141,13 +141,13 @@ def label_ends(axis: Axes, x: float, ends: Mapping[str, tuple[float, str]]) -> N
         )  # fmt: skip
 
 
-def _apart(heights: Sequence[float], least: float = 0.045) -> np.ndarray:
-    """Returns heights of labels that are at least a distance apart, close to those wanted."""
+def _apart(heights: Sequence[float]) -> np.ndarray:
+    """Returns heights of labels that are at least 0.045 apart, close to those wanted."""
     order = np.argsort(heights)
     placed = np.array(heights, dtype=float)
     for _ in range(200):
         gaps = np.diff(placed[order])
-        short = np.maximum(least - gaps, 0) / 2
+        short = np.maximum(0.045 - gaps, 0) / 2
         if not short.any():
             break
         placed[order[:-1]] -= short

@@ -18,7 +18,7 @@ from ..experiment.conditions import Condition
 from ..experiment.schedules import control_steps
 from ..playback import measured_behaviour
 from ..playback.measured_behaviour import SPIN_MINUTES, STAY_MINUTES, from_the_rim, sample
-from ..playback.rollout import Tick, evaluate, minutes_of
+from ..playback.rollout import Tick, evaluate, ticks_of
 from ..results.run import Run
 from .robot_figures import draw_arena, draw_path
 from .style import canvas, colour
@@ -59,15 +59,15 @@ class Typical:
 
 def ticks(run: Run) -> int:
     """Returns how often `typical_robots` calls `tick`."""
-    scale, minutes = run.experiment.time_scale, 0
+    scale, count = run.experiment.time_scale, 0
     if (condition := _condition(run, "wall_avoidance")) and sample(run, condition, 1):
-        minutes += minutes_of(SPIN_MINUTES * scale)
+        count += ticks_of(SPIN_MINUTES * scale)
     if condition := _condition(run, "spot_finding"):
         if measured_behaviour.finders(run, condition):
-            minutes += minutes_of(STAY_MINUTES * scale)
+            count += ticks_of(STAY_MINUTES * scale)
         if _arriving(run, condition):
-            minutes += minutes_of(APPROACH_MINUTES * scale)
-    return minutes
+            count += ticks_of(APPROACH_MINUTES * scale)
+    return count
 
 
 def typical_robots(run: Run, tick: Tick = lambda: None) -> Iterator[Typical]:

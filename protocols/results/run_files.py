@@ -297,13 +297,6 @@ def has_all_rows(directory: Path, plan: Plan) -> bool:
     return all(len(run.robots(c)) >= robots for c, robots in plan.robots.items())
 
 
-def _changed(path: Path) -> str:
-    return (
-        f"{path} is not the file that musebot wrote for this run (its digest is not the one in "
-        f"{MANIFEST})"
-    )
-
-
 def _check_digests(directory: Path, names: Sequence[str]) -> None:
     """Raises DamagedFileError where a file is not one that was written for this run."""
     found = {name: digest_of_file(directory / name) for name in names}
@@ -313,7 +306,10 @@ def _check_digests(directory: Path, names: Sequence[str]) -> None:
     for name in reversed(names):  # a file is of the same state as robots.csv, or a later one
         known = [n for n, state in enumerate(states) if state.get(name) == found[name]]
         if not known:
-            raise DamagedFileError(_changed(directory / name))
+            raise DamagedFileError(
+                f"{directory / name} is not the file that musebot wrote for this run (its digest "
+                f"is not the one in {MANIFEST})"
+            )
         states = states[known[0] :]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -19,14 +19,10 @@ from ..agents.base import Agent
 from ..agents.neurocontroller import NeurocontrollerAgent
 from ..experiment.experiment import Experiment
 
+if TYPE_CHECKING:
+    from .cohort import Cohort
+
 HOST = "cpu"
-
-
-class Driven(Protocol):
-    """Robots, and the agent that drives them."""
-
-    agent: Agent
-    batch: Robots
 
 
 def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
@@ -69,7 +65,7 @@ def on_tensors(batch: Robots) -> TensorRobots:
 class StepWork:
     """What a cohort does in a control step besides the physics: it decides, and counts events."""
 
-    def __init__(self, cohort: Driven) -> None:
+    def __init__(self, cohort: Cohort) -> None:
         """Takes the cohort."""
         self._cohort = cohort
         self._tally: Any = 0
@@ -104,7 +100,7 @@ class CapturedWork(StepWork):
     alternate steps.
     """
 
-    def __init__(self, cohort: Driven) -> None:
+    def __init__(self, cohort: Cohort) -> None:
         """Takes the cohort, whose agent is a brain and whose robots are tensors."""
         super().__init__(cohort)
         assert isinstance(cohort.agent, NeurocontrollerAgent)
@@ -150,7 +146,7 @@ class CapturedWork(StepWork):
         self._tally += self._batch.rules.event(self._batch.sensordata)
 
 
-def step_work(cohort: Driven) -> StepWork:
+def step_work(cohort: Cohort) -> StepWork:
     """Returns the work of a cohort, captured where its device can do that."""
     batch = cohort.batch
     on_tensors = isinstance(batch, TensorRobots | Part)

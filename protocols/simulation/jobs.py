@@ -8,7 +8,6 @@ from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import CapacityError
 from ..agents.base import sound
 from ..agents.trust import trust
@@ -124,7 +123,7 @@ class CohortJob:
         """See `Job.cost`."""
         task = self.keys[0].condition.task
         steps = len(self.keys) * sum(self.experiment.schedule(task).steps())
-        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
+        return self.experiment.robot_seconds(steps)
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -156,7 +155,8 @@ class CohortJob:
                 ) from error
             now = time.monotonic()
             for number, cohort in enumerate(cohorts):
-                if len(robots := _broken(cohort)) > len(broken[number]):
+                robots = (~cohort.valid).nonzero()[0].tolist()
+                if len(robots) > len(broken[number]):
                     new = sorted({*robots}.difference(broken[number]))
                     broken[number] = robots
                     where, step = self._name(cohort.key), cohort.step
@@ -187,12 +187,7 @@ class CohortJob:
 
     def _seconds(self, cohorts: Sequence[Cohort]) -> float:
         steps = sum(cohort.step for cohort in cohorts)
-        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
-
-
-def _broken(cohort: Cohort) -> list[int]:
-    """Returns the robots of a cohort that were stopped."""
-    return (~cohort.valid).nonzero()[0].tolist()
+        return self.experiment.robot_seconds(steps)
 
 
 def _causes(cohort: Cohort, stopped: Sequence[int]) -> list[tuple[str, list[int]]]:

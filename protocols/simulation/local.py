@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import Interrupted, RunError
 from ..terminal import JobProgress
 from .jobs import Job, run_job
-from .signals import StopRequest, handling, stop_on_signals
+from .stop_requests import StopRequest, handling, stop_on_signals
 from .worker import (
     children_without_script,
     follow_parent,

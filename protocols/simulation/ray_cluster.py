@@ -18,7 +18,7 @@ from ..errors import InputError, Interrupted, RunError
 from ..storage import create_empty, draft_name, remove_files
 from ..terminal import JobProgress
 from .jobs import Job, run_job
-from .signals import stop_on_signals
+from .stop_requests import stop_on_signals
 from .worker import prepare_process, stopped_by
 
 try:

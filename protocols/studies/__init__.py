@@ -75,7 +75,7 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Evaluate trained brains in robots and arenas that differ from training.",
         ),
         "learning-progress": (
-            "learning_progress",
+            "learning_progress.study",
             "LearningProgress",
             "Evaluate frozen brains at nine times of their training in spot finding.",
         ),

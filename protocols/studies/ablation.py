@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar
 
 from ...controller import BRAINS, INGREDIENTS
 from ...models import Kinematics
-from ..analysis.comparison import ALPHA, Cell, Match, outcomes, verdict
+from ..analysis.comparison import Cell, Match, outcomes, verdict
+from ..analysis.hypothesis_tests import ALPHA
 from ..errors import InputError
 from ..experiment.conditions import PAPER_TASKS, Condition
 from ..experiment.experiment import Body, Experiment

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from ...controller import RandomActions
 from ..analysis.comparison import Cell, Match, outcomes, verdict
+from ..analysis.hypothesis_tests import ALPHA
 from ..analysis.regret import regret, situations
 from ..errors import InputError
 from ..experiment.conditions import Condition
@@ -174,7 +175,7 @@ def markdown(
     note = (
         "Two independent groups of robots. In brackets the 95 % interval of the difference "
         f"({MEANS}). p: permutation test, corrected by Holm's method over the "
-        f"{2 * len(found)} rows; better or worse: p below 0.05."
+        f"{2 * len(found)} rows; better or worse: p below {ALPHA:g}."
     )
     head = ["run", "ideas", "", "situation", "regret of their ideas", "of random ideas"]
     reasons = [head]

@@ -20,6 +20,7 @@ from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment
 from ..simulation.jobs import Job, Report, Stop
 from ..storage import save_arrays
+from .jobs import FileJob, StoppedError
 from .study import Page, Study, check_positive
 
 # What differs from Stable-Baselines3's defaults: many short rollouts, since there are few steps.
@@ -116,7 +117,7 @@ class PPOTraining(Study):
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainingJob:
+class TrainingJob(FileJob):
     """Trains one policy.
 
     Attributes:
@@ -139,18 +140,16 @@ class TrainingJob:
         """See `Job.cost`."""
         return rounded(self.steps) * CONTROL_TIMESTEP
 
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
+    @property
+    def identity(self) -> dict[str, Any]:
+        """See `FileJob.identity`."""
+        return {"task": self.task, "steps": self.steps, "seed": self.seed}
 
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; a training that was stopped starts from the beginning."""
+    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        """See `FileJob.work`."""
         policy = train(self.task, self.steps, self.seed, stop, report)
-        if policy is None:
-            return False
-        save_arrays(self.path, policy, task=self.task, steps=self.steps, seed=self.seed)
         report(self.cost, "")
-        return True
+        return policy
 
     def policy(self) -> dict[str, np.ndarray]:
         """Reads the trained policy.
@@ -159,9 +158,9 @@ class TrainingJob:
           InputError: there is no such file, it is damaged, or it is another job's.
         """
         task, arrays, notes = read_policies(self.path)
-        wanted = {"task": self.task, "steps": self.steps, "seed": self.seed}
-        if (held := {"task": task, **notes}) != wanted or len(arrays["after.0.weights"]) != 1:
-            raise DamagedFileError(f"{self.path} is of {held}, not of {wanted}")
+        held = {"task": task, **notes}
+        if held != self.identity or len(arrays["after.0.weights"]) != 1:
+            raise DamagedFileError(f"{self.path} is of {held}, not of {self.identity}")
         return arrays
 
 
@@ -176,7 +175,7 @@ def train(
     seed: int,
     stop: Stop = lambda: False,
     report: Report = lambda cost, message: None,
-) -> dict[str, np.ndarray] | None:
+) -> dict[str, np.ndarray]:
     """Trains one policy on one core.
 
     Args:
@@ -188,7 +187,10 @@ def train(
         message.
 
     Returns:
-      Weights in the form of `agents.ppo.Policies` with B = 1; None if stopped.
+      Weights in the form of `agents.ppo.Policies` with B = 1.
+
+    Raises:
+      StoppedError: `stop` returned True.
     """
     from stable_baselines3 import PPO
 
@@ -207,7 +209,9 @@ def train(
         return not stopped
 
     model.learn(steps, callback=goes_on)
-    return None if stopped else before | _weights(model.policy, "after")
+    if stopped:
+        raise StoppedError
+    return before | _weights(model.policy, "after")
 
 
 def _weights(policy: Any, when: str) -> dict[str, np.ndarray]:

@@ -38,8 +38,9 @@ from ..results.run import Run
 from ..results.run_files import check_names, flat_networks, read_runs
 from ..shared_options import BODY_CHOICES, PROPOSER_CHOICES, Runs, option
 from ..simulation.jobs import Job, Report, Stop
-from ..storage import digest, save_arrays
-from .study import MinuteTick, Page, StoppedError, Study, check_positive, own_arrays
+from ..storage import digest
+from .jobs import FileJob, MinuteTick
+from .study import Page, Study, check_positive
 
 _WALLS, _SPOTS = ("wall_avoidance",), ("spot_finding",)
 _LOWER_LEFT = (UPPER_LEFT[0], -UPPER_LEFT[1])
@@ -311,7 +312,7 @@ class EvaluatedRun:
 
 
 @dataclasses.dataclass(frozen=True)
-class PerturbedTest:
+class PerturbedTest(FileJob):
     """Evaluates a condition's robots with one perturbation, in lockstep.
 
     Attributes:
@@ -336,22 +337,13 @@ class PerturbedTest:
         """See `Job.cost`."""
         return len(self.rows) * self.evaluated.test_seconds(self.condition.task)
 
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
-
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; an evaluation that was stopped starts from the beginning."""
-        try:
-            arrays = evaluate(self, MinuteTick(self, len(self.rows), stop, report))
-        except StoppedError:
-            return False
-        save_arrays(self.path, arrays, **self.identity)
-        return True
+    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        """See `FileJob.work`."""
+        return evaluate(self, MinuteTick(self, len(self.rows), stop, report))
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Notes by which the job recognises its file."""
+        """See `FileJob.identity`."""
         weights = self.evaluated.results[self.condition].networks["after"]
         change = dataclasses.asdict(self.perturbation)
         if self.perturbation.torque == "constant":  # files made before there was a choice
@@ -372,7 +364,7 @@ class PerturbedTest:
         """
         robots = (len(self.rows),)
         shapes = {"events": ("I32", robots), "valid": ("BOOL", robots)}
-        arrays = own_arrays(self.path, shapes, self.identity)
+        arrays = self.read(shapes)
         most = self.evaluated.test_seconds(self.condition.task) / CONTROL_TIMESTEP
         if (wrong := (arrays["events"] < 0) | (arrays["events"] > most + 0.5)).any():
             value = arrays["events"][wrong][0]

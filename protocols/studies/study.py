@@ -5,35 +5,26 @@ from __future__ import annotations
 import abc
 import contextlib
 import dataclasses
-import functools
 import json
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError, Interrupted, RunError
-from ..experiment.conditions import Condition
-from ..experiment.experiment import Experiment, check_same, flat
+from ..experiment.experiment import Experiment, check_same
 from ..experiment.manifest import UNREADABLE, experiment_from
 from ..experiment.physics_probe import is_physics_of, physics_probe
 from ..experiment.plan import MOST_ROBOTS
 from ..experiment.provenance import machine
-from ..experiment.schedules import control_steps
 from ..reporting import style
-from ..results.checks import check_same_shapes
-from ..simulation.cohort import Cohort
-from ..simulation.jobs import Executor, Job, Report, Stop, execute
+from ..simulation.jobs import Executor, Job, execute
 from ..storage import (
-    Shapes,
     check_folder,
     check_own_folder,
     is_draft,
-    load_arrays,
     locked,
     read_json,
     remove_drafts,
@@ -45,8 +36,6 @@ from ..storage import (
 
 STUDY_FILE = "study.json"
 CHECKPOINT = ".checkpoint"  # ending of a job's file from which it continues
-SAVE_EVERY = 60.0  # wall-clock seconds between two checkpoints
-_CHUNK = control_steps(1)
 _UNFINISHED = "*Unfinished: only what is done so far.*\n\n"
 
 _DEFAULT = {"default": Experiment()}  # whose physics a study without experiments is checked by
@@ -184,112 +173,6 @@ def _write_page(study: Study, out: Path) -> Page:
     return page
 
 
-def identity_of(experiment: Experiment, condition: Condition) -> dict[str, Any]:
-    """Returns the notes by which a job recognises its file: experiment and condition."""
-    return flat(experiment) | {"condition": str(condition)}
-
-
-def own_arrays(path: Path, shapes: Shapes, identity: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Reads the file of a job: the arrays that the job writes, and no others.
-
-    Args:
-      path: File to read.
-      shapes: The dtype, as safetensors names it, and the shape of each array.
-      identity: What says whose file it is, as plain data; files of earlier versions say less.
-
-    Raises:
-      FileNotFoundError: there is no such file.
-      DamagedFileError: the file is damaged, or another job's.
-    """
-    arrays, notes = load_arrays(path, functools.partial(check_same_shapes, shapes))
-    check_notes(path, notes, {k: value for k, value in identity.items() if k in notes})
-    return arrays
-
-
-def check_notes(path: Path, notes: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
-    """Raises DamagedFileError where a file's notes lack a value of its job, or have another.
-
-    Args:
-      path: File with the notes.
-      notes: Notes of the file.
-      identity: What says whose file it is, as plain data.
-    """
-    for name, wanted in _plain(identity).items():
-        if (held := notes.get(name)) != wanted:
-            raise DamagedFileError(
-                f"{path} is another's: its {name} is {held!r:.100}, not {wanted!r:.100}"
-            )
-
-
-class StoppedError(Exception):
-    """A job was asked to stop before it was done."""
-
-
-class MinuteTick:
-    """Reports a job's progress every simulated minute, and stops it when asked."""
-
-    def __init__(
-        self, job: Job, robots: float, stop: Stop, report: Report, done: float = 0.0
-    ) -> None:
-        """Starts the count.
-
-        Args:
-          job: Job whose progress is reported.
-          robots: Number of robots in lockstep, or its mean over several groups.
-          stop: Function that returns whether to stop.
-          report: Function called with the simulated robot-seconds so far and a message.
-          done: Robot-seconds simulated before, by a job that continues.
-        """
-        self._cost, self._each = job.cost, 60.0 * robots
-        self._stop, self._report = stop, report
-        self._done = done
-
-    def __call__(self) -> None:
-        """Counts a simulated minute.
-
-        Raises:
-          StoppedError: the job is asked to stop.
-        """
-        self._done = min(self._done + self._each, self._cost)
-        self._report(self._done, "")
-        if self._stop():
-            raise StoppedError
-
-
-def advance(
-    cohort: Cohort, until: int, tick: MinuteTick, save: Callable[[], object] = lambda: None
-) -> None:
-    """Simulates a cohort up to a control step, and counts the minutes.
-
-    Args:
-      cohort: Cohort to simulate.
-      until: Control step at which it ends.
-      tick: Counter of the minutes.
-      save: Function that stores the cohort, called once a minute of the wall clock, and when the
-        job is asked to stop.
-
-    Raises:
-      StoppedError: the job is asked to stop.
-    """
-    saved = time.monotonic()
-    try:
-        while cohort.step < until:
-            cohort.advance(min(_CHUNK, until - cohort.step))
-            tick()
-            if time.monotonic() - saved > SAVE_EVERY:
-                save()
-                saved = time.monotonic()
-    except StoppedError:
-        save()
-        raise
-
-
-def check_shares(path: Path, shares: np.ndarray) -> None:
-    """Raises DamagedFileError if a file's shares are not in [0, 1]; NaN is allowed."""
-    if not ((shares >= 0) & (shares <= 1) | np.isnan(shares)).all():
-        raise DamagedFileError(f"{path} is damaged (a share is not within [0, 1])")
-
-
 def check_positive(most: int = MOST_ROBOTS, /, **numbers: int) -> None:
     """Raises InputError where an option that counts something is less than 1, or too large."""
     for name, number in numbers.items():
@@ -325,7 +208,7 @@ def _check(study: Study, experiments: Mapping[str, Experiment], out: Path) -> li
         raise InputError(f"{out} holds a study of {names[0]}, not of {names[1]}")
     for one, stored in known.items():
         check_same(f"{out} holds a study of {one}", stored, experiments[one])
-    for detail, wanted in _plain(study.details()).items():
+    for detail, wanted in json.loads(json.dumps(study.details())).items():  # tuples as lists
         if details.get(detail) != wanted:
             raise InputError(
                 f"{out} holds a study with {detail} {details.get(detail)!r:.100}, "
@@ -349,8 +232,3 @@ def _write_manifest(
         "made_with": [*(one for one in made_with if one != machine()), machine()],
     }
     write_json(out / STUDY_FILE, content)
-
-
-def _plain(details: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns details as plain data for JSON, for example with lists for tuples."""
-    return json.loads(json.dumps(details))

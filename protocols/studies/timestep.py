@@ -18,8 +18,9 @@ from ..errors import DamagedFileError, InputError
 from ..experiment.experiment import Experiment
 from ..reporting.markdown import table
 from ..simulation.jobs import Job, Report, Stop
-from ..storage import Shapes, save_arrays
-from .study import Page, StoppedError, Study, check_positive, own_arrays
+from ..storage import Shapes
+from .jobs import FileJob, StoppedError
+from .study import Page, Study, check_positive
 
 SUBSTEPS = (100, 50, 25, 20, 15, 14, 10, 5)  # in a control step; the first is the reference
 
@@ -89,7 +90,7 @@ class Timestep(Study):
 
 
 @dataclasses.dataclass(frozen=True)
-class TimestepJob:
+class TimestepJob(FileJob):
     """Measures the robots' motion at one timestep.
 
     Attributes:
@@ -118,22 +119,9 @@ class TimestepJob:
         steps = _CALM_ROBOTS * _CALM_STEPS + _FAST_STEPS + (self.robots + 2) * self.steps
         return steps * CONTROL_TIMESTEP
 
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
-
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`."""
-        try:
-            arrays = self._measured(stop, report)
-        except StoppedError:
-            return False
-        save_arrays(self.path, arrays, **self.identity)
-        return True
-
     @property
     def identity(self) -> dict[str, Any]:
-        """Notes by which the job recognises its file."""
+        """See `FileJob.identity`."""
         return {"substeps": self.substeps, "robots": self.robots, "minutes": self.minutes}
 
     def measured(self) -> dict[str, np.ndarray]:
@@ -144,13 +132,14 @@ class TimestepJob:
         """
         steps = {"calm": _CALM_ROBOTS, "spin": self.steps, "rest": self.steps, "fast": _FAST_STEPS}
         shapes: Shapes = {name: ("F64", (count, 3)) for name, count in steps.items()}
-        arrays = own_arrays(self.path, shapes | {n: ("F64", ()) for n in _NUMBERS}, self.identity)
+        arrays = self.read(shapes | {n: ("F64", ()) for n in _NUMBERS})
         for name, array in arrays.items():
             if not np.isfinite(array).all():
                 raise DamagedFileError(f"{self.path} is damaged ({name} is not finite)")
         return arrays
 
-    def _measured(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        """See `FileJob.work`."""
         done = 0.0
 
         def driven(motors: np.ndarray, start: tuple[float, float, float]) -> Motion:

@@ -19,6 +19,7 @@ from ..simulation.jobs import CohortJob, Job
 from ..simulation.runs import UnfinishedRun
 from ..storage import locked, resolved
 from ..terminal import notice
+from .jobs import SAVE_EVERY
 from .study import Study, check_positive
 
 
@@ -121,7 +122,7 @@ class VariantStudy(Study):
             }
             for sentence in (s for run in self._unfinished.values() for s in run.begin()):
                 notice(sentence)
-            yield [job for run in self._unfinished.values() for job in run.jobs(save_every=60.0)]
+            yield [job for run in self._unfinished.values() for job in run.jobs(SAVE_EVERY)]
 
     def finished(self, job: Job) -> None:
         """See `Study.finished`."""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import LAZY_AGENT
 
 from musebot.controller import PROPOSERS
 from musebot.protocols import cli
@@ -197,15 +198,7 @@ def test_a_module_that_cannot_be_imported_is_refused_with_the_reason(
 def test_an_agent_with_the_wrong_motors_is_refused_before_anything_is_made(
     tmp_path, monkeypatch, capsys
 ):
-    (tmp_path / "lazy_agent.py").write_text(
-        "import numpy as np\n"
-        "from musebot.protocols.agents.bounds import HandCoded\n"
-        "class Lazy(HandCoded):\n"
-        "    def __init__(self, robots, senses, seed):\n"
-        "        super().__init__(senses)\n"
-        "    def act(self, state, learning):\n"
-        "        return np.zeros((1, 2))\n"
-    )
+    (tmp_path / "lazy_agent.py").write_text(LAZY_AGENT)
     monkeypatch.syspath_prepend(tmp_path)
     out = tmp_path / "out"
     assert cli.main(["run", str(out), "--proposer", "lazy_agent:Lazy", "--robots", "2"]) == 2

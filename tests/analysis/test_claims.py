@@ -10,7 +10,7 @@ import pytest
 from musebot.controller import BRAINS, PROPOSERS
 from musebot.protocols.analysis import claim_tests, claims, hypothesis_tests, paper_claims
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
-from musebot.protocols.analysis.claims import Claim, PaperEvidence, RunEvidence, judge
+from musebot.protocols.analysis.claims import Claim, Evidence, judge
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.experiment.conditions import Condition
@@ -53,7 +53,7 @@ def run_of(*groups, curves=None, time_scale=1.0):
 
 
 def evidence(*groups, behaviour=None, **options):
-    return RunEvidence(run_of(*groups, **options), behaviour)
+    return Evidence(run_of(*groups, **options), behaviour)
 
 
 def verdict(says, given):
@@ -440,7 +440,7 @@ def test_each_result_has_the_verdict_by_the_papers_tables():
 
 def test_the_papers_means_are_those_of_its_measured_robots():
     def ability(task, proposer):
-        return paper_claims.ability(PaperEvidence(), Condition(task, proposer))
+        return paper_claims.ability(Evidence(None), Condition(task, proposer))
 
     assert ability(SF, "fixed") == (0.0800, 0.9681, 500 - 455)
     assert ability(WA, "creative") == (0.6109, 0.7068, 500 - 73)

@@ -282,7 +282,7 @@ def test_a_population_that_does_not_fit_is_said_so():
     warp, kinematic = "MuJoCo Warp", "kinematic"
     rate = population.Rate(9, {kinematic: 2e6, warp: None}, {kinematic: 1e6, warp: None},
                            {kinematic: 80.5}, {kinematic: 0.0}, {kinematic: ["sin"]})  # fmt: skip
-    text = population.section("cuda", [rate]).markdown()
+    text = population.section("cuda", [rate])
     assert (
         "| 9 | 2,000,000 | 1,000,000 | 80.5 | 0.0 | out of memory | out of memory |  |  |" in text
     )

@@ -22,7 +22,7 @@ def test_rates_are_the_medians_of_the_rounds():
     costs = InterfaceCosts(10, 2, 14, (1.0, 2.0, 4.0), (0.9, 1.0, 3.6), (4.0, 10.0, 16.0), ())
     assert costs.over_bare == 0.9
     assert costs.over_single == 4.0
-    text = costs.section().markdown()
+    text = costs.section()
     assert "at 0.90 of the rate of bare physics and at 4.0 times the rate of single" in text
     assert "| `make_vec`, the batch | 5 | 70 |" in text
 

@@ -7,35 +7,17 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strategies import CONDITIONS, experiments, quick
 
-from musebot.controller import BRAINS, PROPOSERS, Parameters
+from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import PAPER_TASKS, CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment, check_same, differing
 from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.experiment.schedules import PROTOCOLS, SCHEDULES
-
-quick = settings(deadline=None, max_examples=50)
-CONDITIONS = tuple(Condition(task, p) for task in PAPER_TASKS for p in PROPOSERS)
-
-experiments = st.builds(
-    Experiment,
-    seed=st.integers(0, 2**64),
-    cohort_size=st.integers(1, 300),
-    time_scale=st.floats(0, 1, exclude_min=True),
-    nose=st.sampled_from(["inverse", "printed"]),
-    learn_across_placement=st.booleans(),
-    brain=st.builds(
-        Parameters,
-        learn_rate=st.floats(0, 1),
-        fixed_motors=st.lists(st.floats(-0.5, 0.5), min_size=1).map(tuple),
-        noise_on_biases=st.booleans(),
-    ),
-)
-
 
 # Parameters
 

@@ -7,14 +7,13 @@ import random
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given
+from strategies import CONDITIONS, plans, quick
 
-from musebot.controller import BRAINS, PROPOSERS, Parameters
+from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.experiment import former_names, provenance
-from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import (
     MANIFEST,
@@ -28,31 +27,7 @@ from musebot.protocols.experiment.overrides import named_brain
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.storage import write_json
 
-quick = settings(deadline=None, max_examples=50)
-CONDITIONS = tuple(Condition(task, p) for task in PAPER_TASKS for p in PROPOSERS)
 KEPT = Path(__file__).parents[2] / "docs" / "results"
-
-experiments = st.builds(
-    Experiment,
-    seed=st.integers(0, 2**64),
-    cohort_size=st.integers(1, 300),
-    time_scale=st.floats(0, 1, exclude_min=True),
-    nose=st.sampled_from(["inverse", "printed"]),
-    learn_across_placement=st.booleans(),
-    brain=st.builds(
-        Parameters,
-        learn_rate=st.floats(0, 1),
-        fixed_motors=st.lists(st.floats(-0.5, 0.5), min_size=1).map(tuple),
-        noise_on_biases=st.booleans(),
-    ),
-)
-
-
-@st.composite
-def plans(draw):
-    experiment = draw(experiments)
-    conditions = draw(st.lists(st.sampled_from(CONDITIONS), min_size=1, unique=True))
-    return Plan.of(experiment, conditions, draw(st.integers(1, 5)) * experiment.cohort_size)
 
 
 @pytest.fixture
@@ -139,10 +114,9 @@ def test_a_run_of_another_physics_is_refused_and_left_alone(sound):
     before = (sound / MANIFEST).read_bytes()
     assert not same_physics(sound)
     sentence = f"{sound} was simulated in another physics than this version's: "
-    for refused in (check_physics, lambda folder: write_manifest(folder, read_manifest(folder))):
-        with pytest.raises(InputError) as caught:
-            refused(sound)
-        assert str(caught.value) == sentence + "its robots and new ones must not be mixed"
+    with pytest.raises(InputError) as caught:
+        check_physics(sound)
+    assert str(caught.value) == sentence + "its robots and new ones must not be mixed"
     assert (sound / MANIFEST).read_bytes() == before
 
 

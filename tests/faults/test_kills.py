@@ -33,13 +33,13 @@ from multiprocessing import get_context
 from musebot.protocols import cli
 from musebot.protocols.simulation import local
 from musebot.protocols.simulation.runs import UnfinishedRun
-from musebot.protocols.studies import study
+from musebot.protocols.studies import jobs
 from musebot.protocols.studies.ablation import Ablation
 
 all_runs, all_jobs = Ablation.variants, UnfinishedRun.jobs
 Ablation.variants = lambda self: all_runs(self)[:2]
 UnfinishedRun.jobs = lambda self, save_every: all_jobs(self, min(save_every, 0.05))
-study.SAVE_EVERY = 0.05
+jobs.SAVE_EVERY = 0.05
 local.multiprocessing.get_context = lambda method: get_context("fork")
 for line in sys.stdin:
     if (child := os.fork()) == 0:

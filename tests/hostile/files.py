@@ -27,8 +27,8 @@ from musebot.protocols.results.run_files import read_run, write_results
 from musebot.protocols.simulation import checkpoints
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import load_arrays, save_arrays
-from musebot.protocols.studies.frozen_brains import evaluation
-from musebot.protocols.studies.learning_progress import LearningProgress
+from musebot.protocols.studies.learning_progress.frozen_brains import evaluation
+from musebot.protocols.studies.learning_progress.study import LearningProgress
 from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.timestep import Timestep
 

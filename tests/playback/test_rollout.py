@@ -77,7 +77,7 @@ def test_started_minutes_tick_once(minutes, count):
     steps = round(600 * minutes)
     batch = make_batch("wall_avoidance", 1)
     rollout.watch(batch, Recorder(), steps, learning=False, tick=lambda: ticks.append(1))
-    assert len(ticks) == rollout.minutes_of(minutes) == count
+    assert len(ticks) == rollout.ticks_of(minutes) == count
 
 
 def test_a_track_has_the_spot_in_the_frame_of_the_nose():

@@ -19,6 +19,12 @@ def test_the_columns_of_a_table_are_aligned_as_given():
     assert markdown.table([["a", "b", "c"]], "rlr")[1] == "| ---: | --- | ---: |"
 
 
+def test_a_section_is_a_heading_a_paragraph_and_a_table():
+    assert markdown.section("A", "Text.", ("", "a"), [("one", "1")]) == (
+        "### A\n\nText.\n\n|  | a |\n| --- | ---: |\n| one | 1 |\n"
+    )
+
+
 @pytest.mark.parametrize(("value", "text"), [(0.25, "0.2500"), (float("nan"), "-")])
 def test_a_number_has_four_decimals_or_is_a_dash(value, text):
     assert markdown.number(value) == text

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import same_results
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -53,21 +54,6 @@ NAN = float("nan")
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 OTHER = Condition("spot_finding", "random")
 KEPT = Path(__file__).parents[2] / "docs" / "results"
-
-
-def same(first, second):
-    """Returns whether two results are equal, NaN equal to NaN."""
-    return [*first] == [*second] and all(
-        repr(one.robots) == repr(other.robots)
-        and one.curves.dtype == other.curves.dtype
-        and np.array_equal(one.curves, other.curves)
-        and all(
-            one.networks[w].keys() == other.networks[w].keys()
-            and all(np.array_equal(x, other.networks[w][k]) for k, x in one.networks[w].items())
-            for w in WHEN
-        )
-        for one, other in zip(first.values(), second.values(), strict=True)
-    )
 
 
 EXPERIMENT = Experiment(seed=1, cohort_size=1, time_scale=0.05)
@@ -117,7 +103,7 @@ def folder(tmp_path, results):
 
 def test_results_survive_their_files(folder, results):
     assert {path.name for path in folder.iterdir()} == {*FILES, MANIFEST}
-    assert same(read_results(folder), results)
+    assert same_results(read_results(folder), results)
 
 
 def test_results_of_an_agent_without_weights_survive_their_files(tmp_path, part_of):
@@ -129,7 +115,7 @@ def test_results_of_an_agent_without_weights_survive_their_files(tmp_path, part_
     assert part.networks == {"before": {}, "after": {}}
     write_manifest(tmp_path, Plan(EXPERIMENT, {agent: 2}))
     write_results(tmp_path, {agent: part})
-    assert same(read_results(tmp_path), {agent: part})
+    assert same_results(read_results(tmp_path), {agent: part})
 
 
 def test_equal_results_leave_equal_bytes_however_they_were_merged(tmp_path, part_of):
@@ -175,7 +161,7 @@ def test_every_row_that_a_cohort_can_leave_is_read_as_it_was(
     results = {condition: part_of([data.draw(any_robot(task, index)) for index in range(count)])}
     write_manifest(folder, Plan(EXPERIMENT, {condition: count}))
     write_results(folder, results)
-    assert same(read_results(folder), results)
+    assert same_results(read_results(folder), results)
 
 
 def test_robots_csv_is_a_plain_table(folder):
@@ -264,7 +250,8 @@ def test_a_flipped_bit_has_no_effect_or_is_named(folder, results, name, every, w
     named = 0
     for _ in flips(folder / name, every):
         try:
-            assert same(read_results(folder), results)  # a date in the archive, for instance
+            # A date in the archive, for instance.
+            assert same_results(read_results(folder), results)
         except DamagedFileError as error:
             assert str(folder / name) in str(error)
             named += 1
@@ -344,7 +331,7 @@ def test_a_crash_before_robots_csv_was_written_leaves_the_older_results(folder, 
     write_results(folder, merge(results, newer))
     assert sum(len(part.robots) for part in read_results(folder).values()) == 9
     (folder / ROBOTS_FILE).write_bytes(before)
-    assert same(read_results(folder), results)
+    assert same_results(read_results(folder), results)
 
 
 # Digests
@@ -419,10 +406,10 @@ def test_a_run_without_digests_is_read_with_a_warning_until_they_are_adopted(
 ):
     without_digests(folder)
     before = {name: (folder / name).read_bytes() for name in FILES}
-    assert same(read_run(folder).results, results)
+    assert same_results(read_run(folder).results, results)
     assert f"{folder} has no digests of its files" in capsys.readouterr().err
     adopt_files(folder)
-    assert same(read_run(folder).results, results)
+    assert same_results(read_run(folder).results, results)
     assert capsys.readouterr().err == ""
     assert recorded_files(folder) == [digests(folder)]
     assert {name: (folder / name).read_bytes() for name in FILES} == before
@@ -498,7 +485,7 @@ def test_a_failed_write_leaves_a_folder_that_can_be_read(
         patch.setattr(os, "fsync", sometimes)
         with pytest.raises(OSError, match="No space left"):
             write_results(folder, merge(results, newer))
-    assert same(read_results(folder), results)
+    assert same_results(read_results(folder), results)
     assert {path.name for path in folder.iterdir()} == {*FILES, MANIFEST}
 
 
@@ -508,7 +495,7 @@ def test_a_failed_write_leaves_a_folder_that_can_be_read(
 def test_a_run_is_read_with_the_name_of_its_folder_or_a_given_one(folder, results):
     run = read_run(folder)
     assert (run.name, run.experiment) == (folder.name, EXPERIMENT)
-    assert same(run.results, results)
+    assert same_results(run.results, results)
     assert read_run(folder, "mine").name == "mine"
 
 

@@ -6,6 +6,7 @@ import types
 
 import numpy as np
 import pytest
+from helpers import LAZY_AGENT
 
 from musebot.models import Dimensions
 from musebot.protocols.agents import trust
@@ -456,15 +457,7 @@ def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
 
 
 def test_an_agent_with_the_wrong_motor_values_is_refused(tmp_path, monkeypatch):
-    (tmp_path / "one_for_all.py").write_text(
-        "import numpy as np\n"
-        "from musebot.protocols.agents.bounds import HandCoded\n"
-        "class Lazy(HandCoded):\n"
-        "    def __init__(self, robots, senses, seed):\n"
-        "        super().__init__(senses)\n"
-        "    def act(self, state, learning):\n"
-        "        return np.zeros((1, 2))\n"
-    )
+    (tmp_path / "one_for_all.py").write_text(LAZY_AGENT)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(trust, "_TRUSTED", {"one_for_all:Lazy"})
     condition = Condition("wall_avoidance", "one_for_all:Lazy")

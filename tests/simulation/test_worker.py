@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from musebot.protocols.errors import RunError
-from musebot.protocols.simulation.signals import stop_on_signals
+from musebot.protocols.simulation.stop_requests import stop_on_signals
 from musebot.protocols.simulation.worker import (
     prepare_process,
     single_threaded_children,

@@ -13,9 +13,13 @@ from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import load_arrays, save_arrays
-from musebot.protocols.studies import frozen_brains
-from musebot.protocols.studies.frozen_brains import TIMES, FrozenTest, StoredLifeJob
-from musebot.protocols.studies.study import MinuteTick
+from musebot.protocols.studies.jobs import MinuteTick
+from musebot.protocols.studies.learning_progress import frozen_brains
+from musebot.protocols.studies.learning_progress.frozen_brains import (
+    TIMES,
+    FrozenTest,
+    StoredLifeJob,
+)
 
 STEADY = BRAINS["steady"]
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic", brain=STEADY)

@@ -9,9 +9,8 @@ import pytest
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.storage import is_draft
-from musebot.protocols.studies import learning_progress
-from musebot.protocols.studies.frozen_brains import BrainsInTime, Evaluation
-from musebot.protocols.studies.learning_progress import LearningProgress
+from musebot.protocols.studies.learning_progress.frozen_brains import BrainsInTime, Evaluation
+from musebot.protocols.studies.learning_progress.study import LearningProgress, markdown
 from musebot.protocols.studies.study import conduct
 
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic")
@@ -30,7 +29,7 @@ def of(first, second, invalid=0):
 def test_the_second_test_gives_the_shares_at_the_times_that_the_first_chose():
     one = of([[0.0, 0.5], [0.8, 0.2], [0.1, 0.9]], [[0.1, 0.4], [0.7, 0.1], [0.2, 1.0]])
     assert one.best.tolist() == [[0.1, 0.4], [0.7, 0.4], [0.7, 1.0]]
-    row = learning_progress.markdown([one]).splitlines()[2]
+    row = markdown([one]).splitlines()[2]
     assert row.startswith("| one, all durations times 0.005 | 2 | 0.850 |")
     assert "| 0.600 |" in row
     assert "| 0.250 |" in row
@@ -59,8 +58,8 @@ def test_luck_in_one_of_many_tests_is_not_counted_as_forgotten():
 def test_robots_that_became_unstable_are_left_out_and_counted():
     tests = np.full((2, 9, 4), 0.5)
     tests[1, -1, 2] = np.nan
-    assert "| 3 (and 1 invalid) |" in learning_progress.markdown([of(*tests)])
-    assert "| 3 (and 3 invalid) |" in learning_progress.markdown([of(*tests, invalid=2)])
+    assert "| 3 (and 1 invalid) |" in markdown([of(*tests)])
+    assert "| 3 (and 3 invalid) |" in markdown([of(*tests, invalid=2)])
 
 
 def test_a_study_has_a_page_and_figures_and_does_again_only_what_is_lost(tmp_path, here, listing):

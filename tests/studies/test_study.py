@@ -14,7 +14,8 @@ from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.storage import locked, write_json
 from musebot.protocols.studies import STUDIES, study, study_class
-from musebot.protocols.studies.study import MinuteTick, Page, StoppedError, Study, conduct
+from musebot.protocols.studies.jobs import MinuteTick, StoppedError
+from musebot.protocols.studies.study import Page, Study, conduct
 
 
 @dataclasses.dataclass

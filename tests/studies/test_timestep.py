@@ -5,7 +5,8 @@ import pytest
 
 from musebot.protocols.errors import InputError
 from musebot.protocols.studies import timestep
-from musebot.protocols.studies.study import StoppedError, conduct
+from musebot.protocols.studies.jobs import StoppedError
+from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.timestep import SUBSTEPS, Timestep, drive, random_motors
 
 CENTRE = (0.0, 0.0, 0.0)

@@ -17,7 +17,7 @@ from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.errors import InputError
 from musebot.protocols.storage import write_json
-from musebot.protocols.studies import study as base
+from musebot.protocols.studies import jobs
 from musebot.protocols.studies.search.evaluation import EvaluationJob
 from musebot.protocols.studies.search.tune import Trial, Tune, efforts
 
@@ -243,7 +243,7 @@ def test_a_stopped_trial_continues_from_its_checkpoint_to_the_same_bytes(
 ):
     study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.1)
     study.experiments()
-    monkeypatch.setattr(base, "SAVE_EVERY", 0.0 if killed else math.inf)
+    monkeypatch.setattr(jobs, "SAVE_EVERY", 0.0 if killed else math.inf)
     whole, cut = (next(study.stages(tmp_path / name))[0] for name in ("whole", "cut"))
     for job in (whole, cut):
         job.path.parent.mkdir(parents=True)

@@ -12,7 +12,7 @@ from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.placement import place
 from musebot.protocols.storage import load_arrays, save_arrays
-from musebot.protocols.studies import study
+from musebot.protocols.studies import jobs
 from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.wear import branches, probes
 from musebot.protocols.studies.wear.arms import ARMS, FACTORS, FROZEN, NEWBORN, learns, pairs
@@ -199,7 +199,7 @@ def test_a_job_that_is_killed_again_and_again_ends_with_the_same_bytes(finished,
 
 def test_a_life_that_is_killed_continues_to_the_same_bytes(finished, tmp_path, monkeypatch):
     out, _ = finished
-    monkeypatch.setattr(study, "_CHUNK", 20)
+    monkeypatch.setattr(jobs, "_CHUNK", 20)
     whole = TINY._lives(out)[0]
     other = dataclasses.replace(whole, folder=tmp_path)
     assert not other.run(stopping_after(5), lambda cost, message: None)
@@ -223,7 +223,7 @@ def test_lives_that_were_deleted_can_be_begun_again_and_stopped(
     kept = tmp_path / "kept"
     shutil.copytree(out, kept, ignore=lambda folder, names: {*names} & {"life-0000.safetensors"})
     more = dataclasses.replace(TINY, arm=(*TINY.arm, "born-noise-own-old"))
-    monkeypatch.setattr(study, "_CHUNK", 20)
+    monkeypatch.setattr(jobs, "_CHUNK", 20)
     (life,) = more._lives(kept)
     assert not life.run(stopping_after(5), lambda cost, message: None)
     assert all(job.done() for job in TINY._branches(kept))

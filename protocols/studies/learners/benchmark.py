@@ -31,7 +31,7 @@ from ...simulation.cohort import check_agents
 from ...simulation.jobs import Job
 from ...terminal import notice
 from ..search.tune import efforts, tunings
-from ..study import Page, check_positive
+from ..study import Page
 from ..variants import VariantStudy
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .costs import FOLDER, cost_jobs, measured
@@ -94,7 +94,6 @@ class Benchmark(VariantStudy):
 
     def baseline(self) -> Experiment:
         """See `VariantStudy.baseline`."""
-        check_positive(robots=self.robots)
         if (cohort := _COHORTS.get(self.body)) is None:
             names = ", ".join(_COHORTS)
             raise InputError(f"the body must be one of {names}, got {self.body!r:.60}")

@@ -351,9 +351,9 @@ def _draws(
     return np.concatenate(draws)
 
 
-def _middle(values: np.ndarray, axis: int = -1) -> np.ndarray:
+def _middle(values: np.ndarray) -> np.ndarray:
     """Returns the interquartile mean: that without the lowest and the highest quarter."""
-    return stats.trim_mean(values, 0.25, axis=axis)
+    return stats.trim_mean(values, 0.25, axis=-1)
 
 
 def ranked(entries: Sequence[Entry], draw: bool = True) -> Ranking:

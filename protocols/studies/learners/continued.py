@@ -31,17 +31,9 @@ from ...results.run import Run
 from ...results.run_files import check_names, read_run, read_runs
 from ...shared_options import Runs, option
 from ...simulation.jobs import Job, Report, Stop
-from ...storage import digest, resolved, save_arrays
-from ..study import (
-    MinuteTick,
-    Page,
-    StoppedError,
-    Study,
-    check_positive,
-    check_shares,
-    identity_of,
-    own_arrays,
-)
+from ...storage import digest, resolved
+from ..jobs import FileJob, MinuteTick, check_shares, identity_of
+from ..study import Page, Study, check_positive
 
 MODES: Mapping[str, Mode] = MappingProxyType(
     {"frozen": FROZEN, "exploring": Mode(exploring=True), "learning": Mode(True, True)}
@@ -166,7 +158,7 @@ class ContinuedLearning(Study):
 
 
 @dataclasses.dataclass(frozen=True)
-class ContinuedTest:
+class ContinuedTest(FileJob):
     """Repeats the test after training of a condition's robots in one mode.
 
     Attributes:
@@ -200,10 +192,6 @@ class ContinuedTest:
         """The brains after training, see `stored_agent`."""
         return [(row, "after") for row in self.rows]
 
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
-
     def with_brains(self) -> Run:
         """Reads the run with its brains.
 
@@ -212,16 +200,12 @@ class ContinuedTest:
         """
         return read_run(self.folder, replay=True)
 
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; a test that was stopped starts from the beginning."""
+    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        """See `FileJob.work`."""
         trust(self.condition.proposer)  # checked by the study
-        try:
-            shares = self._repeated(MinuteTick(self, len(self.rows), stop, report))
-        except StoppedError:
-            return False
-        save_arrays(self.path, {"shares": shares}, **self._identity)
+        shares = self._repeated(MinuteTick(self, len(self.rows), stop, report))
         report(self.cost, "")
-        return True
+        return {"shares": shares}
 
     def _repeated(self, tick: Tick) -> np.ndarray:
         """Returns the share of the test in which each robot did as wanted, see `shares`."""
@@ -248,12 +232,13 @@ class ContinuedTest:
           DamagedFileError: the file is damaged, or another job's.
         """
         shapes = {"shares": ("F64", (len(self.rows),))}
-        shares = own_arrays(self.path, shapes, self._identity)["shares"]
+        shares = self.read(shapes)["shares"]
         check_shares(self.path, shares)
         return shares
 
     @property
-    def _identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, Any]:
+        """See `FileJob.identity`."""
         times = [(row.t_pre_s, row.t_post_s) for row in self.evaluated.robots(self.condition)]
         return identity_of(self.evaluated.experiment, self.condition) | {
             "mode": self.mode,

@@ -6,6 +6,7 @@ import dataclasses
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,7 @@ from ...agents.names import TRAINED_BEFORE, is_own
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
 from ...simulation.jobs import Report, Stop
-from ...storage import save_arrays
-from ..study import identity_of, own_arrays
+from ..jobs import FileJob, identity_of
 from .boards import Board, Entry
 
 FOLDER = "costs"
@@ -28,7 +28,7 @@ _LONGEST = 100  # characters of a learner in the name of a file
 
 
 @dataclasses.dataclass(frozen=True)
-class CostJob:
+class CostJob(FileJob):
     """Measures a learner once and stores the result, so that its page can be made again.
 
     Attributes:
@@ -50,18 +50,17 @@ class CostJob:
         robots, steps = TIMED
         return 2 * robots * steps * CONTROL_TIMESTEP
 
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
+    @property
+    def identity(self) -> dict[str, Any]:
+        """See `FileJob.identity`."""
+        return identity_of(self.experiment, self.condition)
 
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; takes seconds."""
+    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        """See `FileJob.work`; takes seconds."""
         del stop
         found = costs(self.experiment, self.condition)
-        identity = identity_of(self.experiment, self.condition)
-        save_arrays(self.path, {"costs": np.array(found, np.float64)}, **identity)
         report(self.cost, "")
-        return True
+        return {"costs": np.array(found, np.float64)}
 
     def costs(self) -> Costs:
         """Reads the result.
@@ -69,9 +68,7 @@ class CostJob:
         Raises:
           DamagedFileError: the file is damaged, or another learner's.
         """
-        identity = identity_of(self.experiment, self.condition)
-        arrays = own_arrays(self.path, {"costs": ("F64", (3,))}, identity)
-        return Costs._make(arrays["costs"].tolist())
+        return Costs._make(self.read({"costs": ("F64", (3,))})["costs"].tolist())
 
 
 def cost_jobs(out: Path, found: Boards) -> list[CostJob]:

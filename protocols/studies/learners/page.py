@@ -14,12 +14,13 @@ from ....controller.brains import BRAINS
 from ...agents.agent_check import Costs
 from ...agents.names import MOVED, TRAINED_BEFORE, name_in_track
 from ...analysis import intervals
+from ...analysis.hypothesis_tests import ALPHA
 from ...reporting import style
 from ...reporting.markdown import mean_cell, probability, table, with_interval
 from ..study import Page
 from .boards import DRAWS, Board, Entry, Ranking, first_learner
 from .costs import Boards, Measured
-from .summary import LEVEL, placed, score_cell, summary
+from .summary import placed, score_cell, summary
 
 if TYPE_CHECKING:
     from ..search.tune import Effort
@@ -143,7 +144,7 @@ def standings(ranking: Ranking, tests: np.ndarray) -> list[str]:
     for number, entry in enumerate(one.entry for one in ranking):
         if entry.condition.proposer != "creative" and entry.name != "dqn":
             continue
-        significant = [n for n in range(len(ranking)) if tests[number, n] < LEVEL]
+        significant = [n for n in range(len(ranking)) if tests[number, n] < ALPHA]
         above, below = (
             [ranking[n].entry.name for n in significant if (n < number) == better]
             for better in (True, False)

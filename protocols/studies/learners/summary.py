@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ...analysis.hypothesis_tests import ALPHA
 from ...reporting.markdown import table, with_interval
 from .boards import Board, Entry, Ranked, Ranking, first_learner, pair_tests, ranked
-
-LEVEL = 0.05
-"""Below this p two learners differ significantly."""
 
 Placed = tuple[Ranking, np.ndarray]
 """A board's learners, the best first, and p of each pair, see `pair_tests`."""
@@ -45,7 +43,7 @@ def summary(found: Mapping[Board, Placed]) -> list[str]:
         "therefore not exactly 0), with its 95 % interval over its robots and those of both "
         "bounds. Rows are sorted by the first column, then by the next ones. Bold: the learner "
         "with the highest score of a board, and all that do not differ significantly from it (p "
-        f"at least {LEVEL}, for all pairs of a board); between few robots only large differences "
+        f"at least {ALPHA}, for all pairs of a board); between few robots only large differences "
         "are significant. Touch a wall: robots with any contact in the test after "
         "training. In italics the bounds, and what was trained beforehand.",
         "",
@@ -67,7 +65,7 @@ def _rows(found: Mapping[Board, Placed]) -> list[list[str]]:
             elif not math.isnan(one.score):
                 text = score_cell(one)
                 if entry.competes:
-                    best = number == first or tests[first, number] >= LEVEL
+                    best = number == first or tests[first, number] >= ALPHA
                     text = f"**{text}**" if best else text
                 scores.setdefault(entry.name, {})[board] = one.score
             titles[entry.name] = entry.title

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...analysis import intervals
 from ...analysis.hypothesis_tests import (
+    ALPHA,
     Sample,
     TestedInequality,
     holm,
@@ -26,7 +27,6 @@ Groups = Mapping[Cell, np.ndarray]
 for a robot whose simulation became unstable. Robots with the same number were born alike, but for
 the ways that are not `Way.born_alike`."""
 
-ALPHA = 0.05
 MARGIN = 0.05  # by which the rule may be worse
 _TODAY = "connections"
 

@@ -23,7 +23,6 @@ class Way:
     """A way to propose actions.
 
     Attributes:
-      says: Description in words.
       values: Parameters of the brain that it sets.
       proposer: Proposer of the condition.
       counts: Whether the number of ideas matters where there are no outside ideas.
@@ -31,7 +30,6 @@ class Way:
       born_alike: Whether robots of one seed have the newborn evaluation network of today's way.
     """
 
-    says: str
     values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     proposer: Literal["creative", "random"] = "creative"
     counts: bool = True
@@ -39,35 +37,22 @@ class Way:
     born_alike: bool = True
 
 
+# docs/plans/proposers.md describes each.
 WAYS: Mapping[str, Way] = MappingProxyType(
     {
-        "connections": Way("memory with noise in its connections"),
-        "with-main-idea": Way("the same, the first idea without noise", {"keep_main_idea": True}),
-        "main-idea-uniform": Way(
-            "the main idea, all others uniform",
-            {"keep_main_idea": True, "novelty": "uniform"},
-            mixes=False,
-        ),
-        "copies": Way("copies of the main idea", {"novelty": "none"}, counts=False),
-        "untrained": Way("memory as born, with noise", {"memory_learns": False}),
-        "action": Way("main idea with noise on the action", {"novelty": "action"}),
-        "uniform": Way("uniform random", {}, "random", mixes=False, born_alike=False),
-        "sobol": Way("Sobol sequence", {"novelty": "sobol"}),
-        "cross-entropy": Way("cross-entropy method in two rounds", {"novelty": "cross_entropy"}),
-        "learned": Way("draws from a learned distribution", {"novelty": "learned"}),
-        "success-rule": Way(
-            "with-main-idea, noise adapted by the one-fifth rule",
-            {"keep_main_idea": True, "noise_adaptation": 0.01},
-        ),
-        "untrained-copies": Way(
-            "copies of the main idea of a memory as born",
-            {"novelty": "none", "memory_learns": False},
-        ),
-        "recurrent": Way(
-            "connections, and a recurrent context as input of both networks",
-            {"context_neurons": 10},
-            born_alike=False,
-        ),
+        "connections": Way(),
+        "with-main-idea": Way({"keep_main_idea": True}),
+        "main-idea-uniform": Way({"keep_main_idea": True, "novelty": "uniform"}, mixes=False),
+        "copies": Way({"novelty": "none"}, counts=False),
+        "untrained": Way({"memory_learns": False}),
+        "action": Way({"novelty": "action"}),
+        "uniform": Way({}, "random", mixes=False, born_alike=False),
+        "sobol": Way({"novelty": "sobol"}),
+        "cross-entropy": Way({"novelty": "cross_entropy"}),
+        "learned": Way({"novelty": "learned"}),
+        "success-rule": Way({"keep_main_idea": True, "noise_adaptation": 0.01}),
+        "untrained-copies": Way({"novelty": "none", "memory_learns": False}),
+        "recurrent": Way({"context_neurons": 10}, born_alike=False),
     }
 )
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...analysis import intervals
-from ...analysis.hypothesis_tests import holm, same_share
+from ...analysis.hypothesis_tests import ALPHA, holm, same_share
 from ...experiment.conditions import Condition
 from ...experiment.schedules import SCHEDULES, TASK_NAMES
 from ...reporting import style
@@ -175,7 +175,7 @@ def _rule(groups: Mapping[Cell, np.ndarray]) -> list[str]:
     if not tests:
         return []
     rows = [["test", "p"], *([one.words, probability(one.p_for)] for one in tests)]
-    holds = all(one.p_for < 0.05 for one in tests)
+    holds = all(one.p_for < ALPHA for one in tests)
     said = "is not worse" if holds else "is not shown to be not worse"
     return [
         "### The one-fifth rule",

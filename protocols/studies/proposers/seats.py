@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ....tasks import CONTROL_TIMESTEP
 from ...agents.factory import make_agent
 from ...errors import RunError
 from ...experiment.conditions import Condition
@@ -20,8 +19,7 @@ from ...results.run import Run
 from ...results.run_files import read_run
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
-from ...storage import save_arrays
-from ..study import MinuteTick, StoppedError, check_shares, identity_of, own_arrays
+from ..jobs import FileJob, MinuteTick, check_shares, identity_of
 from .cells import WAYS, Cell
 
 FOLDER = "seats"
@@ -55,7 +53,7 @@ def _fits(trained: str, test: str) -> bool:
 
 
 @dataclasses.dataclass(frozen=True)
-class SeatJob:
+class SeatJob(FileJob):
     """Tests trained brains of a cell's first cohort, with frozen weights, under another way.
 
     Attributes:
@@ -81,25 +79,16 @@ class SeatJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        return self._steps * CONTROL_TIMESTEP * self._robots
+        return self.experiment.robot_seconds(self._steps)
 
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
-
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; a test that was stopped starts from the beginning."""
+    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        """See `FileJob.work`."""
         run = read_run(self.out / self.trained.name)
         condition = _condition(self.trained)
         rows = [row for row in run.valid_rows(condition) if row < self._robots]
         if not rows:
             raise RunError(f"{self.trained.name}: every simulation became unstable")
-        try:
-            shares = self._shares(run, rows, MinuteTick(self, len(rows), stop, report))
-        except StoppedError:
-            return False
-        save_arrays(self.path, {"shares": shares}, **self._identity)
-        return True
+        return {"shares": self._shares(run, rows, MinuteTick(self, len(rows), stop, report))}
 
     def shares(self) -> np.ndarray:
         """Reads each brain's share of the test with the event; NaN where it became unstable.
@@ -108,7 +97,7 @@ class SeatJob:
           DamagedFileError: the file is damaged, or another job's.
         """
         shapes = {"shares": ("F64", (self._robots,))}
-        shares = own_arrays(self.path, shapes, self._identity)["shares"]
+        shares = self.read(shapes)["shares"]
         check_shares(self.path, shares)
         return shares
 
@@ -121,7 +110,8 @@ class SeatJob:
         return control_steps(self.experiment.schedule(_TASK).phases[-1].minutes * _PART_OF_TEST)
 
     @property
-    def _identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, Any]:
+        """See `FileJob.identity`."""
         names = {"trained": self.trained.name, "test": self.test.name, "seed": _SEED}
         return names | identity_of(self.experiment, _condition(self.trained))
 

@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ....tasks import CONTROL_TIMESTEP
 from ...experiment.conditions import CohortKey, Condition
 from ...experiment.experiment import Experiment
 from ...simulation.cohort import Cohort
 from ...simulation.jobs import Report, Stop
-from ...storage import save_arrays
-from ..study import MinuteTick, StoppedError, advance, identity_of, own_arrays
+from ..jobs import FileJob, MinuteTick, advance, identity_of
 
 
 @dataclasses.dataclass(frozen=True)
-class NewbornJob:
+class NewbornJob(FileJob):
     """Simulates the tests before training of a cohort, and stores the time of the event.
 
     Attributes:
@@ -44,27 +42,18 @@ class NewbornJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        return self._steps * CONTROL_TIMESTEP * self.experiment.cohort_size
+        return self.experiment.robot_seconds(self._steps)
 
     @property
     def _steps(self) -> int:
         return self.experiment.schedule(self.condition.task).steps_of("pre")
 
-    def done(self) -> bool:
-        """See `Job.done`."""
-        return self.path.exists()
-
-    def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; tests that were stopped start from the beginning."""
+    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
+        """See `FileJob.work`."""
         cohort = Cohort(self.experiment, CohortKey(self.condition, 0))
         tick = MinuteTick(self, self.experiment.cohort_size, stop, report)
-        try:
-            advance(cohort, self._steps, tick)
-        except StoppedError:
-            return False
-        steps = cohort.lives().events[:, 0]
-        save_arrays(self.path, {"steps": steps}, **self._identity)
-        return True
+        advance(cohort, self._steps, tick)
+        return {"steps": cohort.lives().events[:, 0]}
 
     def unmet(self) -> np.ndarray | None:
         """Returns whether each robot has no event, shape (B,); None if the job is not done."""
@@ -77,9 +66,10 @@ class NewbornJob:
           DamagedFileError: the file is damaged, or another job's.
         """
         shapes = {"steps": ("I32", (self.experiment.cohort_size,))}
-        return own_arrays(self.path, shapes, self._identity)["steps"]
+        return self.read(shapes)["steps"]
 
     @property
-    def _identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, Any]:
+        """See `FileJob.identity`."""
         names = {"cell": self.cell, "proposer": self.condition.proposer}
         return names | identity_of(self.experiment, self.condition)

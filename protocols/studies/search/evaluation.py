@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ....tasks import CONTROL_TIMESTEP
 from ...agents.trust import trust
 from ...errors import InputError, RunError
 from ...experiment.conditions import CohortKey, Condition
@@ -17,7 +16,8 @@ from ...experiment.schedules import PARTS, Part
 from ...simulation.checkpoints import restored_cohort, save_checkpoint
 from ...simulation.jobs import Report, Stop
 from ...storage import remove_files, save_arrays
-from ..study import CHECKPOINT, MinuteTick, StoppedError, advance, identity_of, own_arrays
+from ..jobs import MinuteTick, StoppedError, advance, identity_of, own_arrays
+from ..study import CHECKPOINT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,7 @@ class EvaluationJob:
     def cost(self) -> float:
         """See `Job.cost`."""
         schedule = self.experiment.schedule(self.condition.task)
-        return sum(schedule.steps()) * CONTROL_TIMESTEP * self.experiment.cohort_size
+        return self.experiment.robot_seconds(sum(schedule.steps()))
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -52,7 +52,7 @@ class EvaluationJob:
         trust(self.condition.proposer)  # the command has named it
         path, robots = self.path.with_suffix(CHECKPOINT), self.experiment.cohort_size
         cohort, message = restored_cohort(path, self.experiment, CohortKey(self.condition, 0))
-        done = cohort.step * CONTROL_TIMESTEP * robots
+        done = self.experiment.robot_seconds(cohort.step)
         report(done, message)
         tick = MinuteTick(self, robots, stop, report, done)
         try:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ....models import CHANGES
 from ....tasks import Robots
-from ....tasks.arena import CONTROL_TIMESTEP
 from ...agents.base import sound
 from ...agents.factory import make_agent
 from ...errors import DamagedFileError, InputError
@@ -23,7 +22,7 @@ from ...playback.rollout import Mode, Tick, count_events
 from ...simulation.jobs import Report, Stop
 from ...simulation.placement import place
 from ...storage import load_arrays, save_arrays
-from ..study import SAVE_EVERY, MinuteTick, StoppedError, check_notes, check_shares
+from ..jobs import SAVE_EVERY, MinuteTick, StoppedError, check_notes, check_shares
 from .arms import ARMS, FROZEN, NEWBORN, Arm
 from .lives import LifeJob, OldBrains
 from .probes import CONDITION, PERIODS, PERIODS_PER_SPOT, TRAINING, period, probe
@@ -142,12 +141,8 @@ class BranchJob:
     def cost(self) -> float:
         """See `Job.cost`."""
         trained = 0 if self.arm == FROZEN else PERIODS
-        return (trained + PERIODS + 1) * self._period
-
-    @property
-    def _period(self) -> float:
-        experiment = self.life.experiment
-        return period(experiment) * experiment.cohort_size * CONTROL_TIMESTEP
+        steps = (trained + PERIODS + 1) * period(self.life.experiment)
+        return self.life.experiment.robot_seconds(steps)
 
     def done(self) -> bool:
         """See `Job.done`."""

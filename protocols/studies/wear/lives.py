@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ....tasks.arena import CONTROL_TIMESTEP
 from ...errors import DamagedFileError, InputError
 from ...experiment.conditions import CohortKey
 from ...experiment.experiment import Experiment, check_same
@@ -16,7 +15,7 @@ from ...experiment.manifest import UNREADABLE, experiment_from
 from ...simulation.cohort import Cohort, shapes_of
 from ...simulation.jobs import Report, Stop
 from ...storage import digest, load_arrays, save_arrays
-from ..study import MinuteTick, StoppedError, advance, check_shares
+from ..jobs import MinuteTick, StoppedError, advance, check_shares
 from .probes import CONDITION, REFERENCES, period, probe
 
 
@@ -88,7 +87,7 @@ class LifeJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        return self._seconds(self.steps + REFERENCES * period(self.experiment))
+        return self.experiment.robot_seconds(self.steps + REFERENCES * period(self.experiment))
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -97,7 +96,7 @@ class LifeJob:
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from its last checkpoint."""
         cohort, reference = self._restored()
-        begun = self._seconds(cohort.step)
+        begun = self.experiment.robot_seconds(cohort.step)
         tick = MinuteTick(self, self.experiment.cohort_size, stop, report, begun)
         try:
             advance(cohort, self.steps, tick, lambda: self._save(cohort, reference))
@@ -164,6 +163,3 @@ class LifeJob:
         arrays, notes = cohort.checkpoint()
         own = {"experiment": dataclasses.asdict(self.experiment), "index": self.index}
         save_arrays(self.path, arrays | {"reference": reference}, **notes, **own)
-
-    def _seconds(self, steps: int) -> float:
-        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ from ...agents.base import sound
 from ...agents.factory import make_agent
 from ...experiment.conditions import Condition
 from ...experiment.experiment import Experiment
+from ...experiment.random_streams import named_streams
 from ...experiment.schedules import SPOT_FINDING, Phase, control_steps
 from ...playback.rollout import Tick, count_events
 from ...simulation.placement import place
@@ -53,15 +53,12 @@ def probe(
       is not finite.
     """
     kind, *numbers = stream
-    key = (zlib.crc32(f"wear/{kind}".encode()), *numbers)
-    brains, world = np.random.SeedSequence(experiment.seed, spawn_key=key).spawn(2)
+    seed, random = named_streams(experiment.seed, f"wear/{kind}", *numbers)
     robots = len(next(iter(networks.values())))
-    agent = make_agent(
-        experiment, CONDITION, robots, int(brains.generate_state(1, np.uint64)[0] >> 1)
-    )
+    agent = make_agent(experiment, CONDITION, robots, seed)
     agent.load_weights(networks)
     batch = experiment.batch(CONDITION.task, robots, edits)
-    place(batch, PROBE, np.random.default_rng(world))
+    place(batch, PROBE, random)
     steps = period(experiment)
     counts = count_events(batch, agent, steps, tick=tick)
     return np.where(batch.valid & sound(networks, robots), counts / steps, np.nan)

@@ -10,13 +10,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...analysis import intervals
-from ...analysis.hypothesis_tests import holm, same_mean
+from ...analysis.hypothesis_tests import ALPHA, holm, same_mean
 from ...analysis.intervals import Interval
 from ...analysis.survival import Durations, log_rank, restricted
 from .arms import FACTORS, FROZEN, NEWBORN, learns, pairs
 from .probes import PERIODS, PROBE
 
-ALPHA = 0.05
 END = PERIODS * PROBE.minutes  # [min]
 _SHARE = 0.9  # of the reference, which is recovery
 _LEARNED = 0.5  # least reference of a robot that had learned

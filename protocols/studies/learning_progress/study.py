@@ -13,19 +13,20 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...models import Kinematics
-from ..errors import InputError
-from ..experiment.budget import check_memory
-from ..experiment.experiment import Body, Experiment
-from ..experiment.overrides import named_brain, named_reading, with_overrides
-from ..experiment.plan import Plan
-from ..reporting import style
-from ..reporting.labels import durations
-from ..reporting.markdown import mean_cell, table
-from ..reporting.robot_figures import draw_values
-from ..shared_options import KinematicsOption, option
-from ..simulation.jobs import Job
-from ..storage import load_arrays
+from ....models import Kinematics
+from ...errors import InputError
+from ...experiment.budget import check_memory
+from ...experiment.experiment import Body, Experiment
+from ...experiment.overrides import named_brain, named_reading, with_overrides
+from ...experiment.plan import Plan
+from ...reporting import style
+from ...reporting.labels import durations
+from ...reporting.markdown import mean_cell, table
+from ...reporting.robot_figures import draw_values
+from ...shared_options import KinematicsOption, option
+from ...simulation.jobs import Job
+from ...storage import load_arrays
+from ..study import Page, Study, check_positive
 from .frozen_brains import (
     CONDITION,
     SEEDS,
@@ -37,7 +38,6 @@ from .frozen_brains import (
     smells,
     times,
 )
-from .study import Page, Study, check_positive
 
 SHOWN = (0, 2, 4, 8)  # times in the figure of values
 

@@ -10,22 +10,21 @@ from typing import Any
 import numpy as np
 import torch
 
-from ...tasks import CONTROL_TIMESTEP
-from ..agents.factory import make_agent
-from ..agents.neurocontroller import NeurocontrollerAgent
-from ..analysis.regret import regret
-from ..errors import DamagedFileError, InputError, RunError
-from ..experiment.conditions import CohortKey, Condition
-from ..experiment.experiment import Experiment, check_same
-from ..experiment.manifest import UNREADABLE, experiment_from
-from ..experiment.schedules import control_steps
-from ..playback.rollout import Tick, count_events
-from ..results.checks import check_same_shapes
-from ..simulation.cohort import Cohort, shapes_of
-from ..simulation.jobs import Report, Stop
-from ..simulation.placement import place
-from ..storage import digest, load_arrays, save_arrays
-from .study import MinuteTick, StoppedError, advance, check_shares, own_arrays
+from ...agents.factory import make_agent
+from ...agents.neurocontroller import NeurocontrollerAgent
+from ...analysis.regret import regret
+from ...errors import DamagedFileError, InputError, RunError
+from ...experiment.conditions import CohortKey, Condition
+from ...experiment.experiment import Experiment, check_same
+from ...experiment.manifest import UNREADABLE, experiment_from
+from ...experiment.schedules import control_steps
+from ...playback.rollout import Tick, count_events
+from ...results.checks import check_same_shapes
+from ...simulation.cohort import Cohort, shapes_of
+from ...simulation.jobs import Report, Stop
+from ...simulation.placement import place
+from ...storage import digest, load_arrays, save_arrays
+from ..jobs import MinuteTick, StoppedError, advance, check_shares, own_arrays
 
 TIMES = 9  # of the training, its beginning and its end among them
 SEEDS = (0, 1)  # of the two tests: the first chooses the best time, the second evaluates it
@@ -140,7 +139,7 @@ class StoredLifeJob:
     @property
     def cost(self) -> float:
         """See `Job.cost`."""
-        return self._seconds(times(self.experiment)[-1])
+        return self.experiment.robot_seconds(times(self.experiment)[-1])
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -149,7 +148,7 @@ class StoredLifeJob:
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`; continues bit-exactly from the last time at which networks were stored."""
         cohort, stored = self.restored()
-        robots, begun = self.experiment.cohort_size, self._seconds(cohort.step)
+        robots, begun = self.experiment.cohort_size, self.experiment.robot_seconds(cohort.step)
         tick = MinuteTick(self, robots, stop, report, begun)
         for time in times(self.experiment)[len(_first(stored)) :]:
             try:
@@ -220,9 +219,6 @@ class StoredLifeJob:
         hours = (steps - steps[0]) / control_steps(60)
         return BrainsInTime(self.experiment, self.name, hours, networks, int((~valid).sum()))
 
-    def _seconds(self, steps: int) -> float:
-        return steps * self.experiment.cohort_size * CONTROL_TIMESTEP
-
 
 def _first(networks: Mapping[str, np.ndarray]) -> np.ndarray:
     return next(iter(networks.values()))
@@ -253,7 +249,7 @@ class FrozenTest:
         """See `Job.cost`; assumes that all robots are valid."""
         experiment = self.life.experiment
         steps = control_steps(experiment.schedule(CONDITION.task).phases[-1].minutes)
-        return steps * CONTROL_TIMESTEP * experiment.cohort_size * TIMES
+        return experiment.robot_seconds(TIMES * steps)
 
     def done(self) -> bool:
         """See `Job.done`; False for the file of other brains, such as those of another machine."""

@@ -1,0 +1,34 @@
+"""Strategies of hypothesis that several tests need: experiments and plans."""
+
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from musebot.controller import PROPOSERS, Parameters
+from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.plan import Plan
+
+quick = settings(deadline=None, max_examples=50)
+CONDITIONS = tuple(Condition(task, p) for task in PAPER_TASKS for p in PROPOSERS)
+
+experiments = st.builds(
+    Experiment,
+    seed=st.integers(0, 2**64),
+    cohort_size=st.integers(1, 300),
+    time_scale=st.floats(0, 1, exclude_min=True),
+    nose=st.sampled_from(["inverse", "printed"]),
+    learn_across_placement=st.booleans(),
+    brain=st.builds(
+        Parameters,
+        learn_rate=st.floats(0, 1),
+        fixed_motors=st.lists(st.floats(-0.5, 0.5), min_size=1).map(tuple),
+        noise_on_biases=st.booleans(),
+    ),
+)
+
+
+@st.composite
+def plans(draw):
+    experiment = draw(experiments)
+    conditions = draw(st.lists(st.sampled_from(CONDITIONS), min_size=1, unique=True))
+    return Plan.of(experiment, conditions, draw(st.integers(1, 5)) * experiment.cohort_size)
