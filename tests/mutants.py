@@ -74,11 +74,10 @@ AREAS = {
         "protocols/playback/episode.py protocols/playback/film.py protocols/playback/panel.py "
         "protocols/playback/rollout.py protocols/playback/scene.py"
     ),
-    "studies": (
-        "protocols/studies/learners/boards.py protocols/studies/learners/summary.py "
-        "protocols/studies/proposers/answers.py protocols/studies/proposers/cells.py "
-        "protocols/studies/search/space.py protocols/studies/wear/recovery.py"
-    ),
+    "reporting": "protocols/reporting/*.py",
+    "bench": "protocols/bench/*.py",
+    "commands": "protocols/commands/*.py protocols/cli.py protocols/config.py protocols/doctor.py",
+    "studies": "protocols/studies/*.py protocols/studies/*/*.py",
 }
 MORE_TESTS = {
     "controller/brains.py": (
@@ -117,10 +116,36 @@ MORE_TESTS = {
         "agents/learners/test_published.py agents/learners/test_learners.py "
         "agents/learners/test_q_learning.py"
     ),
-    "protocols/studies/learners/*": "studies/test_leaderboard.py",
+    "protocols/reporting/comparison_tables.py": "reporting/test_tables.py",
+    "protocols/reporting/example_robots.py": "reporting/test_robot_figures.py",
+    "protocols/reporting/tables.py": "reporting/test_html_page.py test_cli.py",
+    "protocols/reporting/style.py": "reporting/test_figures.py",
+    "protocols/reporting/*": "reporting/test_html_page.py reporting/test_report.py",
+    "protocols/bench/gymnasium.py": "bench/test_gymnasium.py",
+    "protocols/bench/*": "bench/test_measurements.py bench/test_bench.py",
+    "protocols/commands/run.py": "test_cli.py",
+    "protocols/commands/bench.py": "bench/test_bench.py",
+    "protocols/commands/check_agent.py": "agents/test_agent_check.py test_cli.py",
+    "protocols/commands/demo.py": "studies/test_demonstration.py test_cli.py",
+    "protocols/commands/doctor.py": "test_doctor.py",
+    "protocols/commands/explore.py": "playback/test_viewer.py test_cli.py",
+    "protocols/commands/film.py": "playback/test_film.py test_cli.py",
+    "protocols/commands/report.py": "reporting/test_report.py test_cli.py",
+    "protocols/commands/study.py": "test_cli.py studies/test_study.py",
+    "protocols/commands/*": "test_cli.py",
+    "protocols/config.py": "test_cli.py",
+    "protocols/studies/learners/benchmark.py": "studies/test_benchmark.py",
+    "protocols/studies/learners/continued.py": "studies/test_continued.py",
+    "protocols/studies/learners/*": "studies/test_leaderboard.py studies/test_benchmark.py",
+    "protocols/studies/learning_progress/*": (
+        "studies/test_learning_progress.py studies/test_frozen_brains.py"
+    ),
     "protocols/studies/proposers/*": "studies/test_proposers.py",
-    "protocols/studies/search/space.py": "studies/test_evolve.py",
+    "protocols/studies/reading/*": "studies/test_reading.py",
+    "protocols/studies/search/tune.py": "studies/test_tune.py",
+    "protocols/studies/search/*": "studies/test_evolve.py studies/test_tune.py",
     "protocols/studies/wear/*": "studies/test_wear.py",
+    "protocols/studies/*": "studies/test_study.py",
 }
 
 SWAPS = {

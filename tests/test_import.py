@@ -7,24 +7,23 @@ import sys
 import pytest
 
 LIGHT = """
-import json, os, sys, time
-environment, began = dict(os.environ), time.process_time()
+import json, os, sys
+environment = dict(os.environ)
 import musebot
-seconds = time.process_time() - began
-heavy = ("torch", "OpenGL", "mujoco", "dm_control", "matplotlib")
+heavy = ("torch", "OpenGL", "mujoco", "dm_control", "matplotlib", "scipy", "tyro", "rich")
 print(json.dumps({
-    "seconds": seconds,
+    "ours": sorted(name for name in sys.modules if name.startswith("musebot")),
     "loaded": [name for name in heavy if name in sys.modules],
     "environment": dict(os.environ) == environment,
 }))
 """
 
 FIRST = """
-import time
+import json, sys
 import musebot
-began = time.process_time()
 musebot.load("arena", "wall_avoidance").reset()
-print(time.process_time() - began)
+heavy = ("torch", "matplotlib", "tyro", "rich", "musebot.protocols", "musebot.controller")
+print(json.dumps([name for name in heavy if name in sys.modules]))
 """
 
 
@@ -36,9 +35,9 @@ def python(code, cwd):
 
 
 def test_import_is_light_and_sets_nothing(tmp_path):
-    seen = [python(LIGHT, tmp_path) for _ in range(3)]
-    assert all(run["loaded"] == [] and run["environment"] for run in seen)
-    assert min(run["seconds"] for run in seen) < 0.3  # processor time, whatever else runs
+    seen = python(LIGHT, tmp_path)
+    assert seen["loaded"] == [] and seen["environment"]
+    assert seen["ours"] == ["musebot", "musebot.gymnasium_registration"]
     assert list(tmp_path.iterdir()) == []
 
 
@@ -48,7 +47,6 @@ def test_a_package_is_imported_when_it_is_asked_for(name, tmp_path):
     assert python(code, tmp_path) == [f"musebot.{name}"]
 
 
-@pytest.mark.slow
-def test_the_first_load_is_quick(tmp_path):
-    assert min(python(FIRST, tmp_path) for _ in range(3)) < 1.5
+def test_the_first_load_imports_neither_brains_nor_commands(tmp_path):
+    assert python(FIRST, tmp_path) == []
     assert list(tmp_path.iterdir()) == []

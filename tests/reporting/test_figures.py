@@ -9,6 +9,7 @@ import pytest
 from helpers import contrast
 from matplotlib.colors import to_hex
 
+from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
@@ -66,6 +67,20 @@ def test_a_curve_is_drawn_where_its_means_are():
     assert (hours[means > 0.5] < 20 / 60).all()
     borders = [line.get_xdata()[0] for line in axis.lines[1:]]
     assert borders == pytest.approx([20 / 60, 140 / 60])
+    (upper,) = axis.child_axes
+    assert [text.get_text() for text in upper.get_xticklabels()] == ["test", "training", "test"]
+    assert upper.get_xticks() == pytest.approx([10 / 60, 80 / 60, 150 / 60])
+
+
+def test_the_band_of_a_curve_is_the_interval_of_the_mean():
+    run, shares = run_of(WALLS_FIXED), np.array([0.1, 0.2, 0.2, 0.3, 0.4, 0.6])
+    run.results[WALLS_FIXED].curves[:] = shares[:, None]
+    with style.styled():
+        (band,) = figures.learning_curves(run).axes[0].collections
+    low, high = intervals.mean(shares, intervals.SHARE)
+    assert low < 0.25 and high > 0.35
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert {*np.round(heights, 6)} == {round(low, 6), round(high, 6)}
 
 
 @pytest.mark.parametrize(
@@ -167,14 +182,43 @@ def test_stacked_categories_are_the_counts_of_the_robots():
     assert paper[-1].get_x() + paper[-1].get_width() == pytest.approx(1)
     labels = [text.get_text() for text in axis.texts if text.get_text()]
     assert labels == ["50", "52", "50", "39"]  # category by category; small bars have none
+    names = [text.get_text() for text in axis.get_yticklabels()]
+    assert names == ["fixed, here", "fixed, paper"]
 
 
-def test_spinning_and_stays_are_drawn(check_files, tmp_path):
-    stay = Stay(np.ones(3, bool), np.ones((3, 2)), np.zeros((3, 2)), np.array([[0, 0.5, NAN]]))
-    behaviour = Behaviour({WALLS_FIXED: np.array([[0.1, 0.9], [0.3, 0.7]])}, {"random": stay})
+def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(
+    check_files, tmp_path
+):
+    shares = np.array([[0.1, 0.9], [0.3, 0.7], [0.2, 0.5]])
     with style.styled():
-        figure = figures.spinning(behaviour)
-        means = [line.get_ydata()[0] for line in figure.axes[0].lines if len(line.get_xdata()) == 2]
+        figure = figures.spinning(Behaviour({WALLS_FIXED: shares}, {}))
         check_files(style.save(figure, tmp_path, "spinning"))
-        check_files(style.save(figures.stays(behaviour.stays), tmp_path, "stays"))
-    assert {0.2, 0.8} <= {round(float(mean), 6) for mean in means}
+    before, first, after, second = figure.axes[0].lines
+    assert before.get_ydata() == pytest.approx(shares[:, 0])
+    assert after.get_ydata() == pytest.approx(shares[:, 1])
+    assert before.get_markerfacecolor() == "none" != after.get_markerfacecolor()
+    assert (before.get_xdata() < 0).all() and (after.get_xdata() > 0).all()
+    assert first.get_xydata() == pytest.approx(np.array([[-0.35, 0.2], [-0.05, 0.2]]))
+    assert second.get_xydata() == pytest.approx(np.array([[0.05, 0.7], [0.35, 0.7]]))
+    empty, full = figure.legends[0].get_lines()
+    assert empty.get_markerfacecolor() == "none" != full.get_markerfacecolor()
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["before training", "after training"]
+
+
+def test_following_the_contour_is_dashed_and_spinning_inside_is_solid(check_files, tmp_path):
+    minutes = np.array([[0, 0.5, 0.1], [1, 0.4, 0.2]])
+    stay = Stay(np.array([True, True, False]), np.ones((3, 2)), np.zeros((3, 2)), minutes)
+    with style.styled():
+        figure = figures.stays({"random": stay})
+        check_files(style.save(figure, tmp_path, "stays"))
+    drawn = {line.get_linestyle(): [*line.get_ydata()] for line in figure.axes[0].lines}
+    assert drawn == {"--": [0.5, 0.4], "-": [0.1, 0.2]}
+    assert all([*line.get_xdata()] == [0.5, 1.5] for line in figure.axes[0].lines)
+    (legend,) = figure.legends
+    styles = [line.get_linestyle() for line in legend.get_lines()]
+    words = [text.get_text() for text in legend.get_texts()]
+    assert dict(zip(words, styles, strict=True)) == {
+        "along the contour": "--", "spinning inside": "-"
+    }  # fmt: skip
+    assert figure.axes[0].get_title(loc="left") == "random, 2 robots"

@@ -104,16 +104,18 @@ def test_an_example_robot_without_a_film_gets_one_or_the_page_says_why(
     copy = tmp_path / "copy"
     shutil.copytree(out, copy)
     shutil.rmtree(copy / "films", ignore_errors=True)
-    made = []
+    made, speeds = [], []
 
-    def write(_, path, **__):
+    def write(_, path, *, seconds, speed):
         made.append(path)
+        speeds.append(speed)
         path.write_bytes(b"film")
 
     run = read_run(copy)
     monkeypatch.setattr(film, "film", write)
     report(run, copy, None)
     walls, spot = made
+    assert speeds == [6, 60]  # a spot is found in minutes, a wall in seconds
     assert walls.name.startswith("wall_avoidance_") and spot.name.startswith("spot_finding_")
     report(run, copy, None)
     assert len(made) == 2

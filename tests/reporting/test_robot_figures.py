@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import types
 
 import numpy as np
 import pytest
+import torch
 from matplotlib.figure import Figure
 
+from musebot.protocols.analysis.behaviour import Track
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.playback.stored_brains import stored_brains
@@ -49,6 +52,23 @@ def run() -> Run:
     return Run("run", EXPERIMENT, results)
 
 
+class LeftIsGood:
+    """A brain that values the left motor alone, and has two ideas."""
+
+    def __init__(self, offset=0.0):
+        self.offset = offset
+
+    def values(self, _, actions):
+        return self.offset + actions[..., 0]
+
+    def propose(self, _):
+        return torch.tensor([[[-0.3, 0.2], [0.4, -0.1]]])
+
+
+def above(axis):
+    return axis.child_axes[0].get_xlabel()
+
+
 def test_examples_cover_every_kind(run):
     kinds = {e.kind: e.robot for e in example_robots.examples(run, WA)}
     assert kinds == {"genius": 0, "learner": 1, "spoiled": 2}
@@ -66,6 +86,72 @@ def test_single_robots_are_drawn_before_and_after_training(task, run, check_file
             check_files(style.save(figure, tmp_path, draw.__name__))
 
 
+def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
+    poses, events = np.zeros((5, 2, 3)), np.zeros((4, 2), bool)
+    poses[:, 1, 0], poses[:, 1, 1], events[2:, 1] = range(5), 7, True
+    axis = Figure().subplots()
+    robot_figures.draw_path(axis, Track(poses, events, np.zeros(2), np.zeros((4, 2, 2))), 1, "red")
+    plain, violet, ring, dot = axis.lines
+    assert (plain.get_color(), violet.get_color()) == ("red", style.EVENT)
+    np.testing.assert_array_equal(plain.get_xdata(), [0, 1, 2, NAN, NAN])
+    np.testing.assert_array_equal(violet.get_xdata(), [NAN, NAN, 2, 3, 4])
+    np.testing.assert_array_equal(violet.get_ydata(), [NAN, NAN, 7, 7, 7])
+    assert ring.get_markerfacecolor() == "none" != dot.get_markerfacecolor()
+    assert (ring.get_xydata().tolist(), dot.get_xydata().tolist()) == ([[0, 7]], [[4, 7]])
+
+
+def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(run, monkeypatch):
+    asked = []
+
+    def evaluated(run, condition, which, minutes, tick):
+        """Robot k is at k / 100, and has an event in k + 1 of 10 steps."""
+        asked.extend(which)
+        poses = np.zeros((11, 6, 3))
+        poses[..., 0] = np.arange(6) / 100
+        events = np.arange(10)[:, None] <= np.arange(6)
+        return Track(poses, events, np.zeros(2), np.zeros((10, 6, 2)))
+
+    monkeypatch.setattr(robot_figures, "evaluate", evaluated)
+    with style.styled():
+        axes = robot_figures.trajectories(run, SF).axes
+    assert asked == [(row, when) for row in range(3) for when in ("before", "after")]
+    assert [axis.get_xlabel().partition(" in ")[0] for axis in axes] == [
+        "before: 10%", "before: 30%", "before: 50%", "after: 20%", "after: 40%", "after: 60%"
+    ]  # fmt: skip
+    places = [axis.lines[-1].get_xdata()[0] for axis in axes]
+    assert places == pytest.approx([0.00, 0.02, 0.04, 0.01, 0.03, 0.05])
+    titles = [axis.get_title(loc="left") for axis in axes]
+    assert titles[:3] == ["ignorant, creative 0", "learner, creative 1", "spoiled, creative 2"]
+
+
+def test_the_left_motor_is_along_x_and_the_ring_is_around_the_best_idea():
+    axis = Figure().subplots()
+    robot_figures.draw_values(axis, LeftIsGood(), np.zeros(5))
+    (image,) = axis.images
+    pixels = image.get_array()
+    assert image.origin == "lower" and (np.diff(pixels, axis=1) > 0).all()
+    assert (pixels == pixels[0]).all()  # the right motor has no effect
+    ideas, *rings = axis.lines
+    assert ideas.get_xydata() == pytest.approx(np.array([[-0.3, 0.2], [0.4, -0.1]]))
+    assert len(rings) == 2
+    for ring in rings:
+        assert ring.get_xydata() == pytest.approx(np.array([[0.4, -0.1]]))
+
+
+def test_values_are_of_the_favourites_brain_before_and_after_training(run, monkeypatch):
+    def stored(run, condition, which, seed):
+        ((row, when),) = which
+        return types.SimpleNamespace(controller=LeftIsGood(10 * row + 5 * (when == "after")))
+
+    monkeypatch.setattr(robot_figures, "stored_brains", stored)
+    figure = robot_figures.values(run, WA)
+    assert example_robots.favourite(run, WA).row == 1
+    assert [above(axis) for axis in figure.axes] == ["9.50 to 10.50"] * 3 + ["14.50 to 15.50"] * 3
+    assert figure.axes[0].get_ylabel() == "before training\nright motor"
+    assert figure.axes[3].get_ylabel() == "after training\nright motor"
+    assert figure.get_suptitle() == "Wall avoidance, learner: creative 1"
+
+
 def test_the_numbers_are_above_the_image_and_marks_at_its_edge_stay_whole(run):
     condition = Condition(WA, "creative")
     brain = stored_brains(run, condition, [(1, "after")], seed=0).controller
@@ -75,8 +161,7 @@ def test_the_numbers_are_above_the_image_and_marks_at_its_edge_stay_whole(run):
         axis = figure.subplots()
         robot_figures.draw_values(axis, brain, np.zeros(5, np.float32))
     assert not axis.texts
-    (above,) = axis.child_axes
-    assert above.get_xlabel() == "0.00 to 0.00"
+    assert above(axis) == "0.00 to 0.00"
     assert max(axis.images[0].get_extent()) == 0.5 < min(axis.get_xlim()[1], axis.get_ylim()[1])
     assert not any(line.get_clip_on() for line in axis.lines) and len(axis.lines) == 3
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
+import pytest
 
 from musebot.protocols.agents.names import RECORDED_NAMES
+from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.comparison import compare_runs
+from musebot.protocols.analysis.paper_tables import column
 from musebot.protocols.experiment.conditions import Condition
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.reporting import comparison_tables, tables
@@ -33,6 +37,37 @@ def test_a_column_without_robots_has_no_total_variation_in_text_and_data():
     full = run_of("fixed", "0 < L < 1", 0.5)
     distance = tables.as_json(full)["tables"][WA]["fixed"]["total_variation"]
     assert f"| {tables.VARIATION} | {distance:.2f} (by chance " in tables.markdown(full)
+
+
+def test_every_number_and_interval_of_a_column_is_in_the_data():
+    kinds = [(1.0, "L = 1")] * 9 + [(0.5, "0 < L < 1")] * 6 + [(0.0, "L = 0"), (-0.4, "L < 0")]
+    kinds += [(math.nan, "genius")] * 2 + [(math.nan, "invalid")]
+    run = run_of("fixed", "", math.nan)
+    (results,) = run.results.values()
+    results.robots[:] = [
+        dataclasses.replace(row, learn_ability=ability, category=name, t_post_s=30.0 * row.robot)
+        for row, (ability, name) in zip(results.robots, kinds, strict=True)
+    ]
+    ours = tables.as_json(run)["tables"][WA]["fixed"]["ours"]
+    own = column(run, Condition(WA, "fixed"))
+    abilities = np.array([ability for ability, _ in kinds[:17]])
+    counts = {"L = 1": 9, "0 < L < 1": 6, "L = 0": 1, "L < 0": 1, "unmeasured": 2}
+    found = ours.pop("intervals")
+    assert ours == {
+        "robots": 19,
+        "invalid": 1,
+        "counts": counts,
+        "mean": pytest.approx(abilities.mean()),
+        "deviation": pytest.approx(abilities.std(ddof=1)),
+        "post_share": pytest.approx(30 * 9 / 1200),
+    }
+    ends = {name: own for name, own in zip(counts, own.shares, strict=True)}
+    assert found.pop("shares") == {name: pytest.approx(list(pair)) for name, pair in ends.items()}
+    assert found.keys() == {"mean", "deviation", "post_share"}
+    for name, pair in found.items():
+        assert pair == pytest.approx(list(getattr(own, name))), name
+    assert found["mean"] == pytest.approx(list(intervals.mean(abilities, intervals.ABILITY)))
+    assert len({low for low, _ in found.values()}) == 3
 
 
 def test_a_comparison_has_short_names_and_settings_as_on_the_command_line():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from musebot.protocols import cli
+from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.comparison import compare_runs
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
@@ -226,6 +227,17 @@ def test_the_figure_shows_the_means_by_the_hour_and_after_a_move():
     assert len(below.lines) == 4
     assert below.lines[0].get_ydata() == pytest.approx([0] + [1] * 9)
     assert {line.get_color() for line in above.lines} == {*style.PALETTE[:2]}
+
+
+def test_the_band_of_the_hours_is_the_interval_of_the_mean():
+    robots = np.array([0.1, 0.2, 0.2, 0.4, 0.5, 0.9])
+    above, _ = continual.draw([Training("", np.repeat(robots[:, None], 1440, axis=1))]).axes
+    low, high = intervals.mean(robots, intervals.SHARE)
+    assert high - low > 0.1
+    (band,) = above.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), heights.max()) == pytest.approx((low, high))
+    assert np.minimum(abs(heights - low), abs(heights - high)) == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from musebot.protocols.experiment.overrides import named_brain, with_overrides
 from musebot.protocols.experiment.schedules import PARTS
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.search.evolve import FOLDER, Evolve
-from musebot.protocols.studies.search.evolve_page import Evolution, Generation
+from musebot.protocols.studies.search.evolve_page import Evolution, Generation, draw
 from musebot.protocols.studies.search.space import RANGES, brain_at, check_names, point_of
 from musebot.protocols.studies.study import conduct
 
@@ -244,6 +244,29 @@ def test_the_weight_of_a_parameter_is_its_correlation_within_generations():
     assert weights[0][1] > 0.9
     assert abs(weights[1][1]) < 0.4
     assert Evolution(("noise", "epsilon"), generations[:1]).weights() == []
+
+
+def test_the_figure_shows_every_brain_the_means_and_both_tests():
+    points = np.zeros((3, 2))
+    generations = [
+        Generation(points, np.array([-0.5, -0.3, -0.1]), np.array([0.2, 0.9])),
+        Generation(points, np.array([-0.4, -0.3, -0.05]), np.array([0.3, 0.7])),
+    ]
+    tests = {"start": np.array([0.7, 0.5]), "winner": np.array([0.1, 0.3])}
+    evolution = Evolution(("noise", "epsilon"), generations, tests)
+    above, below = draw(evolution, -1, "in contact").axes
+    first, second, means, *levels = above.lines
+    assert first.get_xydata() == pytest.approx(np.array([[1, 0.5], [1, 0.3], [1, 0.1]]))
+    assert second.get_xydata() == pytest.approx(np.array([[2, 0.4], [2, 0.3], [2, 0.05]]))
+    assert means.get_xydata() == pytest.approx(np.array([[1, 0.3], [2, 0.25]]))
+    names = {text.get_color(): (text.get_text(), text.xy[1]) for text in above.texts}
+    found = {names[line.get_color()]: line.get_ydata()[0] for line in levels}
+    assert found == pytest.approx(
+        {("first brain,\nfresh seeds", 0.6): 0.6, ("winner,\nfresh seeds", 0.2): 0.2}
+    )
+    names = {text.get_color(): (text.get_text(), text.xy) for text in below.texts}
+    found = {names[line.get_color()]: [*line.get_ydata()] for line in below.lines}
+    assert found == {("noise", (2, 0.3)): [0.2, 0.3], ("epsilon", (2, 0.7)): [0.9, 0.7]}
 
 
 # ---- Options ----

@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+import types
 
 import numpy as np
 import pytest
@@ -9,8 +10,14 @@ import pytest
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.storage import is_draft
+from musebot.protocols.studies.learning_progress import study as module
 from musebot.protocols.studies.learning_progress.frozen_brains import BrainsInTime, Evaluation
-from musebot.protocols.studies.learning_progress.study import LearningProgress, markdown
+from musebot.protocols.studies.learning_progress.study import (
+    LearningProgress,
+    draw,
+    draw_brain,
+    markdown,
+)
 from musebot.protocols.studies.study import conduct
 
 SHORT = Experiment(cohort_size=3, time_scale=0.005, body="kinematic")
@@ -33,6 +40,39 @@ def test_the_second_test_gives_the_shares_at_the_times_that_the_first_chose():
     assert row.startswith("| one, all durations times 0.005 | 2 | 0.850 |")
     assert "| 0.600 |" in row
     assert "| 0.250 |" in row
+
+
+def test_each_line_of_the_figure_is_what_its_label_says():
+    one = of([[0.0, 0.5], [0.8, 0.2], [0.1, 0.9]], [[0.1, 0.4], [0.7, 0.1], [0.2, 1.0]])
+    smell = np.arange(4)[None, :, None] + np.array([0.1, 0.2, 0.3])[:, None, None]
+    one = dataclasses.replace(one, spread=smell + np.zeros(2), regret=10 + smell + np.zeros(2))
+    above, middle, below = draw([one]).axes
+    drawn = {line.get_label(): line.get_ydata() for line in above.lines}
+    assert drawn["at its best time so far"] == pytest.approx([0.25, 0.55, 0.85])
+    assert drawn["now"] == pytest.approx([0.25, 0.4, 0.6])
+    for axis, first in ((middle, 0), (below, 10)):
+        for number, (line, name) in enumerate(zip(axis.lines, module.SMELLS, strict=True)):
+            assert line.get_label() == name
+            assert line.get_ydata() == pytest.approx(first + number + np.array([0.1, 0.2, 0.3]))
+    assert middle.get_ylabel() == "spread of ideas" and below.get_ylabel() == "regret of ideas"
+
+
+def test_the_values_are_those_of_the_median_robot(monkeypatch):
+    asked = []
+
+    def brains(places):
+        asked.append(places.tolist())
+        return types.SimpleNamespace(controller=None)
+
+    tests = np.full((2, 9, 3), 0.5)
+    tests[1, -1] = 0.9, 0.45, 0.1
+    one = of(*tests)
+    progress = types.SimpleNamespace(experiment=SHORT, hours=np.arange(9.0), brains=brains)
+    monkeypatch.setattr(module, "draw_values", lambda axis, brain, state: None)
+    figure = draw_brain(dataclasses.replace(one, progress=progress))
+    assert asked == [[[time], [1]] for time in module.SHOWN]
+    rows = figure.axes[:: len(module.SMELLS)]
+    assert [axis.get_ylabel().split()[0] for axis in rows] == [str(time) for time in module.SHOWN]
 
 
 def test_a_reading_sets_body_kinematics_and_nose():

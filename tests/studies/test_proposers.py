@@ -333,3 +333,15 @@ def test_the_figure_names_every_way_once_in_each_panel():
     assert len(words[1]) == len({*words[1]}) == 6
     heights = sorted(t.xy[1] for t in axes[0].texts if isinstance(t, Annotation))
     assert np.diff(heights).min() > 0.04
+
+
+def test_each_mean_is_drawn_at_its_number_of_ideas():
+    found = shares(lambda cell: 0.2 + 0.006 * cell.ideas)
+    for axis, outside in zip(draw(found).axes, (False, True), strict=True):
+        lines = [line for line in axis.lines if line.get_marker() == "o"]
+        ways = [way for way in WAYS if Cell(way, max(IDEAS), outside).simulated in found]
+        ways = [way for way in ways if WAYS[way].mixes or not outside]
+        assert len(lines) == len(ways) > 1
+        for line, way in zip(lines, ways, strict=True):
+            numbers = [Cell(way, int(x), outside).simulated.ideas for x in line.get_xdata()]
+            assert line.get_ydata() == pytest.approx(0.2 + 0.006 * np.array(numbers), abs=0.02)

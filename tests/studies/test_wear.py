@@ -479,3 +479,16 @@ def test_the_figure_has_a_curve_for_each_arm_that_it_names():
         assert len(axis.lines) == 6
     heights = {float(np.asarray(line.get_ydata())[-1]) for line in own.lines}
     assert heights == {0.0, 1.0}
+
+
+def test_a_curve_rises_to_the_share_of_robots_that_have_recovered():
+    some = recovery([20] * 30 + [None] * 10)
+    own, random = draw(four((FAST, SLOW), (some, NEVER)) | {NEWBORN: SLOW}).axes
+    for axis, share in ((own, 0.75), (random, 1.0)):
+        names = {text.get_color(): text.get_text() for text in axis.texts}
+        lines = {names[line.get_color()]: line for line in axis.lines}
+        times, shares = lines["noise-old"].get_data()
+        heights = [shares[np.searchsorted(times, time, "right") - 1] for time in (0, 19, 21, 239)]
+        assert heights == pytest.approx([0, 0, share, share])
+        assert shares[-1] == pytest.approx(share)
+        assert lines["newborn"].get_ydata()[-1] == 1 and lines["newborn"].get_linestyle() == "--"
