@@ -133,8 +133,9 @@ ALIASES = "experiment: [&a0 [x, x, x]" + "".join(
             "a/b is planned twice",
         ),
         (
-            "plan: [{task: spot_finding, proposer: dqn, robots: 1}, "
-            "{task: spot_finding, proposer: musebot:dqn, robots: 1}]",
+            "{experiment: {time_scale: 0.001, body: kinematic}, plan: ["
+            "{task: spot_finding, proposer: dqn, robots: 1}, "
+            "{task: spot_finding, proposer: musebot:dqn, robots: 1}]}",
             "spot_finding/musebot:dqn is planned twice",
         ),
         (ALIASES, "experiment must be names with values, got [["),
