@@ -128,6 +128,16 @@ ALIASES = "experiment: [&a0 [x, x, x]" + "".join(
         ),
         ("plan: [{task: spot_finding, proposer: my:agent, robots: 1}]", "--trust-agent"),
         ("plan: [{task: [1], proposer: fixed, robots: 1}]", "must be texts, got [1] and 'fixed'"),
+        (
+            "plan: [{task: a, proposer: b, robots: 1}, {task: a, proposer: b, robots: 2}]",
+            "a/b is planned twice",
+        ),
+        (
+            "{experiment: {time_scale: 0.001, body: kinematic}, plan: ["
+            "{task: spot_finding, proposer: dqn, robots: 1}, "
+            "{task: spot_finding, proposer: musebot:dqn, robots: 1}]}",
+            "spot_finding/musebot:dqn is planned twice",
+        ),
         (ALIASES, "experiment must be names with values, got [["),
     ],
 )

@@ -25,7 +25,7 @@ def test_the_configuration_file_is_read(tmp_path):
 
 
 def test_the_lists_are_named():
-    assert all(f"`{name}`" in TEXT or f"musebot list {name}" in TEXT for name in LISTS)
+    assert f"| `list` | lists {', '.join(LISTS)} |" in TEXT.splitlines()
 
 
 @pytest.mark.slow

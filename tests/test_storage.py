@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import safetensors
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -402,7 +403,7 @@ def test_a_failed_save_of_arrays_leaves_the_old_ones(sound, monkeypatch):
 
 
 def test_objects_are_not_pickled(tmp_path):
-    with pytest.raises(Exception, match="(?i)object"):
+    with pytest.raises(safetensors.SafetensorError, match='dtype "object"'):
         save_arrays(tmp_path / "file", {"what": np.array([sys], dtype=object)})
     assert files(tmp_path) == {}
 
@@ -480,7 +481,7 @@ def test_new_files_have_the_permissions_that_the_user_asks_for(tmp_path, mask):
 
 def test_a_file_in_the_place_of_a_folder_is_one_sentence(tmp_path):
     (tmp_path / "folder").write_text("a user's")
-    with pytest.raises(InputError, match="folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         write_text(tmp_path / "folder" / "page.md", "x")
     assert (tmp_path / "folder").read_text() == "a user's"
 

@@ -273,32 +273,3 @@ def test_setup_finds_every_folder_of_modules_and_no_other():
     }
     others = sorted(str(folder.relative_to(ROOT)) for folder in found - folders)
     assert not others, f"installed, but no package of musebot's: {others}"
-
-
-def test_the_list_of_studies_is_the_first_lines_of_their_docstrings():
-    from musebot.protocols.studies import STUDIES
-
-    wrong = []
-    for study, (module, kind, line) in STUDIES.items():
-        name = f"protocols.studies.{module}"
-        if name not in modules():
-            wrong.append(f"protocols/studies/{module}.py is missing")
-            continue
-        classes = [n for n in tree(modules()[name]).body if isinstance(n, ast.ClassDef)]
-        found = [n for n in classes if n.name == kind]
-        if not found:
-            wrong.append(f"{place(name)}: there is no class {kind}")
-            continue
-        first = (ast.get_docstring(found[0]) or "").partition("\n")[0]
-        if first != line:
-            wrong.append(f"{place(name, found[0].lineno)}: {first!r}, but {study} lists {line!r}")
-        titles = [
-            ast.literal_eval(node.value)
-            for node in found[0].body
-            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
-            for target in getattr(node, "targets", [getattr(node, "target", None)])
-            if ast.unparse(target) == "name"
-        ]
-        if titles != [study]:
-            wrong.append(f"{place(name, found[0].lineno)}: its name is {titles}, not {study!r}")
-    assert not wrong, "\n".join(wrong)

@@ -29,9 +29,11 @@ from musebot.protocols.commands.listing import LISTS
 from musebot.protocols.errors import InputError
 from musebot.protocols.experiment.conditions import CohortKey, Condition
 from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.manifest import read_manifest
+from musebot.protocols.experiment.manifest import read_manifest, write_manifest
+from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.random_streams import random_streams
-from musebot.protocols.results.run_files import read_run
+from musebot.protocols.results.results import Robot
+from musebot.protocols.results.run_files import read_run, write_results
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.storage import read_json, write_json
 
@@ -300,19 +302,42 @@ def test_the_finished_robots_of_an_agent_need_no_trust(held):
     assert held("--proposer", "fixed", "--task", WALLS) == (0, False)
 
 
+@pytest.fixture
+def agents_of_a_run(tmp_path, monkeypatch, invented, commands_in_process):
+    """The working directory, with an agent's module and a run of MuJoCo that names this agent."""
+    (tmp_path / "spy_agent.py").write_text(SPY)
+    monkeypatch.chdir(tmp_path)
+    experiment, results = Experiment(cohort_size=2), {}
+    for proposer in ("creative", "random", "spy_agent:make"):
+        times = ((12.5, 0.0, 1.0, "L = 1"), (3.0, 3.0, 0.0, "L = 0"))
+        rows = [Robot(WALLS, proposer, 1, 0, robot, *row) for robot, row in enumerate(times)]
+        results[Condition(WALLS, proposer)] = invented(experiment, rows)
+    write_manifest(tmp_path / "out", Plan(experiment, dict.fromkeys(results, 2)))
+    write_results(tmp_path / "out", results)
+    return tmp_path
+
+
 @pytest.mark.parametrize(
-    ("words", "status"),
+    "words", ["tables out", "tables out --compare out --json", "study creativity new --runs out"]
+)
+def test_a_command_that_needs_no_agent_imports_none_of_a_run(words, agents_of_a_run):
+    assert cli.main(words.split()) == 0
+    assert "spy_agent" not in sys.modules and not (agents_of_a_run / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
     [
-        ("tables out", 0),
-        ("tables out --compare out --json", 0),
-        (f"film out --task {WALLS} --proposer spy_agent:make --output film.mp4", 2),
-        (f"explore {WALLS} --out out --proposer spy_agent:make", 2),
-        ("study creativity new --runs out", 2),
+        f"film out --task {WALLS} --proposer spy_agent:make --output film.mp4",
+        f"explore {WALLS} --out out --proposer spy_agent:make",
     ],
 )
-def test_a_command_that_reads_a_run_imports_none_of_its_agents(held, words, status, tmp_path):
-    assert cli.main(words.split()) == status
-    assert "spy_agent" not in sys.modules and not (tmp_path / "ran").exists()
+def test_a_command_that_needs_an_agent_does_not_trust_the_name_in_a_run(
+    words, agents_of_a_run, capsys
+):
+    assert cli.main(words.split()) == 2
+    assert "names the agent spy_agent:make, whose code would be run" in capsys.readouterr().err
+    assert "spy_agent" not in sys.modules and not (agents_of_a_run / "ran").exists()
 
 
 # The example of docs/agents.md

@@ -42,6 +42,8 @@ def test_a_range_that_does_not_suit_its_kind_is_refused():
         Setting(True, 0, 1)
     with pytest.raises(ValueError, match="whole numbers begins at 1"):
         Setting(1, 0.5, 9, log=True)
+    with pytest.raises(ValueError, match="a logarithmic range must be above 0, got 0.0"):
+        Setting(0.5, 0.0, 1.0, log=True)
 
 
 def test_whole_numbers_are_drawn_evenly():

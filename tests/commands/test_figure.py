@@ -3,6 +3,13 @@
 import pytest
 
 from musebot.protocols import cli
+from musebot.protocols.experiment.conditions import Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.manifest import write_manifest
+from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.reporting import typical_robots
+from musebot.protocols.results.results import Robot
+from musebot.protocols.results.run_files import write_results
 
 
 def test_the_architecture_is_written_as_an_svg(tmp_path, capsys):
@@ -34,3 +41,17 @@ def test_bad_input_is_one_sentence_and_writes_nothing(
     complaint = capsys.readouterr().err
     assert sentence in complaint and complaint.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_without_typical_robots_is_one_sentence_and_writes_nothing(
+    tmp_path, capsys, monkeypatch, invented
+):
+    condition = Condition("wall_avoidance", "fixed")
+    experiment = Experiment(cohort_size=1, time_scale=0.05)
+    row = Robot("wall_avoidance", "fixed", 1, 0, 0, 12.5, 0.0, 1.0, "L = 1")
+    write_manifest(tmp_path / "run", Plan(experiment, {condition: 1}))
+    write_results(tmp_path / "run", {condition: invented(experiment, [row])})
+    monkeypatch.setattr(typical_robots, "draw", lambda run, advance: None)
+    assert cli.main(["figure", "typical", str(tmp_path / "new.png"), str(tmp_path / "run")]) == 2
+    assert "has no typical robots: no stored brain spins or arrives" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]

@@ -1,6 +1,5 @@
 """What an experiment is: its parameters, its schedules, and its random streams."""
 
-import dataclasses
 import os
 import subprocess
 import sys
@@ -26,6 +25,8 @@ from musebot.protocols.experiment.schedules import PROTOCOLS, SCHEDULES
     ("fields", "sentence"),
     [
         ({"seed": -1}, "the seed must not be negative, got -1"),
+        ({"settings": ["rate=1"]}, "settings must be words NAME=VALUE, got ['rate=1']"),
+        ({"settings": (1,)}, "settings must be words NAME=VALUE, got (1,)"),
         ({"seed": "one"}, "seed must be a whole number, got 'one'"),
         ({"seed": True}, "seed must be a whole number, got True"),
         ({"seed": 2**128}, f"the seed must be below 2^128, got {2**128}"),
@@ -155,12 +156,6 @@ def test_an_experiment_that_differs_is_refused_with_its_first_field():
     with pytest.raises(InputError) as caught:
         check_same("OUT holds a run", Experiment(), Experiment(seed=2, nose="printed"))
     assert str(caught.value) == "OUT holds a run with seed 1, not 2"
-
-
-def test_a_brain_with_changed_parameters_is_named_by_them():
-    for name in ("paper", "steady"):
-        brain = dataclasses.replace(BRAINS[name], discount=0.8, keep_main_idea=True)
-        assert Experiment(brain=brain).brain_name == f"{name} discount=0.8 keep_main_idea=true"
 
 
 # Random streams

@@ -22,7 +22,11 @@ def test_versions_and_processor_are_named():
 def git(folder, *words):
     identity = ["-c", "user.name=somebody", "-c", "user.email=nobody@example.org"]
     command = ["git", *identity, *words]
-    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+    alone = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_NOSYSTEM": "1"}  # no user's settings
+    done = subprocess.run(
+        command, cwd=folder, env=os.environ | alone, check=True, capture_output=True, text=True
+    )
+    return done.stdout
 
 
 @pytest.mark.skipif(not shutil.which("git"), reason="there is no Git here")

@@ -219,6 +219,15 @@ def children(session):
     return [int(p) for p in open(f"/proc/{session}/task/{session}/children").read().split()]
 
 
+def wait_for(session, there, seconds=300):
+    """Waits until a command has made something; raises if it ends before or takes too long."""
+    deadline = time.monotonic() + seconds
+    while not there():
+        os.kill(session, 0)  # ProcessLookupError: it has ended
+        assert time.monotonic() < deadline, "it makes nothing"
+        time.sleep(0.01)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's /proc")
 def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continues(
     commands, tmp_path
@@ -227,8 +236,7 @@ def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continue
     commands.said()
     out = tmp_path / "out"
     session = commands.start(words("run", out))
-    while not [*out.glob("checkpoints/*.safetensors")] or not children(session):
-        time.sleep(0.01)
+    wait_for(session, lambda: [*out.glob("checkpoints/*.safetensors")] and children(session))
     os.kill(children(session)[0], signal.SIGKILL)
     assert commands.ended(session, 300) == 1
     said = commands.said()
@@ -250,8 +258,7 @@ def test_the_second_command_is_told_who_works_and_a_dead_one_blocks_nobody(
 ):
     out = tmp_path / "out"
     session = commands.start(words("run", out))
-    while not (out / "checkpoints").exists():
-        time.sleep(0.01)
+    wait_for(session, (out / "checkpoints").exists)
     os.kill(session, signal.SIGSTOP)  # so that it does not end before the second begins
     try:
         assert cli.main(words("run", out)) == 2

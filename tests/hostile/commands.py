@@ -18,7 +18,7 @@ from musebot.protocols.reporting import paper_figures, report, typical_robots
 from musebot.protocols.simulation import local
 from musebot.protocols.simulation.cohort import Cohort
 from musebot.protocols.simulation.jobs import CohortJob
-from musebot.protocols.studies import STUDIES
+from musebot.protocols.studies import STUDIES, continual, creativity
 
 SEED = 20041
 WORK_BEGINS = 130  # the exit status where the work would begin, which the tests interrupt
@@ -65,19 +65,19 @@ VERBS = {
             "--motor-torque": TEXTS, "--device": TEXTS, "--physics": TEXTS,
             "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
             "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
-            "--trust-agent": ("", "x"), **_WORKERS,
+            "--trust-agent": ("", "x"), "--log": TEXTS, **_WORKERS,
         },
     ),
-    "tables": (["OUT"], {"--compare": _PLACES, "--json": ("", "x"), "--exact-classes": ("", "x")}),
+    "tables": (["RUN"], {"--compare": _PLACES, "--json": ("", "x"), "--exact-classes": ("", "x")}),
     "film": (
-        ["OUT", "--task", "spot_finding", "--output", "FILE"],
+        ["RUN", "--task", "spot_finding", "--output", "FILE"],
         {
             "--task": TEXTS, "--output": _PLACES, "--proposer": TEXTS, "--robot": NUMBERS,
             "--agent": TEXTS,
             "--phase": TEXTS, "--seconds": NUMBERS, "--speed": NUMBERS, "--seed": NUMBERS,
         },
     ),
-    "report": (["OUT"], {"--output": _PLACES}),
+    "report": (["RUN"], {"--output": _PLACES}),
     "figure": (["architecture", "new.svg"], {"--task": TEXTS, "--x": TEXTS}),
     "figure typical": (["new.png", "RUN"], {"--task": TEXTS}),
     "explore": (
@@ -94,7 +94,10 @@ VERBS = {
     "list": (["tasks"], {"--x": TEXTS}),
     "check-agent": (
         ["newborn"],
-        {"--task": TEXTS, "--signals": TEXTS, "--agent-set": (*TEXTS, "rate=nan", "rate=1e400")},
+        {
+            "--task": TEXTS, "--protocol": TEXTS, "--signals": TEXTS,
+            "--agent-set": (*TEXTS, "rate=nan", "rate=1e400"),
+        },
     ),
     "bench": (
         ["--quick"],
@@ -121,8 +124,8 @@ VERBS = {
         ["OUT", "--agent", "q_learner", "--robots", "2", "--time-scale", "0.002", "--trials", "2",
          "--kept", "1"],
         {
-            "--agent": TEXTS, "--signals": TEXTS, "--trials": NUMBERS, "--kept": NUMBERS,
-            "--robots": NUMBERS, "--seed": NUMBERS, "--kinematics": "kinematics",
+            "--agent": TEXTS, "--signals": TEXTS, "--task": TEXTS, "--trials": NUMBERS,
+            "--kept": NUMBERS, "--robots": NUMBERS, "--seed": NUMBERS, "--kinematics": "kinematics",
             "--time-scale": NUMBERS, **_WORKERS,
         },
     ),
@@ -148,7 +151,7 @@ VERBS = {
             "--body": TEXTS, "--kinematics": "kinematics", "--time-scale": NUMBERS, **_WORKERS,
         },
     ),
-    "study creativity": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
+    "study creativity": (["OUT", "--runs", "BOARD"], {"--runs": _PLACES, **_WORKERS}),
     "study robustness": (
         ["OUT", "--runs", "RUN"],
         {
@@ -170,7 +173,7 @@ VERBS = {
             "--kinematics": "kinematics", "--time-scale": NUMBERS, "--reading": TEXTS, **_WORKERS,
         },
     ),
-    "study continual": (["OUT", "--runs", "RUN"], {"--runs": _PLACES, **_WORKERS}),
+    "study continual": (["OUT", "--runs", "MOVED"], {"--runs": _PLACES, **_WORKERS}),
     "study benchmark": (
         ["OUT", "--agent", "q_learner", "--robots", "2", "--time-scale", "0.002", "--body",
          "kinematic", "--signals", "raw", "--board", "walls"],
@@ -181,7 +184,7 @@ VERBS = {
         },
     ),
     "study leaderboard": (
-        ["OUT", "--runs", "RUN"],
+        ["OUT", "--runs", "BOARD"],
         {"--runs": _PLACES, "--tuned": _PLACES, **_WORKERS},
     ),
     "study ppo": (
@@ -302,6 +305,8 @@ def begun_only(patch):
     patch.setattr(bench, "_measure_interfaces", _begin)
     patch.setattr(bench, "_measure_population", _begin)
     patch.setattr(doctor, "report", lambda: 0)
+    for study in (continual, creativity):
+        patch.setattr(study, "draw", _begin)
     patch.delenv("DISPLAY", raising=False)
     patch.delenv("WAYLAND_DISPLAY", raising=False)
     with contextlib.suppress(InputError):
@@ -317,11 +322,12 @@ def begun_only(patch):
 # ---- Cases ----
 
 
-def words_of(draw, where):
+def words_of(draw, base, where):
     """Returns a hostile command line.
 
     Args:
       draw: Random stream.
+      base: Folder with `a`, made by `files.make`.
       where: Places, as `places` returns them.
     """
     verb = [*VERBS][draw.integers(len(VERBS))]
@@ -329,7 +335,21 @@ def words_of(draw, where):
     words = list(sound)
     for _ in range(1 + int(draw.integers(4) // 3) + int(draw.integers(6) // 5)):
         _change(draw, words, options, where)
-    return [*verb.split(), *(_placed(draw, word, where) for word in words)]
+    own = placed(base, where)
+    return [
+        *verb.split(),
+        *(
+            one(draw, where) if word in ("OUT", "FILE", "RUN") and draw.random() < 0.35
+            else own.get(word, word)
+            for word in words
+        ),
+    ]  # fmt: skip
+
+
+def sound_words(verb, base, where):
+    """Returns the sound command line of a verb; see `words_of` for the arguments."""
+    own = placed(base, where)
+    return [*verb.split(), *(own.get(word, word) for word in VERBS[verb][0])]
 
 
 def _change(draw, words, options, where):
@@ -358,13 +378,17 @@ def _value(draw, kind, where):
     return one(draw, kind)
 
 
-def _placed(draw, word, where):
-    if word == "OUT" and draw.random() < 0.35:
-        return one(draw, where)
-    if word == "FILE" and draw.random() < 0.35:
-        return one(draw, where)
-    own = str(Path(where[0]).parent)
-    return {"OUT": f"{own}/new", "FILE": f"{own}/new.mp4", "RUN": f"{own}/run"}.get(word, word)
+def placed(base, where):
+    """Returns the paths that stand for the words of a sound command line.
+
+    Args:
+      base: Folder with `a`, made by `files.make`; no case may change it.
+      where: Places, as `places` returns them.
+    """
+    own = Path(where[0]).parent
+    paths = {"OUT": own / "new", "FILE": own / "new.mp4", "RUN": own / "run"}
+    paths |= {"BOARD": base / "a" / "board", "MOVED": base / "a" / "moved"}
+    return {word: str(path) for word, path in paths.items()}
 
 
 def case(base, folder, number):
@@ -380,7 +404,7 @@ def case(base, folder, number):
     where = places(base, folder / "all")
     here = folder / "here"
     here.mkdir()
-    words = words_of(draw, where)
+    words = words_of(draw, base, where)
     before, outside = oracle.snapshot(folder), oracle.snapshot(base, contents=False)
     with contextlib.chdir(here):
         outcome = oracle.carried_out(lambda: (cli.main(words), None))

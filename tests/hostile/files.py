@@ -15,6 +15,7 @@ from hostile import mutations as change
 from hostile.mutations import one
 
 from musebot.protocols import exit_status
+from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.ppo import Policies, policy_arrays
 from musebot.protocols.errors import Interrupted
 from musebot.protocols.experiment.conditions import CohortKey, Condition
@@ -89,6 +90,7 @@ def make(folder, seed, invented):
             SPOT: invented(experiment(seed), spot, seed),
         },
     )
+    _make_whole_runs(folder, seed, invented)
     cohort = Cohort(short(seed), KEY)
     cohort.advance(cohort.steps // 2)
     checkpoints.save_checkpoint(checkpoints.checkpoint_file(folder, KEY), cohort)
@@ -108,6 +110,23 @@ def make(folder, seed, invented):
     for jobs in progress(seed).stages(folder / "progress"):
         for job in jobs:
             assert job.run(lambda: False, lambda done, message: None)
+
+
+def _make_whole_runs(folder, seed, invented):
+    """Writes runs of full length: one with both bounds of a leaderboard, and a continual one."""
+    bounds = [recorded_name(name) for name in ("newborn", "hand_coded")]
+    for name, protocol, proposers in (
+        ("board", "paper", ("creative", "random", *bounds)),
+        ("moved", "continual", ("creative",)),
+    ):
+        whole, results = dataclasses.replace(experiment(seed, 1), protocol=protocol), {}
+        for condition in (Condition("spot_finding", proposer) for proposer in proposers):
+            times = ((2.0, 6.0, 0.5, "0 < L < 1"), (3.0, 3.0, 0.0, "L = 0"))
+            rows = [Robot("spot_finding", condition.proposer, seed, 0, robot, *row)
+                    for robot, row in enumerate(times)]  # fmt: skip
+            results[condition] = invented(whole, rows, seed)
+        write_manifest(folder / name, Plan(whole, dict.fromkeys(results, 2)))
+        write_results(folder / name, results)
 
 
 def timestep():
@@ -330,11 +349,15 @@ class Kind:
     writes: bool = False
     digests: bool = True
 
-    def changed(self, draw, folder, other):
-        """Changes the file in a folder; returns the name of the change."""
+    def changed(self, draw, folder, other, number):
+        """Changes the file in a folder; returns the name of the change.
+
+        The first cases have each of the changes once; all others draw one.
+        """
         functions, weights = zip(*self.changes, strict=True)
         weights = np.array(weights) / sum(weights)
-        function = functions[draw.choice(len(functions), p=weights)]
+        drawn = draw.choice(len(functions), p=weights)
+        function = functions[number if number < len(functions) else drawn]
         return function(draw, folder / self.file, other / self.file)
 
 

@@ -14,17 +14,15 @@ UNTOLD = (
     (("experiment.json",), (*ANY, "json_mutated", *OTHERS), "another sound setting"),
     (("old robots.csv",), (*ANY, "rows_mutated"), "other sound rows"),
     (("old curves.npz",), ("npz_mutated",), "other sound shares, with a checksum of their own"),
+    # A run's own digests tell its brains from all others: they have no excuse here.
+    (("policies",), OTHERS, "sound weights of other policies, with their own digest"),
     (
-        ("brains.safetensors", "film of a run", "policies"),
-        OTHERS,
-        "sound weights of another run, with their own digest",
-    ),
-    (
-        [kind.name for kind in files.KINDS if kind.file.endswith(".safetensors")],
+        [kind.name for kind in files.KINDS
+         if kind.file.endswith(".safetensors") and kind.file != "run/brains.safetensors"],
         ("forged",),
         "sound values, with a digest written anew",
     ),
-)
+)  # fmt: skip
 
 
 def case(base, folder, kind, number):
@@ -46,7 +44,7 @@ def case(base, folder, kind, number):
     victim.mkdir()
     (victim / "notes.txt").write_text("mine")
     marked = files.mark(folder)
-    what = kind.changed(draw, own, base / "b")
+    what = kind.changed(draw, own, base / "b", number)
     before, outside = oracle.snapshot(own), oracle.snapshot(victim, base, contents=False)
     outcome = oracle.carried_out(files.working(kind, own))
     said = f"{kind.name} {number}, {what}: {outcome.status} {outcome.printed.strip()[-1200:]}"

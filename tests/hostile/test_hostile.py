@@ -6,6 +6,9 @@ import importlib.util
 import pytest
 from hostile import commands, environments, files, oracle, readers
 
+from musebot.protocols import cli
+from musebot.protocols.commands import study_command, verb_class
+
 READERS, COMMANDS, CALLS = 4200, 4000, 1800  # cases at night
 # In the ordinary suite: of each kind of file, of command lines, of each kind of call.
 FEW, FEW_COMMANDS, FEW_CALLS = 10, 120, 15
@@ -55,6 +58,27 @@ def test_thousands_of_changed_files_are_refused_or_give_the_same_results(base, t
 def begun_only(monkeypatch):
     with commands.begun_only(monkeypatch):
         yield
+
+
+# No work begins here: there is no such verb or study, no display, and nothing long to do.
+WITHOUT_WORK = ("nothing", "study nothing", "explore", "check-agent")
+
+
+@pytest.mark.usefixtures("begun_only")
+@pytest.mark.parametrize("verb", [verb for verb in commands.VERBS if verb not in WITHOUT_WORK])
+def test_the_sound_command_line_of_a_verb_reaches_its_work(verb, base, tmp_path, monkeypatch):
+    words = commands.sound_words(verb, base, commands.places(base, tmp_path / "all"))
+    monkeypatch.chdir(tmp_path)
+    outcome = oracle.carried_out(lambda: (cli.main(words), None))
+    assert outcome.status in (0, commands.WORK_BEGINS), outcome.printed
+
+
+@pytest.mark.parametrize("verb", [verb for verb in commands.VERBS if "nothing" not in verb])
+def test_hostile_command_lines_know_every_option_of_a_verb(verb):
+    *studies, name = verb.removesuffix(" typical").split()
+    known = cli._arguments(study_command(name) if studies else verb_class(name))
+    options = {one.name for one in known if not one.positional}
+    assert {*commands.VERBS[verb][1]} - {"--x"} == options
 
 
 @pytest.mark.usefixtures("begun_only")

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import types
 from pathlib import Path
 from typing import Any
 
@@ -116,9 +117,11 @@ def grey(count):
 def test_all_frames_are_written_and_the_older_film_is_replaced(tmp_path, suffix):
     output = tmp_path / f"film{suffix}"
     output.write_bytes(b"older")
-    film.write(output, grey(5), 5)
+    assert film.write(output, grey(5), 5) == 5
     assert os.listdir(tmp_path) == [output.name]
-    assert output.read_bytes() != b"older"
+    reader: Any = imageio.get_reader(output)
+    with reader:
+        assert sum(1 for _ in reader) == 5
 
 
 def failing():
@@ -208,6 +211,21 @@ def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path, suffix, count):
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{output} could not be written completely; is the disk full?\n"
     assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize(("seconds", "says"), [(2.0, False), (5.0, True)])
+def test_a_film_that_is_shorter_than_asked_says_so(seconds, says, tmp_path, monkeypatch, capsys):
+    batch = make_batch("wall_avoidance", 1)
+    episode = Episode(
+        "wall_avoidance", "nobody", True, batch, lambda _: np.zeros((1, 2)), 20,
+        np.random.default_rng(0),
+    )  # fmt: skip
+    scene = types.SimpleNamespace(renderer="nothing", close=lambda: None)
+    monkeypatch.setattr(film, "Scene", lambda task, dimensions: scene)
+    monkeypatch.setattr(film, "write", lambda output, frames, count: count)
+    film.film(episode, tmp_path / "film.mp4", seconds=seconds, speed=1.0)
+    sentence = "the episode lasts 2 s, so the film lasts 2 s"
+    assert (sentence in capsys.readouterr().err) is says
 
 
 def test_film_ends_with_the_episode_at_the_latest():

@@ -18,7 +18,7 @@ from musebot.protocols.experiment.experiment import Experiment
 from musebot.protocols.experiment.manifest import MANIFEST, write_manifest
 from musebot.protocols.experiment.plan import Plan
 from musebot.protocols.experiment.schedules import PARTS, SPOT_FINDING, WALL_AVOIDANCE
-from musebot.protocols.results.checks import check_events
+from musebot.protocols.results.checks import check_events, check_network_shapes
 from musebot.protocols.results.results import Robot
 from musebot.protocols.results.run_files import (
     BRAINS_FILE,
@@ -126,10 +126,11 @@ def test_a_row_that_contradicts_the_plan_or_itself_is_refused(folder, old, new, 
     assert words in refusal(folder, ROBOTS_FILE)
 
 
-def test_rows_of_a_condition_that_is_not_planned_are_refused(folder):
-    path = folder / ROBOTS_FILE
-    path.write_text(path.read_text().replace("wall_avoidance,fixed", "wall_avoidance,random"))
-    assert "the robots of wall_avoidance/random must be" in refusal(folder, ROBOTS_FILE)
+def test_a_users_agent_must_have_the_same_networks_before_and_after_training():
+    shapes = {"before/one": ("F32", (2, 3)), "after/other": ("F32", (2, 3))}
+    condition = Condition("wall_avoidance", "my.module:make")
+    with pytest.raises(ValueError, match="has other networks before training than after it"):
+        check_network_shapes(EXPERIMENT, condition, shapes, 4)
 
 
 def test_a_run_that_is_being_enlarged_has_fewer_rows_than_its_plan(folder):

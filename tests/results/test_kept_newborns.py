@@ -7,11 +7,20 @@ import pytest
 
 from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.experiment.conditions import CohortKey
+from musebot.protocols.experiment.manifest import read_manifest
 from musebot.protocols.experiment.random_streams import random_streams
 from musebot.protocols.results.run_files import read_run
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
-RUNS = sorted(path.parent for path in RESULTS.rglob("brains.safetensors"))
+RUNS = sorted(
+    path.parent
+    for path in RESULTS.rglob("brains.safetensors")
+    if any(condition.has_brain for condition in read_manifest(path.parent).robots)
+)
+
+
+def test_there_are_kept_runs_with_brains():
+    assert RUNS
 
 
 @pytest.mark.parametrize("folder", RUNS, ids=lambda path: str(path.relative_to(RESULTS)))

@@ -598,10 +598,15 @@ def test_curves_are_read_without_brains(folder, results):
         read_runs([folder], needs="curves")
 
 
-def test_curves_of_another_run_are_refused(folder):
-    content = (folder / CURVES_FILE).read_bytes()
-    (folder / CURVES_FILE).write_bytes(content + b"0")
-    with pytest.raises(DamagedFileError):
+def test_curves_of_another_run_are_refused(folder, tmp_path, results):
+    other = tmp_path / "other"
+    curves = {c: part.curves[::-1].copy() for c, part in results.items()}
+    write_manifest(other, planned(folder))
+    write_results(
+        other, {c: dataclasses.replace(part, curves=curves[c]) for c, part in results.items()}
+    )
+    (folder / CURVES_FILE).write_bytes((other / CURVES_FILE).read_bytes())
+    with pytest.raises(DamagedFileError, match="is not the file that musebot wrote for this run"):
         read_so_far(folder, "curves")
     assert read_so_far(folder, "rows").results
 

@@ -501,3 +501,15 @@ def test_a_checkpoint_of_a_step_outside_the_life_is_refused(step):
     assert cohort.finished
     cohort.restore(arrays, notes)
     assert cohort.step == notes["step"] == 0
+
+
+def test_an_agent_that_refuses_its_state_is_a_value_error(monkeypatch):
+    experiment = Experiment(body="kinematic", cohort_size=ROBOTS, time_scale=0.001)
+    cohort = Cohort(experiment, CohortKey(Condition("wall_avoidance", "fixed"), 0))
+
+    def refuse(state):
+        raise RuntimeError("a state of another agent")
+
+    monkeypatch.setattr(cohort.agent, "load_state", refuse)
+    with pytest.raises(ValueError, match="its agent does not continue .*a state of another agent"):
+        cohort.restore(*cohort.checkpoint())

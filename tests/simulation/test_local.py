@@ -89,6 +89,14 @@ class Fault(Write):
 
     def run(self, stop, report):
         raise ZeroDivisionError("a fault")
+
+
+@dataclasses.dataclass(frozen=True)
+class Exit(Write):
+    """A job that ends its process."""
+
+    def run(self, stop, report):
+        raise SystemExit(3)
 '''
 
 
@@ -205,6 +213,11 @@ def test_a_process_killed_with_a_lock_does_not_hold_up_the_others(
 def test_a_fault_in_the_code_of_a_job_is_raised_as_it_is(kinds, tmp_path):
     with pytest.raises(ZeroDivisionError, match="a fault"):
         execute_all([kinds.Fault(tmp_path / "file")])
+
+
+def test_a_job_that_ends_its_process_is_one_sentence(kinds, tmp_path):
+    with pytest.raises(RunError, match=r"^a process ended itself \(status 3\)$"):
+        execute_all([kinds.Exit(tmp_path / "file")])
 
 
 def test_the_other_jobs_stop_where_one_cannot_be_handed_on(kinds, tmp_path):

@@ -257,6 +257,12 @@ def test_other_runs_are_refused(experiment, words, tmp_path, here, run_of):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
+def test_a_run_without_valid_robots_is_refused(tmp_path, run_of):
+    run = read_run(run_of(tmp_path / "run", in_the_spot(1, 1), invalid=range(6)))
+    with pytest.raises(InputError, match="run has no valid robot of spot_finding/creative"):
+        continual.trainings([run])
+
+
 def test_more_conditions_than_there_are_colours_are_refused(tmp_path, run_of):
     run = read_run(run_of(tmp_path / "run", in_the_spot(1, 1)))
     with pytest.raises(InputError, match="a figure shows 1 to 7 conditions, got 8"):

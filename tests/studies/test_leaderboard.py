@@ -31,6 +31,7 @@ from musebot.protocols.studies.learners.leaderboard import Leaderboard
 from musebot.protocols.studies.learners.page import draw, markdown, standings
 from musebot.protocols.studies.learners.summary import placed, summary
 from musebot.protocols.studies.search.tune import Effort, efforts
+from musebot.protocols.studies.study import conduct
 
 
 @pytest.fixture(autouse=True)
@@ -530,3 +531,9 @@ def test_a_board_without_bounds_and_a_learner_twice_are_refused(runs):
     again.append(dataclasses.replace(again[1], name="other"))
     with pytest.raises(InputError, match="sarsa_lambda stands in two runs"):
         boards(again)
+
+
+def test_a_folder_of_no_tuning_is_refused_before_anything_is_made(runs, tmp_path, here):
+    with pytest.raises(InputError, match=r"is no study `tune` of musebot's"):
+        conduct(Leaderboard(runs=tuple(runs), tuned=(tmp_path,)), tmp_path / "out", here)
+    assert list(tmp_path.iterdir()) == []

@@ -255,6 +255,13 @@ def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, here, listing, conte
     refused(Squares(), tmp_path, words, here, listing)
 
 
+def test_details_of_a_study_that_are_no_object_are_refused(tmp_path, here, listing):
+    conduct(Squares(), tmp_path, here)
+    path = tmp_path / study.STUDY_FILE
+    write_json(path, json.loads(path.read_text()) | {"details": ["numbers"]})
+    refused(Squares(), tmp_path, "its details are no object", here, listing)
+
+
 def test_an_edited_manifest_is_refused(tmp_path, here, listing):
     conduct(Squares(), tmp_path, here)
     path = tmp_path / study.STUDY_FILE

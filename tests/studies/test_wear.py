@@ -18,7 +18,13 @@ from musebot.protocols.studies.wear import branches, probes
 from musebot.protocols.studies.wear.arms import ARMS, FACTORS, FROZEN, NEWBORN, learns, pairs
 from musebot.protocols.studies.wear.branches import Branch, BranchJob
 from musebot.protocols.studies.wear.page import draw, page
-from musebot.protocols.studies.wear.probes import CONDITION, PERIODS, TRAINING, period, probe
+from musebot.protocols.studies.wear.probes import (
+    PERIODS,
+    REFERENCES,
+    TRAINING,
+    period,
+    probe,
+)
 from musebot.protocols.studies.wear.recovery import (
     Pair,
     Recovery,
@@ -111,14 +117,6 @@ def test_without_a_change_an_old_brain_lives_on_as_if_nothing_had_happened(life,
     ours, theirs = branch.agent.state(), cohort.agent.state()
     assert ours.keys() == theirs.keys() and same(ours, theirs)
     assert np.array_equal(branch.batch.pose, before.pose)
-
-
-def test_swapped_wheels_move_the_robot_the_other_way(life):
-    plain = life.experiment.batch(CONDITION.task, 1)
-    changed = life.experiment.batch(CONDITION.task, 1, [CHANGES["polarity"]])
-    for batch in (plain, changed):
-        batch.step(np.array([[0.4, 0.4]], np.float32))
-    assert changed.pose[0, 0] == pytest.approx(-plain.pose[0, 0]) != 0
 
 
 def test_a_branch_trains_and_probes_robots_of_the_changed_body(life, monkeypatch):
@@ -254,6 +252,69 @@ def test_a_file_of_another_arm_is_named_and_refused(finished, tmp_path):
     frozen.write_bytes((copy / "polarity" / "newborn-0000.safetensors").read_bytes())
     with pytest.raises(DamagedFileError, match="frozen-0000.safetensors is another's: its arm is"):
         TINY.check(copy)
+
+
+def changed(job, folder, change):
+    """Returns a job in another folder, whose file is that of a finished job but for a change."""
+    other = dataclasses.replace(job, folder=folder)
+    arrays, notes = load_arrays(job.path)
+    change(arrays, notes)
+    save_arrays(other.path, arrays, **notes)
+    return other
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda arrays, _: arrays.pop("shares"), "it has no shares"),
+        (lambda _, notes: notes.pop("life"), "it has no shares"),
+        (lambda arrays, _: arrays.update(shares=arrays["shares"][:, :2]), r"shares are of \(25, 2"),
+        (
+            lambda arrays, _: arrays.update(shares=np.vstack([arrays["shares"]] * 2)),
+            r"its shares are of \(50, 3\)",
+        ),
+        (lambda arrays, _: arrays.pop("reference"), "its reference is missing or foreign"),
+        (
+            lambda arrays, _: arrays.update(reference=arrays["reference"][:, :2]),
+            "its reference is missing or foreign",
+        ),
+        (
+            lambda arrays, _: arrays.update(shares=arrays["shares"][:3]),
+            "its reference is missing or foreign",
+        ),
+        (lambda arrays, _: arrays.update(reference=arrays["reference"] + 2), "is not within"),
+    ],
+)
+def test_a_damaged_file_of_an_arm_is_refused(change, sentence, finished, tmp_path):
+    job = changed(TINY._branches(finished[0])[0], tmp_path, change)
+    with pytest.raises(DamagedFileError, match=sentence):
+        job.shares()
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda _, notes: notes.update(index=1), "it is cohort 1"),
+        (
+            lambda arrays, _: arrays.update(reference=arrays["reference"][:, :2]),
+            "reference has the shape",
+        ),
+        (lambda arrays, _: arrays.pop("reference"), "is of other robots"),
+    ],
+)
+def test_a_file_of_other_lives_is_refused(change, sentence, life, tmp_path):
+    with pytest.raises(DamagedFileError, match=sentence):
+        changed(life, tmp_path, change).check()
+
+
+@pytest.mark.parametrize(("more", "references"), [(1, 0), (-1, REFERENCES)])
+def test_a_life_of_another_step_than_its_probes_is_refused(more, references, life, tmp_path):
+    other = dataclasses.replace(life, folder=tmp_path)
+    cohort = Cohort(life.experiment, life.key)
+    cohort.advance(life.steps + more)
+    other._save(cohort, np.zeros((references, 3)))
+    with pytest.raises(DamagedFileError, match="is not before the change"):
+        other.check()
 
 
 def test_more_robots_and_arms_are_added_to_a_study(finished, tmp_path, here):

@@ -48,7 +48,7 @@ class Leaderboard(Study):
 
     def experiments(self) -> Mapping[str, Experiment]:
         """See `Study.experiments`."""
-        _ = self._boards  # refuses runs that make none
+        _ = self._boards, self._effort  # refuses runs that make none, and folders of no tuning
         return {run.name: run.experiment for run in self._read}
 
     def details(self) -> Mapping[str, Any]:
