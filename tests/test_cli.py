@@ -15,7 +15,7 @@ from helpers import files_below
 
 import musebot
 from musebot.controller import BRAINS, INGREDIENTS, PROPOSERS
-from musebot.models import Kinematics
+from musebot.models import CHANGES, Kinematics
 from musebot.protocols import cli, shared_options
 from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.commands.run import RunCommand
@@ -89,7 +89,9 @@ def study_of(page):
     if {"seed", "body", "kinematics"} <= fields and "runs" not in fields:
         one = experiment_from(next(iter(manifest["experiments"].values())))
         words = tuple(overrides_of(one.kinematics, Kinematics()))
-        return kind(seed=one.seed, body=one.body, kinematics=words)
+        changes = tuple(name for name in CHANGES if (page.parent / name).is_dir())
+        changed = {"change": changes} if "change" in fields else {}
+        return kind(seed=one.seed, body=one.body, kinematics=words, **changed)
     if "part" in fields:  # that with these cells, and with as many robots
         cells = manifest["experiments"].keys()
         parts = (kind(part=part) for part in get_args(PartName))
