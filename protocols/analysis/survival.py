@@ -11,6 +11,7 @@ import numpy as np
 from scipy import stats
 
 from .intervals import LEVEL, Interval
+from .intervals import share as share_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,8 +88,9 @@ def kaplan_meier(durations: Durations) -> Curve:
         for end in (band.low, band.high)
     )
     # A share of 0 leaves the upper end where it was: few robots do not show that none are left.
+    # Where all robots have the event at one time, it is Wilson's.
     ended = share == 0
-    high[ended] = 1.0 if ended.all() else high[~ended][-1]
+    high[ended] = share_of(0, len(durations))[1] if ended.all() else high[~ended][-1]
     return Curve(found.quantiles, share, low, high)
 
 

@@ -63,6 +63,13 @@ def test_a_few_robots_that_all_have_the_event_leave_the_median_open(robots):
     assert curve.median_interval[1] == math.inf
 
 
+@pytest.mark.parametrize(("robots", "upper"), [(3, math.inf), (40, 0)])
+def test_the_median_of_robots_that_all_have_the_event_at_once_is_known_if_they_are_many(
+    robots, upper
+):
+    assert kaplan_meier(of("0 " * robots)).median_interval == (0, upper)
+
+
 def test_an_event_at_time_0_counts():
     curve = kaplan_meier(of("0 0 0 10"))
     assert curve.times[0] == 0 and curve.share[0] == 0.25
