@@ -121,8 +121,7 @@ def compared(arms: Arms, wanted: Sequence[tuple[str, str]]) -> list[Pair]:
 
 def mean_minutes(arm: Recovery) -> float:
     """Returns the restricted mean time to recovery, in minutes; NaN without robots."""
-    times = arm.minutes[arm.learned]
-    return float(times.mean()) if len(times) else math.nan
+    return _known_mean(arm.minutes)
 
 
 def against_newborns(arms: Arms) -> dict[str, Pair]:
