@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import pathlib
 from typing import TYPE_CHECKING, Any
 
 from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
@@ -35,6 +36,7 @@ __all__ = [
     "SUITE",
     "TASKS_BY_DOMAIN",
     "load",
+    "load_run",
     "register",
     "register_gymnasium",
     "register_task",
@@ -84,14 +86,31 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
       ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: A value is invalid, or the folder holds something else.
     """
-    # By name: the modules that simulate import this module's version.
+    return _with_brain("commands.run").run(out, quiet=quiet, **options)
+
+
+def load_run(out: str | Path) -> Run:
+    """Reads the finished robots of a run; simulates nothing, and changes nothing on disk.
+
+    Args:
+      out: Folder of the run.
+
+    Raises:
+      ModuleNotFoundError: The extra `brain` is not installed.
+      protocols.errors.InputError: The folder holds no run, none of its robots is finished, or what
+        it holds is damaged.
+    """
+    return _with_brain("results.run_files").read_run(pathlib.Path(out))
+
+
+def _with_brain(module: str) -> Any:
+    """Imports a module of `protocols` by name: they import this module's version."""
     try:
-        command = importlib.import_module(f"{__name__}.protocols.commands.run")
+        return importlib.import_module(f"{__name__}.protocols.{module}")
     except ModuleNotFoundError as error:  # without the extra `brain`
         from .protocols.errors import missing_extra
 
         raise ModuleNotFoundError(missing_extra(error), name=error.name) from error
-    return command.run(out, quiet=quiet, **options)
 
 
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:

@@ -38,10 +38,31 @@ class Interrupted(Exception):
 def nearest(name: str, known: Iterable[str]) -> str:
     """Returns the question whether a similar name was meant, or the names that there are."""
     names = [*known]
-    near = difflib.get_close_matches(name, names, 3, cutoff=0.5)
-    if near:
-        return f"did you mean {' or '.join(near)}?"
+    if question := similar(name, names):
+        return question
     return f"there are {', '.join(names)}" if names else "there are none"
+
+
+def similar(name: str, known: Iterable[str]) -> str:
+    """Returns the question whether a similar name was meant, "" if there is none.
+
+    A name that begins with the given one is similar. Dashes in front are not compared, or all
+    options would be similar.
+    """
+    name = name.lstrip("-")
+
+    def likeness(other: str) -> float:
+        other = other.lstrip("-")
+        begins = bool(name) and other.startswith(name)
+        return max(0.6 * begins, difflib.SequenceMatcher(None, other, name).ratio())
+
+    ratios = {other: likeness(other) for other in known}
+    best = max(ratios.values(), default=0)
+    near = sorted(
+        (other for other, ratio in ratios.items() if ratio >= max(0.6, best - 0.1)),
+        key=lambda other: -ratios[other],
+    )
+    return f"did you mean {' or '.join(near[:3])}?" if near else ""
 
 
 def missing_extra(error: ImportError) -> str:

@@ -21,6 +21,7 @@ from .settings import Setting, settings_of
 
 ROBOTS = 8
 _STEPS = 300
+_CHECKPOINTS = range(12, _STEPS, 29)  # odd and even numbers of steps
 _LIMIT = 0.5  # largest motor value
 TIMED = 60, 500
 """Robots and control steps of the measurement of speed."""
@@ -170,29 +171,28 @@ def _weights(stream: Stream, agent: Agent, born: dict[str, np.ndarray]) -> Itera
 
 
 def _resumes(stream: Stream, motors: np.ndarray, made: Callable[..., Agent]) -> Check:
-    name, middle = "a restored checkpoint continues bit-exactly", _STEPS // 2
-    first, second = made(), made(3)
-    stream.feed(first, 0, middle)
-    state = _copied(first.state())
-    try:
-        second.load_state(state)
-    except (ValueError, KeyError) as error:
-        return Check(name, False, f"load_state refuses what state returned: {error}")
-    rest = stream.feed(second, middle, _STEPS)
-    if np.array_equal(rest, motors[middle:]):
-        stream.feed(first, middle, _STEPS)
-        changed = _differing(first.state(), second.state())
-        says = (
-            f"equal actions, but {', '.join(changed[:3])} differ: state() misses something that "
-            "these depend on"
-        )
-        return Check(name, not changed, says if changed else f"{_STEPS - middle} steps")
-    step = int((rest != motors[middle:]).any(axis=(1, 2)).argmax())
-    return Check(
-        name,
-        False,
-        f"other actions {step} steps later, in an agent of another seed: state() misses something",
-    )
+    """Restores several checkpoints: what one misses may matter at some steps only."""
+    name, first, states, before = "a restored checkpoint continues bit-exactly", made(), {}, 0
+    for step in _CHECKPOINTS:
+        stream.feed(first, before, step)
+        states[step], before = _copied(first.state()), step
+    stream.feed(first, before, _STEPS)
+    for step, state in states.items():
+        second = made(3)
+        try:
+            second.load_state(state)
+        except (ValueError, KeyError) as error:
+            return Check(name, False, f"load_state refuses what state returned: {error}")
+        rest = stream.feed(second, step, _STEPS)
+        if not np.array_equal(rest, motors[step:]):
+            later = int((rest != motors[step:]).any(axis=(1, 2)).argmax())
+            says = f"other actions {later} steps later, in an agent of another seed"
+        elif changed := _differing(first.state(), second.state()):
+            says = f"equal actions, but {', '.join(changed[:3])} differ in the end"
+        else:
+            continue
+        return Check(name, False, f"checkpoint after step {step}: {says}: state() misses something")
+    return Check(name, True, f"{len(states)} checkpoints, to the end of {_STEPS} steps")
 
 
 def _robots_are_apart(task: str, made: Callable[..., Agent]) -> Check:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+_WORD = 2**64 - 1
+
 
 def sound(weights: Mapping[str, np.ndarray], robots: int) -> np.ndarray:
     """Returns which robots have finite weights only, shape (B,).
@@ -19,6 +21,40 @@ def sound(weights: Mapping[str, np.ndarray], robots: int) -> np.ndarray:
     for array in weights.values():
         found &= np.isfinite(array).reshape(robots, -1).all(axis=1)
     return found
+
+
+def random_state(random: np.random.Generator) -> np.ndarray:
+    """Returns the state of a generator that `np.random.default_rng` made, for `Agent.state`.
+
+    Returns:
+      Six words, uint64, shape (6,): two of PCG64's state and two of its increment, and whether half
+      of a drawn word is left over, as after an odd number of small `integers`, and which.
+
+    Raises:
+      ValueError: It is another kind of generator.
+    """
+    held = random.bit_generator.state
+    if held["bit_generator"] != "PCG64":
+        raise ValueError(f"the generator must be PCG64, got {held['bit_generator']}")
+    words = [held["state"][name] >> shift & _WORD for name in ("state", "inc") for shift in (0, 64)]
+    return np.array([*words, held["has_uint32"], held["uinteger"]], np.uint64)
+
+
+def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
+    """Restores what `random_state` returned, so that the next numbers are the same.
+
+    Args:
+      random: Generator that `np.random.default_rng` made.
+      words: Six words, shape (6,).
+
+    Raises:
+      ValueError: There are not six words, or they are no state of PCG64.
+    """
+    low, high, inc_low, inc_high, left, half = map(int, words)
+    state = {"state": low | high << 64, "inc": inc_low | inc_high << 64}
+    random.bit_generator.state = {
+        "bit_generator": "PCG64", "state": state, "has_uint32": left, "uinteger": half
+    }  # fmt: skip
 
 
 class Agent(abc.ABC):

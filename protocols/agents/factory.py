@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import functools
 import importlib
+import sys
 from collections.abc import Callable
 from typing import Any, cast
 
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.proposers import PROPOSERS
 from ...controller.senses import Senses
-from ..errors import InputError
+from ..errors import InputError, similar
 from ..experiment.conditions import Condition
 from ..experiment.experiment import Experiment
 from ..experiment.networks import senses_of
@@ -48,9 +49,14 @@ def factory_of(name: str) -> Callable[..., Agent]:
         except ModuleNotFoundError as error:
             if not f"{module}.".startswith(f"{error.name}."):
                 raise  # it exists, but what it imports does not
-            raise InputError(f"there is no agent {name} ({error})") from error
+            raise InputError(
+                f"there is no agent {name}: no module {error.name} in the working directory or "
+                "among the installed packages"
+            ) from error
     if factory is None:
-        raise InputError(f"there is no agent {name}: {module} has no {attribute}")
+        question = similar(attribute, vars(sys.modules[module]))
+        more = f"; {question}" if question else ""
+        raise InputError(f"there is no agent {name}: {module} has no {attribute}{more}")
     if not callable(factory):
         raise InputError(f"{name} must be a factory of agents, got {type(factory).__name__}")
     return cast(Callable[..., Agent], factory)

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from ...controller.brains import BRAINS
 from ...controller.parameters import Parameters
 from ...models import Kinematics
-from ..errors import InputError
+from ..errors import InputError, similar
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
 
@@ -58,7 +58,9 @@ def named_brain(name: str) -> Parameters:
       InputError: there is no brain of that name.
     """
     if name not in BRAINS:
-        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}")
+        question = similar(name, BRAINS)
+        more = f": {question}" if question else ""
+        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}{more}")
     return BRAINS[name]
 
 
@@ -83,6 +85,8 @@ def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
     known = [field.name for field in dataclasses.fields(numbers)]
     for word in words:
         name, given, text = word.partition("=")
+        if given and name not in known and (question := similar(name, known)):
+            raise InputError(f"there is no parameter {name!r:.60}: {question}")
         if name not in known or not given:
             names = ", ".join(known)
             raise InputError(f"a parameter is set as NAME=VALUE, NAME one of {names}, got {word!r}")

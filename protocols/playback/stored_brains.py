@@ -95,8 +95,13 @@ class StoredRobot:
         """Returns the robot's index among the rows of its condition."""
         robots = self.run.robots(self.condition)
         if not robots:
-            known = ", ".join(map(str, self.run.conditions())) or "none"
-            raise InputError(f"the run has no robots of {self.condition}; it has {known}")
+            every = self.run.conditions()
+            known = [one for one in every if one.task == self.condition.task] or every
+            names = ", ".join(map(str, known)) or "none"
+            raise InputError(
+                f"the run has no robots of {self.condition}; it has {names}: --proposer or "
+                "--agent chooses"
+            )
         numbers = [row.robot for row in robots]
         if self.robot not in numbers:
             raise InputError(

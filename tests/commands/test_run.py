@@ -33,6 +33,22 @@ def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
     assert repr(again) == repr(run)  # NaN is unequal to itself
 
 
+def test_load_run_reads_the_robots_of_a_folder_and_makes_no_other(tmp_path, commands_in_process):
+    run = musebot.run(tmp_path / "run", **SHORT, task="spot_finding", proposer="fixed", robots=2)
+    before = {path: path.read_bytes() for path in (tmp_path / "run").iterdir()}
+    again = musebot.load_run(str(tmp_path / "run"))
+    assert repr(again) == repr(run) and again.robots(run.conditions()[0])
+    assert {path: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
+
+
+def test_load_run_of_a_folder_without_a_run_is_one_sentence_and_makes_nothing(tmp_path):
+    with pytest.raises(InputError, match="there is no folder .*nowhere"):
+        musebot.load_run(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="holds no experiment"):
+        musebot.load_run(tmp_path)
+    assert [*tmp_path.iterdir()] == []
+
+
 CHANGED = {
     "seed": 7, "cohort_size": 2, "protocol": "walls", "time_scale": 0.5, "nose": "printed",
     "nose_place": "centre", "body": "kinematic", "physics": "warp", "device": "cuda",

@@ -1,0 +1,29 @@
+"""Suggestions for names that are misspelt."""
+
+import pytest
+
+from musebot.protocols.errors import nearest, similar
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "found"),
+    [
+        ("stedy", ["steady", "paper"], "did you mean steady?"),
+        ("--robts", ["--robots", "--proposer", "--out"], "did you mean --robots?"),
+        ("--but", ["--robots", "--out", "--set"], "did you mean --out?"),
+        ("rate", ["rates", "rater", "gate"], "did you mean rates or rater?"),
+        ("sarsa", ["sarsa_lambda", "dqn"], "did you mean sarsa_lambda?"),
+        ("", ["sarsa_lambda", "dqn"], ""),
+        ("x", ["--robots", "--set"], ""),
+        ("--xx", ["--robots", "--set"], ""),
+        ("any", [], ""),
+    ],
+)
+def test_only_the_most_similar_names_are_suggested_and_dashes_do_not_count(name, known, found):
+    assert similar(name, known) == found
+
+
+def test_without_a_similar_name_all_names_are_listed():
+    assert nearest("xx", ["robots", "set"]) == "there are robots, set"
+    assert nearest("xx", []) == "there are none"
+    assert nearest("sett", ["robots", "set"]) == "did you mean set?"
