@@ -86,6 +86,22 @@ def study_of(page):
             signals=tuple(dict.fromkeys(tracks)),
             tuned=TUNED,
         )
+    if "over" in fields:
+        one, details = experiment_from(manifest["experiments"]["start"]), manifest["details"]
+        brain, *changed = one.brain_name.split()
+        return kind(
+            brain=brain,
+            set=tuple(changed),
+            over=tuple(details["over"]),
+            budget=len([*page.parent.glob("evaluations/[0-9]*.safetensors")]),
+            generation=details["generation"],
+            robots=one.cohort_size,
+            task=details["task"],
+            protocol=one.protocol,
+            time_scale=one.time_scale,
+            kinematics=tuple(overrides_of(one.kinematics, Kinematics())),
+            seed=one.seed,
+        )
     if {"seed", "body", "kinematics"} <= fields and "runs" not in fields:
         one = experiment_from(next(iter(manifest["experiments"].values())))
         words = tuple(overrides_of(one.kinematics, Kinematics()))

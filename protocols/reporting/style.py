@@ -125,15 +125,18 @@ def check_output(path: Path, formats: Sequence[str] = FORMATS) -> None:
     check_place(path)
 
 
-def label_ends(axis: Axes, x: float, ends: Mapping[str, tuple[float, str]]) -> None:
+def label_ends(
+    axis: Axes, x: float, ends: Mapping[str, tuple[float, str]], gap: float = 0.045
+) -> None:
     """Writes the name of each line beside its end, in its colour, without overlaps.
 
     Args:
       axis: Axes of the lines, whose range on y is 0 to 1.
       x: Where the lines end.
       ends: Height of the end and colour of the line, by name.
+      gap: Smallest distance of two labels; low axes need a larger one.
     """
-    heights = _apart([height for height, _ in ends.values()])
+    heights = _apart([height for height, _ in ends.values()], gap)
     for (name, (_, shade)), height in zip(ends.items(), heights, strict=True):
         axis.annotate(
             name, (x, height), (5, 0), textcoords="offset points", color=shade, fontsize=7,
@@ -141,13 +144,13 @@ def label_ends(axis: Axes, x: float, ends: Mapping[str, tuple[float, str]]) -> N
         )  # fmt: skip
 
 
-def _apart(heights: Sequence[float]) -> np.ndarray:
-    """Returns heights of labels that are at least 0.045 apart, close to those wanted."""
+def _apart(heights: Sequence[float], gap: float) -> np.ndarray:
+    """Returns heights of labels with at least a gap between two, close to those wanted."""
     order = np.argsort(heights)
     placed = np.array(heights, dtype=float)
     for _ in range(200):
         gaps = np.diff(placed[order])
-        short = np.maximum(0.045 - gaps, 0) / 2
+        short = np.maximum(gap - gaps, 0) / 2
         if not short.any():
             break
         placed[order[:-1]] -= short

@@ -154,12 +154,14 @@ def page(
             f"the mean of the search: `{evolution.words}`. In brackets 95 % intervals ({MEANS}).",
             "",
         ]
-    return Page("\n".join(lines), {"evolve": draw(evolution, sign, schedule.event)})
+    with style.styled():
+        figure = draw(evolution, sign, schedule.event)
+    return Page("\n".join(lines), {"evolve": figure})
 
 
 def draw(evolution: Evolution, sign: int, event: str) -> Figure:
     """Draws the fitness of every brain, and the mean of the search in each coordinate."""
-    figure, axes = style.canvas(4.6, 2, 1, sharex=True)
+    figure, axes = style.canvas(5.4, 2, 1, sharex=True)
     above, below = axes[:, 0]
     for number, one in enumerate(evolution.generations, start=1):
         numbers = np.full(len(one.fitness), number)
@@ -179,13 +181,12 @@ def draw(evolution: Evolution, sign: int, event: str) -> Figure:
     above.set_title(f"{event} after training: each brain, and the mean")
     style.in_per_cent(above.yaxis)
     path = np.array([one.mean for one in evolution.generations])
+    ends = {}
     for index, name in enumerate(evolution.over):
-        shade = style.PALETTE[index % len(style.PALETTE)]
-        below.plot(count, path[:, index], color=shade)
-        below.annotate(
-            name, (count[-1], path[-1, index]), xytext=(4, 0), textcoords="offset points",
-            va="center", fontsize=7.5, color=shade, annotation_clip=False,
-        )  # fmt: skip
+        turn, place = divmod(index, len(style.PALETTE))
+        below.plot(count, path[:, index], "--" if turn else "-", color=style.PALETTE[place])
+        ends[name] = path[-1, index], style.PALETTE[place]
+    style.label_ends(below, count[-1], ends, gap=0.07)
     below.set(ylim=(-0.03, 1.03), xlabel="generation")
     below.xaxis.get_major_locator().set_params(integer=True)
     below.set_title("mean of the search, from 0 to 1 of each range")
