@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
 
@@ -89,18 +89,20 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     return _with_brain("commands.run").run(out, quiet=quiet, **options)
 
 
-def load_run(out: str | Path) -> Run:
+def load_run(out: str | Path, needs: Literal["rows", "curves", "brains"] = "brains") -> Run:
     """Reads the finished robots of a run; simulates nothing, and changes nothing on disk.
 
     Args:
       out: Folder of the run.
+      needs: What is read: "rows" reads robots.csv, "curves" the learning curves, too, and "brains"
+        everything. Some kept runs in docs/results have rows, or rows and curves, only.
 
     Raises:
       ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: The folder holds no run, none of its robots is finished, or what
         it holds is damaged.
     """
-    return _with_brain("results.run_files").read_run(pathlib.Path(out))
+    return _with_brain("results.run_files").read_run(pathlib.Path(out), needs=needs)
 
 
 def _with_brain(module: str) -> Any:

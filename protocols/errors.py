@@ -46,7 +46,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def similar(name: str, known: Iterable[str]) -> str:
     """Returns the question whether a similar name was meant, "" if there is none.
 
-    A name that begins with the given one is similar. Dashes in front are not compared, or all
+    Names that begin with the given one come first. Dashes in front are not compared, or all
     options would be similar.
     """
     name = name.lstrip("-")
@@ -54,7 +54,7 @@ def similar(name: str, known: Iterable[str]) -> str:
     def likeness(other: str) -> float:
         other = other.lstrip("-")
         begins = bool(name) and other.startswith(name)
-        return max(0.6 * begins, difflib.SequenceMatcher(None, other, name).ratio())
+        return max(0.95 * begins, difflib.SequenceMatcher(None, other, name).ratio())
 
     ratios = {other: likeness(other) for other in known}
     best = max(ratios.values(), default=0)

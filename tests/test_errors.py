@@ -13,6 +13,11 @@ from musebot.protocols.errors import nearest, similar
         ("--but", ["--robots", "--out", "--set"], "did you mean --out?"),
         ("rate", ["rates", "rater", "gate"], "did you mean rates or rater?"),
         ("sarsa", ["sarsa_lambda", "dqn"], "did you mean sarsa_lambda?"),
+        (
+            "steady-ra",
+            ["steady", "steady-adam", "steady-random_ideas"],
+            "did you mean steady-random_ideas?",
+        ),
         ("", ["sarsa_lambda", "dqn"], ""),
         ("x", ["--robots", "--set"], ""),
         ("--xx", ["--robots", "--set"], ""),

@@ -48,9 +48,13 @@ def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
       words: Six words, shape (6,).
 
     Raises:
-      ValueError: There are not six words, or they are no state of PCG64.
+      ValueError: They are no state of PCG64.
     """
+    if np.shape(words) != (6,):
+        raise ValueError(f"a generator's state has six words, got the shape {np.shape(words)}")
     low, high, inc_low, inc_high, left, half = map(int, words)
+    if not inc_low % 2 or left not in (0, 1) or half >= 2**32:
+        raise ValueError("these words are no state of PCG64")
     state = {"state": low | high << 64, "inc": inc_low | inc_high << 64}
     random.bit_generator.state = {
         "bit_generator": "PCG64", "state": state, "has_uint32": left, "uinteger": half

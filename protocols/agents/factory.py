@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import sys
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -45,7 +44,8 @@ def factory_of(name: str) -> Callable[..., Agent]:
     factory: Any
     with ending_in_a_sentence(f"{module} cannot be imported", InputError):
         try:
-            factory = getattr(importlib.import_module(module), attribute, None)
+            found = importlib.import_module(module)
+            factory = getattr(found, attribute, None)
         except ModuleNotFoundError as error:
             if not f"{module}.".startswith(f"{error.name}."):
                 raise  # it exists, but what it imports does not
@@ -54,7 +54,8 @@ def factory_of(name: str) -> Callable[..., Agent]:
                 "among the installed packages"
             ) from error
     if factory is None:
-        question = similar(attribute, vars(sys.modules[module]))
+        names = [name for name, one in vars(found).items() if callable(one) and name[0] != "_"]
+        question = similar(attribute, names)
         more = f"; {question}" if question else ""
         raise InputError(f"there is no agent {name}: {module} has no {attribute}{more}")
     if not callable(factory):

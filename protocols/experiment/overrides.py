@@ -58,9 +58,9 @@ def named_brain(name: str) -> Parameters:
       InputError: there is no brain of that name.
     """
     if name not in BRAINS:
-        question = similar(name, BRAINS)
-        more = f": {question}" if question else ""
-        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}{more}")
+        if question := similar(name, BRAINS):
+            raise InputError(f"there is no brain {name!r}: {question}")
+        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}")
     return BRAINS[name]
 
 

@@ -96,12 +96,10 @@ class StoredRobot:
         robots = self.run.robots(self.condition)
         if not robots:
             every = self.run.conditions()
-            known = [one for one in every if one.task == self.condition.task] or every
-            names = ", ".join(map(str, known)) or "none"
-            raise InputError(
-                f"the run has no robots of {self.condition}; it has {names}: --proposer or "
-                "--agent chooses"
-            )
+            known = [one for one in every if one.task == self.condition.task]
+            names = ", ".join(map(str, known or every)) or "none"
+            more = ": --proposer or --agent chooses" if known else ""
+            raise InputError(f"the run has no robots of {self.condition}; it has {names}{more}")
         numbers = [row.robot for row in robots]
         if self.robot not in numbers:
             raise InputError(

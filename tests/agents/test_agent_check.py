@@ -382,5 +382,7 @@ def test_a_restored_generator_draws_the_same_numbers(drawn):
 def test_the_state_of_another_generator_or_of_other_words_is_refused():
     with pytest.raises(ValueError, match="must be PCG64, got MT19937"):
         random_state(np.random.Generator(np.random.MT19937(1)))
-    with pytest.raises(ValueError):
-        load_random_state(np.random.default_rng(1), np.zeros(5, np.uint64))
+    words = random_state(np.random.default_rng(1))
+    for wrong in (words[:5], words[:, None], 0 * words, words | 2**40):
+        with pytest.raises(ValueError, match="six words|no state of PCG64"):
+            load_random_state(np.random.default_rng(1), wrong)

@@ -31,6 +31,15 @@ def test_an_unknown_brain_is_refused_with_all_names():
     assert str(caught.value) == f"the brain must be one of {', '.join(BRAINS)}, got 'divine'"
 
 
+def test_a_misspelt_brain_or_parameter_gets_a_suggestion():
+    with pytest.raises(InputError, match=r"there is no brain 'stedy': did you mean steady\?"):
+        named_brain("stedy")
+    with pytest.raises(
+        InputError, match=r"there is no parameter 'nois': did you mean noise or noisy_share"
+    ):
+        with_overrides(BRAINS["paper"], ["nois=0.1"])
+
+
 def test_the_brains_named_today_are_those_of_the_kept_runs():
     """Otherwise the pages would describe brains that no longer exist."""
     for name, folder in (("paper", "mujoco"), ("steady", "steady"), ("steady", "steady-again")):

@@ -29,7 +29,11 @@ def moments_of(robot: StoredRobot) -> list[Moment]:
     [
         ({"task": "dancing"}, "the task must be one of"),
         ({"proposer": "muse"}, "the proposer must be one of"),
-        ({"proposer": "random"}, "the run has no robots of wall_avoidance/random; it has"),
+        (
+            {"proposer": "random"},
+            "the run has no robots of wall_avoidance/random; it has "
+            r"wall_avoidance/fixed, wall_avoidance/creative: --proposer or --agent chooses",
+        ),
         ({"proposer": "a.module:agent"}, "the run has no robots of wall_avoidance/a.module:agent"),
         ({"robot": 3}, "are 0 to 2, got 3"),
         ({"robot": -1}, "are 0 to 2, got -1"),
