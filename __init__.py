@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import pathlib
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .protocols.results.run import Run
+    from .protocols.results.run_files import Needs
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
     from .tasks.arena import Environment
     from .tasks.rules import Rules
@@ -89,7 +90,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     return _with_brain("commands.run").run(out, quiet=quiet, **options)
 
 
-def load_run(out: str | Path, needs: Literal["rows", "curves", "brains"] = "brains") -> Run:
+def load_run(out: str | Path, needs: Needs = "brains") -> Run:
     """Reads the finished robots of a run; simulates nothing, and changes nothing on disk.
 
     Args:

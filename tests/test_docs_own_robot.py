@@ -62,5 +62,5 @@ def test_the_table_has_everything_that_is_checked():
     rows = [line.split("|")[1:3] for line in TEXT.splitlines() if line.startswith("|")]
     for kind, names in arena._NEEDED.items():
         what = {"body": "bod"}.get(word := kind.name.removeprefix("mjOBJ_").lower(), word)
-        told = " ".join(row_names for needed, row_names in rows if what in needed)
-        assert [name for name in names if f"`{name}`" not in told] == [], word
+        listed = " ".join(row_names for needed, row_names in rows if what in needed)
+        assert [name for name in names if f"`{name}`" not in listed] == [], word

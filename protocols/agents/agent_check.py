@@ -172,11 +172,11 @@ def _weights(stream: Stream, agent: Agent, born: dict[str, np.ndarray]) -> Itera
 
 def _resumes(stream: Stream, motors: np.ndarray, made: Callable[..., Agent]) -> Check:
     """Restores several checkpoints: what one misses may matter at some steps only."""
-    name, first, states, before = "a restored checkpoint continues bit-exactly", made(), {}, 0
-    for step in _CHECKPOINTS:
+    name, first, states = "a restored checkpoint continues bit-exactly", made(), {}
+    for before, step in itertools.pairwise((0, *_CHECKPOINTS)):
         stream.feed(first, before, step)
-        states[step], before = _copied(first.state()), step
-    stream.feed(first, before, _STEPS)
+        states[step] = _copied(first.state())
+    stream.feed(first, _CHECKPOINTS[-1], _STEPS)
     for step, state in states.items():
         second = made(3)
         try:
