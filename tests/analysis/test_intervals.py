@@ -99,7 +99,7 @@ WALLS, SPOT = (Condition(task, "creative") for task in ("wall_avoidance", "spot_
 @functools.cache
 def kept(condition, *names, span=SHARE):
     """Returns the values of robots of runs in docs, shape (n,): times after training, or L."""
-    runs = [read_run(RESULTS / name) for name in names]
+    runs = [read_run(RESULTS / name, needs="rows") for name in names]
     if span is SHARE:
         return np.concatenate([run.shares(condition, "post") for run in runs])
     found = np.concatenate([run.abilities(condition) for run in runs])

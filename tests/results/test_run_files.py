@@ -424,7 +424,7 @@ def test_the_digests_of_a_kept_run_are_recorded(manifest):
     kept = [name for name in FILES if (manifest.parent / name).exists()]
     # Some runs are kept without brains, or as rows alone, if their pages need no more.
     of_benchmark = (manifest.parents[1] / "benchmark.md").exists()
-    rows_and_curves = ("ppo-", "baselines", "cells-", "evolve-")
+    rows_and_curves = ("ppo-", "baselines", "cells-", "evolve-", "steady-again", "kinematic-walls")
     with_curves = of_benchmark or manifest.parent.name.startswith(rows_and_curves)
     less = {ROBOTS_FILE, CURVES_FILE} if with_curves else {ROBOTS_FILE}
     assert {*kept} in (less, {*FILES})
