@@ -30,7 +30,7 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 [methods.md](../methods.md#files-and-commands) explains the files.
 `musebot tables docs/results/NAME` prints the tables again,
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
-*Rows only*: kept without brains, some without curves, so no robot can be filmed.
+*No brains*: kept without them (some without curves, too), so no robot can be filmed.
 The column *experiment* names all that differs from the
 defaults: brain `paper`, body `mujoco`, protocol `paper`.
 
@@ -44,7 +44,7 @@ defaults: brain `paper`, body `mujoco`, protocol `paper`.
 def _run(folder: Path, results: Path) -> tuple[str, ...]:
     run, name = read_so_far(folder, "rows"), str(folder.relative_to(results))
     experiment = run.experiment
-    shown = name if (folder / "brains.safetensors").exists() else f"{name} (rows only)"
+    shown = name if (folder / "brains.safetensors").exists() else f"{name} (no brains)"
     links = (
         [f"[{shown}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [shown]
     )
