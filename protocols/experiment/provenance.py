@@ -13,6 +13,8 @@ from typing import Any
 
 from ... import __version__
 
+_REQUIRED = ("mujoco", "dm-control", "numpy", "scipy", "torch")  # those that compute results
+
 
 def machine() -> dict[str, Any]:
     """Returns the versions, the processor and the system of this process, for JSON."""
@@ -20,8 +22,8 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "musebot": __version__,
         "commit": _commit(),
-        **{name: metadata.version(name) for name in ("mujoco", "dm-control", "numpy", "torch")},
-        **_versions("mujoco-warp", "warp-lang"),
+        **{name: metadata.version(name) for name in _REQUIRED},
+        **_versions("mujoco-warp", "warp-lang", "cmaes"),
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "platform": platform.platform(),

@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+import scipy
 
 from musebot import __version__
 from musebot.protocols.experiment import provenance
@@ -16,7 +17,19 @@ def test_versions_and_processor_are_named():
     assert made_with["musebot"] == __version__
     assert made_with["numpy"] == np.__version__
     assert made_with["cores"] == os.cpu_count()
+    assert made_with["scipy"] == scipy.__version__
     assert {"python", "mujoco", "dm-control", "torch", "cpu", "platform"} < made_with.keys()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_an_optional_package_that_computes_results_is_named_if_it_is_installed(there, monkeypatch):
+    def version(name, known=provenance.metadata.version):
+        if name == "cmaes" and not there:
+            raise provenance.metadata.PackageNotFoundError
+        return "9.8" if name == "cmaes" else known(name)
+
+    monkeypatch.setattr(provenance.metadata, "version", version)
+    assert provenance.machine().get("cmaes") == ("9.8" if there else None)
 
 
 def git(folder, *words):
