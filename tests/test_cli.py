@@ -106,7 +106,8 @@ def study_of(page):
         one = experiment_from(next(iter(manifest["experiments"].values())))
         words = tuple(overrides_of(one.kinematics, Kinematics()))
         changes = tuple(name for name in CHANGES if (page.parent / name).is_dir())
-        changed = {"change": changes} if "change" in fields else {}
+        # All kept arms have one cohort.
+        changed = {"change": changes, "robots": one.cohort_size} if "change" in fields else {}
         return kind(seed=one.seed, body=one.body, kinematics=words, **changed)
     if "part" in fields:  # that with these cells, and with as many robots
         cells = manifest["experiments"].keys()
