@@ -1,0 +1,137 @@
+"""Small seeded lives whose arrays must stay equal: a refactoring changes no result.
+
+`python tests/test_golden.py` writes `golden.json` anew, after a change of results that CHANGELOG.md
+announces. Digests are compared where the processor and the libraries compute as those that wrote
+the file: `probe` computes with the libraries alone, so no change of ours can make it differ.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from musebot.controller import BRAINS
+from musebot.protocols.experiment.conditions import CohortKey, Condition
+from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.experiment.overrides import named_reading
+from musebot.protocols.simulation.cohort import Cohort
+
+GOLDEN = Path(__file__).with_name("golden.json")
+SMALL = dict(seed=20041, cohort_size=4, time_scale=0.002)
+TASKS = ("wall_avoidance", "spot_finding")
+LIVES = {
+    f"{body} {brain} {proposer} {task}": (
+        dict(body=body, brain=BRAINS[brain]),
+        Condition(task, proposer),
+    )
+    for body in ("mujoco", "kinematic")
+    for brain in ("paper", "steady")
+    for proposer in ("fixed", "random", "creative")
+    for task in TASKS
+}
+LIVES |= {
+    f"plain creative {task}": (named_reading("plain"), Condition(task, "creative"))
+    for task in TASKS
+}
+LIVES |= {
+    "kinematic walls sensed": (
+        dict(body="kinematic", brain=BRAINS["steady"], protocol="walls"),
+        Condition("spot_finding", "creative"),
+    ),
+    "kinematic recurrent": (
+        dict(body="kinematic", brain=BRAINS["recurrent"]),
+        Condition("spot_finding", "creative"),
+    ),
+    "kinematic sarsa_lambda": (
+        dict(body="kinematic", signals="raw"),
+        Condition("spot_finding", "musebot:sarsa_lambda"),
+    ),
+}
+CONTINUED = {
+    name: f"mujoco {name} creative spot_finding" for name in ("paper", "steady")
+}  # interrupted and continued, these must give the same arrays
+
+BALL = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 .1"><freejoint/>
+<geom size=".05 .02" type="cylinder"/></body></worldbody></mujoco>"""
+
+
+def digest(arrays):
+    """Returns the SHA-256 of arrays by name: their names, types, shapes and bytes."""
+    found = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        array = np.ascontiguousarray(array)
+        found.update(f"{name} {array.dtype.str} {array.shape} ".encode())
+        found.update(array.tobytes())
+    return found.hexdigest()
+
+
+def probe():
+    """Returns a digest of what the libraries compute here, without any code of ours."""
+    torch.manual_seed(0)
+    x = torch.randn(7, 33)
+    numbers = x.numpy().astype(float)
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.3, 0.1, 0, 1, 2, 3
+    mujoco.mj_step(model, data, 300)
+    return digest(
+        {
+            "torch": torch.cat([f(x) for f in (torch.tanh, torch.sigmoid, torch.exp, torch.sin)]),
+            "matmul": torch.bmm(x[None], x.T[None]),
+            "numpy": np.stack([np.exp(numbers), np.sin(numbers), np.arctan2(numbers, 0.3)]),
+            "mujoco": data.qpos,
+        }
+    )
+
+
+def arrays(lives):
+    return {
+        "steps": lives.events,
+        "minutes": lives.minutes,
+        "valid": lives.valid,
+        **{f"before.{name}": array for name, array in lives.before.items()},
+        **{f"after.{name}": array for name, array in lives.after.items()},
+    }
+
+
+def cohort_of(name):
+    fields, condition = LIVES[name]
+    return Cohort(Experiment(**SMALL | fields), CohortKey(condition, 0))
+
+
+def digest_of_life(name):
+    cohort = cohort_of(name)
+    cohort.advance(cohort.steps)
+    return digest(arrays(cohort.lives()))
+
+
+def known():
+    golden = json.loads(GOLDEN.read_text())
+    if golden["probe"] != probe():
+        pytest.skip("another processor or other libraries compute other numbers")
+    return golden["lives"]
+
+
+@pytest.mark.parametrize("name", LIVES)
+def test_a_seeded_life_has_the_arrays_that_it_always_had(name):
+    assert digest_of_life(name) == known()[name]
+
+
+@pytest.mark.parametrize("name", CONTINUED.values())
+def test_a_life_that_is_continued_from_a_checkpoint_has_the_same_arrays(name):
+    first = cohort_of(name)
+    first.advance(first.steps // 2 + 3)
+    state = first.checkpoint()
+    second = cohort_of(name)
+    second.restore(*state)
+    second.advance(second.steps)
+    assert digest(arrays(second.lives())) == known()[name]
+
+
+if __name__ == "__main__":
+    lives = {name: digest_of_life(name) for name in LIVES}
+    GOLDEN.write_text(json.dumps({"probe": probe(), "lives": lives}, indent=1) + "\n")
