@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from .protocols.results.run import Run
-    from .protocols.results.run_files import Needs
+    from .protocols.lives.run import Run
+    from .protocols.lives.run_files import Needs
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
     from .tasks.arena import Environment
     from .tasks.rules import Rules
@@ -87,7 +87,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
       ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: A value is invalid, or the folder holds something else.
     """
-    return _with_brain("commands.run").run(out, quiet=quiet, **options)
+    return _with_brain("cli.run").run(out, quiet=quiet, **options)
 
 
 def load_run(out: str | Path, needs: Needs = "brains") -> Run:
@@ -103,7 +103,7 @@ def load_run(out: str | Path, needs: Needs = "brains") -> Run:
       protocols.errors.InputError: The folder holds no run, none of its robots is finished, or what
         it holds is damaged.
     """
-    return _with_brain("results.run_files").read_run(pathlib.Path(out), needs=needs)
+    return _with_brain("lives.run_files").read_run(pathlib.Path(out), needs=needs)
 
 
 def _with_brain(module: str) -> Any:

@@ -6,7 +6,7 @@ import sys
 def main() -> int:
     """Runs the command line and returns its exit status."""
     try:
-        from .protocols import cli
+        from .protocols.cli import parser as cli
     except ModuleNotFoundError as error:  # without the extra `brain`
         from .protocols.errors import missing_extra
 

@@ -37,7 +37,7 @@ def pytest_configure(config):
 @pytest.fixture(scope="session")
 def egl():
     """Skips a test where nothing can be rendered."""
-    command = [sys.executable, "-m", "musebot.protocols.playback.offscreen"]
+    command = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         pytest.skip(f"no EGL here: {done.stderr.strip()}")
@@ -57,7 +57,7 @@ class InProcess:
 
     def __call__(self, jobs, progress):
         from musebot.protocols.errors import Interrupted
-        from musebot.protocols.simulation.jobs import run_job
+        from musebot.protocols.lives.jobs import run_job
 
         for job in jobs:
             if len(self.jobs) == self.most:
@@ -81,7 +81,7 @@ def commands_in_process(monkeypatch):
     """
     import torch
 
-    from musebot.protocols.simulation import local
+    from musebot.protocols.lives import local
 
     monkeypatch.setattr(local, "Local", lambda processes: InProcess())
     threads = torch.get_num_threads()
@@ -119,9 +119,9 @@ def invented_results(experiment, rows, seed=0):
 
     The curves have the rows' times in the tests, at their beginning; all else is random.
     """
-    from musebot.protocols.experiment.conditions import Condition
-    from musebot.protocols.experiment.networks import network_shapes
-    from musebot.protocols.results.results import WHEN, ConditionResults
+    from musebot.protocols.lives.agent import network_shapes
+    from musebot.protocols.lives.conditions import Condition
+    from musebot.protocols.lives.results import WHEN, ConditionResults
 
     draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
     schedule = experiment.schedule(condition.task)

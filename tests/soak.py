@@ -23,10 +23,10 @@ import numpy as np
 
 from musebot.controller.brains import BRAINS
 from musebot.models.kinematic import gaps
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.worker import prepare_process
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.worker import prepare_process
 from musebot.tasks import make_batch
 from musebot.tasks.starts import random_poses
 

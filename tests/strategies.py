@@ -4,9 +4,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from musebot.controller import PROPOSERS, Parameters
-from musebot.protocols.experiment.conditions import PAPER_TASKS, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.plan import Plan
+from musebot.protocols.lives.conditions import PAPER_TASKS, Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.plan import Plan
 
 quick = settings(deadline=None, max_examples=50)
 CONDITIONS = tuple(Condition(task, p) for task in PAPER_TASKS for p in PROPOSERS)

@@ -9,8 +9,8 @@ import pytest
 
 import musebot
 from musebot.controller import BRAINS
-from musebot.protocols.commands.listing import LISTS
-from musebot.protocols.config import read_config
+from musebot.protocols.cli.listing import LISTS
+from musebot.protocols.lives.config import read_config
 
 TEXT = (Path(__file__).parents[1] / "docs" / "command.md").read_text()
 

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from musebot.controller import PROPOSERS
-from musebot.protocols.results.run_files import read_so_far
+from musebot.protocols.lives.run_files import read_so_far
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -11,7 +11,7 @@ import tyro
 from PIL import Image
 
 import musebot
-from musebot.protocols.commands.film import FilmCommand
+from musebot.protocols.cli.film import FilmCommand
 from musebot.tasks.arena import CONTROL_TIMESTEP
 from musebot.tasks.suite import TASKS
 

@@ -15,10 +15,10 @@ import pytest
 import torch
 
 from musebot.controller import BRAINS
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.overrides import named_reading
-from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.overrides import named_reading
 
 GOLDEN = Path(__file__).with_name("golden.json")
 SMALL = dict(seed=20041, cohort_size=4, time_scale=0.002)

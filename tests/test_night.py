@@ -12,10 +12,10 @@ import soak
 LIFE = """
 import json, pathlib, sys
 from musebot.protocols.bench.memory import peak_bytes
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.simulation.jobs import CohortJob
-from musebot.protocols.simulation.worker import prepare_process
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.jobs import CohortJob
+from musebot.protocols.lives.worker import prepare_process
 
 prepare_process()
 experiment = Experiment(cohort_size=50, time_scale=float(sys.argv[2]))

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 from tables import table
 
-from musebot.protocols.cli import parsed
-from musebot.protocols.commands import VERBS, study_command, verb_class
-from musebot.protocols.studies import STUDIES
+from musebot.protocols.cli.parser import parsed
+from musebot.protocols.cli.verbs import VERBS, study_command, verb_class
+from musebot.protocols.compare import STUDIES
 
 
 def pages() -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from musebot.protocols.studies.learners.page import BOARDS_HEADING
+from musebot.protocols.compare.leaderboard_page import BOARDS_HEADING
 
 NAME = "leaderboard.md"
 BEGIN = "<!-- Scores, copied by `python docs/generator`: edit above or below. -->"

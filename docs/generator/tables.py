@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from musebot.protocols.reporting import markdown
+from musebot.protocols.pages import markdown
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

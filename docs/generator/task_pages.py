@@ -11,7 +11,7 @@ from tables import first_line, table
 
 import musebot
 from musebot.models.obstacles import OBSTACLES, add_obstacles
-from musebot.protocols.commands import listing
+from musebot.protocols.cli import listing
 from musebot.tasks.arena import CONTROL_TIMESTEP, TaskDefinition
 from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
 

@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ...controller import PROPOSERS
-from ..experiment.conditions import Condition
-from ..results.learn_ability import CATEGORIES
+from ..lives.conditions import Condition
+from ..lives.learn_ability import CATEGORIES
 from .claims import Evidence, Undecidable, ability, arrival_minutes, count, robots
 from .hypothesis_tests import (
     Sample,

@@ -12,10 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..experiment.conditions import Condition
-from ..results.learn_ability import CATEGORIES, Summary
-from ..results.results import Robot
-from ..results.run import Run
+from ..lives.conditions import Condition
+from ..lives.learn_ability import CATEGORIES, Summary
+from ..lives.results import Robot
+from ..lives.run import Run
 from .behaviour import Behaviour
 from .hypothesis_tests import ALPHA, Sample, TestedInequality
 from .paper_numbers import PAPER

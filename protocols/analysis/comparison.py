@@ -9,11 +9,11 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 
 from ..errors import InputError
-from ..experiment.conditions import Condition
-from ..experiment.schedules import SCHEDULES
-from ..results.learn_ability import CATEGORIES, classes
-from ..results.results import Robot
-from ..results.run import Run, abilities, shares
+from ..lives.conditions import Condition
+from ..lives.learn_ability import CATEGORIES, classes
+from ..lives.results import Robot
+from ..lives.run import Run, abilities, shares
+from ..lives.schedules import SCHEDULES
 from ..terminal import StepProgress
 from . import intervals
 from .hypothesis_tests import ALPHA, DRAWS, holm, same_deviation, same_mean, same_share

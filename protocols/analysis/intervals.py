@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import stats
 
-from ..results.learn_ability import Summary
+from ..lives.learn_ability import Summary
 
 LEVEL = 0.95
 

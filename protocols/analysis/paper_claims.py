@@ -10,9 +10,9 @@ from __future__ import annotations
 import dataclasses
 
 from ...controller import PROPOSERS
-from ..experiment.conditions import Condition
-from ..results.learn_ability import CATEGORIES
-from ..results.run import Run
+from ..lives.conditions import Condition
+from ..lives.learn_ability import CATEGORIES
+from ..lives.run import Run
 from .behaviour import Behaviour
 from .claim_tests import (
     alike,

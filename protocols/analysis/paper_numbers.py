@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from ..experiment.conditions import Condition
-from ..results.learn_ability import Summary
+from ..lives.conditions import Condition
+from ..lives.learn_ability import Summary
 
 _WALLS, _SPOT = "wall_avoidance", "spot_finding"
 

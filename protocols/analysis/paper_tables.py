@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from ..experiment.conditions import Condition
-from ..experiment.experiment import Experiment
-from ..experiment.schedules import SCHEDULES
-from ..results.learn_ability import CATEGORIES, Summary
-from ..results.run import Run
+from ..lives.conditions import Condition
+from ..lives.experiment import Experiment
+from ..lives.learn_ability import CATEGORIES, Summary
+from ..lives.run import Run
+from ..lives.schedules import SCHEDULES
 from . import intervals
 from .intervals import Interval
 from .paper_numbers import PAPER

@@ -7,7 +7,7 @@ import torch
 
 from ...controller import Neurocontroller
 from ...tasks import Robots
-from ..experiment.schedules import UPPER_LEFT, UPPER_RIGHT
+from ..lives.schedules import UPPER_LEFT, UPPER_RIGHT
 
 GRID = 41  # motor values along each side of the grid of all actions
 

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from scipy import stats
 
-from ..experiment.conditions import Condition
-from ..results.learn_ability import CATEGORIES, Summary
-from ..results.run import Run
+from ..lives.conditions import Condition
+from ..lives.learn_ability import CATEGORIES, Summary
+from ..lives.run import Run
 from .paper_numbers import PAPER
 
 Support = Literal["supported", "opposed", "undecided"]

@@ -19,10 +19,10 @@ import torch
 
 from ...tasks import stop_timers
 from ..errors import InputError
-from ..experiment.conditions import PAPER_TASKS
-from ..experiment.provenance import machine
+from ..lives.conditions import PAPER_TASKS
+from ..lives.provenance import machine
 from ..machine import cores
-from ..reporting import style
+from ..pages import style
 from ..storage import check_place, resolved_file, write_atomically
 from ..terminal import notice, remaining, show_markdown
 from . import lives, models, population, sections, workers

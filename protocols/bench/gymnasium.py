@@ -16,7 +16,7 @@ import numpy as np
 
 from ...tasks.gymnasium_env import ArenaVectorEnv
 from ..errors import RunError
-from ..reporting import markdown
+from ..pages import markdown
 from .lives import BareRollout
 
 

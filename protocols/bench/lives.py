@@ -18,10 +18,10 @@ from ...controller import BRAINS
 from ...tasks import Batch
 from ..agents.base import Agent
 from ..errors import RunError
-from ..experiment.conditions import CohortKey, Condition
-from ..experiment.experiment import Experiment
-from ..simulation.cohort import Cohort
-from ..simulation.placement import legs
+from ..lives.cohort import Cohort
+from ..lives.conditions import CohortKey, Condition
+from ..lives.experiment import Experiment
+from ..lives.placement import legs
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from ...controller import PROPOSERS
 from ...tasks import CONTROL_TIMESTEP
-from ..experiment.conditions import PAPER_TASKS
-from ..experiment.experiment import Experiment
+from ..lives.conditions import PAPER_TASKS
+from ..lives.experiment import Experiment
 from .lives import BrainCost, PairedTiming, Setting
 from .models import LIKE_CAR, OURS, EnvironmentCost, StepCost
 from .workers import Scaling, Work
@@ -154,7 +154,7 @@ def draw(sizes: Sequence[PairedTiming], path: Path) -> None:
     """
     from matplotlib.figure import Figure
 
-    from ..reporting.style import write
+    from ..pages.style import write
 
     robots = [timing.setting.robots for timing in sizes]
     figure = Figure(figsize=(7, 4), layout="constrained")

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from ..errors import RunError
-from ..simulation.worker import DIED, prepare_process
+from ..lives.worker import DIED, prepare_process
 from ..storage import save_arrays
 from .lives import Setting, begin_training, new_cohort
 

@@ -12,12 +12,12 @@ from typing import Any
 import torch
 
 from ...tasks.tensors.robots import TensorRobots
-from ..experiment.conditions import CohortKey, Condition
-from ..experiment.experiment import Experiment
-from ..experiment.plan import Plan
-from ..reporting import markdown
-from ..simulation.cohort import Cohort
-from ..simulation.runs import check_device as check_plan
+from ..lives.cohort import Cohort
+from ..lives.conditions import CohortKey, Condition
+from ..lives.experiment import Experiment
+from ..lives.plan import Plan
+from ..lives.runs import check_device as check_plan
+from ..pages import markdown
 from .lives import begin_training
 
 CONDITION = Condition("spot_finding", "creative")

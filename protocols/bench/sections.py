@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from statistics import median
 from typing import Any
 
-from ..experiment.conditions import PAPER_TASKS
-from ..reporting.markdown import section
+from ..lives.conditions import PAPER_TASKS
+from ..pages.markdown import section
 from .lives import BrainCost, PairedTiming, Setting
 from .measurements import (
     MAIN,

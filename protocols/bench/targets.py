@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..experiment.conditions import PAPER_TASKS
-from ..reporting.markdown import section
+from ..lives.conditions import PAPER_TASKS
+from ..pages.markdown import section
 from .measurements import MAIN, PAPER, SMALL, STEADY, Measurements
 
 

@@ -14,7 +14,7 @@ from typing import Literal
 import torch
 
 from ..errors import RunError
-from ..simulation.worker import DIED, prepare_process
+from ..lives.worker import DIED, prepare_process
 from .lives import Setting, TimedCohort
 
 Work = Literal["live", "replay"]  # a block of a cohort, or the bare replay of the last block

@@ -5,12 +5,12 @@ import pytest
 
 from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.bounds import hand_coded, newborn
-from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.agents.names import recorded_name
+from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.networks import senses_of
+from musebot.protocols.lives.agent import make_agent
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks.starts import random_poses, random_spots
 
 

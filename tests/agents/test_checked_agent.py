@@ -9,8 +9,8 @@ import pytest
 
 from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.checked_agent import CheckedAgent
+from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.errors import InputError, RunError
-from musebot.protocols.experiment.networks import senses_of
 
 STATE, REWARD = np.ones((2, 1), np.float32), np.ones(2, np.float32)
 

@@ -14,27 +14,28 @@ import pytest
 from helpers import LAZY_AGENT
 
 from musebot.controller import PROPOSERS
-from musebot.protocols import cli
 from musebot.protocols.agents import names
 from musebot.protocols.agents import trust as trusting
-from musebot.protocols.agents.agent_check import checks
 from musebot.protocols.agents.base import Agent
 from musebot.protocols.agents.bounds import HandCoded
-from musebot.protocols.agents.factory import make_agent, senses_of
 from musebot.protocols.agents.learners.q_learning import QLearner
 from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name
 from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
+from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.agents.trust import trust
-from musebot.protocols.commands.listing import LISTS
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.cli.listing import LISTS
+from musebot.protocols.compare.agent_check import checks
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.manifest import read_manifest, write_manifest
-from musebot.protocols.experiment.plan import Plan
-from musebot.protocols.experiment.random_streams import random_streams
-from musebot.protocols.results.results import Robot
-from musebot.protocols.results.run_files import read_run, write_results
-from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.lives.agent import make_agent
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.manifest import read_manifest, write_manifest
+from musebot.protocols.lives.plan import Plan
+from musebot.protocols.lives.random_streams import random_streams
+from musebot.protocols.lives.results import Robot
+from musebot.protocols.lives.run_files import read_run, write_results
 from musebot.protocols.storage import read_json, write_json
 
 GUIDE = Path(__file__).parents[2] / "docs" / "agents.md"

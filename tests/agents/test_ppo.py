@@ -5,15 +5,15 @@ import pytest
 
 import musebot
 from musebot.controller.senses import Senses, Signal
-from musebot.protocols import cli
 from musebot.protocols.agents import ppo
-from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
+from musebot.protocols.agents.senses import senses_of
+from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.networks import senses_of
-from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.lives.agent import make_agent
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.storage import save_arrays
 from musebot.tasks.suite import TASKS
 

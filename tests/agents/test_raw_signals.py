@@ -7,7 +7,7 @@ from musebot.controller.brains import BRAINS
 from musebot.controller.extensions.encoding import InputEncoding
 from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.raw_signals import RawSignals, raw_senses
-from musebot.protocols.experiment.networks import senses_of
+from musebot.protocols.agents.senses import senses_of
 
 
 class Spy(HandCoded):

@@ -3,7 +3,7 @@
 import pytest
 
 from musebot.controller.senses import Senses, Signal
-from musebot.protocols.experiment.networks import senses_of
+from musebot.protocols.agents.senses import senses_of
 from musebot.tasks.suite import TASKS
 
 DISTANCES, CONTACT = (Signal(0, 1),) * 4, Signal(-1, 0)

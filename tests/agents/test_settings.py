@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from musebot.protocols import cli
 from musebot.protocols.agents.settings import (
     Setting,
     checked_settings,
@@ -12,9 +11,10 @@ from musebot.protocols.agents.settings import (
     settings_of,
     tunable,
 )
+from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.results.run_files import planned
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.run_files import planned
 
 
 @tunable(rate=Setting(0.1, 0.01, 1.0, log=True, each=True), tiles=Setting(4, 2, 8))

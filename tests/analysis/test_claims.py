@@ -13,12 +13,12 @@ from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.analysis.claims import Claim, Evidence, judge
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.analysis.paper_tables import PAPER
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.schedules import SCHEDULES
-from musebot.protocols.reporting import tables
-from musebot.protocols.results.results import ConditionResults, Robot
-from musebot.protocols.results.run import Run
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.results import ConditionResults, Robot
+from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.schedules import SCHEDULES
+from musebot.protocols.pages import tables
 
 WA, SF = "wall_avoidance", "spot_finding"
 NAMES = {"one": "L = 1", "some": "0 < L < 1", "zero": "L = 0", "less": "L < 0"}

@@ -18,14 +18,14 @@ from musebot.protocols.analysis.comparison import (
 )
 from musebot.protocols.analysis.paper_tables import column, row_names
 from musebot.protocols.errors import InputError
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.schedules import SCHEDULES
-from musebot.protocols.reporting import comparison_tables
-from musebot.protocols.results.learn_ability import CATEGORIES, category, learn_ability
-from musebot.protocols.results.results import ConditionResults, Robot
-from musebot.protocols.results.run import Run
-from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.learn_ability import CATEGORIES, category, learn_ability
+from musebot.protocols.lives.results import ConditionResults, Robot
+from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.schedules import SCHEDULES
+from musebot.protocols.pages import comparison_tables
 
 WA, SF = "wall_avoidance", "spot_finding"
 WALLS_FIXED = Condition(WA, "fixed")

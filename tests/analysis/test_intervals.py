@@ -15,9 +15,9 @@ from scipy import stats
 from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.intervals import ABILITY, SHARE
 from musebot.protocols.analysis.paper_tables import PAPER
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.results.learn_ability import Summary
-from musebot.protocols.results.run_files import read_run
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.learn_ability import Summary
+from musebot.protocols.lives.run_files import read_run
 
 quick = settings(deadline=None, max_examples=30)
 NAN = math.nan

@@ -5,10 +5,10 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols.analysis.paper_tables import PAPER, column, paper_column, row_names
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.results.results import ConditionResults, Robot
-from musebot.protocols.results.run import Run
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.results import ConditionResults, Robot
+from musebot.protocols.lives.run import Run
 
 TABLES = {
     "wall_avoidance": """

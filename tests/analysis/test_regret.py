@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from musebot.protocols.agents.factory import make_agent
 from musebot.protocols.analysis import regret
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.experiment.experiment import Experiment
+from musebot.protocols.lives.agent import make_agent
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks import make_batch
 
 WA, SF = "wall_avoidance", "spot_finding"

@@ -14,10 +14,10 @@ from musebot.protocols.analysis.scores import (
     unmet_before,
     verdict,
 )
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.results.results import ConditionResults, Robot, category_in
-from musebot.protocols.results.run import Run
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.results import ConditionResults, Robot, category_in
+from musebot.protocols.lives.run import Run
 
 WALLS, SPOT = Condition("wall_avoidance", "creative"), Condition("spot_finding", "creative")
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from musebot.controller import BRAINS
-from musebot.protocols import cli
 from musebot.protocols.bench import bench, lives, models, population
 from musebot.protocols.bench.lives import BrainCost, PairedTiming, Setting, TimedCohort
 from musebot.protocols.bench.models import StepCost
+from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import RunError
-from musebot.protocols.simulation import runs
+from musebot.protocols.lives import runs
 
 
 def numbers(value):

@@ -8,7 +8,7 @@ from musebot.protocols.bench.measurements import Measurements, as_json, draw, li
 from musebot.protocols.bench.models import LIKE_CAR, OURS, EnvironmentCost, StepCost
 from musebot.protocols.bench.targets import targets_section
 from musebot.protocols.bench.workers import Scaling
-from musebot.protocols.reporting import style
+from musebot.protocols.pages import style
 
 WA, SF = "wall_avoidance", "spot_finding"
 COHORTS = [(WA, p, n) for p in ("fixed", "random", "creative") for n in (50, 250)]

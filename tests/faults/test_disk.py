@@ -17,17 +17,16 @@ from unittest import mock
 import pytest
 from matplotlib.figure import Figure
 
-from musebot.protocols.commands.run import RunCommand
-from musebot.protocols.commands.tables import TablesCommand
+from musebot.protocols.cli.run import RunCommand
+from musebot.protocols.cli.tables import TablesCommand
+from musebot.protocols.compare.study import conduct
 from musebot.protocols.exit_status import exit_status
-from musebot.protocols.playback import film as films
-from musebot.protocols.playback import measured_behaviour
-from musebot.protocols.reporting import report, tables
-from musebot.protocols.results.run_files import ROBOTS_FILE, read_results, read_run
-from musebot.protocols.simulation import jobs
+from musebot.protocols.lives import jobs
+from musebot.protocols.lives.run_files import ROBOTS_FILE, read_results, read_run
+from musebot.protocols.pages import film as films
+from musebot.protocols.pages import measured_behaviour, report, tables
 from musebot.protocols.storage import write_atomically
 from musebot.protocols.studies.ablation import Ablation
-from musebot.protocols.studies.study import conduct
 
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EACCES)
 GROWING = {"mkdir", "create", "write", "fsync", "replace"}  # what a full disk refuses

@@ -15,14 +15,15 @@ import time
 
 import pytest
 
-from musebot.protocols import cli, terminal
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.manifest import MANIFEST
-from musebot.protocols.experiment.plan import Plan
-from musebot.protocols.simulation import jobs
-from musebot.protocols.simulation.runs import simulate
-from musebot.protocols.studies.study import STUDY_FILE
+from musebot.protocols import terminal
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.compare.study import STUDY_FILE
+from musebot.protocols.lives import jobs
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.manifest import MANIFEST
+from musebot.protocols.lives.plan import Plan
+from musebot.protocols.lives.runs import simulate
 from musebot.protocols.terminal import JobProgress
 
 # Commands, forked from one process that has imported everything: kills then fall into the work,
@@ -32,7 +33,7 @@ import json, os, sys
 from multiprocessing import get_context
 from musebot.protocols import cli
 from musebot.protocols.simulation import local
-from musebot.protocols.simulation.runs import UnfinishedRun
+from musebot.protocols.lives.runs import UnfinishedRun
 from musebot.protocols.studies import jobs
 from musebot.protocols.studies.ablation import Ablation
 

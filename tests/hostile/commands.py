@@ -9,16 +9,16 @@ import numpy as np
 from hostile import files, oracle
 from hostile.mutations import one
 
-from musebot.protocols import cli, doctor
 from musebot.protocols.bench import bench
+from musebot.protocols.cli import diagnosis as doctor
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.compare import STUDIES, continual, creativity
 from musebot.protocols.errors import InputError, Interrupted
-from musebot.protocols.experiment.budget import cohort_bytes
-from musebot.protocols.playback import film
-from musebot.protocols.reporting import paper_figures, report, typical_robots
-from musebot.protocols.simulation import local
-from musebot.protocols.simulation.cohort import Cohort
-from musebot.protocols.simulation.jobs import CohortJob
-from musebot.protocols.studies import STUDIES, continual, creativity
+from musebot.protocols.lives import local
+from musebot.protocols.lives.budget import cohort_bytes
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.jobs import CohortJob
+from musebot.protocols.pages import film, paper_figures, report, typical_robots
 
 SEED = 20041
 WORK_BEGINS = 130  # the exit status where the work would begin, which the tests interrupt
@@ -310,7 +310,7 @@ def begun_only(patch):
     patch.delenv("DISPLAY", raising=False)
     patch.delenv("WAYLAND_DISPLAY", raising=False)
     with contextlib.suppress(InputError):
-        from musebot.protocols.simulation import ray_cluster
+        from musebot.protocols.lives import ray_cluster
 
         def refused(address):
             raise InputError(f"there is no Ray cluster at {address!r}")

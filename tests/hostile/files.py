@@ -17,20 +17,20 @@ from hostile.mutations import one
 from musebot.protocols import exit_status
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.ppo import Policies, policy_arrays
+from musebot.protocols.compare.study import conduct
 from musebot.protocols.errors import Interrupted
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.experiment.manifest import write_manifest
-from musebot.protocols.experiment.plan import Plan
-from musebot.protocols.playback.stored_brains import StoredRobot
-from musebot.protocols.results.results import Robot
-from musebot.protocols.results.run_files import read_run, write_results
-from musebot.protocols.simulation import checkpoints
-from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.lives import checkpoints
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.manifest import write_manifest
+from musebot.protocols.lives.plan import Plan
+from musebot.protocols.lives.results import Robot
+from musebot.protocols.lives.run_files import read_run, write_results
+from musebot.protocols.pages.stored_brains import StoredRobot
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.learning_progress.frozen_brains import evaluation
 from musebot.protocols.studies.learning_progress.study import LearningProgress
-from musebot.protocols.studies.study import conduct
 from musebot.protocols.studies.timestep import Timestep
 
 NAN = float("nan")

@@ -6,8 +6,8 @@ import importlib.util
 import pytest
 from hostile import commands, environments, files, oracle, readers
 
-from musebot.protocols import cli
-from musebot.protocols.commands import study_command, verb_class
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.cli.verbs import study_command, verb_class
 
 READERS, COMMANDS, CALLS = 4200, 4000, 1800  # cases at night
 # In the ordinary suite: of each kind of file, of command lines, of each kind of call.

@@ -8,9 +8,8 @@ import sys
 import pytest
 from hostile import oracle
 
-from musebot.protocols import cli
-from musebot.protocols.playback import measured_behaviour
-from musebot.protocols.reporting import report
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.pages import measured_behaviour, report
 from musebot.protocols.storage import MOST_BYTES
 
 SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --task wall_avoidance"
@@ -240,7 +239,7 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
 def test_a_number_that_no_machine_could_serve_is_refused(
     words, sentence, run, tmp_path, capsys, monkeypatch
 ):
-    from musebot.protocols.experiment import budget
+    from musebot.protocols.lives import budget
 
     monkeypatch.setattr(budget, "machine_bytes", lambda: 2**27)
     words = [w.replace("RUN", str(run)).replace("NEW", str(tmp_path / "new")) for w in words]

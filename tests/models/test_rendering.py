@@ -17,7 +17,7 @@ import pytest
 import musebot
 from musebot.models import arena_spec, rendering
 from musebot.protocols import errors
-from musebot.protocols.playback.offscreen import Canvas
+from musebot.protocols.pages.offscreen import Canvas
 
 pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from musebot.models import Dimensions, Kinematics, arena_spec
 from musebot.models.kinematic import follow_motors
-from musebot.protocols.experiment.conditions import CohortKey, Condition
-from musebot.protocols.experiment.experiment import Experiment
-from musebot.protocols.simulation.cohort import Cohort
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks import make_batch, make_kinematic_batch
 
 SIZE = Dimensions.of(arena_spec().compile())

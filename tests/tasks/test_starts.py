@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import musebot
-from musebot.protocols.experiment.schedules import UPPER_LEFT, UPPER_RIGHT
+from musebot.protocols.lives.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks import make_batch
 from musebot.tasks.starts import CORNERS, Start, random_poses, random_spots
 

@@ -10,10 +10,10 @@ import torch
 
 pytest.importorskip("mujoco_warp")
 
-from musebot.protocols.experiment.conditions import Condition
-from musebot.protocols.playback.rollout import watch
-from musebot.protocols.playback.stored_brains import stored_brains
-from musebot.protocols.results.run_files import read_run
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.run_files import read_run
+from musebot.protocols.pages.rollout import watch
+from musebot.protocols.pages.stored_brains import stored_brains
 from musebot.tasks import make_batch
 from musebot.tasks.batch import CapacityError
 from musebot.tasks.tensors.warp import WarpTensors

@@ -1,0 +1,72 @@
+"""`musebot explore`: opens a window on a task."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ..errors import InputError
+from .shared_options import PROPOSER_CHOICES, option
+
+if TYPE_CHECKING:
+    from ..pages.viewer import Driver
+
+
+@dataclasses.dataclass
+class ExploreCommand:
+    """Open a window on a task, driven by a policy, a brain, the arrow keys, or at random."""
+
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")] = "wall_avoidance"
+    """task of docs/tasks.md; with --out only wall_avoidance or spot_finding"""
+    out: Annotated[Path | None, option("OUT", "none")] = None
+    """folder of a run to take a brain from"""
+    policies: Annotated[Path | None, option("FILE", "the policy that musebot brings")] = None
+    """file of PPO's policies for this task, a .safetensors"""
+    keys: bool = False
+    """drive with the arrow keys"""
+    random: bool = False
+    """drive at random"""
+    proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
+    """proposer of the robot; only for a run"""
+    agent: Annotated[str | None, option("AGENT", "none")] = None
+    """agent of the robot, as `musebot run --agent` takes it; only for a run"""
+    robot: Annotated[int | None, option("INT", "0")] = None
+    """number of the robot within its condition, or of the policy"""
+    phase: Annotated[Literal["pre", "post"] | None, option("{pre,post}", "post")] = None
+    """show the robot before (pre) or after (post) training"""
+
+    def __call__(self) -> None:
+        """Opens the window, which needs a display."""
+        from ..pages import viewer
+
+        if sum((self.out is not None, self.policies is not None, self.keys, self.random)) > 1:
+            raise InputError("only one of --out, --policies, --keys and --random can drive")
+        for name in ("proposer", "agent"):
+            if getattr(self, name) and not self.out:
+                raise InputError(f"--{name} needs --out, the run to take a brain from")
+        for name in ("robot", "phase"):
+            if getattr(self, name) is not None and (self.keys or self.random):
+                raise InputError(f"--{name} chooses a brain or a policy, got --keys or --random")
+        viewer.explore(self.task, self._driver())
+
+    def _driver(self) -> Driver | None:
+        """Returns the driver; None for random motor values."""
+        from ..agents.ppo import Policies, policy_file
+        from ..lives.run_files import read_run
+        from ..pages.stored_brains import StoredRobot, robots_named
+        from ..pages.viewer import ArrowKeys, Driver
+
+        if self.random:
+            return None
+        if self.keys:
+            return Driver("arrow keys", ArrowKeys())
+        robot, phase = self.robot or 0, self.phase or "post"
+        if self.out:
+            run = read_run(self.out, replay=True)
+            condition = robots_named(self.task, self.proposer, self.agent)
+            return Driver.of_robot(StoredRobot(run, condition, robot, phase))
+        policies = Policies.load(self.policies or policy_file(self.task), self.task)
+        return Driver.of_policy(policies, robot, phase)

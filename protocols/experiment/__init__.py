@@ -1,1 +1,0 @@
-"""What is simulated, as data: schedules, conditions, experiments, plans."""

@@ -1,0 +1,1 @@
+"""What is simulated and how: experiments, cohorts, checkpoints, and the files of a run."""

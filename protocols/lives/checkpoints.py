@@ -1,0 +1,186 @@
+"""Checkpoints of unfinished cohorts, and results of finished ones, as in `OUT/checkpoints`."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...tasks.batch import Robots
+from ..errors import DamagedFileError, InputError
+from ..storage import load_arrays, save_arrays
+from .checks import check_lives, check_lives_shapes
+from .cohort import Cohort
+from .conditions import CohortKey
+from .device import robots_on_device
+from .experiment import Experiment, check_same, experiment_from
+from .manifest import UNREADABLE
+from .results import WHEN, Lives
+from .schedules import control_steps
+
+CHECKPOINTS = "checkpoints"
+
+
+def checkpoint_file(directory: Path, key: CohortKey) -> Path:
+    """Returns the file of an unfinished cohort's last checkpoint, in a run's folder."""
+    return directory / CHECKPOINTS / f"{key}.safetensors"
+
+
+def finished_file(directory: Path, key: CohortKey) -> Path:
+    """Returns the file that keeps a finished cohort's results until the whole run is finished."""
+    return directory / CHECKPOINTS / f"{key}.finished.safetensors"
+
+
+def save_checkpoint(path: Path, cohort: Cohort) -> None:
+    """Writes a cohort's checkpoint.
+
+    Raises:
+      OSError: the file cannot be written.
+    """
+    arrays, notes = cohort.checkpoint()
+    save_arrays(path, arrays, **_identity(cohort.experiment, cohort.key), **notes)
+
+
+def restored_cohort(
+    path: Path, experiment: Experiment, key: CohortKey, batch: Robots | None = None
+) -> tuple[Cohort, str]:
+    """Returns a cohort from its checkpoint, or a new one, and a message about a damaged file.
+
+    Args:
+      path: File of the checkpoint, if there is one.
+      experiment: Experiment that decides the robots' lives.
+      key: Condition and number of the cohort.
+      batch: Robots that have not moved yet; None makes them.
+    """
+    unmoved = {} if batch is None else batch.get_state()
+    cohort = Cohort(experiment, key, batch)
+    try:
+        arrays, notes = load_arrays(path, cohort.check_shapes)
+        _check_identity(path, notes, experiment, key)
+        cohort.restore(arrays, notes)
+    except FileNotFoundError:
+        return cohort, ""
+    except DamagedFileError as error:
+        damage = error
+    except (ValueError, KeyError) as error:
+        damage = DamagedFileError(f"{path} is damaged ({error})")
+    else:
+        return cohort, ""
+    if batch is not None:
+        batch.set_state(unmoved)
+    return Cohort(experiment, key, batch), set_aside(path, key, damage)
+
+
+def restored_cohorts(
+    directory: Path, experiment: Experiment, keys: Sequence[CohortKey]
+) -> tuple[list[Cohort], str]:
+    """Returns cohorts that share their physics, and a message about damaged files.
+
+    Args:
+      directory: Folder of the run.
+      experiment: Experiment that decides the robots' lives.
+      keys: Keys of the cohorts, of one task; several for robots on tensors only.
+    """
+    if len(keys) == 1:
+        cohort, message = restored_cohort(checkpoint_file(directory, keys[0]), experiment, keys[0])
+        return [cohort], message
+    batches = robots_on_device(experiment, keys[0].condition.task, len(keys))
+    found = [
+        restored_cohort(checkpoint_file(directory, key), experiment, key, batch)
+        for key, batch in zip(keys, batches, strict=True)
+    ]
+    return [cohort for cohort, _ in found], "; ".join(message for _, message in found if message)
+
+
+def read_minutes(
+    directory: Path, experiment: Experiment, key: CohortKey
+) -> tuple[np.ndarray, np.ndarray]:
+    """Reads from a cohort's checkpoint how often the measured event happened so far.
+
+    Returns:
+      Number of control steps in contact, or in the spot, in each whole simulated minute, shape
+      (B, m), and whether each robot is valid, shape (B,). Without a readable checkpoint m is 0.
+    """
+    try:
+        arrays, notes = load_arrays(path := checkpoint_file(directory, key))
+        _check_identity(path, notes, experiment, key)
+        return arrays["minutes"][:, : notes["step"] // control_steps(1)], arrays["batch.valid"]
+    except (OSError, DamagedFileError, KeyError):  # the job itself says what is wrong with it
+        robots = experiment.cohort_size
+        return np.zeros((robots, 0), np.int16), np.ones(robots, dtype=bool)
+
+
+def save_lives(path: Path, lives: Lives, experiment: Experiment, key: CohortKey) -> None:
+    """Writes what a finished cohort leaves.
+
+    Args:
+      path: File to write.
+      lives: What the cohort leaves.
+      experiment: Experiment that decided the robots' lives.
+      key: Condition and number of the cohort.
+
+    Raises:
+      OSError: the file cannot be written.
+    """
+    arrays = {"events": lives.events, "minutes": lives.minutes, "valid": lives.valid}
+    for when, networks in (("before", lives.before), ("after", lives.after)):
+        arrays |= {f"{when}/{name}": array for name, array in networks.items()}
+    save_arrays(path, arrays, **_identity(experiment, key))
+
+
+def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
+    """Reads what a finished cohort left, and checks that it can be of this experiment.
+
+    Args:
+      path: File to read.
+      experiment: Experiment of the run.
+      key: Condition and number of the cohort.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: the file is damaged, or of another cohort or experiment.
+    """
+    arrays, notes = load_arrays(path, functools.partial(check_lives_shapes, experiment, key))
+    _check_identity(path, notes, experiment, key)
+    before, after = (
+        {k.partition("/")[2]: v for k, v in arrays.items() if k.startswith(f"{when}/")}
+        for when in WHEN
+    )
+    lives = Lives(arrays["events"], arrays["minutes"], arrays["valid"], before, after)
+    try:
+        check_lives(experiment, key, lives)
+    except ValueError as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
+    return lives
+
+
+def _identity(experiment: Experiment, key: CohortKey) -> dict[str, Any]:
+    """Returns the notes that say whose file it is."""
+    return {"cohort": str(key), "experiment": dataclasses.asdict(experiment)}
+
+
+def _check_identity(
+    path: Path, notes: Mapping[str, Any], experiment: Experiment, key: CohortKey
+) -> None:
+    """Raises DamagedFileError where a file is of another cohort or experiment, or does not say."""
+    if "experiment" not in notes:
+        raise DamagedFileError(f"{path} is of an older version and does not name its experiment")
+    if notes.get("cohort") != str(key):
+        raise DamagedFileError(f"{path} is of the cohort {notes.get('cohort')!r:.100}, not {key}")
+    try:
+        held = experiment_from(notes["experiment"])
+        check_same(f"{path} is of an experiment", held, experiment)
+    except UNREADABLE as error:
+        raise DamagedFileError(f"{path} names no experiment of musebot's ({error!r})") from error
+    except InputError as error:
+        raise DamagedFileError(str(error)) from error
+
+
+def set_aside(path: Path, key: CohortKey, error: Exception) -> str:
+    """Renames a damaged file, and returns the message that says so."""
+    path.replace(path.with_suffix(".damaged"))
+    return f"{error}; set aside, cohort {key} starts anew"

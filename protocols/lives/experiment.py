@@ -1,0 +1,279 @@
+"""What an experiment is: the parameters that decide every robot's life."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from ...controller.parameters import Parameters, shown
+from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, scale_torque
+from ...models.arena import FASTEST
+from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.batch import Robots
+from ...tasks.kinematic.robots import make_kinematic_batch
+from ...tasks.sensors import NoseForm
+from ...tasks.starts import FROM_WALLS
+from ...tasks.suite import Edit, make_batch
+from ..errors import InputError
+from .overrides import brain_name
+from .schedules import PROTOCOLS, ProtocolName, Schedule
+
+Body = Literal["mujoco", "kinematic"]
+NosePlace = Literal["front", "centre"]
+MotorTorque = Literal["constant", "scaled"]
+Signals = Literal["paper", "raw"]
+Physics = Literal["c", "warp"]
+BODIES: tuple[Body, ...] = get_args(Body)
+MOST_IN_COHORT = 1_000_000
+_SEEDS, _LARGEST_TURN, _LARGEST_ARENA = 2**128, 360, 10  # turn in [deg]
+_MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}  # number, [s], [m]
+_DEVICE = re.compile(r"cpu|cuda(:[0-9]{1,2})?")
+
+
+@dataclasses.dataclass(frozen=True)
+class Experiment:
+    """Everything that decides the lives of a cohort, bit-exactly on one machine.
+
+    The number of robots, their conditions and the number of processes are not part of it: more
+    robots are more cohorts.
+
+    Attributes:
+      seed: Seed from which all random streams derive.
+      cohort_size: Number of robots simulated in lockstep on one random stream.
+      time_scale: Factor on every duration of the schedules, in (0, 1]; 1 is the paper's.
+      nose: Form of Eq. 3 (see `tasks.sensors.Nose`).
+      nose_place: Place of the nose: the front of the rim, or the robot's centre.
+      learn_across_placement: Whether robots learn from the step that spans a new placement (not
+        stated in the paper).
+      turned_start: Angle in degrees by which a robot that starts in a corner is turned away from
+        the corner.
+      arena_scale: Factor of the arena's length and width, at least 1; corners stay at 10 cm from
+        the walls, and the spot keeps its size.
+      motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
+      motor_torque: Torque of a stalled wheel at another motor speed: "constant", so that the lag of
+        the wheels grows with the speed, or "scaled" with the speed, so that the lag stays equal.
+      body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
+      kinematics: Parameters of the kinematic simulator.
+      brain: Parameters of the neurocontroller.
+      protocol: Name of the protocol (see `schedules.PROTOCOLS`): "paper" or "walls" (spot finding
+        with wall sensing).
+      physics: What simulates the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
+        computes in single precision (docs/physics.md).
+      device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator or MuJoCo
+        Warp and the brains compute. Random numbers and rounding differ between devices, and so do
+        lives.
+      signals: What agents receive: "paper", or "raw" with smell and reward before they saturate
+        (see `agents.raw_signals`). Brains have parameters of their own for this.
+      settings: Settings of agents that differ from their defaults, as NAME=VALUE.
+    """
+
+    seed: int = 1
+    cohort_size: int = 50
+    time_scale: float = 1.0
+    nose: NoseForm = "inverse"
+    nose_place: NosePlace = "front"
+    learn_across_placement: bool = False
+    turned_start: float = 0.0
+    arena_scale: float = 1.0
+    motor_speed: float | None = None
+    motor_torque: MotorTorque = "constant"
+    body: Body = "mujoco"
+    kinematics: Kinematics = Kinematics()
+    brain: Parameters = Parameters()
+    protocol: ProtocolName = "paper"
+    physics: Physics = "c"
+    device: str = "cpu"
+    signals: Signals = "paper"
+    settings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises InputError where a value is invalid."""
+        for name in ("seed", "cohort_size"):
+            if type(value := getattr(self, name)) is not int:
+                raise InputError(f"{name} must be a whole number, got {shown(value)}")
+        for name in ("time_scale", "turned_start", "arena_scale", "motor_speed"):
+            value = getattr(self, name)
+            if type(value) not in (int, float) and not (name == "motor_speed" and value is None):
+                raise InputError(f"{name} must be a number, got {shown(value)}")
+        if not isinstance(self.learn_across_placement, bool):
+            value = shown(self.learn_across_placement)
+            raise InputError(f"learn_across_placement must be true or false, got {value}")
+        if self.seed < 0:
+            raise InputError(f"the seed must not be negative, got {shown(self.seed)}")
+        if self.seed >= _SEEDS:
+            raise InputError(f"the seed must be below 2^128, got {shown(self.seed)}")
+        if self.cohort_size < 1:
+            raise InputError(f"the cohort size must be at least 1, got {shown(self.cohort_size)}")
+        if self.cohort_size > MOST_IN_COHORT:
+            raise InputError(
+                f"the cohort size must be at most {MOST_IN_COHORT}, got {shown(self.cohort_size)}"
+            )
+        for name, allowed in (
+            ("protocol", tuple(PROTOCOLS)),
+            ("nose", get_args(NoseForm)),
+            ("nose_place", get_args(NosePlace)),
+            ("motor_torque", get_args(MotorTorque)),
+            ("body", BODIES),
+            ("physics", get_args(Physics)),
+            ("signals", get_args(Signals)),
+        ):
+            if (value := getattr(self, name)) not in allowed:
+                word = name.replace("_", " ")
+                raise InputError(f"the {word} must be one of {', '.join(allowed)}, got {value!r}")
+        if not 0 < self.time_scale <= 1:
+            raise InputError(f"the time scale must lie in (0, 1], got {shown(self.time_scale)}")
+        if self.nose == "printed" and (self.brain.needs_maximal_smell or self.signals == "raw"):
+            what = (
+                "a brain that uses the maximal smell needs"
+                if self.signals == "paper"
+                else "raw signals need"
+            )
+            raise InputError(f"{what} the nose 'inverse'")
+        if (radius := self.kinematics.radius or 0) >= FROM_WALLS:
+            raise InputError(f"the radius must be less than {FROM_WALLS:g} m, got {radius}")
+        for name, most in _MOST_OF_KINEMATICS.items():
+            if (value := getattr(self.kinematics, name)) is not None and value > most:
+                raise InputError(f"{name} must be at most {most}, got {shown(value)}")
+        if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
+            raise InputError(f"the device must be cpu, cuda or cuda:N, got {self.device!r:.60}")
+        if self.device != "cpu" and self.body != "kinematic" and self.physics != "warp":
+            raise InputError(
+                "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU"
+            )
+        if self.physics == "warp" and self.body != "mujoco":
+            raise InputError("the physics 'warp' is one of the body 'mujoco' only")
+        if not isinstance(self.settings, tuple) or not all(
+            isinstance(word, str) for word in self.settings
+        ):
+            raise InputError(f"settings must be words NAME=VALUE, got {self.settings!r:.60}")
+        if self.body == "mujoco" and self.kinematics != Kinematics():
+            raise InputError("kinematics are parameters of the body 'kinematic' only")
+        if self.body == "kinematic" and self.motor_torque != "constant":
+            raise InputError("the motor torque is a parameter of the body 'mujoco' only")
+        if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
+            raise InputError(f"the motor speed must be positive, got {shown(self.motor_speed)}")
+        if self.motor_speed is not None and self.motor_speed > FASTEST:
+            value = shown(self.motor_speed)
+            raise InputError(f"the motor speed must be at most {FASTEST} m/s, got {value}")
+        if not 1 <= self.arena_scale <= _LARGEST_ARENA:
+            allowed, value = f"[1, {_LARGEST_ARENA}]", shown(self.arena_scale)
+            raise InputError(f"the arena's scale must lie in {allowed}, got {value}")
+        if not -_LARGEST_TURN <= self.turned_start <= _LARGEST_TURN:
+            allowed, value = f"[-{_LARGEST_TURN}, {_LARGEST_TURN}]", shown(self.turned_start)
+            raise InputError(f"the turn at the start must lie in {allowed}, got {value}")
+
+    @property
+    def on_tensors(self) -> bool:
+        """Whether robots and brains share tensors of a device, see `tasks.tensors`."""
+        return self.device != "cpu" or self.physics == "warp"
+
+    @property
+    def brain_name(self) -> str:
+        """Name of the nearest named brain, with the overrides that turn it into this brain."""
+        return brain_name(self.brain)
+
+    @property
+    def rehearsal(self) -> str:
+        """In words, that all durations are scaled; empty if they are not."""
+        return "" if self.time_scale == 1 else f"all durations times {self.time_scale:g}"
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The tasks of the experiment's protocol."""
+        return tuple(PROTOCOLS[self.protocol])
+
+    def schedule(self, task: str) -> Schedule:
+        """Returns the schedule of a task: scaled durations, turned starts, corners of the arena."""
+        schedule = PROTOCOLS[self.protocol][task].scaled(self.time_scale)
+        if self.turned_start:
+            schedule = schedule.turned(math.radians(self.turned_start))
+        if self.arena_scale != 1:
+            x, y = half_size(arena_spec())
+            schedule = schedule.moved_out((self.arena_scale - 1) * x, (self.arena_scale - 1) * y)
+        return schedule
+
+    def robot_seconds(self, steps: int) -> float:
+        """Returns the simulated seconds of some control steps, added up over a cohort's robots."""
+        return steps * self.cohort_size * CONTROL_TIMESTEP
+
+    def arena_task(self, task: str) -> str:
+        """Returns the task of the domain "arena" in which a task of the protocol is simulated."""
+        schedules = PROTOCOLS[self.protocol]
+        return schedules[task].task if task in schedules else task
+
+    def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
+        """Returns robots in lockstep on the host, with the body of the experiment.
+
+        Physics is C MuJoCo's: a cohort moves its robots to the experiment's device and physics,
+        films and figures do not.
+
+        Args:
+          task: Task of the protocol.
+          robots: Number of robots.
+          edits: Edits of the arena's model, made after the task's own.
+        """
+        task = self.arena_task(task)
+        if self.nose_place == "centre":
+            edits = (*edits, centre_nose)
+        if self.arena_scale != 1:
+            edits = (*edits, functools.partial(enlarge, factor=self.arena_scale))
+        if self.motor_torque == "scaled":
+            edits = (*edits, scale_torque)
+        shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
+        if self.body == "kinematic":
+            return make_kinematic_batch(task, robots, self.kinematics, **shared)
+        return make_batch(task, robots, **shared)
+
+
+def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
+    """Returns the fields in which two experiments differ, by dotted name, with both values."""
+    first, second = flat(ours), flat(other)
+    return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
+
+
+def check_same(what: str, held: Experiment, wanted: Experiment) -> None:
+    """Raises InputError if a stored experiment differs from the wanted one.
+
+    Args:
+      what: Beginning of the error message, up to the name of the field that differs.
+      held: Stored experiment.
+      wanted: Experiment that was asked for.
+    """
+    for field, (own, other) in differing(held, wanted).items():
+        raise InputError(f"{what} with {field} {own}, not {other}")
+
+
+def flat(experiment: Experiment) -> dict[str, Any]:
+    """Returns an experiment's fields by dotted name, such as "brain.noise"."""
+    return _flat(dataclasses.asdict(experiment))
+
+
+def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in fields.items():
+        inner = isinstance(value, dict)
+        found |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+    return found
+
+
+def experiment_from(fields: Mapping[str, Any]) -> Experiment:
+    """Returns the experiment whose fields were stored as JSON.
+
+    Raises:
+      KeyError, TypeError: the fields are not those of an experiment.
+      InputError: a value is invalid.
+    """
+    brain = dict(fields["brain"])
+    brain["fixed_motors"] = tuple(brain["fixed_motors"])
+    parts: dict[str, Any] = {
+        "brain": Parameters(**brain),
+        "kinematics": Kinematics(**fields["kinematics"]),
+        "settings": tuple(fields["settings"]),
+    }
+    return Experiment(**{**fields, **parts})

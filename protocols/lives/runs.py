@@ -1,0 +1,280 @@
+"""Simulates runs: their cohorts as jobs, continued where they stopped, collected at the end."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import dataclasses
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ..agents.trust import check_trusted
+from ..errors import DamagedFileError, InputError, RunError
+from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
+from ..terminal import notice
+from .budget import check_memory, job_kinds
+from .checkpoints import (
+    CHECKPOINTS,
+    checkpoint_file,
+    finished_file,
+    read_lives,
+    read_minutes,
+    set_aside,
+)
+from .cohort import check_agents, check_same_weights
+from .conditions import CohortKey, Condition
+from .device import HOST
+from .jobs import CohortJob, Executor, Job, execute
+from .manifest import MANIFEST, check_physics, read_manifest, write_manifest
+from .plan import Plan
+from .results import Lives, Results, collect, merge
+from .run import Run
+from .run_files import FILES, TABLES_FILE, adopt_files, read_results, write_results
+from .schedules import control_steps
+from .tensorboard_log import FOLDER, TensorBoardLog
+
+
+def simulate(
+    directory: Path,
+    plan: Plan,
+    executor: Executor,
+    *,
+    save_every: float = 60.0,
+    quiet: bool = False,
+    log: bool = False,
+) -> Run:
+    """Simulates all robots of a plan that are not finished yet, and stores them in a folder.
+
+    Args:
+      directory: Folder of the run: new, empty, or with the same experiment (`run_files.planned`
+        checks that).
+      plan: Plan with the robots that are wanted.
+      executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
+      save_every: Wall-clock seconds between two checkpoints of a cohort.
+      quiet: Whether to show no progress.
+      log: Whether to write the curves for TensorBoard, too, see `tensorboard_log`.
+
+    Returns:
+      The run with all robots of the folder.
+
+    Raises:
+      InputError: the folder is in use, its experiment or physics differs, or an agent is not
+        trusted or fails.
+      Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
+      RunError: a process died, an agent failed, or a cohort's file could not be written.
+      OSError: the results could not be written; the cohorts' files are kept.
+    """
+    directory = resolved(directory)  # an agent may change the working directory
+    held = UnfinishedRun.read(directory, plan)
+    if (missing := held.missing) is not None:  # before anything is written
+        check_device(missing)
+        at_once = getattr(executor, "processes", 1)  # a cluster's nodes are not counted
+        check_memory(held.remaining, at_once, held.plan)
+        check_agents(missing, held.results)
+    with locked(directory):
+        run = UnfinishedRun.read(directory, plan)
+        messages = run.begin()
+        jobs = run.jobs(save_every)
+        if not jobs and not quiet:
+            scaled = run.plan.experiment.rehearsal
+            words = f" ({scaled}; another folder starts another run)" if scaled else ""
+            notice(f"{directory} is finished{words}, so nothing is simulated")
+        with contextlib.ExitStack() as stack:
+            if log:
+                book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)
+                stack.callback(book.close)
+                executor = book.watching(executor)
+            what = _cohorts(sum(len(job.keys) for job in jobs))
+            execute(what, jobs, executor, run.finished, messages=messages, quiet=quiet)
+    if run.left:
+        raise RunError(f"unfinished: {_cohorts(len(run.left))}; the same command continues")
+    return run.run
+
+
+def _cohorts(number: int) -> str:
+    return "1 cohort" if number == 1 else f"{number} cohorts"
+
+
+def check_device(plan: Plan) -> None:
+    """Raises InputError if a plan's device is missing, too small, or not for its robots."""
+    device, warp = plan.experiment.device, plan.experiment.physics == "warp"
+    if not plan.experiment.on_tensors:
+        return
+    for condition in plan.conditions:
+        if not condition.has_brain:
+            where = "in MuJoCo Warp" if warp else f"on {device}"
+            raise InputError(
+                f"only robots with a brain are simulated {where}, not {condition.proposer}"
+            )
+    if warp and not importlib.util.find_spec("mujoco_warp"):
+        raise InputError("MuJoCo Warp is not installed; pip install 'musebot[warp]' gets it")
+    if device == HOST:
+        return
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    number = int(device.partition(":")[2] or 0)
+    if number >= count:
+        found = f"there are {count}" if count else "there is no GPU that PyTorch can use"
+        raise InputError(f"there is no device {device}: {found}")
+    free, _ = torch.cuda.mem_get_info(number)
+    needed = max(kind.needed for kind in job_kinds(plan))
+    if needed > free:
+        raise InputError(
+            f"cohorts of {plan.experiment.cohort_size} robots would need about "
+            f"{needed / 2**30:.1f} GiB of memory on {device}, which has {free / 2**30:.1f} GiB free"
+        )
+
+
+@dataclasses.dataclass
+class UnfinishedRun:
+    """A run that is being simulated.
+
+    Attributes:
+      directory: Folder of the run, an absolute path.
+      plan: Plan with all robots that the run will have.
+      results: Results collected so far.
+      left: Cohorts whose results are not read yet.
+      lives: Results of finished cohorts, kept until all cohorts are finished.
+    """
+
+    directory: Path
+    plan: Plan
+    results: Results
+    left: list[CohortKey]
+    lives: dict[CohortKey, Lives]
+
+    @classmethod
+    def read(cls, directory: Path, plan: Plan) -> UnfinishedRun:
+        """Compares what a folder holds with what a plan asks for; changes nothing.
+
+        Raises:
+          InputError: the folder's experiment or physics differs, a file is damaged, a folder is a
+            link, or the folder's experiment names an agent that is not trusted.
+        """
+        directory = resolved(directory)
+        check_own_folder(directory / CHECKPOINTS)
+        if (directory / MANIFEST).exists():
+            plan = plan.merged_with(read_manifest(directory))
+        results = read_results(directory)
+        known = {(c, row.cohort) for c, part in results.items() for row in part.robots}
+        left = [key for key in plan.cohorts() if (key.condition, key.index) not in known]
+        if left and (directory / MANIFEST).exists():
+            check_physics(directory)
+        for key in left:
+            check_trusted(key.condition.proposer, directory)
+        return cls(directory, plan, results, left, {})
+
+    @property
+    def run(self) -> Run:
+        """The run with the robots collected so far."""
+        return Run(self.directory.name, self.plan.experiment, self.results)
+
+    @property
+    def missing(self) -> Plan | None:
+        """The plan of the conditions that have robots to simulate; None if there are none."""
+        robots = {key.condition: self.plan.robots[key.condition] for key in self.left}
+        return dataclasses.replace(self.plan, robots=robots) if robots else None
+
+    @property
+    def remaining(self) -> Plan:
+        """The plan of the robots that are left to simulate."""
+        counts = collections.Counter(key.condition for key in self.left)
+        size = self.plan.experiment.cohort_size
+        return dataclasses.replace(self.plan, robots={c: n * size for c, n in counts.items()})
+
+    def curve(self, condition: Condition) -> np.ndarray:
+        """Returns the mean share of each simulated minute that all robots have reached, shape (M,).
+
+        It is the share in contact, or in the spot, over the robots that are valid so far.
+        """
+        part = self.results.get(condition)
+        collected = {row.cohort for row in part.robots} if part else set()
+        shares = [part.curves[[row.valid for row in part.robots]]] if part else []
+        for key in self.plan.cohorts():
+            if key.condition != condition or key.index in collected:
+                continue
+            if key in self.lives:
+                found = collect(self.plan.experiment, [(key, self.lives[key])])[condition]
+                shares.append(found.curves[self.lives[key].valid])
+            else:
+                minutes, valid = read_minutes(self.directory, self.plan.experiment, key)
+                shares.append(minutes[valid] / np.float32(control_steps(1)))
+        reached = min(share.shape[1] for share in shares)
+        rows = np.concatenate([share[:, :reached] for share in shares])
+        return rows.mean(axis=0, dtype=float) if len(rows) else np.zeros(0)
+
+    def begin(self) -> list[str]:
+        """Writes the manifest and reads the cohorts that an earlier call finished.
+
+        Returns:
+          Messages about damaged files that were set aside.
+        """
+        checkpoints = self.directory / CHECKPOINTS
+        for name in (MANIFEST, *FILES, TABLES_FILE):
+            remove_drafts(self.directory, name)
+        remove_drafts(checkpoints)
+        if not self.left:
+            adopt_files(self.directory)
+            self._clear()
+            return []
+        begun = bool(self.results) or checkpoints.exists()
+        write_manifest(self.directory, self.plan, begun)
+        messages = []
+        for key in [*self.left]:
+            path = finished_file(self.directory, key)
+            try:
+                lives = read_lives(path, self.plan.experiment, key)
+            except FileNotFoundError:
+                continue
+            except DamagedFileError as error:
+                messages.append(set_aside(path, key, error))
+            else:
+                self._add(key, lives)
+        return messages
+
+    def jobs(self, save_every: float) -> list[CohortJob]:
+        """Returns the jobs of the cohorts that are left.
+
+        On tensors, cohorts of a task with the same number share their physics.
+        """
+        experiment, groups = self.plan.experiment, {}
+        for key in self.left:
+            same = (key.condition.task, key.index) if experiment.on_tensors else key
+            groups.setdefault(same, []).append(key)
+        return [
+            CohortJob(self.directory, experiment, tuple(keys), save_every)
+            for keys in groups.values()
+        ]
+
+    def finished(self, job: Job) -> None:
+        """Reads finished cohorts; after the last one, writes the results of all."""
+        assert isinstance(job, CohortJob)
+        for key in job.keys:
+            self._add(key, read_lives(finished_file(self.directory, key), job.experiment, key))
+
+    def _add(self, key: CohortKey, lives: Lives) -> None:
+        """Adds a finished cohort.
+
+        Raises:
+          InputError: its agent keeps other weights than that of an earlier cohort.
+        """
+        earlier = next((one for k, one in self.lives.items() if k.condition == key.condition), None)
+        if earlier is not None:
+            check_same_weights(key, lives.after, earlier.after)
+        self.lives[key] = lives
+        self.left.remove(key)
+        if not self.left:
+            self.results = merge(self.results, collect(self.plan.experiment, self.lives.items()))
+            write_results(self.directory, self.results)
+            self.lives.clear()
+            self._clear()
+
+    def _clear(self) -> None:
+        """Removes the files of the plan's cohorts; the folder stays if it holds others."""
+        files = (checkpoint_file, finished_file)
+        ours = {file(self.directory, key).name for key in self.plan.cohorts() for file in files}
+        remove_files(self.directory / CHECKPOINTS, ours.__contains__)
+        with contextlib.suppress(OSError):
+            (self.directory / CHECKPOINTS).rmdir()

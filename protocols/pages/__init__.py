@@ -1,0 +1,1 @@
+"""Tables, figures, films, reports and the window."""

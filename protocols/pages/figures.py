@@ -1,0 +1,236 @@
+"""Figures of populations: learning curves, categories, Learn Ability, and what the robots do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..agents.names import short_name
+from ..analysis import intervals
+from ..analysis.behaviour import Behaviour, Stay
+from ..analysis.paper_tables import paper_column
+from ..lives.conditions import PAPER_TASKS, Condition
+from ..lives.experiment import Experiment
+from ..lives.learn_ability import CATEGORIES, Summary
+from ..lives.run import Run
+from ..lives.schedules import PARTS, SCHEDULES, TASK_NAMES, Schedule, control_steps
+from .style import CATEGORY_COLOURS, DARK, INK, Look, canvas, colour, in_per_cent, looks
+
+_STEPS = 36  # of a learning curve, about
+_LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its number
+
+
+# ---- Learning curves ----
+
+
+def learning_curves(run: Run) -> Figure:
+    """Draws the mean share of the time in contact (or in the spot) over a life, with 95 % bands."""
+    tasks = run.tasks()
+    look = looks_of(run)
+    figure, axes = canvas(2.5 * len(tasks) + 0.3, len(tasks), 1)
+    for task, axis in zip(tasks, axes[:, 0], strict=True):
+        for proposer in run.proposers(task):
+            curves = run.curves(Condition(task, proposer))
+            if len(curves):
+                _curve(axis, curves, run.experiment.schedule(task), look[proposer])
+        _parts(axis, run.experiment, task)
+        axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
+        axis.set_xlabel("simulated hours")
+        axis.set_ylim(0, None)
+        in_per_cent(axis.yaxis)
+    handles = [
+        Line2D([], [], color=one.colour, ls=one.dashes, label=short_name(name))
+        for name, one in look.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    return figure
+
+
+def looks_of(run: Run) -> dict[str, Look]:
+    """Returns the look of each proposer and agent of a run, by its recorded name."""
+    return looks(condition.proposer for condition in run.conditions())
+
+
+def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> None:
+    """Draws the curve of a condition's n robots; no point mixes minutes of a test and of training.
+
+    Args:
+      axis: Axis to draw on.
+      curves: Share of each of M minutes, shape (n, M).
+      schedule: Schedule of the robots' lives.
+      look: Look of the curve.
+    """
+    minutes = curves.shape[1]
+    steps = schedule.steps_of_minutes()[:minutes]
+    # A minute that two parts share is a stretch of its own.
+    parts = [schedule.minutes_of(part) for part in PARTS]
+    borders = sorted({min(end, minutes) for part in parts for end in (part.start, part.stop)})
+    edges = [0]
+    for first, last in zip(borders[:-1], borders[1:], strict=True):
+        count = min(last - first, max(1, round((last - first) * _STEPS / minutes)))
+        edges += [*np.linspace(first, last, count + 1).round().astype(int)[1:]]
+    points = [
+        np.average(curves[:, a:b], axis=1, weights=steps[a:b])
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    means = np.array([point.mean() for point in points])
+    low, high = np.array([intervals.mean(point, intervals.SHARE) for point in points]).T
+    times = np.concatenate([[0], steps.cumsum()])[edges] / control_steps(60)
+    hours = (times[:-1] + times[1:]) / 2
+    mark = "o" if len(points) == 1 else None  # a rehearsal
+    axis.plot(hours, means, color=look.colour, linestyle=look.dashes, marker=mark)
+    axis.fill_between(hours, low, high, color=look.colour, alpha=0.2, linewidth=0)
+
+
+def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
+    """Marks the tests and the training, and names them along the upper axis."""
+    hours = [experiment.schedule(task).steps_of(part) / control_steps(60) for part in PARTS]
+    ends = np.cumsum(hours)
+    for border in ends[:-1]:
+        axis.axvline(border, color=INK, linewidth=0.7, linestyle=(0, (2, 3)))
+    axis.set_xlim(0, ends[-1])
+    upper = axis.secondary_xaxis("top")
+    upper.set_xticks(ends - np.array(hours) / 2, ["test", "training", "test"], fontsize=8)
+    upper.tick_params(length=0, pad=1)
+    upper.spines[:].set_visible(False)
+
+
+# ---- Categories ----
+
+
+def categories(run: Run) -> Figure:
+    """Draws the share of the robots in each category, ours above the paper's."""
+    rows: dict[str, list[tuple[str, str, Summary]]] = {}
+    for condition in run.conditions():
+        own = rows.setdefault(condition.task, [])
+        own.append((condition.proposer, "here", run.summary(condition)))
+        if paper := paper_column(run.experiment, condition):
+            own.append((condition.proposer, "paper", paper.summary))
+    heights = [0.29 * len(own) + 0.95 for own in rows.values()]
+    figure, axes = canvas(sum(heights), len(rows), 1, height_ratios=heights)
+    for (task, own), axis in zip(rows.items(), axes[:, 0], strict=True):
+        _stacks(axis, task, own)
+    return figure
+
+
+def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None:
+    """Draws a stacked bar for each row, a tuple of proposer, source (ours, paper) and column."""
+    proposers = [proposer for proposer, _, _ in rows]
+    places = [i + 0.35 * len({*proposers[: i + 1]}) for i in range(len(rows))]
+    shares = np.array([summary.shares for _, _, summary in rows])
+    names = [c if c != "unmeasured" else SCHEDULES[task].unmeasured for c in CATEGORIES]
+    left = np.zeros(len(rows))
+    for name, values, shade in zip(names, shares.T, CATEGORY_COLOURS, strict=True):
+        bars = axis.barh(
+            places, values, left=left, height=0.86, color=shade, linewidth=0, label=name
+        )
+        texts = [f"{100 * share:.0f}" if share >= _LEAST_LABELLED else "" for share in values]
+        ink = "white" if shade == CATEGORY_COLOURS[0] else DARK  # the darkest
+        axis.bar_label(bars, texts, label_type="center", fontsize=8, color=ink)
+        left += values
+    axis.set_yticks(places, [f"{short_name(proposer)}, {whose}" for proposer, whose, _ in rows])
+    axis.tick_params(length=0, labelbottom=False)
+    axis.spines[:].set_visible(False)
+    axis.set_xlim(0, 1)
+    axis.invert_yaxis()
+    axis.set_title(f"{TASK_NAMES[task]}: per cent of the robots", pad=20)
+    axis.legend(
+        loc="lower left", bbox_to_anchor=(0, 1), ncols=len(names), frameon=False, fontsize=8,
+        borderpad=0, borderaxespad=0.2, handlelength=0.8, handletextpad=0.4, columnspacing=1.2,
+    )  # fmt: skip
+
+
+# ---- Learn Ability ----
+
+
+def abilities(run: Run) -> Figure:
+    """Draws how L is distributed among the measured robots, with L = -1 and L = 1 apart."""
+    tasks = run.tasks()
+    look = looks_of(run)
+    figure, axes = canvas(1.35 * len(look) + 0.6, len(look), len(tasks), sharex=True, sharey="col")
+    for row, (proposer, own) in enumerate(look.items()):
+        for column, task in enumerate(tasks):
+            title = _histogram(axes[row, column], run, Condition(task, proposer), own.colour)
+            title = f"{TASK_NAMES[task]}\n{title}" if row == 0 else title
+            axes[row, column].set_title(title, fontsize=8)
+            if row == len(look) - 1:
+                axes[row, column].set_xlabel("Learn Ability L")
+    return figure
+
+
+def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
+    """Draws the histogram of a condition's L; returns its title."""
+    values = run.abilities(condition)
+    values = values[~np.isnan(values)]
+    inner = values[np.abs(values) < 1]
+    counts, edges = np.histogram(inner, bins=np.linspace(-1, 1, 18))  # one of them around 0
+    total = max(len(values), 1)
+    axis.bar((edges[:-1] + edges[1:]) / 2, counts / total, width=0.11, color=shade, alpha=0.55)
+    ends = [(values == end).sum() / total for end in (-1, 1)]
+    bars = axis.bar((-1.12, 1.12), ends, width=0.1, color=shade)
+    if len(values):
+        axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8)
+    axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
+    axis.set(yticks=[0, 0.5, 1], ylim=(0, 1.15))
+    in_per_cent(axis.yaxis)
+    mean = f", mean {values.mean():z.2f}" if len(values) else ""
+    return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
+
+
+# ---- What the robots do ----
+
+
+def spinning(behaviour: Behaviour) -> Figure:
+    """Draws the share of time that each robot spins before and after training, and the means."""
+    tasks = [t for t in PAPER_TASKS if any(c.task == t for c in behaviour.spinning)]
+    figure, axes = canvas(2.9, 1, max(len(tasks), 1), sharey=True)
+    jitter = np.random.default_rng(0)
+    for task, axis in zip(tasks, axes[0], strict=False):
+        names = [condition.proposer for condition in behaviour.spinning if condition.task == task]
+        for place, proposer in enumerate(names):
+            shares, shade = behaviour.spinning[Condition(task, proposer)], colour(proposer)
+            for side, when in enumerate((-0.2, 0.2)):
+                x = place + when + jitter.uniform(-0.09, 0.09, len(shares))
+                axis.plot(
+                    x, shares[:, side], "o", ms=3.5, mew=0.8, mec=shade, alpha=0.7,
+                    mfc=shade if side else "none", clip_on=False,
+                )  # fmt: skip
+                mean = shares[:, side].mean()
+                axis.plot(
+                    [place + when - 0.15, place + when + 0.15], [mean, mean], color=shade, lw=2
+                )
+        axis.set_xticks(range(len(names)), names)
+        axis.tick_params(axis="x", length=0)
+        axis.set_xlim(-0.5, len(names) - 0.5)
+        axis.set_ylim(0, 1)
+        in_per_cent(axis.yaxis)
+        axis.set_title(TASK_NAMES[task], pad=10)
+    axes[0, 0].set_ylabel("share of the time spinning")
+    handles = [
+        Line2D([], [], marker="o", ls="", ms=3.5, color=INK, mfc=face, label=f"{when} training")
+        for when, face in (("before", "none"), ("after", INK))
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    return figure
+
+
+def stays(found: Mapping[str, Stay]) -> Figure:
+    """Draws how much learning robots follow the spot's contour and spin inside it, by minute."""
+    figure, axes = canvas(2.6, 1, max(len(found), 1), sharey=True)
+    styles = {"along the contour": (0, (3, 1.5)), "spinning inside": "-"}
+    for axis, (proposer, stay) in zip(axes[0], found.items(), strict=False):
+        minutes, following, inside = stay.minutes.T
+        for values, style in zip((following, inside), styles.values(), strict=True):
+            axis.plot(minutes + 0.5, values, color=colour(proposer), linestyle=style)
+        axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots")
+        axis.set_xlabel("simulated minutes")
+        axis.set_ylim(0, 1)
+        in_per_cent(axis.yaxis)
+    axes[0, 0].set_ylabel("share of the time at the spot")
+    handles = [Line2D([], [], color=INK, linestyle=s, label=name) for name, s in styles.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    return figure

@@ -1,1 +1,0 @@
-"""Text and pictures made from results: tables, figures and the report page."""

@@ -1,1 +1,0 @@
-"""The results of a run: Learn Ability, the results of every robot, and the run's files."""

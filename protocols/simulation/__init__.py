@@ -1,1 +1,0 @@
-"""Executes plans: cohorts of robots, their checkpoints, and the processes that run them."""

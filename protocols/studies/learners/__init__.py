@@ -1,1 +1,0 @@
-"""The benchmark of online learners: tuning with equal effort, and the leaderboard."""

@@ -1,1 +1,0 @@
-"""The study of brains at nine times of their training (`musebot study learning-progress`)."""

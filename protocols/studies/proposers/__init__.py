@@ -1,1 +1,0 @@
-"""The study of ways to propose actions (docs/plans/proposers.md)."""

@@ -1,1 +1,0 @@
-"""The study of readings of the paper (`musebot study reading`)."""

@@ -1,1 +1,0 @@
-"""Searches for parameters: evolution of a brain, and tuning of a learner."""

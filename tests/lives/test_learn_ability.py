@@ -1,0 +1,204 @@
+"""Learn Ability (Eq. 4) and the rows of tables 1 and 2."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musebot.protocols.lives.learn_ability import (
+    CATEGORIES,
+    Summary,
+    category,
+    classes,
+    learn_ability,
+    summarise,
+    total_variation,
+)
+
+quick = settings(deadline=None, max_examples=200)
+steps = st.integers(0, 216_000)
+
+
+def ability(pre, post, wanted):
+    return float(learn_ability(np.array([pre]), np.array([post]), wanted)[0])
+
+
+# Eq. 4
+
+
+@quick
+@given(steps, steps)
+def test_learn_ability_is_equation_4(pre, post):
+    found = ability(pre, post, wanted=False)
+    if pre == post == 0:
+        assert math.isnan(found)
+    else:
+        assert found == pytest.approx(float(Fraction(pre - post, pre + post)), abs=1e-15)
+
+
+@quick
+@given(steps, steps, st.booleans(), st.sampled_from([1, 0.1]))
+def test_learn_ability_lies_between_minus_one_and_one_or_both_times_are_zero(
+    pre, post, wanted, unit
+):
+    found = ability(pre * unit, post * unit, wanted)
+    assert math.isnan(found) == (pre == post == 0)
+    assert math.isnan(found) or -1 <= found <= 1
+
+
+@quick
+@given(steps, steps)
+def test_time_that_is_wanted_turns_the_sign(pre, post):
+    bad, good = ability(pre, post, wanted=False), ability(pre, post, wanted=True)
+    assert bad == -good or (math.isnan(bad) and math.isnan(good))
+
+
+@quick
+@given(steps, steps, st.sampled_from([1, 0.1]))
+def test_learn_ability_is_one_for_perfect_learners_only(pre, post, unit):
+    assert (ability(pre * unit, post * unit, wanted=False) == 1) == (pre > 0 and post == 0)
+    assert (ability(pre * unit, post * unit, wanted=True) == 1) == (pre == 0 and post > 0)
+
+
+@quick
+@given(steps, steps)
+def test_before_and_after_exchanged_turn_the_sign(pre, post):
+    one, other = ability(pre, post, wanted=True), ability(post, pre, wanted=True)
+    assert one == -other or (math.isnan(one) and math.isnan(other))
+
+
+def test_many_robots_are_judged_one_by_one():
+    pre, post = np.array([0, 5, 5, 0, 30, 10]), np.array([0, 0, 5, 5, 10, 30])
+    expected = [np.nan, 1, 0, -1, 0.5, -0.5]
+    np.testing.assert_array_equal(learn_ability(pre, post, wanted=False), expected)
+    np.testing.assert_array_equal(learn_ability(pre, post, wanted=True), -np.array(expected))
+
+
+# Categories
+
+
+@pytest.mark.parametrize(
+    ("value", "name"),
+    [
+        (1.0, "L = 1"),
+        (np.nextafter(1, 0), "0 < L < 1"),
+        (5e-324, "0 < L < 1"),
+        (0.0, "L = 0"),
+        (-0.0, "L = 0"),
+        (-5e-324, "L < 0"),
+        (-1.0, "L < 0"),
+        (float("nan"), "unmeasured"),
+    ],
+)
+def test_a_learn_ability_stands_in_its_row(value, name):
+    assert category(value) == name
+
+
+@quick
+@given(st.lists(st.tuples(steps, steps), min_size=1, max_size=30), st.booleans())
+def test_every_robot_stands_in_exactly_one_row(times, wanted):
+    pre, post = np.array(times).T
+    abilities = learn_ability(pre, post, wanted)
+    assert all(category(value) in CATEGORIES for value in abilities)
+    summary = summarise(list(abilities), list(post), 1.0)
+    assert sum(summary.counts) == summary.robots == len(times)
+
+
+# Summaries
+
+
+def test_a_column_computed_by_hand():
+    abilities = [1.0, 1.0, 0.5, 0.0, -0.5, float("nan")]
+    summary = summarise(abilities, [0, 0, 60, 120, 180, 0], test_time=1200, invalid=2)
+    assert summary.counts == (2, 1, 1, 1, 1)
+    assert summary.robots == 6
+    assert summary.mean == pytest.approx(2.0 / 5)
+    # Deviations from 0.4: 0.6, 0.6, 0.1, -0.4, -0.9; their squares sum up to 1.7.
+    assert summary.deviation == pytest.approx(math.sqrt(1.7 / 4))
+    assert summary.post_share == pytest.approx(360 / 6 / 1200)
+    assert summary.invalid == 2
+    assert summary.shares.tolist() == pytest.approx([2 / 6, 1 / 6, 1 / 6, 1 / 6, 1 / 6])
+
+
+def test_the_unmeasured_count_in_the_time_after_training_but_not_in_the_mean():
+    with_them = summarise([0.5, 0.5, float("nan")], [10, 10, 10], test_time=100)
+    without = summarise([0.5, 0.5], [10, 10], test_time=100)
+    assert with_them.invalid == without.invalid == 0
+    assert with_them.mean == without.mean == 0.5
+    assert with_them.post_share == pytest.approx(without.post_share)
+    assert summarise([0.5, float("nan")], [10, 0], test_time=100).post_share == pytest.approx(0.05)
+
+
+def test_nobody_measured_has_no_mean_and_one_robot_no_deviation():
+    nobody = summarise([float("nan")], [0], test_time=100)
+    assert math.isnan(nobody.mean)
+    assert math.isnan(nobody.deviation)
+    assert nobody.post_share == 0
+    one = summarise([0.25], [30], test_time=100)
+    assert one.mean == 0.25
+    assert math.isnan(one.deviation)
+
+
+def test_no_lives_at_all_are_summarised_without_a_warning():
+    empty = summarise([], [], test_time=100)
+    assert empty.robots == 0
+    assert empty.shares.tolist() == [0] * 5
+    assert math.isnan(empty.post_share)
+
+
+# Total variation
+
+columns = st.tuples(*[st.integers(0, 500)] * 5).filter(any).map(lambda c: Summary(c, 0, 0, 0))
+
+
+@quick
+@given(columns, columns, columns)
+def test_total_variation_is_a_distance_of_at_most_one(first, second, third):
+    there = total_variation(first, second)
+    assert total_variation(first, first) == 0
+    assert there == total_variation(second, first)
+    assert 0 <= there <= 1 + 1e-12
+    assert there <= total_variation(first, third) + total_variation(third, second) + 1e-12
+
+
+@quick
+@given(columns, columns)
+def test_total_variation_is_the_share_of_robots_that_stand_in_another_row(first, second):
+    common = sum(
+        min(Fraction(a, first.robots), Fraction(b, second.robots))
+        for a, b in zip(first.counts, second.counts, strict=True)
+    )
+    assert total_variation(first, second) == pytest.approx(float(1 - common), abs=1e-12)
+
+
+def test_total_variation_does_not_depend_on_how_many_robots_there_are():
+    few, many = Summary((1, 2, 3, 4, 0), 0, 0, 0), Summary((50, 100, 150, 200, 0), 0, 0, 0)
+    assert total_variation(few, many) == pytest.approx(0, abs=1e-15)
+    apart = total_variation(Summary((5, 0, 0, 0, 0), 0, 0, 0), Summary((0, 0, 9, 0, 0), 0, 0, 0))
+    assert apart == 1
+
+
+@quick
+@given(st.lists(st.one_of(st.floats(-1, 1), st.just(float("nan"))), max_size=20))
+def test_classes_are_those_of_l_rounded_to_two_decimals(abilities):
+    for ability, kind in zip(abilities, classes(abilities), strict=True):
+        if abs(abs(ability) - 0.005) < 1e-9 or abs(ability - 0.995) < 1e-9:
+            continue  # a tie of the rounding
+        if abs(ability) < 0.005:
+            assert kind == "L = 0"
+        elif ability > 0.995:
+            assert kind == "L = 1"
+        else:
+            assert kind == category(ability)
+    assert classes(abilities, exact=True) == [category(ability) for ability in abilities]
+
+
+def test_a_summary_rounds_classes_but_not_the_mean():
+    near, times = [0.004, -0.004, 0.996], [10, 10, 10]
+    rounded, exact = (summarise(near, times, 100, exact=exact) for exact in (False, True))
+    assert rounded.counts == (1, 0, 2, 0, 0)
+    assert exact.counts == (0, 2, 0, 1, 0)
+    assert rounded.mean == exact.mean == pytest.approx(0.332)

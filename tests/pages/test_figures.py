@@ -1,0 +1,224 @@
+"""Figures of populations: files of both kinds, whatever conditions there are."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import contrast
+from matplotlib.colors import to_hex
+
+from musebot.protocols.analysis import intervals
+from musebot.protocols.analysis.behaviour import Behaviour, Stay
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.results import ConditionResults, Robot
+from musebot.protocols.lives.run import Run
+from musebot.protocols.pages import figures, style
+
+WA, SF = "wall_avoidance", "spot_finding"
+WALLS_FIXED = Condition(WA, "fixed")
+NAN = float("nan")
+ALL = [Condition(t, p) for t in (WA, SF) for p in ("fixed", "random", "creative")]
+
+
+def run_of(*conditions, robots=6, minutes=160):
+    random = np.random.default_rng(0)
+    results = {}
+    for condition in conditions:
+        rows = [
+            Robot(
+                condition.task, condition.proposer, 1, 0, i, 1.0, 2.0,
+                *(((i - 3) / 3, "L < 0") if i < 3 else (1.0, "L = 1")),
+            )
+            for i in range(robots)
+        ]  # fmt: skip
+        curves = random.random((robots, minutes))
+        results[condition] = ConditionResults(rows, curves, {"before": {}, "after": {}})
+    return Run("run", Experiment(), results)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "robots", "minutes"),
+    [
+        (ALL, 6, 160),
+        ([Condition(WA, "creative")], 1, 1),
+        ([WALLS_FIXED, Condition(SF, "random"), Condition(SF, "agents:mine")], 6, 2),
+    ],
+)
+def test_populations_are_drawn_for_any_conditions(
+    conditions, robots, minutes, check_files, tmp_path, recwarn
+):
+    run = run_of(*conditions, robots=robots, minutes=minutes)
+    with style.styled():
+        for draw in (figures.learning_curves, figures.categories, figures.abilities):
+            check_files(style.save(draw(run), tmp_path / "figures", draw.__name__))
+    assert not recwarn.list
+
+
+def test_a_curve_is_drawn_where_its_means_are():
+    run = run_of(WALLS_FIXED, minutes=160)
+    run.results[WALLS_FIXED].curves[:] = np.repeat([0.8, 0.1, 0.3], [20, 120, 20])
+    with style.styled():
+        axis = figures.learning_curves(run).axes[0]
+    hours, means = axis.lines[0].get_data()
+    assert set(np.round(means, 6)) == {0.8, 0.1, 0.3}
+    assert (hours[means > 0.5] < 20 / 60).all()
+    borders = [line.get_xdata()[0] for line in axis.lines[1:]]
+    assert borders == pytest.approx([20 / 60, 140 / 60])
+    (upper,) = axis.child_axes
+    assert [text.get_text() for text in upper.get_xticklabels()] == ["test", "training", "test"]
+    assert upper.get_xticks() == pytest.approx([10 / 60, 80 / 60, 150 / 60])
+
+
+def test_the_band_of_a_curve_is_the_interval_of_the_mean():
+    run, shares = run_of(WALLS_FIXED), np.array([0.1, 0.2, 0.2, 0.3, 0.4, 0.6])
+    run.results[WALLS_FIXED].curves[:] = shares[:, None]
+    with style.styled():
+        (band,) = figures.learning_curves(run).axes[0].collections
+    low, high = intervals.mean(shares, intervals.SHARE)
+    assert low < 0.25 and high > 0.35
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert {*np.round(heights, 6)} == {round(low, 6), round(high, 6)}
+
+
+@pytest.mark.parametrize(
+    ("task", "experiment"),
+    [
+        (WA, Experiment(time_scale=0.5)),
+        (SF, Experiment(protocol="continual")),
+        (WA, Experiment(time_scale=0.07)),  # the first test and training share a minute
+    ],
+)
+def test_no_point_of_a_curve_mixes_a_test_and_training(task, experiment):
+    schedule = experiment.schedule(task)
+    borders = [schedule.minutes_of("pre").stop, schedule.minutes_of("training").stop]
+    minutes = schedule.minutes_of("post").stop
+    condition = Condition(task, "fixed")
+    run = dataclasses.replace(run_of(condition, minutes=minutes), experiment=experiment)
+    values = np.repeat([0.8, 0.1, 0.3], np.diff([0, *borders, minutes]))
+    run.results[condition].curves[:] = values
+    with style.styled():
+        means = figures.learning_curves(run).axes[0].lines[0].get_ydata()
+    assert {*np.round(means, 6)} == {0.8, 0.1, 0.3}
+    assert len(means) >= min(minutes, 20)
+
+
+def test_lines_and_legend_tell_agents_apart():
+    agents = [Condition(WA, f"agents:number_{number}") for number in range(6)]
+    with style.styled():
+        figure = figures.learning_curves(run_of(*agents))
+    drawn = figure.axes[0].lines[:6], figure.legends[0].get_lines()
+    shown = [{(one.get_color(), one.get_linestyle()) for one in lines} for lines in drawn]
+    assert shown[0] == shown[1] and len(shown[0]) == 6
+
+
+def test_a_curve_of_a_rehearsal_is_where_its_minutes_are():
+    run = run_of(WALLS_FIXED, minutes=2)
+    run = dataclasses.replace(run, experiment=Experiment(time_scale=1 / 128))
+    steps = run.experiment.schedule(WA).steps_of_minutes()
+    assert len(steps) == 2 and steps[0] == 600 > steps[1]
+    run.results[WALLS_FIXED].curves[:] = [[0.2, 0.6]]
+    with style.styled():
+        axis = figures.learning_curves(run).axes[0]
+    hours, means = axis.lines[0].get_data()
+    assert means == pytest.approx([0.2, 0.6])
+    assert hours * 36000 == pytest.approx([300, 600 + steps[1] / 2])
+    short = run_of(WALLS_FIXED, minutes=1)
+    short = dataclasses.replace(short, experiment=Experiment(time_scale=1 / 400))
+    with style.styled():
+        (axis,) = figures.learning_curves(short).axes[:1]
+    assert axis.lines[0].get_marker() == "o"  # a single point has no line
+
+
+def test_robots_with_l_of_0_are_drawn_at_0():
+    run = run_of(WALLS_FIXED)
+    rows = run.results[WALLS_FIXED].robots
+    rows[:] = [dataclasses.replace(row, learn_ability=0.0, category="L = 0") for row in rows]
+    with style.styled():
+        axis = figures.abilities(run).axes[0]
+    ((left, width),) = [(b.get_x(), b.get_width()) for b in axis.patches if b.get_height() == 1]
+    assert left + width / 2 == pytest.approx(0)
+
+
+def test_a_histogram_has_a_scale_and_no_shares_where_nothing_was_measured():
+    run = run_of(WALLS_FIXED, Condition(SF, "fixed"))
+    rows = run.results[WALLS_FIXED].robots
+    rows[:] = [dataclasses.replace(row, learn_ability=NAN, category="genius") for row in rows]
+    with style.styled():
+        empty, full = figures.abilities(run).axes
+    assert not empty.texts and [text.get_text() for text in full.texts] == ["17%", "50%"]
+    assert empty.get_title(loc="left") == "Wall avoidance\nfixed, 0 measured"
+    assert full.get_title(loc="left") == "Spot finding\nfixed, 6 measured, mean 0.17"
+    assert all([*axis.get_yticks()] == [0, 0.5, 1] for axis in (empty, full))
+
+
+def test_numbers_in_bars_contrast_with_them():
+    with style.styled():
+        axis = figures.categories(run_of(*ALL)).axes[0]
+    bars = [bar for part in axis.containers for bar in part]
+    assert {to_hex(bar.get_facecolor()) for bar in bars} == {*style.CATEGORY_COLOURS}
+    for bar, text in zip(bars, axis.texts, strict=True):
+        assert contrast(text.get_color(), bar.get_facecolor()) >= 4.5
+
+
+def test_an_invalid_robot_is_in_no_curve():
+    run = run_of(WALLS_FIXED, robots=2)
+    rows = run.results[WALLS_FIXED].robots
+    rows[1] = dataclasses.replace(rows[1], category="invalid")
+    run.results[WALLS_FIXED].curves[:] = [[0.25], [1.0]]
+    with style.styled():
+        axis = figures.learning_curves(run).axes[0]
+    assert axis.lines[0].get_ydata() == pytest.approx(0.25)
+
+
+def test_stacked_categories_are_the_counts_of_the_robots():
+    with style.styled():
+        axis = figures.categories(run_of(WALLS_FIXED)).axes[0]
+    ours, paper = zip(*(bars.patches for bars in axis.containers), strict=True)
+    assert [bar.get_width() for bar in ours] == pytest.approx([0.5, 0, 0, 0.5, 0])
+    assert paper[0].get_width() == pytest.approx(260 / 500)
+    assert paper[-1].get_x() + paper[-1].get_width() == pytest.approx(1)
+    labels = [text.get_text() for text in axis.texts if text.get_text()]
+    assert labels == ["50", "52", "50", "39"]  # category by category; small bars have none
+    names = [text.get_text() for text in axis.get_yticklabels()]
+    assert names == ["fixed, here", "fixed, paper"]
+
+
+def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(
+    check_files, tmp_path
+):
+    shares = np.array([[0.1, 0.9], [0.3, 0.7], [0.2, 0.5]])
+    with style.styled():
+        figure = figures.spinning(Behaviour({WALLS_FIXED: shares}, {}))
+        check_files(style.save(figure, tmp_path, "spinning"))
+    before, first, after, second = figure.axes[0].lines
+    assert before.get_ydata() == pytest.approx(shares[:, 0])
+    assert after.get_ydata() == pytest.approx(shares[:, 1])
+    assert before.get_markerfacecolor() == "none" != after.get_markerfacecolor()
+    assert (before.get_xdata() < 0).all() and (after.get_xdata() > 0).all()
+    assert first.get_xydata() == pytest.approx(np.array([[-0.35, 0.2], [-0.05, 0.2]]))
+    assert second.get_xydata() == pytest.approx(np.array([[0.05, 0.7], [0.35, 0.7]]))
+    empty, full = figure.legends[0].get_lines()
+    assert empty.get_markerfacecolor() == "none" != full.get_markerfacecolor()
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["before training", "after training"]
+
+
+def test_following_the_contour_is_dashed_and_spinning_inside_is_solid(check_files, tmp_path):
+    minutes = np.array([[0, 0.5, 0.1], [1, 0.4, 0.2]])
+    stay = Stay(np.array([True, True, False]), np.ones((3, 2)), np.zeros((3, 2)), minutes)
+    with style.styled():
+        figure = figures.stays({"random": stay})
+        check_files(style.save(figure, tmp_path, "stays"))
+    drawn = {line.get_linestyle(): [*line.get_ydata()] for line in figure.axes[0].lines}
+    assert drawn == {"--": [0.5, 0.4], "-": [0.1, 0.2]}
+    assert all([*line.get_xdata()] == [0.5, 1.5] for line in figure.axes[0].lines)
+    (legend,) = figure.legends
+    styles = [line.get_linestyle() for line in legend.get_lines()]
+    words = [text.get_text() for text in legend.get_texts()]
+    assert dict(zip(words, styles, strict=True)) == {
+        "along the contour": "--", "spinning inside": "-"
+    }  # fmt: skip
+    assert figure.axes[0].get_title(loc="left") == "random, 2 robots"

@@ -1,0 +1,104 @@
+"""The scene: everything in the arena and everything that the robot senses is visible."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from musebot.models.obstacles import OBSTACLES
+from musebot.protocols.pages import scene
+from musebot.tasks.suite import TASKS
+
+DRAW = """
+import sys
+import numpy as np
+from musebot.protocols.pages.scene import Scene, Shot
+from musebot.tasks.suite import TASKS
+
+pose, trail, nobody = np.array([0.0, -0.2, 0.0]), np.zeros((1, 2)), np.zeros(1)
+images = {}
+for task, row in TASKS.items():
+    scene = Scene(task)
+    for name, spot, signal, contact in (
+        ("plain", (-0.4, 0.2), 0.0, False),
+        ("spot", (0.4, 0.2), 0.0, False),
+        ("signal", (-0.4, 0.2), 0.9, False),
+        ("contact", (-0.4, 0.2), 0.0, True),
+    ):
+        signals = {name: np.full(n, signal) for name, (n, *_) in row.rules.shapes.items()}
+        shot = (signals, np.zeros(2), contact, False, 0.0, trail, nobody, nobody)
+        images[f"{task}/{name}"] = scene.draw(Shot(0.0, pose, np.array(spot), *shot)).copy()
+    scene.close()
+np.savez(sys.argv[1], **images)
+"""
+
+
+@pytest.fixture(scope="module")
+def drawn(egl: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """Images of every task: a robot below the middle that faces right, and one thing changed."""
+    path = tmp_path_factory.mktemp("scene") / "drawn.npz"
+    subprocess.run([sys.executable, "-c", DRAW, str(path)], check=True)
+    with np.load(path) as images:
+        return {name: images[name].astype(int) for name in images}
+
+
+def differ(first: np.ndarray, second: np.ndarray, x: float, y: float) -> bool:
+    """Whether two images of the scene differ around x, y in metres."""
+    column, row = round(360 + 630 * x), round(248 - 630 * y)
+    near = slice(row - 3, row + 4), slice(column - 3, column + 4)
+    return bool((np.abs(first[near] - second[near]) > 20).any())
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_scene_shows_the_arena_and_what_the_robot_senses(drawn, task):
+    plain, spot, signal, contact = (
+        drawn[f"{task}/{name}"] for name in ("plain", "spot", "signal", "contact")
+    )
+    assert plain.shape == (scene.HEIGHT, scene.WIDTH, 3)
+    shapes = TASKS[task].rules.shapes
+    smells, sees = not {"nose", "noses"}.isdisjoint(shapes), "distances" in shapes
+    assert smells == task.startswith("spot_finding")
+    for x in (-0.4, 0.4):
+        assert differ(plain, spot, x, 0.2) == smells
+    for x, y, _ in OBSTACLES[::2]:  # beyond the reach of a nose
+        empty = drawn["wall_avoidance/plain"]
+        assert differ(plain, empty, x, y) == (task == "wall_avoidance_obstacles")
+    assert differ(plain, signal, 0.1, -0.2 + 0.02) == smells  # in the frustum of a nose ahead
+    aside = [differ(plain, signal, 0.08, -0.2 + side) for side in (-0.12, 0.12)]
+    assert aside == [task == "spot_finding_two_noses"] * 2
+    assert differ(plain, signal, -0.3, -0.2) == sees  # the ray of the rangefinder at the back
+    assert differ(plain, contact, 0.0, -0.2 + 0.034) == sees
+
+
+def test_signal_is_grey_at_0_and_hot_at_1():
+    hot = (1.0, 0.0, 0.0)
+    assert scene.heat(1.0, hot) == hot
+    assert scene.heat(0.0, hot) == scene.GREY
+    assert scene.heat(0.5, hot) == scene.AMBER
+
+
+def test_the_walls_of_a_larger_arena_and_a_nose_at_the_centre_are_drawn_where_they_are(
+    egl: None,
+) -> None:
+    command = (
+        "from musebot.protocols.pages.scene import Scene\n"
+        "import dataclasses\n"
+        "from musebot.models import Dimensions, half_size\n"
+        "from musebot.tasks.suite import TASKS\n"
+        "own = Dimensions.of(TASKS['spot_finding'].spec().compile())\n"
+        "larger = dataclasses.replace(own, half_length=0.7)\n"
+        "for dimensions in (None, own, larger, dataclasses.replace(own, nose=0.0)):\n"
+        "    scene = Scene('spot_finding', dimensions)\n"
+        "    print(*half_size(scene._model), scene._model.site('nose').pos[0])\n"
+        "    scene.close()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", command], capture_output=True, text=True, check=True
+    )
+    sizes = [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
+    assert sizes[0] == sizes[1] == pytest.approx([0.525, 0.35, 0.0275])
+    assert sizes[2] == pytest.approx([0.7, 0.35 * 4 / 3, 0.0275])
+    assert sizes[3] == pytest.approx([0.525, 0.35, 0.0])

@@ -1,0 +1,65 @@
+"""The style of figures: legible on light and on dark, and for colour-blind readers."""
+
+import itertools
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import contrast
+from matplotlib.colors import to_rgb
+
+from musebot.protocols.pages import style
+
+
+@pytest.mark.parametrize("background", ["#ffffff", "#14171c"])
+@pytest.mark.parametrize("shade", [style.INK, style.EVENT, *style.PALETTE])
+def test_ink_and_colours_contrast_with_light_and_dark_backgrounds(shade, background):
+    assert contrast(shade, background) >= 3  # bound of WCAG for graphics and large text
+
+
+def test_small_text_contrasts_with_the_reports_page_by_day_and_by_night():
+    template = Path(style.__file__).with_name("report.html.jinja").read_text()
+    schemes = re.findall(r"--ink: (#\w+); --dim: (#\w+); --line: #\w+; --page: (#\w+);", template)
+    assert len(schemes) == 2
+    for *texts, page in schemes:
+        for text in (style.INK, *texts):
+            assert contrast(text, page) >= 4.5  # bound of WCAG for small text
+    colours_of_text = re.findall(r"[{;] color: ?([^;}]+)", template)
+    assert {"var(--ink)", "var(--dim)"} == set(colours_of_text)
+
+
+def seen_without_red_or_green(shade, kind):
+    """Returns how a dichromat sees a colour: Viénot, Brettel and Mollon (1999), in linear RGB."""
+    matrices = {
+        "protanopia": [[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]],
+        "deuteranopia": [[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]],
+    }
+    linear = np.array([((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(shade)])
+    mixed = np.clip(np.array(matrices[kind]) @ linear, 0, 1)
+    return 1.055 * mixed ** (1 / 2.4) - 0.055
+
+
+PROPOSERS = ("fixed", "random", "creative")
+# Solid lines of one figure, and a path with its events.
+TOGETHER = {*itertools.combinations(style.PALETTE, 2)} | {
+    (style.EVENT, style.colour(proposer)) for proposer in PROPOSERS
+}
+
+
+@pytest.mark.parametrize("kind", ["protanopia", "deuteranopia"])
+@pytest.mark.parametrize(("first", "second"), sorted(TOGETHER))
+def test_colours_drawn_together_look_different_to_colour_blind_readers(first, second, kind):
+    seen = [seen_without_red_or_green(shade, kind) for shade in (first, second)]
+    assert math.dist(*seen) > 0.2
+
+
+def test_each_agent_of_a_run_has_its_own_look_and_proposers_keep_their_colours():
+    agents = ["q_learner", "stream_q", "amortised_q", "hand_coded", "sarsa_lambda", "avg", "dqn"]
+    names = [*agents[:2], *PROPOSERS, *agents[2:], *(f"mine:{number}" for number in range(5))]
+    looks = style.looks([*names, *names])
+    assert [*looks] == names and len({*looks.values()}) == len(names)
+    assert all(looks[name] == (style.colour(name), "-") for name in PROPOSERS)
+    solid = [look for look in looks.values() if look.dashes == "-"]
+    assert len({look.colour for look in solid}) == len(solid) == 7

@@ -1,0 +1,208 @@
+"""The window: what drives the robot in it, and why it cannot be opened."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from musebot import tasks
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.errors import InputError
+from musebot.protocols.pages import viewer
+from musebot.tasks.suite import TASKS
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_without_a_display_the_sentence_recommends_films(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match="no display.*musebot film"):
+        viewer.explore("wall_avoidance")
+
+
+def test_another_opengl_backend_is_reported(monkeypatch):
+    monkeypatch.setattr(viewer, "no_window", lambda: "")
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    with pytest.raises(InputError, match="MUJOCO_GL is 'egl'"):
+        viewer.explore("wall_avoidance")
+
+
+def test_unknown_task_or_robot_is_one_sentence(stored, newborn):
+    with pytest.raises(InputError, match="the task must be one of"):
+        viewer.explore("dancing")
+    with pytest.raises(InputError, match="are 0 to 2, got 7"):
+        viewer.Driver.of_robot(stored(robot=7))
+    with pytest.raises(InputError, match="are 0 to 1, got 7"):
+        viewer.Driver.of_policy(newborn("spot_finding"), 7, "post")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"body": "kinematic"}, "the window shows the body mujoco, got a run of kinematic"),
+        ({"arena_scale": 2.0}, "the window shows the ordinary arena, got one 2 times as large"),
+        ({"nose_place": "centre"}, "the window shows the nose at the front, got one at the centre"),
+        ({"motor_speed": 0.1}, "the window shows the robot's own motor speed, got 0.1 m/s"),
+    ],
+)
+def test_robot_with_another_body_is_refused(run, stored, changes, sentence):
+    experiment = dataclasses.replace(run.experiment, **changes)
+    with pytest.raises(InputError, match=sentence):
+        viewer.Driver.of_robot(stored(run=dataclasses.replace(run, experiment=experiment)))
+
+
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+def test_brain_drives_the_task_and_is_the_same_in_every_episode(stored, task):
+    policy = viewer.Driver.of_robot(stored(task=task)).policy
+    environment = tasks.load("arena", task, {"robot": (0, 0, 0), "spot": (0.3, 0.1)})
+    episodes = []
+    for _ in range(2):
+        timestep = environment.reset()
+        actions = []
+        for _ in range(5):
+            actions.append(policy(timestep))
+            environment.action_spec().validate(actions[-1].astype(float))
+            timestep = environment.step(actions[-1])
+        episodes.append(actions)
+    np.testing.assert_array_equal(*episodes)
+
+
+def test_random_motors_hold_each_value_for_some_steps():
+    environment = tasks.load("arena", "wall_avoidance", {"random": 0})
+    policy = viewer.RandomMotors(seed=0, steps=3)
+    timestep = environment.reset()
+    actions = []
+    for _ in range(6):
+        actions.append(policy(timestep))
+        timestep = environment.step(actions[-1])
+    assert len(np.unique(actions, axis=0)) == 2
+    assert np.abs(actions).max() <= 0.5
+
+
+class Listeners(list):
+    """Like those of dm_control: `+=` takes a single listener."""
+
+    def __iadd__(self, listener: Callable) -> Listeners:  # type: ignore[override]
+        self.append(listener)
+        return self
+
+
+class Window:
+    """Replaces dm_control's window without a display: simulates two steps and records actions."""
+
+    opened: ClassVar[list[Window]] = []
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self.actions: list[np.ndarray] = []
+        self._window = types.SimpleNamespace(keyboard=types.SimpleNamespace(on_key=Listeners()))
+        self.opened.append(self)
+
+    def launch(self, loader: Callable[[], Any], policy: Callable[[Any], np.ndarray]) -> None:
+        environment = loader()
+        timestep = environment.reset()
+        for press in (None, viewer.UP):
+            if press:
+                self._announce(press, 1)
+            self.actions.append(policy(timestep))
+            environment.action_spec().validate(self.actions[-1].astype(float))
+            timestep = environment.step(self.actions[-1])
+
+    def _announce(self, key: int, activity: int) -> None:
+        for listener in self._window.keyboard.on_key:
+            listener(key, activity, 0)
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch) -> type[Window]:
+    module = types.ModuleType("dm_control.viewer.application")
+    module.Application = Window  # type: ignore[attr-defined]
+    package = types.ModuleType("dm_control.viewer")
+    package.application = module  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "dm_control.viewer", package)
+    monkeypatch.setattr(viewer, "check_display", lambda: None)
+    monkeypatch.setattr(Window, "opened", [])
+    return Window
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_receives_actions_in_its_own_units(window, newborn, task):
+    viewer.explore(task)
+    viewer.explore(task, viewer.Driver.of_policy(newborn(task), 1, "post"))
+    viewer.explore(task, viewer.Driver("arrow keys", viewer.ArrowKeys()))
+    by_chance, by_policy, by_keys = window.opened
+    assert by_policy.title == f"Musebot: {task}, PPO, policy 1, post-training"
+    assert np.abs(by_chance.actions).max() > 0
+    limit = TASKS[task].limit
+    np.testing.assert_array_equal(by_keys.actions, [[0, 0], [limit, limit]])
+
+
+def test_driver_that_has_learned_another_task_is_shown_in_it(window, newborn):
+    policy = viewer.Driver.of_policy(newborn("spot_finding_walls"), 1, "post").policy
+    viewer.explore("spot_finding", viewer.Driver("walls", policy, task="spot_finding_walls"))
+    (shown,) = window.opened
+    assert shown.title == "Musebot: spot_finding_walls, walls"
+    assert len(shown.actions) == 2
+
+
+def test_held_arrow_keys_drive_and_released_ones_stop():
+    keys, timestep = viewer.ArrowKeys(), tasks.load("arena", "wall_avoidance").reset()
+    press, repeat, release = 1, 2, 0
+    for key, activity, motors in (
+        (viewer.UP, press, [0.5, 0.5]),
+        (viewer.UP, repeat, [0.5, 0.5]),
+        (viewer.LEFT, press, [0.25, 0.5]),
+        (viewer.UP, release, [-0.25, 0.25]),
+        (32, press, [-0.25, 0.25]),  # the space bar belongs to the viewer
+        (viewer.LEFT, release, [0, 0]),
+        (viewer.DOWN, press, [-0.5, -0.5]),
+        (viewer.RIGHT, press, [-0.25, -0.5]),
+        (viewer.DOWN, release, [0.25, -0.25]),
+        (viewer.RIGHT, release, [0, 0]),
+    ):
+        keys.on_key(key, activity, 0)
+        np.testing.assert_array_equal(keys(timestep), motors)
+
+
+def test_keys_are_those_of_dm_controls_viewer():
+    # An import would look for a display.
+    source = Path(importlib.util.find_spec("dm_control").submodule_search_locations[0])
+    text = (source / "viewer" / "user_input.py").read_text()
+    for name in ("UP", "DOWN", "LEFT", "RIGHT"):
+        assert f"\nKEY_{name} = {getattr(viewer, name)}\n" in text
+    assert f"\nRELEASE = {viewer.RELEASE}\n" in text
+    # The window's keyboard, which announces keys, is private in dm_control.
+    assert "self._window = " in (source / "viewer" / "application.py").read_text()
+    assert "self._window.keyboard" in (source / "viewer" / "application.py").read_text()
+    assert "self.on_key = " in (source / "viewer" / "gui" / "glfw_gui.py").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            "wall_avoidance --keys --policies p.safetensors",
+            "--policies, --keys and --random can drive",
+        ),
+        ("wall_avoidance --proposer fixed", "--proposer needs --out"),
+        ("wall_avoidance --agent avg", "--agent needs --out"),
+        ("dancing", "the task must be one of"),
+        ("spot_finding_unit --policies p.safetensors", "holds policies for spot_finding_walls"),
+        ("spot_finding_unit --policies q.safetensors", "there is no file q.safetensors"),
+    ],
+)
+def test_command_that_cannot_open_a_window_is_one_sentence(
+    policy_file, tmp_path, monkeypatch, capsys, words, sentence
+):
+    policy_file("spot_finding_walls", tmp_path / "p.safetensors")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["explore", *words.split()]) == 2
+    assert sentence in capsys.readouterr().err
