@@ -1,7 +1,7 @@
 """Writes the generated pages of the documentation: `python docs/generator`.
 
 The pages in `docs/reference` are committed; a test compares them with the code. The pages of the
-notebooks are made anew for each site. In `docs/leaderboard.md` only the scores are generated.
+notebooks are made anew for each site.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from pathlib import Path
 import api_pages
 import command_pages
 import field_pages
-import leaderboard_page
 import notebook_pages
 import run_pages
 import task_pages
@@ -39,7 +38,6 @@ def main() -> None:
     files = {
         **{folder / path: text.encode() for path, text in pages.items()},
         **notebook_pages.files(DOCS),
-        DOCS / leaderboard_page.NAME: leaderboard_page.updated(DOCS).encode(),
     }
     for path in folder.rglob("*"):
         if path.is_file() and path not in files:

@@ -1,7 +1,7 @@
 """Intervals against small oracles, and for data that do not determine them."""
 
-import functools
 import itertools
+import json
 import math
 from pathlib import Path
 from statistics import NormalDist
@@ -17,7 +17,6 @@ from musebot.protocols.analysis.intervals import ABILITY, SHARE
 from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.learn_ability import Summary
-from musebot.protocols.lives.run_files import read_run
 
 quick = settings(deadline=None, max_examples=30)
 NAN = math.nan
@@ -92,18 +91,9 @@ def test_few_robots_or_equal_values_have_no_interval(find, values, recwarn):
     assert not recwarn.list
 
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results"
-WALLS, SPOT = (Condition(task, "creative") for task in ("wall_avoidance", "spot_finding"))
-
-
-@functools.cache
-def kept(condition, *names, span=SHARE):
-    """Returns the values of robots of runs in docs, shape (n,): times after training, or L."""
-    runs = [read_run(RESULTS / name, needs="rows") for name in names]
-    if span is SHARE:
-        return np.concatenate([run.shares(condition, "post") for run in runs])
-    found = np.concatenate([run.abilities(condition) for run in runs])
-    return found[~np.isnan(found)]
+# Values of robots of runs at 9e668f6 after training: share of the time, or L.
+_KEPT = json.loads(Path(__file__).with_name("populations.json").read_text())
+POPULATIONS = {name: np.array(values) for name, values in _KEPT.items()}
 
 
 # Samples of a simulation of coverage; its figures in docs/reliability.md are those at night.
@@ -121,24 +111,22 @@ def share_of_hits(true, find, draw, samples):
 
 @many
 @pytest.mark.parametrize(
-    "condition, names, span, robots, widest",
+    "name, span, robots, widest",
     [
         # Rare contact; BCa covers 0.79, 0.69, 0.63, 0.74.
-        (WALLS, ("steady", "steady-again"), SHARE, 200, 0.03),
-        (WALLS, ("steady", "steady-again"), SHARE, 60, 0.08),
-        (WALLS, ("half-steady",), SHARE, 60, 0.08),
-        (WALLS, ("ablation/steady-persistent_exploration",), SHARE, 60, 0.08),
+        ("steady, contact", SHARE, 200, 0.03),
+        ("steady, contact", SHARE, 60, 0.08),
+        ("half-steady, contact", SHARE, 60, 0.08),
+        ("without persistent_exploration, contact", SHARE, 60, 0.08),
         # Time in the spot where few robots fail; BCa covers 0.65 and 0.86.
-        (SPOT, ("continual-steady",), SHARE, 60, 0.1),
-        (SPOT, ("ablation/steady",), SHARE, 60, 0.13),
+        ("continual-steady, in the spot", SHARE, 60, 0.1),
+        ("60 steady, in the spot", SHARE, 60, 0.13),
         # L where few robots touch a wall; BCa covers 0.48.
-        (WALLS, ("steady", "steady-again"), ABILITY, 60, 0.22),
+        ("steady, L among walls", ABILITY, 60, 0.22),
     ],
 )
-def test_intervals_of_means_near_an_end_cover_the_true_mean(
-    condition, names, span, robots, widest, samples
-):
-    population = kept(condition, *names, span=span)
+def test_intervals_of_means_near_an_end_cover_the_true_mean(name, span, robots, widest, samples):
+    population = POPULATIONS[name]
     random = np.random.default_rng(7)
     found, width = share_of_hits(
         population.mean(),
@@ -152,9 +140,9 @@ def test_intervals_of_means_near_an_end_cover_the_true_mean(
 
 @many
 @pytest.mark.parametrize("paired", [False, True])
-@pytest.mark.parametrize("other", ["steady-persistent_exploration", "steady-advantage"])
+@pytest.mark.parametrize("other", ["persistent_exploration", "advantage"])
 def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(other, paired, samples):
-    populations = [kept(WALLS, f"ablation/{name}") for name in ("steady", other)]
+    populations = [POPULATIONS[f"{name}, contact"] for name in ("60 steady", f"without {other}")]
     random = np.random.default_rng(8)
 
     def draw():
