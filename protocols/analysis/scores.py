@@ -94,7 +94,7 @@ def newborn_score(share: float, robots: int, condition: Condition) -> float:
 
 
 def verdict(differences: Mapping[Condition, float], error: float) -> Support:
-    """Returns what the tables say about a choice (docs/plans/reading.md).
+    """Returns what the tables say about a choice (docs/studies/reading.md).
 
     Args:
       differences: Score with the choice minus score without it, of each column of the tables.

@@ -378,7 +378,7 @@ def pair_tests(ranking: Ranking) -> np.ndarray:
     """Returns p of each pair of a board's rows, shape (n, n), Holm over all pairs of learners.
 
     Bootstrap tests of the difference of two scores. A permutation test would need robots of equal
-    spread: it rejects true null hypotheses too often (docs/plans/learners.md). NaN for a row with
+    spread: it rejects true null hypotheses too often (docs/methods.md). NaN for a row with
     itself, for pairs with one that does not compete, and for groups that are too small.
     """
     learners = [n for n, one in enumerate(ranking) if one.entry.competes]
