@@ -11,16 +11,13 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .changes import CHANGES, BodyChange
 from .edits import add_noses, add_velocity, centre_nose, enlarge, hide_spot, scale_torque
 from .kinematic import Kinematics
 from .obstacles import add_obstacles
 
 __all__ = [
     "ARENA_XML",
-    "CHANGES",
     "ROBOT_XML",
-    "BodyChange",
     "Dimensions",
     "Kinematics",
     "add_noses",

@@ -120,7 +120,7 @@ def robot_qpos(pose: np.ndarray) -> np.ndarray:
       pose: x, y in [m] and heading in [rad] (0 along +x), shape (..., 3).
 
     Returns:
-      Position in [m], quaternion and the two wheel angles in [rad], shape (..., 9).
+      Position in [m], quaternion and wheel angles in [rad], shape (..., 9).
     """
     pose = np.asarray(pose, dtype=float)
     qpos = np.zeros((*pose.shape[:-1], 9))
@@ -131,14 +131,7 @@ def robot_qpos(pose: np.ndarray) -> np.ndarray:
 
 
 def robot_pose(qpos: np.ndarray) -> np.ndarray:
-    """Returns the pose of a robot, the inverse of `robot_qpos`.
-
-    Args:
-      qpos: Position in [m], quaternion and the two wheel angles in [rad], shape (..., 9).
-
-    Returns:
-      x, y in [m] and heading in [rad], shape (..., 3).
-    """
+    """Returns the pose of a robot, shape (..., 3), the inverse of `robot_qpos`."""
     pose = np.empty((*qpos.shape[:-1], 3))
     pose[..., :2] = qpos[..., :2]
     pose[..., 2] = heading(*(qpos[..., number] for number in range(3, 7)))
@@ -146,23 +139,12 @@ def robot_pose(qpos: np.ndarray) -> np.ndarray:
 
 
 def heading(w: Any, i: Any, j: Any, k: Any) -> Any:
-    """Returns the direction in [rad] of a quaternion's first axis, seen from above.
-
-    Args:
-      w: First part of the quaternion, a number or an array; the others have the same shape.
-      i: Second part.
-      j: Third part.
-      k: Fourth part.
-    """
+    """Returns the direction in [rad] of a quaternion's first axis, seen from above."""
     return np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
 
 
 def half_size(arena: mujoco.MjModel | mujoco.MjSpec) -> tuple[float, float]:
-    """Returns half of the arena's length, along x, and half of its width, along y, in [m].
-
-    Args:
-      arena: Arena with its walls, compiled or not.
-    """
+    """Returns half of the arena's length, along x, and half of its width, along y, in [m]."""
     return float(arena.geom("east").pos[0]), float(arena.geom("north").pos[1])
 
 
@@ -175,14 +157,11 @@ class Dimensions:
       half_width: Half of the arena's width, along y, in [m].
       radius: Radius of the robot in [m].
       wheel_base: Distance between the wheels in [m].
-      motor_speed: Speed of a wheel at motor value 0.5 and gain 1 in [m/s].
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
       contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
       spot_radius: Radius of the odorous spot in [m].
       nose: Distance of the nose ahead of the robot's centre in [m].
       obstacles: Position x, y and radius of each obstacle in [m].
-      gains: Gain of the left and of the right motor: the speed at which a wheel settles, as a
-        factor of that in `motor_speed`.
-      nose_turn: Direction of the nose, counterclockwise from the front, in [rad].
     """
 
     half_length: float
@@ -194,8 +173,6 @@ class Dimensions:
     spot_radius: float
     nose: float
     obstacles: tuple[tuple[float, float, float], ...] = ()
-    gains: tuple[float, float] = (1.0, 1.0)
-    nose_turn: float = 0.0
 
     @functools.cached_property
     def bounds(self) -> np.ndarray:
@@ -206,13 +183,9 @@ class Dimensions:
         return np.array([self.half_length, self.half_width, _HEIGHT, 2.0, _TILT, _TILT])
 
     def sound(self, places: np.ndarray) -> np.ndarray:
-        """Returns which of the first numbers of robots' qpos are within bounds; NaN is not.
+        """Returns which of the first n <= 6 numbers of qpos, shape (B, n), are within `bounds`.
 
-        Args:
-          places: The first n <= 6 numbers of qpos, shape (B, n).
-
-        Returns:
-          Booleans, shape (B, n).
+        NaN is not.
         """
         return np.abs(places) < self.bounds[: places.shape[1]]
 
@@ -242,8 +215,6 @@ class Dimensions:
                 for body in map(model.body, range(model.nbody))
                 if body.name.startswith("obstacle")
             ),
-            gains=(_gain(model, "left_motor"), _gain(model, "right_motor")),
-            nose_turn=float(heading(*model.site("nose").quat)),
         )
 
 
@@ -258,10 +229,3 @@ def _widest(model: mujoco.MjModel, body: int) -> float:
             f"the obstacle {name!r} must be a body of the world whose largest geom is at its centre"
         )
     return float(model.geom_size[largest, 0])
-
-
-def _gain(model: mujoco.MjModel, name: str) -> float:
-    """Returns the gain of a motor that is a velocity servo; 1 for any other actuator."""
-    motor = model.actuator(name)
-    damping = float(-motor.biasprm[2])
-    return float(motor.gainprm[0]) / damping if damping else 1.0

@@ -10,7 +10,7 @@ import glfw
 import mujoco
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
-from .rendering import choose_backend, fit_buffer, leave_egl
+from .rendering import check_process, choose_backend, fit_buffer, leave_egl
 
 
 class ArenaRenderer(MujocoRenderer):
@@ -19,14 +19,9 @@ class ArenaRenderer(MujocoRenderer):
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, camera_id: str, width: int, height: int
     ) -> None:
-        """Enlarges the model's buffer to the size of the pictures.
+        """Enlarges the model's buffer to the size of the pictures in pixels.
 
-        Args:
-          model: Model to render.
-          data: State to render.
-          camera_id: Name of one of the model's cameras; in a window the one that is shown first.
-          width: Width of a picture in pixels.
-          height: Height of a picture in pixels.
+        `camera_id` is the name of a camera; a window shows it first.
         """
         fit_buffer(model, width, height)
         super().__init__(
@@ -50,6 +45,7 @@ class ArenaRenderer(MujocoRenderer):
         if render_mode != "human":
             choose_backend()
             return super().render(render_mode)
+        check_process()
         leave_egl()
         super().render(render_mode)
         # EGL refuses a thread that has a window's context.

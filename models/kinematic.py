@@ -1,15 +1,16 @@
 """The kinematic simulator: an ideal differential drive without mass, between the same walls.
 
 It has the floor, the walls and the sensors of the MuJoCo body, so that a comparison of both
-separates the effects of physics from those of the brain. `Kinematics` sets the contact rule and
-the motion at a wall. The functions take arrays of
-NumPy, or tensors of PyTorch on any device, and return the same kind.
+separates the effects of physics from those of the brain. The functions take arrays of NumPy, or
+tensors of PyTorch on any device, and return the same kind: poses (x, y in [m], heading in [rad]) of
+shape (B, 3) and motor values, left and right, in [-0.5, 0.5], of shape (B, 2).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
+from collections.abc import Callable
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -36,6 +37,25 @@ _NONE_TO_ALL = np.array([0.0, 1.0])
 # Speeds in [m/s]: below the first the slow slip, above the second the fast; below the first no
 # turning, above the second the full rate.
 _SLIPPING, _TURNING = np.array([0.08, 0.2]), np.array([0.14, 0.2])
+_MOST_PIECES = 1000  # far more than change a path
+
+
+def _field(default: Any, allows: Callable[[Any], bool], must: str) -> Any:
+    """Returns a field with its declared range, as `controller.parameters` declares its fields."""
+    return dataclasses.field(default=default, metadata={"allows": allows, "must": must})
+
+
+def _choice(default: str, literal: Any) -> Any:
+    names = get_args(literal)
+    return _field(default, names.__contains__, f"be one of {', '.join(names)}")
+
+
+def _size() -> Any:
+    return _field(
+        None,
+        lambda size: size is None or (type(size) in (int, float) and 0 < size < np.inf),
+        "be finite and positive, or none",
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,41 +82,29 @@ class Kinematics:
         method, straight along the heading at the start of the part.
     """
 
-    radius: float | None = None
-    wheel_base: float | None = None
-    wall: Wall = "holds"
-    felt: Felt = "near"
-    any_contact: bool = False
-    lag: float = 0.0
-    pieces: int = 4
-    path: Path = "arc"
+    radius: float | None = _size()
+    wheel_base: float | None = _size()
+    wall: Wall = _choice("holds", Wall)
+    felt: Felt = _choice("near", Felt)
+    any_contact: bool = _field(False, lambda flag: isinstance(flag, bool), "be true or false")
+    lag: float = _field(
+        0.0,
+        lambda lag: type(lag) in (int, float) and 0 <= lag < np.inf,
+        "be a finite number, not negative",
+    )
+    pieces: int = _field(
+        4,
+        lambda pieces: type(pieces) is int and 1 <= pieces <= _MOST_PIECES,
+        f"be a whole number from 1 to {_MOST_PIECES}",
+    )
+    path: Path = _choice("arc", Path)
 
     def __post_init__(self) -> None:
-        """Raises ValueError, with the field's name, for a value out of range."""
-        for name in ("radius", "wheel_base", "lag"):
-            value = getattr(self, name)
-            optional = value is None and name != "lag"
-            if type(value) not in (int, float) and not optional:
-                raise ValueError(f"{name} must be a number, got {value!r}")
-        for name in ("radius", "wheel_base"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise ValueError(f"{name} must be finite and positive, got {value}")
-        for name, allowed in (
-            ("wall", WALLS),
-            ("felt", get_args(Felt)),
-            ("path", get_args(Path)),
-        ):
-            if getattr(self, name) not in allowed:
-                raise ValueError(
-                    f"{name} must be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
-                )
-        if not 0 <= self.lag < np.inf:
-            raise ValueError(f"lag must be finite and not negative, got {self.lag}")
-        if not isinstance(self.any_contact, bool):
-            raise ValueError(f"any_contact must be true or false, got {self.any_contact!r}")
-        if type(self.pieces) is not int or self.pieces < 1:
-            raise ValueError(f"pieces must be a whole number of at least 1, got {self.pieces}")
+        """Raises ValueError, with the field's name, for a value out of its declared range."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not field.metadata["allows"](value):
+                raise ValueError(f"{field.name} must {field.metadata['must']}, got {value!r:.60}")
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:
         """Returns an arena's dimensions with the radius and wheel base of this robot."""
@@ -111,16 +119,16 @@ class Kinematics:
 def follow_motors(
     wheels: np.ndarray, motors: np.ndarray, seconds: float, lag: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the speeds of wheels that follow their motors with a lag.
+    """Returns the speeds of wheels that follow their motors with a lag, in motor values.
 
     Args:
       wheels: Speeds of the left and right wheel at the start, in motor values, shape (B, 2).
-      motors: Commanded motor values, left and right, shape (B, 2).
+      motors: Commanded motor values, shape (B, 2).
       seconds: Duration of the motion in [s].
       lag: Time constant of the lag in [s]; 0 for no lag.
 
     Returns:
-      Mean speeds and speeds at the end, in motor values, each of shape (B, 2).
+      Mean speeds and speeds at the end, each of shape (B, 2).
     """
     if not lag:
         return motors, motors
@@ -132,14 +140,7 @@ def follow_motors(
 def drive(
     poses: np.ndarray, motors: np.ndarray, seconds: float, how: Kinematics, size: Dimensions
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moves robots along one path, as far as the walls allow.
-
-    Args:
-      poses: x, y in [m] and heading in [rad], shape (B, 3).
-      motors: Left and right motor value in [-0.5, 0.5], shape (B, 2).
-      seconds: Duration of the motion in [s].
-      how: Path, and motion of a robot that drives into a wall.
-      size: Dimensions of robot and arena.
+    """Moves robots along one path for some seconds, as far as the walls allow.
 
     Returns:
       Poses at the end, shape (B, 3); and whether the wheels push a robot into a wall, shape (B,).
@@ -206,30 +207,14 @@ def graze(
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:
-    """Returns the distances from the robots' rims to the nearest wall.
-
-    Args:
-      poses: x, y in [m] and heading in [rad], shape (B, 3).
-      size: Dimensions of robot and arena.
-
-    Returns:
-      Distances in [m], shape (B,).
-    """
+    """Returns the distances from the robots' rims to the nearest wall in [m], shape (B,)."""
     xp = namespace(poses)
     lengthwise = size.half_length - xp.abs(poses[:, 0])
     return xp.minimum(lengthwise, size.half_width - xp.abs(poses[:, 1])) - size.radius
 
 
 def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
-    """Returns the readings of the rangefinders on the rim.
-
-    Args:
-      poses: x, y in [m] and heading in [rad], shape (B, 3).
-      size: Dimensions of robot and arena.
-
-    Returns:
-      Distances to the walls in [m]: front, back, left, right, shape (B, 4).
-    """
+    """Returns the rangefinders' distances in [m]: front, back, left, right, shape (B, 4)."""
     xp, heading = namespace(poses), poses[:, 2]
     turns = (0.0, np.pi, np.pi / 2, -np.pi / 2)
     angles = xp.stack([heading + turn for turn in turns], axis=-1)
@@ -244,22 +229,10 @@ def distances(poses: np.ndarray, size: Dimensions) -> np.ndarray:
 
 
 def spot_from_nose(poses: np.ndarray, spots: np.ndarray, size: Dimensions) -> np.ndarray:
-    """Returns the spots' centres in the frame of the nose.
-
-    Args:
-      poses: x, y in [m] and heading in [rad], shape (B, 3).
-      spots: Centres of the spots: x, y in [m], shape (B, 2).
-      size: Dimensions of the robot.
-
-    Returns:
-      Distances of the spots' centres ahead and to the left in [m], shape (B, 2).
-    """
+    """Returns the spots' centres in the frame of the nose: ahead and left in [m], shape (B, 2)."""
     offset = spots - poses[:, :2]
     xp = namespace(poses)
     cosine, sine = xp.cos(poses[:, 2]), xp.sin(poses[:, 2])
     ahead = cosine * offset[:, 0] + sine * offset[:, 1] - size.nose
     left = cosine * offset[:, 1] - sine * offset[:, 0]
-    if size.nose_turn:
-        cosine, sine = float(np.cos(size.nose_turn)), float(np.sin(size.nose_turn))
-        ahead, left = cosine * ahead + sine * left, cosine * left - sine * ahead
     return xp.stack([ahead, left], axis=1)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import copy
+import math
 import operator
 from typing import Any, Self
 
 import mujoco as mj
 import numpy as np
 
-from .rendering import fit_buffer, open_context  # first: imports dm_control without its warnings
+from .rendering import (
+    check_process,
+    fit_buffer,
+    open_context,
+)  # first: imports dm_control without its warnings
 
 # isort: split
 from dm_control import mujoco
@@ -57,15 +62,12 @@ class Physics(mujoco.Physics):
     def render(self, height: int = 240, width: int = 320, *args: Any, **kwargs: Any) -> np.ndarray:
         """Returns dm_control's picture of a camera; the model's buffer grows to its size.
 
-        Args:
-          height: Height of the picture in pixels.
-          width: Width of the picture in pixels.
-          *args: See `dm_control.mujoco.Physics.render`.
-          **kwargs: See `dm_control.mujoco.Physics.render`.
-
         Raises:
-          RuntimeError: OpenGL cannot be opened here.
+          RuntimeError: OpenGL cannot be opened here, or the physics was freed.
         """
+        if not self.qpos.size:
+            raise RuntimeError("the environment is closed")
+        check_process()
         if fit_buffer(self.model.ptr, width, height) and self._contexts:
             size = self.model.vis.global_
             with self._contexts.gl.make_current() as executor:
@@ -79,12 +81,28 @@ class Physics(mujoco.Physics):
         self._contexts = Contexts(gl=gl, mujoco=MjrContext(self.model, gl))
 
     def check_sound(self) -> None:
-        """Raises PhysicsError where the robot is outside the arena, above the floor or tilted."""
+        """Raises PhysicsError where a batch stops a robot, see `Robots.valid`.
+
+        The robot is outside the arena, above the floor or tilted, or its sensors are not finite.
+        """
         place = self.qpos.tolist()[:6]
         if not all(map(operator.lt, map(abs, place), self._bounds)):
             x, y, z = place[:3]
             raise control.PhysicsError(
                 f"the simulation became unstable: the robot is at x {x:g}, y {y:g}, z {z:g} m"
+            )
+        if not math.isfinite(self.readings.sum()):
+            raise control.PhysicsError(
+                f"the simulation became unstable: the sensors read {self.readings[0].tolist()}"
+            )
+
+    def check_state(self, state: np.ndarray, sensordata: np.ndarray) -> None:
+        """Raises ValueError where `restore` would lead to what `check_sound` refuses."""
+        finite = np.isfinite(state).all() and np.isfinite(sensordata).all()
+        if not (finite and self.dimensions.sound(state[None, 1:7]).all()):
+            raise ValueError(
+                "state must be finite numbers, of a robot that stands in the arena, got "
+                f"x, y, z {state[1:4].tolist()}"
             )
 
     def restore(self, state: np.ndarray, sensordata: np.ndarray) -> None:
@@ -95,7 +113,6 @@ class Physics(mujoco.Physics):
         self.data.sensordata[:] = sensordata
 
     def copy(self, share_model: bool = False) -> Self:
-        """Returns an exact copy, see `dm_control.mujoco.Physics.copy`."""
         twin = super().copy(share_model)
         mj.mj_copyData(twin.data.ptr, twin.model.ptr, self.data.ptr)
         return twin

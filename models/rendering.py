@@ -17,6 +17,21 @@ from typing import Any
 
 import mujoco
 
+_drew_in: int | None = None  # process in which OpenGL was opened first
+
+
+def check_process() -> None:
+    """Refuses a process that was forked after OpenGL was opened: a picture would never end.
+
+    Raises:
+      RuntimeError: A parent of this process has opened OpenGL.
+    """
+    if _drew_in not in (None, os.getpid()):
+        raise RuntimeError(
+            "OpenGL cannot be used in a process that was forked after a picture was drawn: start "
+            "processes with the context 'spawn', or draw the first picture after the fork"
+        )
+
 
 def load_triton() -> None:
     """Imports Triton, if it is installed, before EGL is opened.
@@ -41,6 +56,10 @@ except ModuleNotFoundError as error:
         "dm_control is not installed; on Python 3.13 and later, where its requirement labmaze "
         "cannot be built, pip install --no-deps dm-control==1.0.50 gets it",
         name=error.name,
+    ) from error
+except FileNotFoundError as error:  # GLFW needs the working directory, which may be deleted
+    raise FileNotFoundError(
+        f"GLFW cannot read the working directory: change to one that exists ({error})"
     ) from error
 
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
@@ -69,8 +88,16 @@ def choose_backend() -> str:
       The backend, in lower case; "" for the default of a machine with a display.
 
     Raises:
-      RuntimeError: The backend draws nothing, or cannot be opened here.
+      RuntimeError: The backend draws nothing, or cannot be opened here or in a forked process.
     """
+    global _drew_in
+    check_process()
+    backend = _chosen_backend()
+    _drew_in = os.getpid()
+    return backend
+
+
+def _chosen_backend() -> str:
     chosen = os.environ.get("MUJOCO_GL")
     backend = "" if chosen is None else chosen.lower()
     if backend in DRAWS_NOTHING:
@@ -87,14 +114,10 @@ def choose_backend() -> str:
 
 
 def open_context(width: int, height: int) -> Any:
-    """Returns an OpenGL context of dm_control's for pictures up to a size.
-
-    Args:
-      width: Width of the largest picture in pixels.
-      height: Height of the largest picture in pixels.
+    """Returns an OpenGL context of dm_control's for pictures up to a size in pixels.
 
     Raises:
-      RuntimeError: The backend draws nothing, or cannot be opened here.
+      RuntimeError: See `choose_backend`.
     """
     # dm_control chose a backend when it was imported; MUJOCO_GL may have been set since.
     renderer = _egl_context() if choose_backend() == "egl" else _render.Renderer
@@ -149,15 +172,10 @@ def leave_egl() -> None:
 
 
 def fit_buffer(model: mujoco.MjModel, width: int, height: int) -> bool:
-    """Enlarges the buffer for pictures of a model to at least a size.
-
-    Args:
-      model: Model whose contexts are created later.
-      width: Width of the largest picture in pixels.
-      height: Height of the largest picture in pixels.
+    """Enlarges the buffer for pictures of a model, before its contexts are created.
 
     Returns:
-      Whether the buffer was smaller.
+      Whether the buffer was smaller than this size in pixels.
     """
     size = model.vis.global_
     if width <= size.offwidth and height <= size.offheight:

@@ -2,7 +2,7 @@
 
 from .arena import CONTROL_TIMESTEP
 from .batch import Batch, Robots, stop_timers
-from .kinematic.robots import KinematicBatch, make_kinematic_batch
+from .kinematic import KinematicBatch, make_kinematic_batch
 from .suite import (
     ALL_TASKS,
     BENCHMARKING,

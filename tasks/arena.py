@@ -27,8 +27,10 @@ from ..models.arena import ARENA_XML, Dimensions, arena_spec
 from .episode import (
     Episode,
     Lifecycle,
+    check_counts,
     check_keywords,
     check_state,
+    check_stream_state,
     seconds,
     set_stream_state,
     stream_state,
@@ -64,13 +66,7 @@ class Task(base.Task):
     """
 
     def __init__(self, rules: Rules, episode: Episode, random: Random | int | None) -> None:
-        """Initialises the task.
-
-        Args:
-          rules: Observations and reward of the task.
-          episode: Start, actions and length of an episode.
-          random: Random stream, or its seed; None for a seed of the operating system.
-        """
+        """Initialises the task; `random` is a stream, its seed, or None for an unknown seed."""
         super().__init__(random=None if isinstance(random, np.random.Generator) else random)
         if isinstance(random, np.random.Generator):
             self.reseed(random)
@@ -123,14 +119,14 @@ class Task(base.Task):
         )
 
     def get_reward(self, physics: Physics) -> float:
-        """Returns the task's reward for the current measurements."""
-        return float(self.rules.reward(physics.readings)[0])
+        """Returns the reward for the current measurements, see `Rules.checked_reward`."""
+        return float(self.rules.checked_reward(physics.readings)[0])
 
     def after_step(self, physics: Physics) -> None:
         """Colours the robot's shell by the reward if `visualize_reward` is set.
 
         Raises:
-          PhysicsError: The robot has left the arena, or does not stand on the floor.
+          PhysicsError: See `Physics.check_sound`.
         """
         physics.check_sound()
         if self._visualize_reward:
@@ -162,23 +158,22 @@ class Environment(control.Environment):
         self.lifecycle = Lifecycle()
 
     def reset(self, *, options: Mapping[str, Any] | None = None) -> dm_env.TimeStep:
-        """Starts an episode.
-
-        Args:
-          options: `robot` and `spot` of this episode, in place of the task's; or None.
+        """Starts an episode; `options` are a `robot` and `spot` in place of the task's.
 
         Raises:
           TypeError: An option is unknown.
           ValueError: A place is outside the arena or inside an obstacle.
           RuntimeError: The environment is closed.
         """
-        self.lifecycle.check_open()
-        self.task.start = self.task.episode.start_with(options)
-        timestep = super().reset()
-        self.lifecycle.become("failed")  # until the pose has been found stable
-        self.task.after_step(self.physics)  # dm_control calls it before the pose is in the sensors
-        self.lifecycle.become("running")
-        return timestep
+        with self.lifecycle.one_thread:
+            self.lifecycle.check_open()
+            self.task.start = self.task.episode.start_with(options)
+            timestep = super().reset()
+            self.lifecycle.become("failed")  # until the pose has been found stable
+            # dm_control calls it before the pose is in the sensors.
+            self.task.after_step(self.physics)
+            self.lifecycle.become("running")
+            return timestep
 
     def step(self, action: Any) -> dm_env.TimeStep:
         """Simulates 0.1 s.
@@ -187,23 +182,27 @@ class Environment(control.Environment):
           action: Left and right action, shape (2,); values beyond the limits are clipped.
 
         Raises:
-          ValueError: The action is not two finite numbers.
+          ValueError: The action is not two finite numbers, or the task's rules return a reward
+            that they do not declare.
           PhysicsError: The simulation became unstable; then `reset` must be called.
-          RuntimeError: The environment is closed, or was not reset after a PhysicsError.
+          RuntimeError: The environment is closed, was not reset after a PhysicsError, or is in
+            another thread's hands.
         """
-        if not self.lifecycle.running and self.lifecycle.stage != "new":
-            self.lifecycle.refuse()
-        try:
-            return super().step(action)
-        except control.PhysicsError:
-            self.lifecycle.become("failed")
-            raise
+        with self.lifecycle.one_thread:
+            if not self.lifecycle.running and self.lifecycle.stage != "new":
+                self.lifecycle.refuse()
+            try:
+                return super().step(action)
+            except control.PhysicsError:
+                self.lifecycle.become("failed")
+                raise
 
     def close(self) -> None:
         """Frees the renderer and the physics; the environment cannot be used any more."""
-        if self.lifecycle.stage != "closed":
-            self.lifecycle.become("closed")
-            self.physics.free()
+        with self.lifecycle.one_thread:
+            if self.lifecycle.stage != "closed":
+                self.lifecycle.become("closed")
+                self.physics.free()
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on.
@@ -211,15 +210,28 @@ class Environment(control.Environment):
         Raises:
           RuntimeError: The environment is closed, or was not reset after a PhysicsError.
         """
-        if self.lifecycle.stage in ("closed", "failed"):
-            self.lifecycle.refuse()
+        with self.lifecycle.one_thread:
+            if self.lifecycle.stage in ("closed", "failed"):
+                self.lifecycle.refuse()
+            return self._state()
+
+    def _state(self) -> dict[str, Any]:
         return {
+            "task": self.task.episode.task,
             "physics": self.physics.get_state(INTEGRATION),
             "sensordata": self.physics.data.sensordata.copy(),
             "steps": self.task.steps,
             "over": self._reset_next_step,
             "random": stream_state(self.task.random),
         }
+
+    def check_state(self, state: Mapping[str, Any], random: Random) -> None:
+        """Raises what `set_state` raises; a state that is refused changes nothing."""
+        self.lifecycle.check_open()
+        check_state(state, {**self._state(), "random": {}})
+        check_counts("steps", [state["steps"]], [self.task.episode.most_steps])
+        check_stream_state(random, state["random"])
+        self.physics.check_state(state["physics"], state["sensordata"])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues from a state, bit-exactly.
@@ -228,30 +240,25 @@ class Environment(control.Environment):
           state: What `get_state` of an environment of the same task has returned.
 
         Raises:
-          ValueError: The state is of another task, or of another kind of random stream.
-          PhysicsError: The state is unstable; then `reset` must be called.
+          ValueError: The state is of another task or kind of random stream, or is no state of a
+            robot in the arena. Nothing has changed then.
           RuntimeError: The environment is closed.
         """
-        self.lifecycle.check_open()
-        physics, sensordata = self.physics.get_state(INTEGRATION), self.physics.data.sensordata
-        like = {"physics": physics, "sensordata": sensordata, "steps": 0, "over": True}
-        check_state(state, {**like, "random": {}})
-        set_stream_state(self.task.random, state["random"])
-        self.physics.restore(state["physics"], state["sensordata"])
-        self.task.steps = self._step_count = state["steps"]
-        self._reset_next_step = state["over"]
-        self.lifecycle.become("failed")  # until the state has been found stable
-        self.task.after_step(self.physics)
-        self.lifecycle.become("running")
+        with self.lifecycle.one_thread:
+            self.check_state(state, self.task.random)
+            set_stream_state(self.task.random, state["random"])
+            self.physics.restore(state["physics"], state["sensordata"])
+            self.task.steps = self._step_count = state["steps"]
+            self._reset_next_step = state["over"]
+            self.task.after_step(self.physics)
+            self.lifecycle.become("running")
 
     @property
     def physics(self) -> Physics:
-        """Physics of the arena."""
         return self._physics
 
     @property
     def task(self) -> Task:
-        """The task."""
         return self._task
 
     def observation_spec(self) -> Any:
@@ -322,12 +329,7 @@ class TaskDefinition:
     model: str | Path = ARENA_XML
 
     def spec(self, motor_speed: float | None = None, edits: Sequence[Edit] = ()) -> mj.MjSpec:
-        """Returns the task's arena.
-
-        Args:
-          motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the model.
-          edits: Further edits of the arena's model, after the task's own.
-        """
+        """Returns the task's arena, see `arena_spec`; further edits follow the task's own."""
         spec = arena_spec(self.model, motor_speed=motor_speed)
         for edit in (*self.edits, *edits):
             edit(spec)
@@ -345,9 +347,6 @@ class TaskDefinition:
 
     def environment(self, **settings: Unpack[Settings]) -> Environment:
         """Returns the dm_control environment of the task.
-
-        Args:
-          **settings: See `Settings`.
 
         Raises:
           TypeError: A keyword is unknown.
@@ -370,17 +369,8 @@ class TaskDefinition:
         return Environment(physics, task, kwargs.get("flat_observation", False))
 
     def episode(self, start: Start, dimensions: Dimensions, steps: float) -> Episode:
-        """Returns an episode of the task.
-
-        Args:
-          start: Places of robot and spot at the start.
-          dimensions: Dimensions of robot, arena and spot.
-          steps: Number of control steps; infinity for an episode without end.
-
-        Raises:
-          ValueError: A place is outside the arena or inside an obstacle.
-        """
-        return Episode(start, dimensions, self.limit, self.spot_steps, steps)
+        """Returns an episode of the task, see `Episode`."""
+        return Episode(self.name, start, dimensions, self.limit, self.spot_steps, steps)
 
 
 def steps_until(time_limit: float) -> float:
@@ -393,8 +383,5 @@ def steps_until(time_limit: float) -> float:
 
 
 def _environment_keywords() -> list[str]:
-    return [
-        name
-        for name in inspect.signature(control.Environment).parameters
-        if name not in ("physics", "task")
-    ]
+    parameters = inspect.signature(control.Environment).parameters
+    return [name for name in parameters if name not in ("physics", "task")]

@@ -20,12 +20,13 @@ from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
 from .arena import CONTROL_TIMESTEP
-from .episode import real_numbers, whole_number
+from .episode import OneThread, array_like, real_numbers, whole_number
 from .rules import Rules
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _SENSORS = mujoco.mjtDisableBit.mjDSBL_SENSOR.value
 _CONTROL = mujoco.mjtState.mjSTATE_CTRL.value | mujoco.mjtState.mjSTATE_MOCAP_POS.value
+_MOST_SUBSTEPS = 10_000
 
 
 def stop_timers() -> bool:
@@ -68,6 +69,22 @@ class CapacityError(RuntimeError):
         return str(self.args[0])
 
 
+def substeps_of(model: mujoco.MjModel) -> int:
+    """Returns the number of physics steps in a control step.
+
+    Raises:
+      ValueError: The timestep does not divide 0.1 s, or into more than 10,000 steps.
+    """
+    timestep = model.opt.timestep
+    if CONTROL_TIMESTEP / _MOST_SUBSTEPS <= timestep <= CONTROL_TIMESTEP:
+        substeps = round(CONTROL_TIMESTEP / timestep)
+        if abs(substeps * timestep - CONTROL_TIMESTEP) <= 1e-9:
+            return substeps
+    raise ValueError(
+        f"the timestep must divide 0.1 s, into at most {_MOST_SUBSTEPS} steps, got {timestep}"
+    )
+
+
 class Robots(abc.ABC):
     """B robots in lockstep, each alone in its arena: the interface of every simulator.
 
@@ -83,12 +100,6 @@ class Robots(abc.ABC):
 
     def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:
         """Initialises B robots that sense zeros.
-
-        Args:
-          robots: Number of robots, B.
-          rules: Observations, reward and event of the task.
-          dimensions: Dimensions of robot, arena and spot.
-          nsensordata: Number of values in a robot's `sensordata`.
 
         Raises:
           ValueError: robots is not a whole number of at least 1.
@@ -153,13 +164,10 @@ class Robots(abc.ABC):
         """
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Restores a checkpoint; the robots continue from it bit-exactly.
-
-        Args:
-          arrays: Arrays that `arrays` returned.
+        """Restores what `arrays` returned; the robots continue from it bit-exactly.
 
         Raises:
-          ValueError: An array is missing or has the wrong shape.
+          ValueError: An array is missing, or has another shape or type; then nothing changes.
         """
         copy_arrays(arrays, self.arrays())
 
@@ -177,17 +185,13 @@ class Robots(abc.ABC):
         return {name: array.copy() for name, array in self.arrays().items()}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Continues from a state of `get_state`, bit-exactly; see `load_arrays`."""
+        """Continues from a state of `get_state`, see `load_arrays`."""
         self.load_arrays(state)
 
     def _placed(
         self, robots: Any, places: Any, what: str, width: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the indices of some robots, shape (n,), and their places, shape (n, width).
-
-        Raises:
-          ValueError: there is no such robot, or the places are no real numbers of that shape.
-        """
+        """Returns checked indices of robots, shape (n,), and their places, shape (n, width)."""
         robots = np.asarray(robots)
         count = len(robots) if robots.shape == (robots.size,) else -1
         if count < 0 or (count and robots.dtype.kind not in "iu"):
@@ -219,18 +223,25 @@ class Robots(abc.ABC):
             self.sensordata[~self.valid] = 0
 
 
-def copy_arrays(arrays: Mapping[str, np.ndarray], targets: Mapping[str, np.ndarray]) -> None:
+def copy_arrays(arrays: Mapping[str, Any], targets: Mapping[str, np.ndarray]) -> None:
     """Overwrites arrays by others of the same names, all or none of them.
 
     Raises:
-      ValueError: An array is missing or has the wrong shape.
+      ValueError: An array is missing, or has another shape or type.
     """
+    if not isinstance(arrays, Mapping):
+        raise ValueError(f"a state must have the arrays {[*targets]}, got {arrays!r:.60}")
+    given = {}
     for name, target in targets.items():
-        if name not in arrays or arrays[name].shape != target.shape:
-            got = f"shape {arrays[name].shape}" if name in arrays else "none"
-            raise ValueError(f"{name} must have shape {target.shape}, got {got}")
+        if (array := array_like(arrays.get(name), target)) is None:
+            got = arrays.get(name)
+            raise ValueError(
+                f"{name} must have shape {target.shape} and type {target.dtype}, "
+                f"got {getattr(got, 'shape', got)!r:.60}"
+            )
+        given[name] = array
     for name, target in targets.items():
-        target[:] = arrays[name]
+        target[:] = given[name]
 
 
 def _real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -250,7 +261,7 @@ class _Call:
         steps: int,
         disabled: int,
     ) -> None:
-        """Allocates the arrays of a rollout.
+        """Allocates the arrays of so many physics steps.
 
         Args:
           model: Compiled arena.
@@ -295,7 +306,7 @@ class _Call:
 
 
 class Batch(Robots):
-    """B robots in MuJoCo.
+    """B robots in MuJoCo. A second thread that steps or places them meanwhile is refused.
 
     Attributes:
       model: Compiled arena, shared by all robots. A change of it counts from the next step on. A
@@ -316,15 +327,12 @@ class Batch(Robots):
             not depend on it: a robot's step depends on its own state alone.
 
         Raises:
-          ValueError: robots is below 1, threads is negative, or the timestep does not divide
-            0.1 s.
+          ValueError: robots is below 1, threads is negative, or the timestep does not divide 0.1 s.
         """
         super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
         self.model = model
-        self.substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
-        if abs(self.substeps * model.opt.timestep - CONTROL_TIMESTEP) > 1e-9:
-            raise ValueError(f"the timestep must divide 0.1 s, got {model.opt.timestep}")
-
+        self.substeps = substeps_of(model)
+        self._one_thread = OneThread()
         self._nthread = whole_number("threads", threads, 0)
         self._threads = [mujoco.MjData(model) for _ in range(max(threads, 1))]
         self._scratch = self._threads[0]
@@ -344,37 +352,34 @@ class Batch(Robots):
 
     @property
     def pose(self) -> np.ndarray:
-        """See `Robots.pose`."""
         return robot_pose(self._state[:, 1:])
 
     @property
     def spot(self) -> np.ndarray:
-        """See `Robots.spot`."""
         return self._control[:, self.model.nu : self.model.nu + 2].copy()
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """See `Robots.place`."""
         robots, poses = self._placed(robots, poses, "poses", 3)
         nq = self.model.nq
-        self._state[robots] = 0
-        self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
-        self._control[robots, : self.model.nu] = 0
-        for robot in robots:
-            self.show(robot, self._scratch)
-            self.sensordata[robot] = self._scratch.sensordata if self.valid[robot] else 0
+        with self._one_thread:
+            self._state[robots] = 0
+            self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
+            self._control[robots, : self.model.nu] = 0
+            for robot in robots:
+                self.show(robot, self._scratch)
+                self.sensordata[robot] = self._scratch.sensordata if self.valid[robot] else 0
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
-        """See `Robots.place_spot`."""
         nu = self.model.nu
         robots, spots = self._placed(robots, spots, "spots", 2)
         self._control[robots, nu : nu + 2] = spots
 
     def step(self, motors: np.ndarray) -> None:
-        """See `Robots.step`."""
-        np.clip(self._finite_motors(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
-        time = self._state[:, 0].copy()
-        self.sensordata[:] = self.simulate()
-        self._stop_unsound(self._sound(time))
+        with self._one_thread:
+            np.clip(self._finite_motors(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
+            time = self._state[:, 0].copy()
+            self.sensordata[:] = self.simulate()
+            self._stop_unsound(self._sound(time))
 
     def show(self, robot: int, data: mujoco.MjData) -> None:
         """Copies a robot's state into MuJoCo's data of this model, for a picture.
@@ -402,7 +407,6 @@ class Batch(Robots):
         return self._calls[-1].sensordata
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """See `Robots.arrays`."""
         return {
             "state": self._state,
             "control": self._control,
@@ -411,12 +415,11 @@ class Batch(Robots):
         }
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns what `__setstate__` needs; threads and MuJoCo's scratch space are made anew."""
+        """Returns what an exact copy needs; threads and MuJoCo's scratch space are made anew."""
         made_from = (self.model, self.rules, self.robots, self._nthread)
         return {"made_from": made_from, "dimensions": self.dimensions, "state": self.get_state()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Makes an exact copy."""
         model, rules, robots, threads = state["made_from"]
         self.__init__(model, rules, robots, threads=threads)
         self.dimensions = state["dimensions"]

@@ -9,7 +9,8 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
@@ -24,6 +25,8 @@ _REFUSALS: Mapping[Stage, str] = {
     "failed": "reset must be called after a PhysicsError, before the next step",
     "closed": "the environment is closed",
 }
+_TWO_THREADS = "another thread is in a call of this environment: give each thread one of its own"
+_MOST_STEPS = 2**53  # of an episode without end
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +34,7 @@ class Episode:
     """An episode of a task.
 
     Attributes:
+      task: Name of the task, which states carry.
       start: Places of robot and spot at the start.
       dimensions: Dimensions of robot, arena and spot.
       limit: Largest action, which corresponds to motor value 0.5.
@@ -39,6 +43,7 @@ class Episode:
       steps: Number of control steps; infinity for an episode without end.
     """
 
+    task: str
     start: Start
     dimensions: Dimensions
     limit: float
@@ -49,11 +54,13 @@ class Episode:
         """Raises ValueError for a place outside the arena or inside an obstacle."""
         self.start.check(self.dimensions)
 
-    def start_with(self, options: Mapping[str, Any] | None) -> Start:
-        """Returns the start of one episode.
+    @property
+    def most_steps(self) -> float:
+        """Largest number of control steps that a state may hold."""
+        return min(self.steps, _MOST_STEPS)
 
-        Args:
-          options: `robot` and `spot` as in `Start`, which replace those of the task; or None.
+    def start_with(self, options: Mapping[str, Any] | None) -> Start:
+        """Returns the start of an episode whose `robot` and `spot` replace those of the task.
 
         Raises:
           TypeError: An option is unknown.
@@ -67,20 +74,13 @@ class Episode:
         return start
 
     def jumps(self, step: Any) -> Any:
-        """Returns whether the spot jumps at the start of a control step.
-
-        Args:
-          step: Number of the control step, from 0; or an array of them.
-        """
+        """Returns whether the spot jumps at the start of control step number `step`, from 0."""
         if not self.spot_steps:
             return step < 0  # never, in the shape of `step`
         return (step > 0) & (step % self.spot_steps == 0)
 
     def motors(self, action: Any) -> tuple[float, float]:
-        """Returns the motor values of one robot's action.
-
-        Args:
-          action: Left and right action; values beyond the limits are clipped.
+        """Returns the motor values of one robot's action, clipped to the limits.
 
         Raises:
           ValueError: The action is not two finite numbers.
@@ -126,6 +126,26 @@ def _refuse_action(action: Any, shape: tuple[int, ...]) -> NoReturn:
     )
 
 
+class OneThread:
+    """A lock that refuses a second thread, which MuJoCo's data would not survive.
+
+    One thread may hold it several times. A copy is not held.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError(_TWO_THREADS)
+
+    def __exit__(self, *error: object) -> None:
+        self._lock.release()
+
+    def __reduce__(self) -> tuple[type, tuple[()]]:
+        return OneThread, ()
+
+
 class Lifecycle:
     """The states of an environment: "new", then "running" from each reset on, until it fails.
 
@@ -135,12 +155,14 @@ class Lifecycle:
     Attributes:
       stage: State of the environment.
       running: Whether an episode is under way; what every step reads.
+      one_thread: What every call of the environment holds.
     """
 
     def __init__(self) -> None:
         """Begins before the first reset."""
         self.stage: Stage = "new"
         self.running = False
+        self.one_thread = OneThread()
 
     def become(self, stage: Stage) -> None:
         """Changes the state.
@@ -173,6 +195,16 @@ def check_keywords(
     unknown = sorted(map(str, set(given) - set(allowed)))
     if unknown:
         raise TypeError(f"{whose} takes the {kind} {sorted(allowed)}, got {unknown}")
+
+
+def array_like(values: Any, like: np.ndarray) -> np.ndarray | None:
+    """Returns values as an array; None unless they have the shape and type of another array."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # parts of different lengths
+        return None
+    fits = array.shape == like.shape and np.can_cast(array.dtype, like.dtype, "same_kind")
+    return array if fits else None
 
 
 def real_numbers(values: Any, shape: tuple[int, ...]) -> np.ndarray | None:
@@ -227,6 +259,11 @@ def stream_state(random: Random) -> dict[str, Any]:
     return copy.deepcopy(state)
 
 
+def check_stream_state(random: Random, state: Any) -> None:
+    """Raises ValueError unless a state is one of such a random stream."""
+    set_stream_state(copy.deepcopy(random), state)
+
+
 def set_stream_state(random: Random, state: Any) -> None:
     """Sets the state of a random stream.
 
@@ -238,25 +275,37 @@ def set_stream_state(random: Random, state: Any) -> None:
             random.set_state(state)
         else:
             random.bit_generator.state = state
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError) as error:
+    except Exception as error:  # NumPy documents none
         raise ValueError(f"state must hold the state of such a random stream ({error})") from error
 
 
 def check_state(state: Any, like: Mapping[str, Any]) -> None:
     """Raises ValueError unless a state has the keys, types and shapes of another state.
 
-    A list that is not empty must have as many parts.
+    Texts must be equal, and a list that is not empty must have as many parts.
     """
     if not isinstance(state, Mapping) or set(state) != set(like):
         got = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
         raise ValueError(f"state must have the keys {sorted(like)}, got {got}")
     for name, own in like.items():
-        if type(state[name]) is not type(own):
-            kinds = type(own).__name__, type(state[name]).__name__
+        given = state[name]
+        if type(given) is not type(own):
+            kinds = type(own).__name__, type(given).__name__
             raise ValueError(f"state[{name!r}] must be of type {kinds[0]}, got {kinds[1]}")
-        if isinstance(own, list) and own and len(state[name]) != len(own):
-            raise ValueError(f"state[{name!r}] must have {len(own)} parts, got {len(state[name])}")
-        wanted = (own.shape, own.dtype) if isinstance(own, np.ndarray) else None
-        if wanted and (state[name].shape, state[name].dtype) != wanted:
-            got = state[name].shape, str(state[name].dtype)
-            raise ValueError(f"state[{name!r}] must be {wanted[0]}, {wanted[1]}, got {got}")
+        if isinstance(own, str) and given != own:
+            raise ValueError(f"state[{name!r}] must be {own!r}, got {given!r:.60}")
+        if isinstance(own, list) and own and len(given) != len(own):
+            raise ValueError(f"state[{name!r}] must have {len(own)} parts, got {len(given)}")
+        if isinstance(own, np.ndarray) and (given.shape, given.dtype) != (own.shape, own.dtype):
+            wanted, got = (f"{one.dtype} of shape {one.shape}" for one in (own, given))
+            raise ValueError(f"state[{name!r}] must be {wanted}, got {got}")
+
+
+def check_counts(name: str, counts: Iterable[Any], most: Iterable[float]) -> None:
+    """Raises ValueError unless counts in a state are whole numbers from 0 to their maxima."""
+    for count, limit in zip(counts, most, strict=True):
+        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+        if not whole or not 0 <= count <= limit:
+            raise ValueError(
+                f"state[{name!r}] must be whole numbers from 0 to {limit:.0f}, got {count!r:.60}"
+            )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import numbers
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,11 +16,17 @@ from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, MODULES, re
 from ..models import check_arena
 from .arena import CONTROL_TIMESTEP, SUITE, Environment, Settings, TaskDefinition, steps_until
 from .batch import Batch
-from .rules import Rules
+from .rules import Rules, within
 from .starts import random_poses
 from .suite import DOMAIN, TASKS, TASKS_BY_DOMAIN
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+_RANGES = {  # of a definition's numbers
+    "limit": (1e-6, 1e6),
+    "time_limit": (CONTROL_TIMESTEP, math.inf),
+    "spot_seconds": (0, 1e9),
+}
+_PROBED = 60  # control steps: straight ahead, across the arena and into a wall
 
 
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
@@ -46,32 +53,23 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
       ValueError: The name is one of the suite or has another form, a setting is out of range, the
         arena lacks something, or the rules do not return what they declare.
     """
-    if not _NAME.fullmatch(name):
-        raise ValueError(f"name must be lower case with underscores, got {name!r}")
+    if not (isinstance(name, str) and _NAME.fullmatch(name)):
+        raise ValueError(f"name must be lower case with underscores, got {name!r:.60}")
     if name in TASKS_BY_DOMAIN[DOMAIN]:
         raise ValueError(f"there is a task {name!r} in the suite already")
     if not (isinstance(rules, type) and issubclass(rules, Rules)):
         raise TypeError(f"rules must be a subclass of musebot.tasks.rules.Rules, got {rules!r}")
-    if "model" in settings:  # the working directory may change
-        settings["model"] = Path(settings["model"]).resolve()
+    if "model" in settings:
+        settings["model"] = _file(settings["model"])
     definition = TaskDefinition(name, rules, **settings)
-    if not 0 < definition.limit < math.inf:
-        raise ValueError(f"limit must be positive, got {definition.limit}")
-    if not definition.time_limit >= CONTROL_TIMESTEP:
-        raise ValueError(f"time_limit must be at least 0.1 s, got {definition.time_limit}")
-    if definition.spot_seconds and not CONTROL_TIMESTEP <= definition.spot_seconds < math.inf:
-        raise ValueError(
-            f"spot_seconds must be 0, or at least 0.1 s, got {definition.spot_seconds}"
-        )
-    if abs(definition.spot_steps * CONTROL_TIMESTEP - definition.spot_seconds) > 1e-9:
-        raise ValueError(f"spot_seconds must be a multiple of 0.1 s, got {definition.spot_seconds}")
+    _check_settings(definition)
     identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
     if GYMNASIUM_TASKS.get(identifier, name) != name:
         raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")
     model = definition.spec().compile()
     check_arena(model)
     # Fails where a sensor is missing, or the timestep is another.
-    _check(Batch(model, rules.of(model, "inverse"), 2))
+    _check_rules(Batch(model, rules.of(model, "inverse"), 2))
 
     def factory(**keywords: Unpack[Settings]) -> Environment:
         return TASKS[name].environment(**keywords)
@@ -96,26 +94,75 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     return f"musebot/{identifier}"
 
 
-def _check(batch: Batch) -> None:
+def _file(model: Any) -> Path:
+    """Returns the absolute path of a model's file: the working directory may change."""
+    try:
+        path = Path(model).resolve()
+    except (TypeError, ValueError, OSError):  # OSError: the working directory was deleted
+        path = None
+    if path is None or not path.is_file():
+        raise ValueError(f"model must be an MJCF file, got {str(model)!r:.200}")
+    return path
+
+
+def _check_settings(definition: TaskDefinition) -> None:
+    """Raises ValueError, with the field's name, for a setting out of range."""
+    for name, (low, high) in _RANGES.items():
+        value = getattr(definition, name)
+        real = isinstance(value, numbers.Real) and not isinstance(value, bool)
+        if not real or not low <= value <= high:
+            raise ValueError(f"{name} must be a number from {low:g} to {high:g}, got {value!r:.60}")
+    if abs(definition.spot_steps * CONTROL_TIMESTEP - definition.spot_seconds) > 1e-9:
+        raise ValueError(f"spot_seconds must be a multiple of 0.1 s, got {definition.spot_seconds}")
+    edits: Any = definition.edits
+    if not isinstance(edits, tuple | list) or not all(map(callable, edits)):
+        raise ValueError(f"edits must be functions that edit an arena, got {edits!r:.60}")
+
+
+def _check_rules(batch: Batch) -> None:
     """Checks that rules return what they declare, of one robot and of several.
 
+    Two robots drive from the spot into a wall.
+
     Raises:
-      ValueError: An observation, the reward or the event has another name, order or shape; or
-        obstacles leave no room for a robot.
+      ValueError: An observation, the reward or the event has another name, order, shape, type or
+        range; or obstacles leave no room for a robot.
     """
-    rules = batch.rules
-    batch.place(
-        np.arange(batch.robots), random_poses(np.random.default_rng(0), batch.dimensions, 2)
-    )
-    for measured in (batch.sensordata, batch.sensordata[0]):
-        shape = measured.shape[:-1]
-        declared = {name: (*shape, length) for name, (length, _, _) in rules.shapes.items()}
-        observations = rules.observations(measured)
-        if not isinstance(observations, Mapping):
-            raise ValueError(f"observations must be a dict, got {observations!r:.100}")
-        seen = {name: np.shape(one) for name, one in observations.items()}
-        if [*seen.items()] != [*declared.items()]:
-            raise ValueError(f"observations must have the shapes {declared}, got {seen}")
-        for what in ("reward", "event"):
-            if (found := np.shape(getattr(rules, what)(measured))) != shape:
-                raise ValueError(f"{what} must have the shape {shape}, got {found}")
+    rules, everyone = batch.rules, np.arange(batch.robots)
+    try:
+        declared = {**rules.shapes, "the reward": (1, *rules.rewards)}.values()
+        sound = all(length >= 1 and low <= high for length, low, high in declared)
+    except (AttributeError, TypeError, ValueError):
+        sound = False
+    if not sound:
+        raise ValueError(
+            f"{type(rules).__name__} must declare shapes, (length, minimum, maximum) by name, and "
+            "rewards, (minimum, maximum)"
+        )
+    poses = random_poses(np.random.default_rng(0), batch.dimensions, batch.robots)
+    batch.place_spot(everyone, poses[:, :2])
+    batch.place(everyone, poses)
+    for _ in range(_PROBED):
+        for measured in (batch.sensordata, batch.sensordata[0]):
+            _check_values(rules, measured)
+        batch.step(np.full((batch.robots, 2), 0.5))
+
+
+def _check_values(rules: Rules, measured: np.ndarray) -> None:
+    shape = measured.shape[:-1]
+    observations = rules.observations(measured)
+    if not isinstance(observations, Mapping):
+        raise ValueError(f"observations must be a dict, got {observations!r:.100}")
+    declared = {name: (*shape, length) for name, (length, _, _) in rules.shapes.items()}
+    seen = {name: np.shape(one) for name, one in observations.items()}
+    if [*seen.items()] != [*declared.items()]:
+        raise ValueError(f"observations must have the shapes {declared}, got {seen}")
+    for name, (_, low, high) in rules.shapes.items():
+        values = np.asarray(observations[name])
+        if not within(values, declared[name], (low, high)):
+            raise ValueError(
+                f"{name} must be numbers from {low:g} to {high:g}, got {values!r:.100}"
+            )
+    rules.checked_reward(measured)
+    if (found := np.shape(rules.event(measured))) != shape:
+        raise ValueError(f"event must have the shape {shape}, got {found}")

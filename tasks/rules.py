@@ -16,15 +16,11 @@ if TYPE_CHECKING:
     from .sensors import NoseForm
 
 RANGEFINDERS = ("front", "back", "left", "right")
+_ROUNDING = 1e-6  # by which a task's values may exceed their declared range
 
 
 def sensor_slice(model: mujoco.MjModel, name: str, length: int) -> slice:
-    """Returns the indices of a sensor's numbers in `sensordata`.
-
-    Args:
-      model: Compiled arena.
-      name: Name of the sensor, or of the first of several adjacent sensors.
-      length: Number of values that the sensors return.
+    """Returns the indices in `sensordata` of so many numbers, from those of a sensor on.
 
     Raises:
       KeyError: The arena lacks the sensor.
@@ -93,11 +89,7 @@ class Rules(abc.ABC):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
-        """Returns the rules for a compiled arena.
-
-        Args:
-          model: Compiled arena.
-          nose: Form of Eq. 3, for robots with a nose.
+        """Returns the rules for a compiled arena; `nose` is the form of Eq. 3.
 
         Raises:
           KeyError: The arena lacks a sensor.
@@ -117,7 +109,30 @@ class Rules(abc.ABC):
     def event(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns whether the event that Learn Ability counts happens, shape (...)."""
 
+    def checked_reward(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns a copy of the reward, shape (...), for an interface that hands it on.
+
+        Raises:
+          ValueError: It has another shape or type, is not finite, or is beyond `rewards`.
+        """
+        found = np.array(self.reward(sensordata))
+        if not within(found, sensordata.shape[:-1], self.rewards):
+            low, high = self.rewards
+            raise ValueError(
+                f"the reward of {type(self).__name__} must be numbers from {low:g} to {high:g} of "
+                f"shape {sensordata.shape[:-1]}, got {found!r:.100}"
+            )
+        return found
+
     def state(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the state that a brain senses: all observations concatenated, shape (..., S)."""
         signals = list(self.observations(sensordata).values())
         return namespace(sensordata).concat(signals, axis=-1)
+
+
+def within(values: np.ndarray, shape: tuple[int, ...], ends: tuple[float, float]) -> bool:
+    """Returns whether values are real numbers of a shape, from the first to the second end."""
+    if values.shape != shape or values.dtype.kind not in "fiub":
+        return False
+    low, high = ends
+    return bool(((values >= low - _ROUNDING) & (values <= high + _ROUNDING)).all())

@@ -42,6 +42,8 @@ class ArenaVecEnv(VecEnv):
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
             task, 1,000 in the suite.
         """
+        if not isinstance(task, str):
+            raise ValueError(f"task must be a task's name or Gymnasium id, got {task!r:.60}")
         module, _, name = task.rpartition(":")
         if module and all(part.isidentifier() for part in module.split(".")):
             importlib.import_module(module)  # it registers the task, its id and its steps
@@ -69,7 +71,7 @@ class ArenaVecEnv(VecEnv):
           TypeError, ValueError: `ArenaVectorEnv.reset` raises it, or the robots' options differ.
         """
         first, *others = self._options
-        if any(options != first for options in others):
+        if not all(_equal(options, first) for options in others):
             raise ValueError("options must be the same for all robots of a batch")
         observations, info = self._robots.reset(seed=self._seeds, options=first)
         self.reset_infos = [_of(info, robot) for robot in range(self.num_envs)]
@@ -126,3 +128,11 @@ class ArenaVecEnv(VecEnv):
 def _of(info: Mapping[str, Any], robot: Any) -> dict[str, Any]:
     """Returns the entries of `INFO` of a robot."""
     return {name: info[name][robot] for name in INFO}
+
+
+def _equal(ours: Mapping[str, Any] | None, theirs: Mapping[str, Any] | None) -> bool:
+    """Returns whether two robots have the same options, some of which may be arrays."""
+    ours, theirs = ours or {}, theirs or {}
+    return ours.keys() == theirs.keys() and all(
+        np.array_equal(value, theirs[name]) for name, value in ours.items()
+    )

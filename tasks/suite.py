@@ -42,10 +42,10 @@ def task_definition(task_name: str) -> TaskDefinition:
     Raises:
       ValueError: There is no such task.
     """
-    if task_name not in TASKS:
+    if not isinstance(task_name, str) or task_name not in TASKS:
         raise ValueError(
-            f"Level {task_name!r} does not exist in domain {DOMAIN!r}: task must be one of "
-            f"{sorted(TASKS)}, got {task_name!r}"
+            f"Level {task_name!r:.60} does not exist in domain {DOMAIN!r}: task must be one of "
+            f"{sorted(TASKS)}, got {task_name!r:.60}"
         )
     return TASKS[task_name]
 
@@ -72,8 +72,8 @@ def load(
     """
     if domain_name != DOMAIN:
         raise ValueError(
-            f"Domain {domain_name!r} does not exist: domain must be one of {[DOMAIN]}, "
-            f"got {domain_name!r}"
+            f"Domain {domain_name!r:.60} does not exist: domain must be one of {[DOMAIN]}, "
+            f"got {domain_name!r:.60}"
         )
     task_definition(task_name)
     kwargs = dict(task_kwargs or {})

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...tasks.batch import Robots
-from ...tasks.tensors.parts import Part
+from ...tasks.tensors.robots import Part
 from ..agents.base import sound
 from ..agents.names import TRAINED_BEFORE, is_own, short_name
 from ..agents.settings import settings_from

@@ -11,10 +11,9 @@ import torch
 
 from ...models.arrays import namespace
 from ...tasks.batch import Batch, Robots
-from ...tasks.kinematic.robots import KinematicBatch
+from ...tasks.kinematic import KinematicBatch
 from ...tasks.tensors import capture
-from ...tasks.tensors.parts import Part, parts
-from ...tasks.tensors.robots import TensorRobots
+from ...tasks.tensors.robots import KinematicTensors, Part, TensorRobots, parts
 from ..agents.base import Agent
 from ..agents.neurocontroller import NeurocontrollerAgent
 from .experiment import Experiment
@@ -31,7 +30,7 @@ def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> lis
     Args:
       experiment: Experiment that decides the robots' lives.
       task: Task of the protocol.
-      cohorts: Number of cohorts; several are parts of one batch (see `tasks.tensors.parts`), for
+      cohorts: Number of cohorts; several are parts of one batch (see `tasks.tensors.robots.parts`), for
         robots on tensors only.
     """
     batch = experiment.batch(task, cohorts * experiment.cohort_size)
@@ -53,8 +52,6 @@ def agent_on_device(experiment: Experiment, make_agent: Callable[[], Agent]) -> 
 def on_tensors(batch: Robots) -> TensorRobots:
     """Returns a batch's robots as tensors on the default device; MuJoCo's are simulated in Warp."""
     if isinstance(batch, KinematicBatch):
-        from ...tasks.tensors.kinematic import KinematicTensors
-
         return KinematicTensors(batch)
     from ...tasks.tensors.warp import WarpTensors
 

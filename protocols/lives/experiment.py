@@ -16,7 +16,7 @@ from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, s
 from ...models.arena import FASTEST
 from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import Robots
-from ...tasks.kinematic.robots import make_kinematic_batch
+from ...tasks.kinematic import make_kinematic_batch
 from ...tasks.sensors import NoseForm
 from ...tasks.starts import FROM_WALLS
 from ...tasks.suite import Edit, make_batch

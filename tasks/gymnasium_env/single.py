@@ -13,7 +13,7 @@ import numpy as np
 from ...models.arena import heading
 from ...models.physics import Physics
 from ...models.rendering import no_window
-from ..episode import Lifecycle, check_state
+from ..episode import Lifecycle, check_counts, check_state
 from ..suite import load
 from .common import FPS, check_render_mode, checked_task, picture_of, spaces
 
@@ -70,7 +70,6 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def physics(self) -> Physics:
-        """Physics of dm_control."""
         return self._environment.physics
 
     @property
@@ -99,15 +98,17 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
           TypeError: An option is unknown.
           ValueError: A place is outside the arena or inside an obstacle.
         """
-        self._environment.task.episode.start_with(options)  # refuses before anything changes
-        if self._environment.lifecycle.stage == "closed":
-            self._environment.lifecycle = Lifecycle()
-        super().reset(seed=seed)
-        self._environment.task.reseed(self.np_random)
-        timestep = self._environment.reset(options=options)
-        self._counts = [0, 0]
-        self._show()
-        return _state(timestep.observation), self._info(0)
+        environment = self._environment
+        with environment.lifecycle.one_thread:
+            environment.task.episode.start_with(options)  # refuses before anything changes
+            if environment.lifecycle.stage == "closed":
+                environment.lifecycle = Lifecycle()
+            super().reset(seed=seed)
+            environment.task.reseed(self.np_random)
+            timestep = environment.reset(options=options)
+            self._counts = [0, 0]
+            self._show()
+            return _state(timestep.observation), self._info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulates 0.1 s.
@@ -120,15 +121,16 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
           `INFO`.
 
         Raises:
-          ValueError: The action is not two finite numbers.
-          PhysicsError: The simulation became unstable; then `reset` must be called.
-          RuntimeError: There was no reset, or the environment is closed.
+          ValueError, PhysicsError: See `arena.Environment.step`.
+          RuntimeError: There was no reset, or the environment is closed or in another thread's
+            hands.
         """
         environment = self._environment
-        environment.lifecycle.check_running()
-        timestep = environment.step(action)
-        self._show()
-        return _state(timestep.observation), timestep.reward, False, False, self._info(1)
+        with environment.lifecycle.one_thread:
+            environment.lifecycle.check_running()
+            timestep = environment.step(action)
+            self._show()
+            return _state(timestep.observation), timestep.reward, False, False, self._info(1)
 
     def render(self) -> Any:
         """Draws the window, or returns a picture.
@@ -140,22 +142,25 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
           RuntimeError: OpenGL cannot be opened here, or the environment is closed.
         """
-        self._environment.lifecycle.check_open()
-        if self.render_mode is None:
-            return None
-        if self.mujoco_renderer is None:
-            from ...models.gymnasium_renderer import ArenaRenderer
+        with self._environment.lifecycle.one_thread:
+            self._environment.lifecycle.check_open()
+            if self.render_mode is None:
+                return None
+            if self.mujoco_renderer is None:
+                from ...models.gymnasium_renderer import ArenaRenderer
 
-            self.mujoco_renderer = ArenaRenderer(self.model, self.data, **self._picture)
-        return self.mujoco_renderer.render(self.render_mode)
+                self.mujoco_renderer = ArenaRenderer(self.model, self.data, **self._picture)
+            return self.mujoco_renderer.render(self.render_mode)
 
     def close(self) -> None:
         """Closes the window, and frees the renderer; only `reset` opens the environment again."""
-        if self.mujoco_renderer is not None:
-            self.mujoco_renderer.close()
-            self.mujoco_renderer = None
-        if self._environment.lifecycle.stage != "closed":
-            self._environment.lifecycle.become("closed")
+        lifecycle = self._environment.lifecycle
+        with lifecycle.one_thread:
+            if self.mujoco_renderer is not None:
+                self.mujoco_renderer.close()
+                self.mujoco_renderer = None
+            if lifecycle.stage != "closed":
+                lifecycle.become("closed")
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
@@ -165,22 +170,25 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
           RuntimeError: There was no reset, or none after a PhysicsError, or it is closed.
         """
-        self._environment.lifecycle.check_running()
-        counts = {"counts": list(self._counts), "seed": self.np_random_seed}
-        return self._environment.get_state() | counts
+        with self._environment.lifecycle.one_thread:
+            self._environment.lifecycle.check_running()
+            counts = {"counts": list(self._counts), "seed": self.np_random_seed}
+            return self._environment.get_state() | counts
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues from a state, bit-exactly, see `arena.Environment.set_state`."""
-        rest = dict(state) if isinstance(state, Mapping) else {}
-        own = {name: rest.pop(name, None) for name in ("counts", "seed")}
-        like: dict[str, Any] = {"counts": [0, 0], "seed": 0}
-        check_state(own, like)
-        self._environment.task.reseed(self.np_random)
-        self._environment.set_state(rest)
-        self._counts, self._np_random_seed = list(state["counts"]), state["seed"]
+        environment = self._environment
+        with environment.lifecycle.one_thread:
+            rest = dict(state) if isinstance(state, Mapping) else {}
+            own = {name: rest.pop(name, None) for name in ("counts", "seed")}
+            check_state(own, {"counts": [0, 0], "seed": 0})
+            environment.check_state(rest, self.np_random)
+            check_counts("counts", own["counts"], [rest["steps"]] * 2)
+            environment.task.reseed(self.np_random)
+            environment.set_state(rest)
+            self._counts, self._np_random_seed = list(own["counts"]), own["seed"]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns the attributes of an exact copy, which has no window."""
         return {**self.__dict__, "mujoco_renderer": None}
 
     def _info(self, steps: int) -> dict[str, Any]:

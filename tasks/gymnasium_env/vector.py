@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,7 +19,9 @@ from ...models.physics import Physics
 from ..batch import CapacityError
 from ..episode import (
     Lifecycle,
+    check_counts,
     check_state,
+    check_stream_state,
     set_stream_state,
     steps_of,
     stream_state,
@@ -94,7 +97,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         robots = 1 if backend == "warp" else num_envs  # Warp needs its model and rules only
         self._batch = make_batch(definition.name, robots, nose=nose, threads=threads)
         if backend == "warp":
-            from ..warp.robots import WarpBatch
+            from ..tensors.warp import WarpBatch
 
             self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
         self._episode = definition.episode(Start(**kwargs), self._batch.dimensions, steps)
@@ -150,20 +153,21 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           gymnasium.error.Error: A seed is negative.
           RuntimeError: The batch is closed.
         """
-        self._lifecycle.check_open()
-        places = dict(options or {})
-        mask = self._mask(places.pop("reset_mask", None))
-        start = self._episode.start_with(places)
-        if isinstance(seed, int | np.integer):
-            seed = [int(seed) + k for k in range(self.num_envs)]
-        seeds = [None] * self.num_envs if seed is None else list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
-        self._seed([one if own else None for one, own in zip(seeds, mask, strict=True)])
-        self._begin(np.flatnonzero(mask), start)
-        self._over[mask] = False
-        self._lifecycle.become("running")
-        return self._states(), self._info(mask)
+        with self._lifecycle.one_thread:
+            self._lifecycle.check_open()
+            places = dict(options or {})
+            mask = self._mask(places.pop("reset_mask", None))
+            start = self._episode.start_with(places)
+            if isinstance(seed, int | np.integer):
+                seed = [int(seed) + k for k in range(self.num_envs)]
+            seeds = [None] * self.num_envs if seed is None else list(seed)
+            if len(seeds) != self.num_envs:
+                raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
+            self._seed([one if own else None for one, own in zip(seeds, mask, strict=True)])
+            self._begin(np.flatnonzero(mask), start)
+            self._over[mask] = False
+            self._lifecycle.become("running")
+            return self._states(), self._info(mask)
 
     def step(
         self, actions: np.ndarray
@@ -184,6 +188,12 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           RuntimeError: There was no reset, the batch is closed, or with DISABLED a robot whose
             episode has ended was not reset.
         """
+        with self._lifecycle.one_thread:
+            return self._step(actions)
+
+    def _step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         batch = self._batch
         self._lifecycle.check_running()
         starting = np.flatnonzero(self._over)  # never with SAME_STEP
@@ -200,14 +210,11 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         except CapacityError as error:
             self._lifecycle.become("failed")
             raise PhysicsError(str(error)) from error
-        if not batch.valid.all():
-            self._lifecycle.become("failed")
-            broken = np.flatnonzero(~batch.valid).tolist()
-            raise PhysicsError(f"the simulation of the robots {broken} became unstable")
+        self._check_sound(batch.valid)
         self._steps += 1
         events: np.ndarray | None = self._events()
         self._counts += events
-        rewards = np.array(batch.rules.reward(batch.sensordata), dtype=float)
+        rewards = batch.rules.checked_reward(batch.sensordata).astype(float)
         if len(starting):
             self._begin(starting, self._episode.start)
             rewards[starting] = 0.0
@@ -222,6 +229,13 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         info |= self._info(None, events)
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
+    def _check_sound(self, sound: np.ndarray) -> None:
+        """Raises PhysicsError unless all robots are sound, Booleans of shape (B,)."""
+        if not sound.all():
+            self._lifecycle.become("failed")
+            broken = np.flatnonzero(~sound).tolist()
+            raise PhysicsError(f"the simulation of the robots {broken} became unstable")
+
     def render(self, robots: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
         """Returns pictures of robots, for `render_mode="rgb_array"`.
 
@@ -235,24 +249,26 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           IndexError: There is no such robot.
           RuntimeError: The batch is closed.
         """
-        self._lifecycle.check_open()
-        if self.render_mode != "rgb_array":
-            return None
-        batch = self._batch
-        if self._painter is None:
-            self._painter = Physics.from_model(MjModel(copy.copy(batch.model)))
-        physics, pictures = self._painter, []
-        for robot in range(self.num_envs) if robots is None else robots:
-            batch.show(robot, physics.data.ptr)
-            pictures.append(physics.render(**self._picture))
-        return tuple(pictures)
+        with self._lifecycle.one_thread:
+            self._lifecycle.check_open()
+            if self.render_mode != "rgb_array":
+                return None
+            batch = self._batch
+            if self._painter is None:
+                self._painter = Physics.from_model(MjModel(copy.copy(batch.model)))
+            physics, pictures = self._painter, []
+            for robot in range(self.num_envs) if robots is None else robots:
+                batch.show(robot, physics.data.ptr)
+                pictures.append(physics.render(**self._picture))
+            return tuple(pictures)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer; the batch cannot be used any more."""
-        self._lifecycle.become("closed")
-        if self._painter is not None:
-            self._painter.free()
-            self._painter = None
+        with self._lifecycle.one_thread:
+            self._lifecycle.become("closed")
+            if self._painter is not None:
+                self._painter.free()
+                self._painter = None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Returns `get_attr(name)`, or `render()`, the only method that robots of a batch have.
@@ -300,8 +316,13 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         Raises:
           RuntimeError: There was no reset, or none after a PhysicsError, or the batch is closed.
         """
-        self._lifecycle.check_running()
+        with self._lifecycle.one_thread:
+            self._lifecycle.check_running()
+            return self._state()
+
+    def _state(self) -> dict[str, Any]:
         return {
+            "task": self._episode.task,
             "batch": self._batch.get_state(),
             "randoms": [stream_state(random) for random in self.np_random],
             "seeds": list(self._seeds),
@@ -317,23 +338,43 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           state: What `get_state` of a batch of as many robots in the same task has returned.
 
         Raises:
-          ValueError: The state is of another task or number of robots.
+          ValueError: The state is of another task or number of robots, or is no state of robots in
+            the arena. Nothing has changed then.
           RuntimeError: The batch is closed.
         """
-        self._lifecycle.check_open()
-        arrays = {"steps": self._steps, "counts": self._counts, "over": self._over}
+        with self._lifecycle.one_thread:
+            self._lifecycle.check_open()
+            self._check_state(state)
+            for random, one in zip(self.np_random, state["randoms"], strict=True):
+                set_stream_state(random, one)
+            self._batch.set_state(state["batch"])
+            self._seeds = list(state["seeds"])
+            self._steps, self._counts, self._over = (
+                state[name].copy() for name in ("steps", "counts", "over")
+            )
+            self._lifecycle.become("running")
+
+    def _check_state(self, state: Mapping[str, Any]) -> None:
         randoms: list[Any] = [None] * self.num_envs
-        check_state(state, {"batch": {}, "randoms": randoms, "seeds": self._seeds, **arrays})
-        check_state(state["batch"], self._batch.arrays())
+        check_state(state, {**self._state(), "batch": {}, "randoms": randoms})
+        batch = state["batch"]
+        check_state(batch, self._batch.arrays())
+        sound = self._batch.dimensions.sound(batch["state"][:, 1:7]).all()
+        if not (sound and all(np.isfinite(one).all() for one in batch.values())):
+            raise ValueError(
+                "state['batch'] must be finite numbers, of robots that stand in the arena, got x, "
+                f"y, z {batch['state'][:, 1:4].tolist()!r:.200}"
+            )
+        if not batch["valid"].all():
+            raise ValueError(f"state['batch']['valid'] must be all True, got {batch['valid']}")
+        check_counts("steps", state["steps"], [self._episode.most_steps] * self.num_envs)
+        for counts in state["counts"]:
+            check_counts("counts", counts, state["steps"])
+        check_counts("seeds", state["seeds"], [math.inf] * self.num_envs)
         for random, one in zip(self.np_random, state["randoms"], strict=True):
-            set_stream_state(random, one)
-        self._batch.set_state(state["batch"])
-        self._seeds = list(state["seeds"])
-        self._steps, self._counts, self._over = (state[name].copy() for name in arrays)
-        self._lifecycle.become("running")
+            check_stream_state(random, one)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns the attributes of an exact copy, which has no renderer yet."""
         return {**self.__dict__, "_painter": None}
 
     def _mask(self, mask: Any) -> np.ndarray:
@@ -376,6 +417,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._batch.valid[robots] = True  # a robot that was stopped starts again
         self._batch.place_spot(robots, spots)
         self._batch.place(robots, poses)
+        self._check_sound(np.isfinite(self._batch.sensordata).all(axis=1))
         self._steps[robots] = 0
         self._counts[:, robots] = 0
 

@@ -1,16 +1,18 @@
-"""What robots on tensors have in common: places, states and checkpoints."""
+"""Robots as tensors of PyTorch: the interface, the kinematic simulator, and parts of a batch."""
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ..batch import Robots
+from ..batch import Robots, copy_arrays
+from ..kinematic import KinematicBatch, after_control_step, measure
+from .capture import Captured
 
 
 class TensorRobots(Robots):
@@ -39,45 +41,31 @@ class TensorRobots(Robots):
 
     @property
     def pose(self) -> np.ndarray:
-        """See `Robots.pose`."""
         self._fetch()
         return self._host.pose
 
     @property
     def spot(self) -> np.ndarray:
-        """See `Robots.spot`."""
         self._fetch()
         return self._host.spot
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """See `Robots.place`."""
         self._fetch()
         self._host.place(robots, poses)
         self._send()
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
-        """See `Robots.place_spot`."""
         self._fetch()
         self._host.place_spot(robots, spots)
         self._send()
 
     def stop(self, robots: np.ndarray) -> None:
-        """See `Robots.stop`."""
         if np.size(robots):
             self._fetch()
             self._host.stop(robots)
             self._send()
 
     def step(self, motors: Any) -> None:
-        """Simulates a control step of 0.1 s.
-
-        Args:
-          motors: Motor values, left and right, a tensor of shape (B, 2). Values beyond [-0.5, 0.5]
-            are clipped; a robot whose values are not finite becomes invalid.
-
-        Raises:
-          ValueError: the motors have another shape.
-        """
         if motors.shape != (self.robots, 2):
             shape = self.robots, 2
             raise ValueError(f"motors must have shape {shape}, got {tuple(motors.shape)}")
@@ -89,16 +77,15 @@ class TensorRobots(Robots):
         """Simulates a control step with the motors in `_given`."""
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """See `Robots.arrays`; copies on the host."""
+        """Returns copies on the host of everything that the next steps depend on."""
         return {name: tensor.cpu().numpy().copy() for name, tensor in self._tensors.items()}
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Robots.load_arrays`."""
         self._host.load_arrays(arrays)
         self._send()
 
     def _commanded(self) -> Tensor:
-        """Returns motor values that the motors follow, shape (B, 2).
+        """Returns the motor values that the motors follow, shape (B, 2).
 
         Invalidates robots whose motors are not finite.
         """
@@ -130,3 +117,98 @@ class TensorRobots(Robots):
     def _send(self) -> None:
         for name, array in self._host.arrays().items():
             self._tensors[name].copy_(torch.from_numpy(array))
+
+
+class KinematicTensors(TensorRobots):
+    """The robots of a `KinematicBatch`, as tensors on the default device.
+
+    The equations are those of the `KinematicBatch`; numbers differ from its numbers by rounding.
+    """
+
+    _MOTORS = torch.float32
+
+    def __init__(self, batch: KinematicBatch) -> None:
+        """Takes over the robots of a batch, which is not to be used any more."""
+        super().__init__(batch)
+        self._kinematics = batch.kinematics
+        self._captured = Captured(self._simulate, self._device)
+
+    def _advance(self) -> None:
+        self._captured()
+
+    def _simulate(self) -> None:
+        own = self._tensors
+        motors: Any = self._commanded()
+        poses, wheels, contact = after_control_step(
+            own["poses"], own["wheels"], motors, self._kinematics, self.dimensions
+        )
+        own["poses"].copy_(poses)
+        own["wheels"].copy_(wheels)
+        own["touch"].copy_(contact)
+        world = own["poses"], own["spots"], own["touch"]
+        measure(self.sensordata, self.rules.layout, world, self.dimensions)
+        unsound = self._unsound(own["poses"][:, :2])
+        own["poses"].masked_fill_(unsound[:, None], 0.0)
+        own["wheels"].masked_fill_(unsound[:, None], 0.0)
+        own["touch"].masked_fill_(unsound, 0.0)
+
+
+class Part(Robots):
+    """Some of the robots of a larger batch, which takes their steps; see `parts`.
+
+    Attributes:
+      whole: The larger batch.
+      rows: Rows of its arrays that are these robots'.
+    """
+
+    def __init__(self, whole: TensorRobots, first: int, robots: int) -> None:
+        """Takes robots first to first + robots - 1 of a batch."""
+        super().__init__(robots, whole.rules, whole.dimensions, whole.sensordata.shape[1])
+        self.whole = whole
+        self.rows = slice(first, first + robots)
+        self.sensordata: Any = whole.sensordata[self.rows]
+        self.valid: Any = whole.valid[self.rows]
+
+    @property
+    def pose(self) -> np.ndarray:
+        return self.whole.pose[self.rows]
+
+    @property
+    def spot(self) -> np.ndarray:
+        return self.whole.spot[self.rows]
+
+    def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
+        robots, poses = self._placed(robots, poses, "poses", 3)
+        self.whole.place(robots + self.rows.start, poses)
+
+    def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
+        robots, spots = self._placed(robots, spots, "spots", 2)
+        self.whole.place_spot(robots + self.rows.start, spots)
+
+    def stop(self, robots: np.ndarray) -> None:
+        self.whole.stop(np.arange(self.robots)[robots] + self.rows.start)
+
+    def step(self, motors: Any) -> NoReturn:
+        """Raises TypeError: only the larger batch can take a step."""
+        raise TypeError("a part takes no step of its own: `whole.step` is that of all parts")
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Returns copies on the host of everything that the next steps depend on."""
+        return {name: array[self.rows] for name, array in self.whole.arrays().items()}
+
+    def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
+        whole = self.whole.arrays()
+        copy_arrays(arrays, {name: array[self.rows] for name, array in whole.items()})
+        self.whole.load_arrays(whole)
+
+
+def parts(whole: TensorRobots, count: int) -> list[Part]:
+    """Returns a batch as so many parts of equal size.
+
+    Raises:
+      ValueError: The number of robots is no multiple of the number of parts.
+    """
+    robots, left = divmod(whole.robots, count)
+    if left:
+        raise ValueError(f"{whole.robots} robots cannot be {count} equal parts")
+    return [Part(whole, k * robots, robots) for k in range(count)]

@@ -1,14 +1,192 @@
-"""MuJoCo Warp on tensors of PyTorch."""
+"""MuJoCo Warp: MuJoCo's physics of many robots at once, in single precision, for a GPU."""
 
 from __future__ import annotations
 
-import numpy as np
-import torch
+import copy
+import math
+import warnings
+from typing import Any
 
-from ..batch import Batch
-from ..warp.robots import WarpBatch
+import mujoco
+import numpy as np
+
+from ..batch import Batch, CapacityError
+from ..rules import Rules
+
+try:
+    import mujoco_warp as mjw
+    import torch
+    import warp as wp
+    from torch import Tensor
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"{error.name} is not installed; pip install 'musebot[warp]' gets it", name=error.name
+    ) from error
+
 from .capture import Captured
 from .robots import TensorRobots
+
+# At least twice what robots have that drive into walls, corners and pillars (see the tests).
+_CONTACTS, _ROWS = 32, 128
+# Limits of iterations are not overflows: C MuJoCo stops there too.
+_OVERFLOW = mjw.OverflowType.ALL & ~(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
+# Rounding decides whether a robot that is exactly on the floor has contacts in its first physics
+# step, in C MuJoCo too; robots 10 nm above it agree.
+_LIFTED = 1e-8  # [m]
+
+
+class WarpEngine:
+    """Physics steps of B robots on the default device of PyTorch.
+
+    Attributes:
+      device: Device, as PyTorch names it.
+    """
+
+    def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:
+        """Moves the model to the device.
+
+        Kernels are compiled here, the first time for a minute; they are kept on the disk.
+
+        Args:
+          model: Compiled arena.
+          robots: Number of robots, B.
+          substeps: Number of physics steps in a control step.
+        """
+        self.device = torch.get_default_device()
+        # Warp starts without its greeting, and without its warning that there is no GPU.
+        wp.config.log_level = wp.LOG_ERROR if self.device.type == "cpu" else wp.LOG_WARNING
+        wp.init()
+        wp.config.log_level = wp.LOG_WARNING
+        self._wp_device = wp.device_from_torch(self.device)
+        # Sensors are read once per control step, at the start of its last substep, as in `Batch`.
+        flags = mujoco.mjtDisableBit
+        seeing, blind = copy.copy(model), copy.copy(model)
+        for one in (seeing, blind):  # Warp has a broad phase of its own
+            one.opt.disableflags &= ~flags.mjDSBL_MIDPHASE.value
+        blind.opt.disableflags |= flags.mjDSBL_SENSOR.value
+        with wp.ScopedDevice(self._wp_device), warnings.catch_warnings():
+            # Walls have no friction of their own: a contact has the larger one of its two geoms.
+            warnings.filterwarnings("ignore", r"geom \d+: friction", UserWarning)
+            self._models = [mjw.put_model(blind)] * (substeps - 1) + [mjw.put_model(seeing)]
+            self._data = mjw.make_data(model, robots, nconmax=_CONTACTS, njmax=_ROWS)
+        for one in self._models:
+            one.opt.warn_overflow = 0  # read by `check_capacity`
+        self._position = wp.to_torch(self._data.qpos)
+        self._velocity = wp.to_torch(self._data.qvel)
+        self._motors = wp.to_torch(self._data.ctrl)
+        self._spots = wp.to_torch(self._data.mocap_pos)
+        self._measured = wp.to_torch(self._data.sensordata)
+        self._overflow = wp.to_torch(self._data.overflow)
+        self._timestep = model.opt.timestep
+        self._graph = self._captured()
+
+    def simulate(self, state: Tensor, control: Tensor) -> Tensor:
+        """Simulates the physics of a control step, without a transfer to or from the host.
+
+        Args:
+          state: Time, qpos and qvel of the robots, shape (B, 1 + nq + nv); overwritten.
+          control: Motor values and centres of the spots, shape (B, nu + 3).
+
+        Returns:
+          Measurements, shape (B, nsensordata), valid until the next call.
+        """
+        self.load(state, control)
+        self.run()
+        return self.read(state)
+
+    def load(self, state: Tensor, control: Tensor) -> None:
+        """Takes over state and control, the first part of `simulate`."""
+        nq, nu = self._position.shape[1], self._motors.shape[1]
+        self._position.copy_(state[:, 1 : 1 + nq])
+        self._velocity.copy_(state[:, 1 + nq :])
+        self._motors.copy_(control[:, :nu])
+        self._spots[:, 0].copy_(control[:, nu:])
+
+    def run(self) -> None:
+        """Launches the kernels of all substeps, on a GPU on PyTorch's stream."""
+        if not self._wp_device.is_cuda:
+            wp.capture_launch(self._graph)
+            return
+        with wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device))):
+            wp.capture_launch(self._graph)
+
+    def read(self, state: Tensor) -> Tensor:
+        """Overwrites the state and returns the measurements, the last part of `simulate`."""
+        nq = self._position.shape[1]
+        state[:, 0] += len(self._models) * self._timestep
+        state[:, 1 : 1 + nq].copy_(self._position)
+        # A wheel's angle in single precision stops growing after hours; only its remainder counts.
+        turned = state[:, nq - 1 : 1 + nq]
+        turned.copy_(torch.remainder(turned + math.pi, 2 * math.pi) - math.pi)
+        state[:, 1 + nq :].copy_(self._velocity)
+        return self._measured
+
+    def check_capacity(self) -> None:
+        """Waits for the device.
+
+        Raises:
+          CapacityError: Robots had more contacts or constraints than there was room for, so that
+            some were dropped since the last check.
+        """
+        full = (self._overflow & int(_OVERFLOW)).nonzero().flatten().tolist()
+        if full:
+            self._overflow.zero_()
+            raise CapacityError(
+                f"MuJoCo Warp dropped contacts or constraints of {len(full)} robots, the first is "
+                f"robot {full[0]}: room is for {_CONTACTS} contacts and {_ROWS} rows a robot",
+                full,
+            )
+
+    def _launch(self) -> None:
+        with wp.ScopedDevice(self._wp_device):
+            for model in self._models:
+                mjw.step(model, self._data)
+
+    def _captured(self) -> wp.Graph:
+        """Returns a graph of all substeps."""
+        self._launch()  # compiles and loads the kernels, which a capture cannot
+        with wp.ScopedCapture(self._wp_device) as capture:
+            self._launch()
+        self._overflow.zero_()
+        assert capture.graph is not None
+        return capture.graph
+
+
+class WarpBatch(Batch):
+    """B robots in MuJoCo Warp on the default device of PyTorch, with arrays of NumPy.
+
+    All but the physics steps is the `Batch`'s: rules, placements, pictures, states. Robots
+    differ from those of a `Batch` by rounding (docs/physics.md). Raises ModuleNotFoundError where
+    MuJoCo Warp is not installed, NotImplementedError where it cannot simulate the arena.
+    """
+
+    def __init__(self, model: mujoco.MjModel, rules: Rules, robots: int) -> None:
+        super().__init__(model, rules, robots)
+        self.warp = WarpEngine(model, robots, self.substeps)
+
+    def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
+        super().place(robots, poses)
+        self._state[np.asarray(robots, dtype=int), 3] = _LIFTED
+
+    def simulate(self) -> np.ndarray:
+        """Simulates the physics of a control step, see `Batch.simulate`.
+
+        Raises:
+          CapacityError: See `WarpEngine.check_capacity`.
+        """
+        device = self.warp.device
+        state, control = (torch.from_numpy(a).to(device) for a in (self._state, self._control))
+        measured = self.warp.simulate(state, control).cpu().numpy()
+        self._state[:] = state.cpu().numpy()
+        self.warp.check_capacity()
+        return measured
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Makes an exact copy on the default device."""
+        model, rules, robots, _ = state["made_from"]
+        self.__init__(model, rules, robots)
+        self.dimensions = state["dimensions"]
+        self.set_state(state["state"])
 
 
 class WarpTensors(TensorRobots):
@@ -27,7 +205,6 @@ class WarpTensors(TensorRobots):
         self._after = Captured(self._read, self._device)
 
     def _advance(self) -> None:
-        """See `TensorRobots._advance`."""
         self._before()
         self._warp.run()  # a graph of Warp's
         self._after()
@@ -44,7 +221,7 @@ class WarpTensors(TensorRobots):
         self._motors.masked_fill_(unsound, 0.0)
 
     def stop(self, robots: np.ndarray) -> None:
-        """See `Robots.stop`.
+        """Makes robots invalid.
 
         Raises:
           CapacityError: See `WarpEngine.check_capacity`.

@@ -19,7 +19,7 @@ from hostile.mutations import one
 import musebot
 from musebot.models import Dimensions, Kinematics
 from musebot.tasks.episode import _REFUSALS
-from musebot.tasks.kinematic.robots import make_kinematic_batch
+from musebot.tasks.kinematic import make_kinematic_batch
 from musebot.tasks.suite import TASKS, make_batch
 
 SEED = 20042

@@ -27,8 +27,7 @@ from musebot.protocols.lives.run_files import read_run
 from musebot.protocols.lives.runs import UnfinishedRun, check_device
 from musebot.protocols.storage import load_arrays
 from musebot.tasks.batch import CapacityError
-from musebot.tasks.tensors.kinematic import KinematicTensors
-from musebot.tasks.tensors.parts import parts
+from musebot.tasks.tensors.robots import KinematicTensors, parts
 
 SPOT, WALLS = (Condition(task, "creative") for task in ("spot_finding", "wall_avoidance"))
 SHORT = Experiment(

@@ -1,4 +1,4 @@
-"""Robots in lockstep in the kinematic simulator, with the interface of `batch.Batch`."""
+"""Robots in lockstep in the kinematic simulator."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ...models import ARENA_XML, Dimensions, Kinematics, hide_spot
-from ...models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
-from ..arena import CONTROL_TIMESTEP, Edit
-from ..batch import Robots
-from ..rules import Rules, SensorLayout
-from ..sensors import NoseForm
-from ..suite import task_definition
+from ..models import ARENA_XML, Dimensions, Kinematics, hide_spot
+from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
+from .arena import CONTROL_TIMESTEP, Edit
+from .batch import Robots
+from .rules import Rules, SensorLayout
+from .sensors import NoseForm
+from .suite import task_definition
 
 
 class KinematicBatch(Robots):
@@ -27,21 +27,9 @@ class KinematicBatch(Robots):
         robots: int,
         kinematics: Kinematics,
     ) -> None:
-        """Places B robots at the origin.
-
-        Args:
-          dimensions: Dimensions of the arena's MuJoCo model.
-          rules: Rules of the task for that model.
-          nsensordata: Number of values in that model's `sensordata`.
-          robots: Number of robots, B.
-          kinematics: Settings of the kinematic simulator.
-
-        Raises:
-          ValueError: robots is below 1.
-        """
+        """Places B robots at the origin, see `Robots` and `make_kinematic_batch`."""
         super().__init__(robots, rules, kinematics.applied_to(dimensions), nsensordata)
         self._kinematics = kinematics
-        self._gains = np.array(self.dimensions.gains, dtype=np.float32)
         self._poses = np.zeros((robots, 3))
         self._spots = np.zeros((robots, 2))
         self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values
@@ -50,7 +38,6 @@ class KinematicBatch(Robots):
 
     @property
     def pose(self) -> np.ndarray:
-        """See `Robots.pose`."""
         return self._poses.copy()
 
     @property
@@ -60,11 +47,9 @@ class KinematicBatch(Robots):
 
     @property
     def spot(self) -> np.ndarray:
-        """See `Robots.spot`."""
         return self._spots.copy()
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """See `Robots.place`."""
         robots, poses = self._placed(robots, poses, "poses", 3)
         inside = self.dimensions.sound(poses[:, :2]).all(axis=1)
         sound = inside & np.isfinite(poses[:, 2])
@@ -79,13 +64,11 @@ class KinematicBatch(Robots):
         self.sensordata[robots] = np.where(self.valid[robots, None], sensed, 0)
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
-        """See `Robots.place_spot`."""
         robots, spots = self._placed(robots, spots, "spots", 2)
         self._spots[robots] = spots
 
     def step(self, motors: np.ndarray) -> None:
-        """See `Robots.step`."""
-        motors = np.clip(self._finite_motors(motors), -0.5, 0.5) * self._gains
+        motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
         self._poses[:], self._wheels[:], self._touch[:] = after_control_step(
             self._poses, self._wheels, motors, self._kinematics, self.dimensions
         )
@@ -93,7 +76,6 @@ class KinematicBatch(Robots):
         self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """See `Robots.arrays`."""
         return {
             "poses": self._poses,
             "spots": self._spots,
@@ -113,14 +95,7 @@ class KinematicBatch(Robots):
 def after_control_step(
     poses: np.ndarray, wheels: np.ndarray, motors: np.ndarray, how: Kinematics, size: Dimensions
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Moves robots for a control step of 0.1 s.
-
-    Args:
-      poses: x, y in [m] and heading in [rad], shape (B, 3).
-      wheels: Speeds of the left and right wheel, in motor values, shape (B, 2).
-      motors: Commanded motor values in [-0.5, 0.5], shape (B, 2).
-      how: Settings of the kinematic simulator.
-      size: Dimensions of robot and arena.
+    """Moves robots for a control step of 0.1 s, see `models.kinematic.drive`.
 
     Returns:
       Poses and speeds of the wheels at the end; and whether the robots are in contact, shape (B,).
@@ -179,7 +154,7 @@ def make_kinematic_batch(
       kinematics: Settings of the kinematic simulator.
       nose: Form of Eq. 3.
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the model.
-      edits: Further edits of the arena's model, after the task's own.
+      edits: Further edits of the model, of which the simulator reads its `Dimensions`.
 
     Raises:
       ValueError: There is no such task, its arena is not the paper's, or a value is out of range.
