@@ -44,13 +44,7 @@ def signs(values: Any) -> Any:
 
 
 def interpolated(values: Any, known: np.ndarray, results: np.ndarray) -> Any:
-    """Returns what `numpy.interp` returns, also for tensors.
-
-    Args:
-      values: Where to interpolate, any shape.
-      known: Increasing points.
-      results: Results at these points.
-    """
+    """Returns what `numpy.interp` returns, also for tensors; `known` points increase."""
     if not _are_tensors(values):
         return np.interp(values, known, results)
     xp = namespace(values)
@@ -67,5 +61,13 @@ def _ramps(xp: Any, known: tuple, results: tuple, dtype: Any, device: Any) -> li
     return [xp.asarray(piece, dtype=dtype, device=device) for piece in pieces]
 
 
+def as_numbers(condition: Any, dtype: Any) -> Any:
+    """Returns 1 where a condition holds, else 0, in a floating-point type."""
+    return condition.to(dtype) if _are_tensors(condition) else condition.astype(dtype)
+
+
+_OF_NUMPY = np.ndarray | np.generic | float
+
+
 def _are_tensors(values: Any) -> bool:
-    return not isinstance(values, np.ndarray | np.generic | float)
+    return not isinstance(values, _OF_NUMPY)

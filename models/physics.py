@@ -47,7 +47,7 @@ class Physics(mujoco.Physics):
 
     def spot_position(self) -> np.ndarray:
         """Returns x, y of the spot's centre in [m], shape (2,)."""
-        return self.data.mocap_pos[0, :2].copy()
+        return self._spot.copy()
 
     def place_robot(self, x: float, y: float, heading: float) -> None:
         """Places the robot at rest at x, y in [m], with a heading in [rad]."""
@@ -57,7 +57,7 @@ class Physics(mujoco.Physics):
 
     def place_spot(self, x: float, y: float) -> None:
         """Places the spot's centre at x, y in [m]; sensors show it from the next step on."""
-        self.data.mocap_pos[0, :2] = x, y
+        self._spot[:] = x, y
 
     def render(self, height: int = 240, width: int = 320, *args: Any, **kwargs: Any) -> np.ndarray:
         """Returns dm_control's picture of a camera; the model's buffer grows to its size.
@@ -91,7 +91,7 @@ class Physics(mujoco.Physics):
             raise control.PhysicsError(
                 f"the simulation became unstable: the robot is at x {x:g}, y {y:g}, z {z:g} m"
             )
-        if not math.isfinite(self.readings.sum()):
+        if not math.isfinite(sum(self.readings[0].tolist())):
             raise control.PhysicsError(
                 f"the simulation became unstable: the sensors read {self.readings[0].tolist()}"
             )
@@ -126,7 +126,7 @@ class Physics(mujoco.Physics):
     def free(self) -> None:
         """Frees the renderer and MuJoCo's data; the physics cannot be used any more."""
         super().free()
-        self.qpos = self.readings = np.zeros(0)
+        self.qpos = self.readings = self._spot = np.zeros(0)
 
     def _reload_from_data(self, data: MjData) -> None:
         super()._reload_from_data(data)
@@ -134,3 +134,4 @@ class Physics(mujoco.Physics):
         self._bounds = self.dimensions.bounds.tolist()
         self.qpos = self.data.qpos
         self.readings = self.data.sensordata[None]
+        self._spot = self.data.mocap_pos[0, :2]

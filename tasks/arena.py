@@ -108,7 +108,7 @@ class Task(base.Task):
         """Returns the sensor signals by name, each of shape (n,)."""
         observations = self.rules.observations(physics.readings)
         # Copies: rules may return parts of the measurements, which the next step overwrites.
-        return collections.OrderedDict((k, np.array(v[0])) for k, v in observations.items())
+        return collections.OrderedDict([(k, np.array(v[0])) for k, v in observations.items()])
 
     def observation_spec(self, physics: Physics) -> collections.OrderedDict[str, Any]:
         """Returns the bounds of every observation."""
@@ -120,7 +120,7 @@ class Task(base.Task):
 
     def get_reward(self, physics: Physics) -> float:
         """Returns the reward for the current measurements, see `Rules.checked_reward`."""
-        return float(self.rules.checked_reward(physics.readings)[0])
+        return float(self.rules.checked_reward(physics.readings).item())
 
     def after_step(self, physics: Physics) -> None:
         """Colours the robot's shell by the reward if `visualize_reward` is set.
@@ -189,13 +189,17 @@ class Environment(control.Environment):
             another thread's hands.
         """
         with self.lifecycle.one_thread:
-            if not self.lifecycle.running and self.lifecycle.stage != "new":
-                self.lifecycle.refuse()
-            try:
-                return super().step(action)
-            except control.PhysicsError:
-                self.lifecycle.become("failed")
-                raise
+            return self.advance(action)
+
+    def advance(self, action: Any) -> dm_env.TimeStep:
+        """Does what `step` does, for a caller that holds `lifecycle.one_thread`."""
+        if not self.lifecycle.running and self.lifecycle.stage != "new":
+            self.lifecycle.refuse()
+        try:
+            return super().step(action)
+        except control.PhysicsError:
+            self.lifecycle.become("failed")
+            raise
 
     def close(self) -> None:
         """Frees the renderer and the physics; the environment cannot be used any more."""

@@ -133,14 +133,15 @@ class OneThread:
     """
 
     def __init__(self) -> None:
-        self._lock = threading.RLock()
+        lock = threading.RLock()
+        self._acquire, self._release = lock.acquire, lock.release
 
     def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
+        if not self._acquire(False):
             raise RuntimeError(_TWO_THREADS)
 
     def __exit__(self, *error: object) -> None:
-        self._lock.release()
+        self._release()
 
     def __reduce__(self) -> tuple[type, tuple[()]]:
         return OneThread, ()

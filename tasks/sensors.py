@@ -7,11 +7,11 @@ take arrays of NumPy, or tensors of PyTorch on any device, and return the same k
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from ..models.arrays import at_least, namespace, replaced
+from ..models.arrays import as_numbers, at_least, namespace, replaced
 
 NoseForm = Literal["inverse", "printed"]
 
@@ -42,8 +42,7 @@ def contact_signal(force: np.ndarray) -> np.ndarray:
     Returns:
       Signal, -1.0 or 0.0, of the same shape.
     """
-    xp = namespace(force)
-    return 0.0 - xp.astype(force > 0, force.dtype)
+    return 0.0 - as_numbers(force > 0, force.dtype)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +83,7 @@ class Nose:
         Returns:
           Booleans, shape (...).
         """
-        return _distance(spot) < self.spot_radius
+        return _distance(namespace(spot), spot) < self.spot_radius
 
     def signal(self, spot: np.ndarray) -> np.ndarray:
         """Returns Eq. 3, s = s' / (1 + s') with s' = o (r/d) (1 - 2 beta / alpha).
@@ -99,8 +98,8 @@ class Nose:
           Signal in [0, 1), shape (...): o / (1 + o) inside the spot in every direction; outside
           the spot, 0 if it is more than alpha / 2 off the front.
         """
-        distance = _distance(spot)
         xp = namespace(spot)
+        distance = _distance(xp, spot)
         beta = xp.abs(xp.atan2(spot[..., 1], spot[..., 0]))
         # Inside the spot the distance is not used: the maximum only avoids a division by 0.
         ratio = self.spot_radius / at_least(distance, self.spot_radius)
@@ -111,6 +110,5 @@ class Nose:
         return raw / (1.0 + raw)
 
 
-def _distance(spot: np.ndarray) -> np.ndarray:
-    xp = namespace(spot)
+def _distance(xp: Any, spot: np.ndarray) -> np.ndarray:
     return xp.sqrt(spot[..., 0] * spot[..., 0] + spot[..., 1] * spot[..., 1])

@@ -128,7 +128,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         environment = self._environment
         with environment.lifecycle.one_thread:
             environment.lifecycle.check_running()
-            timestep = environment.step(action)
+            timestep = environment.advance(action)
             self._show()
             return _state(timestep.observation), timestep.reward, False, False, self._info(1)
 
@@ -219,4 +219,4 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def _state(observation: dict[str, np.ndarray]) -> np.ndarray:
-    return np.concatenate(list(observation.values())).astype(np.float32)
+    return np.concatenate(list(observation.values()), dtype=np.float32)

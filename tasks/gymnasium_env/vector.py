@@ -417,7 +417,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._batch.valid[robots] = True  # a robot that was stopped starts again
         self._batch.place_spot(robots, spots)
         self._batch.place(robots, poses)
-        self._check_sound(np.isfinite(self._batch.sensordata).all(axis=1))
+        self._check_sound(np.all(np.isfinite(self._batch.sensordata), axis=1))
         self._steps[robots] = 0
         self._counts[:, robots] = 0
 
