@@ -43,11 +43,9 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 
     Args:
       path: MJCF file of an arena with its robot; see `check_arena` for what it must hold.
-      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the file.
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s], at most 10; None for the file's.
 
-    Raises:
-      ImportError: This MuJoCo does not work with dm_control.
-      ValueError: The speed is not a positive number of at most 10, or the file cannot be read.
+    Raises ValueError for another speed or a file that cannot be read.
     """
     check_versions()
     spec = mujoco.MjSpec.from_file(str(path))
@@ -71,12 +69,9 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 
 
 def check_arena(model: mujoco.MjModel) -> None:
-    """Checks that a compiled arena has everything that the tasks place, drive and measure.
+    """Raises ValueError unless a compiled arena has what the tasks place, drive and measure.
 
-    Sensors are not checked: `Rules.of` finds those that a task reads.
-
-    Raises:
-      ValueError: Something is missing, or the arena has other joints, actuators or mocap bodies.
+    It has no other joints, actuators or mocap bodies. `Rules.of` finds the sensors of a task.
     """
     for kind, names in _NEEDED.items():
         for name in names:
@@ -114,13 +109,10 @@ _NEEDED = {
 
 
 def robot_qpos(pose: np.ndarray) -> np.ndarray:
-    """Returns MuJoCo's qpos of a robot on the floor with both wheels at angle 0.
+    """Returns MuJoCo's qpos of robots on the floor with both wheels at angle 0.
 
-    Args:
-      pose: x, y in [m] and heading in [rad] (0 along +x), shape (..., 3).
-
-    Returns:
-      Position in [m], quaternion and wheel angles in [rad], shape (..., 9).
+    From x, y in [m] and heading in [rad] (0 along +x), shape (..., 3), to the position in [m],
+    quaternion and wheel angles in [rad], shape (..., 9).
     """
     pose = np.asarray(pose, dtype=float)
     qpos = np.zeros((*pose.shape[:-1], 9))
@@ -183,20 +175,15 @@ class Dimensions:
         return np.array([self.half_length, self.half_width, _HEIGHT, 2.0, _TILT, _TILT])
 
     def sound(self, places: np.ndarray) -> np.ndarray:
-        """Returns which of the first n <= 6 numbers of qpos, shape (B, n), are within `bounds`.
-
-        NaN is not.
-        """
+        """Returns which of the first n <= 6 numbers of qpos, (B, n), are in bounds; NaN is not."""
         return np.abs(places) < self.bounds[: places.shape[1]]
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Dimensions:
         """Reads the dimensions of a compiled arena with its robot.
 
-        Raises:
-          KeyError: The arena lacks a body, geom, site or actuator.
-          ValueError: An obstacle has no geom, lies in another body, or its largest geom is not at
-            its centre.
+        Raises KeyError where the arena lacks a body, geom, site or actuator; ValueError where an
+        obstacle has no geom, lies in another body, or its largest geom is not at its centre.
         """
         bumper = model.geom("bumper")
         wheel_radius = float(model.geom("left_wheel").size[0])

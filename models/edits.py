@@ -19,14 +19,9 @@ def hide_spot(spec: mujoco.MjSpec) -> None:
 
 
 def enlarge(spec: mujoco.MjSpec, factor: float) -> None:
-    """Moves the walls apart and the cameras back; the spot keeps its distance to its corner.
+    """Moves the walls apart by a factor of at least 1; the spot keeps its distance to its corner.
 
-    Args:
-      spec: Arena to edit.
-      factor: Factor of the arena's length and width, at least 1.
-
-    Raises:
-      ValueError: The factor is below 1 or not finite.
+    The cameras move back. Raises ValueError for a factor below 1 or not finite.
     """
     if not 1 <= factor < np.inf:
         raise ValueError(f"factor must be finite and at least 1, got {factor}")

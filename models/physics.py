@@ -62,8 +62,7 @@ class Physics(mujoco.Physics):
     def render(self, height: int = 240, width: int = 320, *args: Any, **kwargs: Any) -> np.ndarray:
         """Returns dm_control's picture of a camera; the model's buffer grows to its size.
 
-        Raises:
-          RuntimeError: OpenGL cannot be opened here, or the physics was freed.
+        Raises RuntimeError where OpenGL cannot be opened, or the environment is closed.
         """
         if not self.qpos.size:
             raise RuntimeError("the environment is closed")

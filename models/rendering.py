@@ -21,10 +21,9 @@ _drew_in: int | None = None  # process in which OpenGL was opened first
 
 
 def check_process() -> None:
-    """Refuses a process that was forked after OpenGL was opened: a picture would never end.
+    """Raises RuntimeError in a process that was forked after OpenGL was opened.
 
-    Raises:
-      RuntimeError: A parent of this process has opened OpenGL.
+    A picture would never end there.
     """
     if _drew_in not in (None, os.getpid()):
         raise RuntimeError(
@@ -82,13 +81,10 @@ def no_window() -> str:
 
 
 def choose_backend() -> str:
-    """Returns the value of MUJOCO_GL, after setting it to "egl" if it is unset without a display.
+    """Returns the value of MUJOCO_GL, in lower case, set to "egl" if unset without a display.
 
-    Returns:
-      The backend, in lower case; "" for the default of a machine with a display.
-
-    Raises:
-      RuntimeError: The backend draws nothing, or cannot be opened here or in a forked process.
+    "" stands for the default of a machine with a display. Raises RuntimeError where the backend
+    draws nothing, or cannot be opened here or in a forked process.
     """
     global _drew_in
     check_process()
@@ -114,11 +110,7 @@ def _chosen_backend() -> str:
 
 
 def open_context(width: int, height: int) -> Any:
-    """Returns an OpenGL context of dm_control's for pictures up to a size in pixels.
-
-    Raises:
-      RuntimeError: See `choose_backend`.
-    """
+    """Returns an OpenGL context of dm_control's for pictures up to a size, see `choose_backend`."""
     # dm_control chose a backend when it was imported; MUJOCO_GL may have been set since.
     renderer = _egl_context() if choose_backend() == "egl" else _render.Renderer
     if _render.BACKEND == "glfw":
@@ -172,11 +164,7 @@ def leave_egl() -> None:
 
 
 def fit_buffer(model: mujoco.MjModel, width: int, height: int) -> bool:
-    """Enlarges the buffer for pictures of a model, before its contexts are created.
-
-    Returns:
-      Whether the buffer was smaller than this size in pixels.
-    """
+    """Enlarges the buffer of a model without contexts; returns whether it was too small."""
     size = model.vis.global_
     if width <= size.offwidth and height <= size.offheight:
         return False

@@ -94,11 +94,7 @@ class Task(base.Task):
         self.steps = 0
 
     def before_step(self, action: np.ndarray, physics: Physics) -> None:
-        """Sets the motors, and moves the spot when a jump is due.
-
-        Raises:
-          ValueError: The action is not two finite numbers.
-        """
+        """Sets the motors, and moves the spot when a jump is due; see `Episode.motors`."""
         physics.set_control(self.episode.motors(action))
         if self.episode.jumps(self.steps):
             physics.place_spot(*random_spots(self.random, physics.dimensions, 1)[0])
@@ -123,11 +119,7 @@ class Task(base.Task):
         return float(self.rules.checked_reward(physics.readings).item())
 
     def after_step(self, physics: Physics) -> None:
-        """Colours the robot's shell by the reward if `visualize_reward` is set.
-
-        Raises:
-          PhysicsError: See `Physics.check_sound`.
-        """
+        """Checks the physics, see `Physics.check_sound`; shows the reward if that is wanted."""
         physics.check_sound()
         if self._visualize_reward:
             reward = abs(self.get_reward(physics))
@@ -160,10 +152,8 @@ class Environment(control.Environment):
     def reset(self, *, options: Mapping[str, Any] | None = None) -> dm_env.TimeStep:
         """Starts an episode; `options` are a `robot` and `spot` in place of the task's.
 
-        Raises:
-          TypeError: An option is unknown.
-          ValueError: A place is outside the arena or inside an obstacle.
-          RuntimeError: The environment is closed.
+        Raises TypeError for an unknown option, ValueError for a place outside the arena or inside an
+        obstacle, RuntimeError where the environment is closed.
         """
         with self.lifecycle.one_thread:
             self.lifecycle.check_open()
@@ -182,11 +172,9 @@ class Environment(control.Environment):
           action: Left and right action, shape (2,); values beyond the limits are clipped.
 
         Raises:
-          ValueError: The action is not two finite numbers, or the task's rules return a reward
-            that they do not declare.
+          ValueError: The action is not two finite numbers, or the reward is not as declared.
           PhysicsError: The simulation became unstable; then `reset` must be called.
-          RuntimeError: The environment is closed, was not reset after a PhysicsError, or is in
-            another thread's hands.
+          RuntimeError: The environment is closed, failed, or in another thread's call.
         """
         with self.lifecycle.one_thread:
             return self.advance(action)
@@ -209,11 +197,7 @@ class Environment(control.Environment):
                 self.physics.free()
 
     def get_state(self) -> dict[str, Any]:
-        """Returns everything that the next steps depend on.
-
-        Raises:
-          RuntimeError: The environment is closed, or was not reset after a PhysicsError.
-        """
+        """Returns all that the next steps depend on; RuntimeError if closed or failed."""
         with self.lifecycle.one_thread:
             if self.lifecycle.stage in ("closed", "failed"):
                 self.lifecycle.refuse()
@@ -238,15 +222,10 @@ class Environment(control.Environment):
         self.physics.check_state(state["physics"], state["sensordata"])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Continues from a state, bit-exactly.
+        """Continues bit-exactly from what `get_state` of an environment of this task returned.
 
-        Args:
-          state: What `get_state` of an environment of the same task has returned.
-
-        Raises:
-          ValueError: The state is of another task or kind of random stream, or is no state of a
-            robot in the arena. Nothing has changed then.
-          RuntimeError: The environment is closed.
+        Raises ValueError for the state of another task or kind of random stream, or of no robot in
+        the arena; nothing has changed then. Raises RuntimeError where the environment is closed.
         """
         with self.lifecycle.one_thread:
             self.check_state(state, self.task.random)
@@ -350,12 +329,7 @@ class TaskDefinition:
         return ["robot", "spot", *(["nose"] if self.rules.has_nose else [])]
 
     def environment(self, **settings: Unpack[Settings]) -> Environment:
-        """Returns the dm_control environment of the task.
-
-        Raises:
-          TypeError: A keyword is unknown.
-          ValueError: A value is out of range.
-        """
+        """Returns the task's dm_control environment; TypeError for an unknown keyword."""
         allowed = [*self.keywords, "environment_kwargs", "random", "time_limit"]
         check_keywords(f"task {self.name!r}", settings, allowed)
         kwargs = dict(settings.get("environment_kwargs") or {})

@@ -33,10 +33,7 @@ def stop_timers() -> bool:
     """Stops MuJoCo's clock readings in this process (a seventh of a small model's step).
 
     MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
-    clock is a global callback of the library; there is no public switch.
-
-    Returns:
-      Whether the callback was found and stopped.
+    clock is a global callback without a public switch. Returns whether it was found.
     """
     library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
     if library is None:
@@ -54,11 +51,7 @@ def silence_warnings() -> None:
 
 
 class CapacityError(RuntimeError):
-    """A simulator had no room for all contacts or constraints of some robots.
-
-    Attributes:
-      robots: Indices of the robots.
-    """
+    """A simulator had no room for all contacts of some robots, `robots`, by index."""
 
     def __init__(self, text: str, robots: list[int]) -> None:
         super().__init__(text, robots)
@@ -70,11 +63,7 @@ class CapacityError(RuntimeError):
 
 
 def substeps_of(model: mujoco.MjModel) -> int:
-    """Returns the number of physics steps in a control step.
-
-    Raises:
-      ValueError: The timestep does not divide 0.1 s, or into more than 10,000 steps.
-    """
+    """Returns the physics steps in a control step; ValueError unless at most 10,000 make 0.1 s."""
     timestep = model.opt.timestep
     if CONTROL_TIMESTEP / _MOST_SUBSTEPS <= timestep <= CONTROL_TIMESTEP:
         substeps = round(CONTROL_TIMESTEP / timestep)
@@ -99,11 +88,7 @@ class Robots(abc.ABC):
     """
 
     def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:
-        """Initialises B robots that sense zeros.
-
-        Raises:
-          ValueError: robots is not a whole number of at least 1.
-        """
+        """Initialises B robots that sense zeros; ValueError unless B is at least 1."""
         self.robots = whole_number("robots", robots, 1)
         self.rules = rules
         self.dimensions = dimensions
@@ -122,26 +107,17 @@ class Robots(abc.ABC):
 
     @abc.abstractmethod
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """Places robots at rest, and updates their sensors.
+        """Places robots of indices (n,) at rest, and updates their sensors.
 
-        Args:
-          robots: Indices of the robots, shape (n,).
-          poses: x, y in [m] and heading in [rad], shape (n, 3).
-
-        Raises:
-          ValueError: there is no such robot, or the poses have another shape or type.
+        The poses are x, y in [m] and heading in [rad], shape (n, 3). Raises ValueError where there is
+        no such robot, or the poses have another shape or type.
         """
 
     @abc.abstractmethod
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         """Moves robots' spots; sensors show the move after the next step or placement.
 
-        Args:
-          robots: Indices of the robots, shape (n,).
-          spots: Centres of the spots: x, y in [m], shape (n, 2).
-
-        Raises:
-          ValueError: there is no such robot, or the spots have another shape or type.
+        The spots are x, y in [m], shape (n, 2). Raises ValueError as `place` does.
         """
 
     @abc.abstractmethod
@@ -152,8 +128,7 @@ class Robots(abc.ABC):
           motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
             clipped; a robot whose values are not finite becomes invalid.
 
-        Raises:
-          ValueError: the motors have another shape or type.
+        Raises ValueError where the motors have another shape or type.
         """
 
     @abc.abstractmethod
@@ -166,17 +141,12 @@ class Robots(abc.ABC):
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores what `arrays` returned; the robots continue from it bit-exactly.
 
-        Raises:
-          ValueError: An array is missing, or has another shape or type; then nothing changes.
+        Raises ValueError where an array is missing, or has another shape or type; nothing changes.
         """
         copy_arrays(arrays, self.arrays())
 
     def stop(self, robots: np.ndarray) -> None:
-        """Makes robots invalid.
-
-        Args:
-          robots: Indices of the robots, shape (n,), or a mask, shape (B,).
-        """
+        """Makes robots invalid: indices, shape (n,), or a mask, shape (B,)."""
         self.valid[robots] = False
         self.sensordata[robots] = 0
 
@@ -208,11 +178,9 @@ class Robots(abc.ABC):
         return motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
 
     def _stop_unsound(self, sound: np.ndarray) -> None:
-        """Invalidates robots, and makes all invalid robots sense zeros.
+        """Invalidates robots that are not sound, (B, n), or whose sensors are not finite.
 
-        Args:
-          sound: What `Dimensions.sound` returned, shape (B, n). Robots whose sensors are not finite
-            are unsound too.
+        All invalid robots sense zeros.
         """
         finite = np.isfinite(self.sensordata)
         if not (sound.all() and finite.all()):
@@ -224,11 +192,7 @@ class Robots(abc.ABC):
 
 
 def copy_arrays(arrays: Mapping[str, Any], targets: Mapping[str, np.ndarray]) -> None:
-    """Overwrites arrays by others of the same names, all or none of them.
-
-    Raises:
-      ValueError: An array is missing, or has another shape or type.
-    """
+    """Overwrites arrays by others of the same names, all or none of them; see `load_arrays`."""
     if not isinstance(arrays, Mapping):
         raise ValueError(f"a state must have the arrays {[*targets]}, got {arrays!r:.60}")
     given = {}
@@ -261,14 +225,9 @@ class _Call:
         steps: int,
         disabled: int,
     ) -> None:
-        """Allocates the arrays of so many physics steps.
+        """Allocates the arrays of so many physics steps, which leave out what is `disabled`.
 
-        Args:
-          model: Compiled arena.
-          state: Physics states of the robots, shape (B, n); `step` updates them.
-          control: Controls of the robots, shape (B, m).
-          steps: Number of physics steps.
-          disabled: Flags of what the steps leave out, besides the model's own.
+        States, shape (B, n), are updated by `step`; controls have the shape (B, m).
         """
         robots = len(state)
         self._model, self._disabled = model, disabled
@@ -317,7 +276,7 @@ class Batch(Robots):
     def __init__(
         self, model: mujoco.MjModel, rules: Rules, robots: int, *, threads: int = 0
     ) -> None:
-        """Places B robots at the origin.
+        """Places B robots at the origin, each in the compiled arena with its rules.
 
         Args:
           model: Compiled arena.
@@ -326,8 +285,7 @@ class Batch(Robots):
           threads: Number of threads that step the physics; 0 for the calling thread. Results do
             not depend on it: a robot's step depends on its own state alone.
 
-        Raises:
-          ValueError: robots is below 1, threads is negative, or the timestep does not divide 0.1 s.
+        Raises ValueError where a number is out of range, see `substeps_of`.
         """
         super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
         self.model = model
@@ -382,11 +340,7 @@ class Batch(Robots):
             self._stop_unsound(self._sound(time))
 
     def show(self, robot: int, data: mujoco.MjData) -> None:
-        """Copies a robot's state into MuJoCo's data of this model, for a picture.
-
-        Raises:
-          IndexError: There is no such robot.
-        """
+        """Copies a robot's state into MuJoCo's data, for a picture; IndexError if there is none."""
         if not 0 <= robot < self.robots:
             raise IndexError(f"robot must lie in [0, {self.robots - 1}], got {robot}")
         mujoco.mj_setState(self.model, data, self._state[robot], _STATE)
@@ -396,8 +350,7 @@ class Batch(Robots):
     def simulate(self) -> np.ndarray:
         """Simulates the physics of a control step: the part of `step` that benchmarks time.
 
-        Returns:
-          Measurements at the start of the last physics step, shape (B, nsensordata).
+        Returns the measurements at the start of the last physics step, shape (B, nsensordata).
         """
         engine = self._engine
         if engine is None:

@@ -62,9 +62,7 @@ class Episode:
     def start_with(self, options: Mapping[str, Any] | None) -> Start:
         """Returns the start of an episode whose `robot` and `spot` replace those of the task.
 
-        Raises:
-          TypeError: An option is unknown.
-          ValueError: A place is outside the arena or inside an obstacle.
+        Raises TypeError for an unknown option, ValueError for an impossible place.
         """
         if not options:
             return self.start
@@ -80,11 +78,7 @@ class Episode:
         return (step > 0) & (step % self.spot_steps == 0)
 
     def motors(self, action: Any) -> tuple[float, float]:
-        """Returns the motor values of one robot's action, clipped to the limits.
-
-        Raises:
-          ValueError: The action is not two finite numbers.
-        """
+        """Returns one robot's motor values, clipped; ValueError unless two finite numbers."""
         left, right = _numbers(action, (2,)).tolist()
         if not (math.isfinite(left) and math.isfinite(right)):
             _refuse_action(action, (2,))
@@ -95,15 +89,9 @@ class Episode:
     def batch_motors(
         self, actions: Any, robots: int, ignored: Sequence[int] | np.ndarray = ()
     ) -> np.ndarray:
-        """Returns the motor values of a batch's actions, shape (B, 2); see `motors`.
+        """Returns the motor values of B robots' actions, shape (B, 2); see `motors`.
 
-        Args:
-          actions: Left and right action of every robot, shape (B, 2).
-          robots: Number of robots, B.
-          ignored: Robots whose action is not read; their motor values are 0.
-
-        Raises:
-          ValueError: The actions have another shape, or are not finite numbers.
+        The actions of robots that are `ignored` are not read; their motor values are 0.
         """
         values = _numbers(actions, (robots, 2)).astype(float)
         if len(ignored):
@@ -166,11 +154,7 @@ class Lifecycle:
         self.one_thread = OneThread()
 
     def become(self, stage: Stage) -> None:
-        """Changes the state.
-
-        Raises:
-          RuntimeError: The environment is closed.
-        """
+        """Changes the state; RuntimeError if it is "closed"."""
         self.check_open()
         self.stage, self.running = stage, stage == "running"
 
@@ -218,33 +202,21 @@ def real_numbers(values: Any, shape: tuple[int, ...]) -> np.ndarray | None:
 
 
 def whole_number(name: str, value: Any, least: int) -> int:
-    """Returns a whole number.
-
-    Raises:
-      ValueError: The value is not a whole number, or is too small.
-    """
+    """Returns a whole number; ValueError, with its name, unless it is at least `least`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r:.60}")
     return int(value)
 
 
 def steps_of(max_episode_steps: Any) -> float:
-    """Returns the number of control steps of an episode; infinity for None and -1.
-
-    Raises:
-      ValueError: `max_episode_steps` is neither of these, nor a whole number of at least 1.
-    """
+    """Returns the control steps of an episode, at least 1; infinity for None and -1."""
     if max_episode_steps is None or (type(max_episode_steps) is int and max_episode_steps == -1):
         return math.inf
     return whole_number("max_episode_steps, if not -1,", max_episode_steps, 1)
 
 
 def seconds(time_limit: Any) -> float:
-    """Returns the length of an episode in [s], which may be infinite.
-
-    Raises:
-      ValueError: `time_limit` is not a positive number.
-    """
+    """Returns the length of an episode in [s], positive, perhaps infinite; else ValueError."""
     number = isinstance(time_limit, int | float | np.integer | np.floating)
     if isinstance(time_limit, bool) or not number or not time_limit > 0:
         raise ValueError(f"time_limit must be a positive number of seconds, got {time_limit!r:.60}")
@@ -266,11 +238,7 @@ def check_stream_state(random: Random, state: Any) -> None:
 
 
 def set_stream_state(random: Random, state: Any) -> None:
-    """Sets the state of a random stream.
-
-    Raises:
-      ValueError: The state is not one of such a stream.
-    """
+    """Sets the state of a random stream; ValueError unless it is one of such a stream."""
     try:
         if isinstance(random, np.random.RandomState):
             random.set_state(state)

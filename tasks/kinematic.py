@@ -121,13 +121,9 @@ def measure(
     world: tuple[np.ndarray, np.ndarray, np.ndarray],
     size: Dimensions,
 ) -> None:
-    """Writes what robots measure, where MuJoCo's sensors would.
+    """Writes what robots measure, where MuJoCo's sensors would, into `sensordata`.
 
-    Args:
-      sensordata: Measurements to overwrite, shape (B, nsensordata).
-      layout: Indices of each sensor's numbers.
-      world: Poses, shape (B, 3), centres of the spots, shape (B, 2), and contacts, shape (B,).
-      size: Dimensions of robot and arena.
+    The world is their poses, (B, 3), the centres of their spots, (B, 2), and contacts, (B,).
     """
     poses, spots, touch = world
     sensordata[:, layout.distances] = distances(poses, size)
@@ -147,17 +143,11 @@ def make_kinematic_batch(
 ) -> KinematicBatch:
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
-    Args:
-      task_name: Name of a task whose robot and arena are the paper's: no pillars, no second
-        nose, no sense of velocity.
-      robots: Number of robots.
-      kinematics: Settings of the kinematic simulator.
-      nose: Form of Eq. 3.
-      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the model.
-      edits: Further edits of the model, of which the simulator reads its `Dimensions`.
+    The arguments are those of `make_batch`, but the task must have the paper's robot and arena: no
+    pillars, no second nose, no sense of velocity. Of an edited model, the simulator reads its
+    `Dimensions`.
 
-    Raises:
-      ValueError: There is no such task, its arena is not the paper's, or a value is out of range.
+    Raises ValueError for another task or a value out of range.
     """
     definition = task_definition(task_name)
     if definition.model != ARENA_XML or not {hide_spot}.issuperset(definition.edits):

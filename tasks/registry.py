@@ -120,13 +120,9 @@ def _check_settings(definition: TaskDefinition) -> None:
 
 
 def _check_rules(batch: Batch) -> None:
-    """Checks that rules return what they declare, of one robot and of several.
+    """Raises ValueError unless rules return what they declare, of one robot and of several.
 
     Two robots drive from the spot into a wall.
-
-    Raises:
-      ValueError: An observation, the reward or the event has another name, order, shape, type or
-        range; or obstacles leave no room for a robot.
     """
     rules, everyone = batch.rules, np.arange(batch.robots)
     try:

@@ -22,8 +22,7 @@ _ROUNDING = 1e-6  # by which a task's values may exceed their declared range
 def sensor_slice(model: mujoco.MjModel, name: str, length: int) -> slice:
     """Returns the indices in `sensordata` of so many numbers, from those of a sensor on.
 
-    Raises:
-      KeyError: The arena lacks the sensor.
+    Raises KeyError where the arena lacks the sensor.
     """
     start = int(model.sensor(name).adr[0])
     return slice(start, start + length)
@@ -48,9 +47,8 @@ class SensorLayout:
     def of(cls, model: mujoco.MjModel) -> SensorLayout:
         """Reads the layout of a compiled arena.
 
-        Raises:
-          KeyError: The arena lacks a sensor.
-          ValueError: The rangefinders do not follow each other in the order of `RANGEFINDERS`.
+        Raises KeyError where a sensor is missing, ValueError where the rangefinders do not follow
+        each other in the order of `RANGEFINDERS`.
         """
         starts = [sensor_slice(model, name, 1).start for name in RANGEFINDERS]
         if starts != [*range(starts[0], starts[0] + len(starts))]:
@@ -89,11 +87,7 @@ class Rules(abc.ABC):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
-        """Returns the rules for a compiled arena; `nose` is the form of Eq. 3.
-
-        Raises:
-          KeyError: The arena lacks a sensor.
-        """
+        """Returns the rules for an arena, with a form of Eq. 3; KeyError if it lacks a sensor."""
         del nose
         return cls(SensorLayout.of(model))
 
@@ -112,8 +106,7 @@ class Rules(abc.ABC):
     def checked_reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the reward, shape (...), for an interface that hands it on.
 
-        Raises:
-          ValueError: It has another shape or type, is not finite, or is beyond `rewards`.
+        Raises ValueError unless it is finite numbers of this shape within `rewards`.
         """
         found = np.asarray(self.reward(sensordata))
         if not within(found, sensordata.shape[:-1], self.rewards):

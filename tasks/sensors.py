@@ -17,14 +17,10 @@ NoseForm = Literal["inverse", "printed"]
 
 
 def distance_signal(distance: np.ndarray) -> np.ndarray:
-    """Returns Eq. 2, s = 1 / (1 + d)^10: 1 at a wall, 0 far from everything.
+    """Returns Eq. 2, s = 1 / (1 + d)^10: 1 at a wall, 0 far from everything, in any shape.
 
-    Args:
-      distance: Distance d to the nearest obstacle in [m], any shape; negative for a ray that
-        hits nothing, as a MuJoCo rangefinder reports it.
-
-    Returns:
-      Signal in [0, 1], of the same shape; 0 for a ray that hits nothing.
+    The distance d to the nearest obstacle is in [m]. A negative one, MuJoCo's for a ray that hits
+    nothing, gives 0.
     """
     # (1 + d)^10 by four products: ten times faster than a power, and identical on every machine.
     base = 1.0 + at_least(distance, 0.0)
@@ -34,14 +30,7 @@ def distance_signal(distance: np.ndarray) -> np.ndarray:
 
 
 def contact_signal(force: np.ndarray) -> np.ndarray:
-    """Returns -1 in contact, else 0 (section 3).
-
-    Args:
-      force: Force on the touch sensor in [N], any shape.
-
-    Returns:
-      Signal, -1.0 or 0.0, of the same shape.
-    """
+    """Returns -1.0 in contact, else 0.0 (section 3), for a force in [N] of any shape."""
     return 0.0 - as_numbers(force > 0, force.dtype)
 
 
@@ -74,15 +63,7 @@ class Nose:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
     def inside(self, spot: np.ndarray) -> np.ndarray:
-        """Returns whether the nose is inside the spot, d < r.
-
-        Args:
-          spot: Spot's centre in the frame of the nose: ahead, left (and up, unused), in [m],
-            shape (..., 2 or 3).
-
-        Returns:
-          Booleans, shape (...).
-        """
+        """Returns whether the nose is inside spots, d < r, shape (...); see `signal`."""
         return _distance(namespace(spot), spot) < self.spot_radius
 
     def signal(self, spot: np.ndarray) -> np.ndarray:

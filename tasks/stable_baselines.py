@@ -66,9 +66,7 @@ class ArenaVecEnv(VecEnv):
         """Starts an episode of every robot; returns the observations, shape (B, S).
 
         The seeds are those set by `seed`; options set by `set_options` hold for these episodes.
-
-        Raises:
-          TypeError, ValueError: `ArenaVectorEnv.reset` raises it, or the robots' options differ.
+        Raises what `ArenaVectorEnv.reset` raises, and ValueError where the robots' options differ.
         """
         first, *others = self._options
         if not all(_equal(options, first) for options in others):

@@ -29,16 +29,8 @@ CORNERS: Mapping[str, tuple[float, float, float]] = {
 def random_poses(random: Random, dimensions: Dimensions, count: int) -> np.ndarray:
     """Draws poses uniformly over the arena, at least 1 cm clear of walls and obstacles.
 
-    Args:
-      random: Random stream to draw from.
-      dimensions: Dimensions of the arena and the robot.
-      count: Number of poses.
-
-    Returns:
-      x, y in [m] and heading in [rad], shape (count, 3).
-
-    Raises:
-      ValueError: The obstacles leave no room for a robot.
+    Returns x, y in [m] and heading in [rad], shape (count, 3). Raises ValueError where the
+    obstacles leave no room for a robot.
     """
     clear = dimensions.radius + 0.01
     high = np.array([dimensions.half_length - clear, dimensions.half_width - clear, np.pi])
@@ -56,13 +48,7 @@ def random_poses(random: Random, dimensions: Dimensions, count: int) -> np.ndarr
 def random_spots(random: Random, dimensions: Dimensions, count: int) -> np.ndarray:
     """Draws centres of the spot uniformly, with the whole spot inside the arena.
 
-    Args:
-      random: Random stream to draw from.
-      dimensions: Dimensions of the arena and the spot.
-      count: Number of spots.
-
-    Returns:
-      x, y in [m], shape (count, 2).
+    Returns x, y in [m], shape (count, 2).
     """
     r = dimensions.spot_radius
     high = np.array([dimensions.half_length - r, dimensions.half_width - r])
@@ -93,11 +79,7 @@ class Start:
                 object.__setattr__(self, name, _finite(name, place, length))
 
     def check(self, dimensions: Dimensions) -> None:
-        """Checks that a robot would fit into an arena, and that the spot's centre is inside.
-
-        Raises:
-          ValueError: The robot would overlap a wall or an obstacle, or the spot is outside.
-        """
+        """Raises ValueError where a robot overlaps a wall or an obstacle, or a spot is outside."""
         size = dimensions
         for name, clear in (("robot", size.radius), ("spot", 0.0)):
             place = getattr(self, name)

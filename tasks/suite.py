@@ -37,11 +37,7 @@ TASKS_BY_DOMAIN = {DOMAIN: tuple(sorted(SUITE))}
 
 
 def task_definition(task_name: str) -> TaskDefinition:
-    """Returns a task of the table.
-
-    Raises:
-      ValueError: There is no such task.
-    """
+    """Returns a task of the table; ValueError if there is none of this name."""
     if not isinstance(task_name, str) or task_name not in TASKS:
         raise ValueError(
             f"Level {task_name!r:.60} does not exist in domain {DOMAIN!r}: task must be one of "

@@ -41,17 +41,10 @@ def spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymn
 
 
 def checked_task(task: str, kwargs: Mapping[str, Any]) -> TaskDefinition:
-    """Returns a task's definition.
+    """Returns the definition of a task, NAME or MODULE:NAME, that takes these keywords.
 
-    Args:
-      task: Name of the task; for one of the user's own also MODULE:NAME, which imports the module
-        in a process that does not know the task.
-      kwargs: Keywords of the task.
-
-    Raises:
-      ImportError: There is no such module.
-      TypeError: A keyword is unknown.
-      ValueError: There is no such task, or it has another form.
+    The module is imported in a process that does not know the task. Raises ImportError where there
+    is none, ValueError where there is no such task, TypeError for an unknown keyword.
     """
     if isinstance(task, str) and ":" in task:
         module, _, task = task.rpartition(":")
@@ -75,8 +68,7 @@ def check_render_mode(render_mode: Any, modes: Sequence[str]) -> None:
 def picture_of(model: mujoco.MjModel, camera: Any, width: Any, height: Any) -> dict[str, Any]:
     """Returns the keywords of dm_control's `render`: size in pixels, and camera.
 
-    Raises:
-      ValueError: There is no such camera, or a size is not a whole number of at least 1.
+    Raises ValueError where there is no such camera, or a size is not whole and at least 1.
     """
     cameras = [model.camera(number).name for number in range(model.ncam)]
     if camera not in cameras:

@@ -49,10 +49,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
           height: Height of the picture in pixels.
           **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`).
 
-        Raises:
-          TypeError: A keyword is unknown.
-          ValueError: There is no such task, or a value is out of range.
-          RuntimeError: The mode is "human", and no window can be opened.
+        Raises TypeError for an unknown keyword, ValueError for an unknown task or a value out of
+        range, RuntimeError for the mode "human" where no window can be opened.
         """
         definition = checked_task(task, kwargs)
         check_render_mode(render_mode, self.metadata["render_modes"])
@@ -91,12 +89,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
           seed: Seed of the random stream; None continues it.
           options: `robot` and `spot` of this episode, in place of the task's; or None.
 
-        Returns:
-          The observation, shape (S,), and the entries of `INFO`.
-
-        Raises:
-          TypeError: An option is unknown.
-          ValueError: A place is outside the arena or inside an obstacle.
+        Returns the observation, shape (S,), and the entries of `INFO`. Raises TypeError for an
+        unknown option, ValueError for a place outside the arena or inside an obstacle.
         """
         environment = self._environment
         with environment.lifecycle.one_thread:
@@ -111,19 +105,10 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             return _state(timestep.observation), self._info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Simulates 0.1 s.
+        """Simulates 0.1 s for a left and right action within `action_space`, shape (2,).
 
-        Args:
-          action: Left and right action within `action_space`, shape (2,).
-
-        Returns:
-          Observation (S,), reward, termination (False), truncation (False) and the entries of
-          `INFO`.
-
-        Raises:
-          ValueError, PhysicsError: See `arena.Environment.step`.
-          RuntimeError: There was no reset, or the environment is closed or in another thread's
-            hands.
+        Returns observation (S,), reward, termination (False), truncation (False) and the entries of
+        `INFO`. Raises what `arena.Environment.step` does, and RuntimeError before a reset.
         """
         environment = self._environment
         with environment.lifecycle.one_thread:
@@ -135,12 +120,9 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def render(self) -> Any:
         """Draws the window, or returns a picture.
 
-        Returns:
-          "rgb_array": uint8, shape (height, width, 3). "depth_array": OpenGL's depth in [0, 1],
-          shape (height, width). "rgbd_tuple": both. "human": None.
-
-        Raises:
-          RuntimeError: OpenGL cannot be opened here, or the environment is closed.
+        "rgb_array": uint8, shape (height, width, 3). "depth_array": OpenGL's depth in [0, 1],
+        shape (height, width). "rgbd_tuple": both. "human": None. Raises RuntimeError where OpenGL
+        cannot be opened, or the environment is closed.
         """
         with self._environment.lifecycle.one_thread:
             self._environment.lifecycle.check_open()
@@ -166,9 +148,6 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
 
         The count of steps of Gymnasium's wrapper TimeLimit is not in it.
-
-        Raises:
-          RuntimeError: There was no reset, or none after a PhysicsError, or it is closed.
         """
         with self._environment.lifecycle.one_thread:
             self._environment.lifecycle.check_running()

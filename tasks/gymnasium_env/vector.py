@@ -32,6 +32,8 @@ from ..starts import Start, random_spots
 from ..suite import make_batch
 from .common import FPS, INFO, PICTURE, check_render_mode, checked_task, picture_of, spaces
 
+_Timestep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+
 
 class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     """A batch of B robots, each with its own seed, bit-exactly equal to B instances of `ArenaEnv`.
@@ -147,9 +149,9 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
 
         Raises:
           TypeError: An option is unknown.
-          ValueError: The number of seeds is not the number of robots, a place is outside the arena
-            or inside an obstacle; or the mask is no array of B Booleans with one True, or leaves
-            out robots before the first reset or after a PhysicsError.
+          ValueError: The number of seeds is not the number of robots, a place is impossible; or the
+            mask is no array of B Booleans with one True, or leaves out robots before the first
+            reset or after a PhysicsError.
           gymnasium.error.Error: A seed is negative.
           RuntimeError: The batch is closed.
         """
@@ -169,9 +171,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             self._lifecycle.become("running")
             return self._states(), self._info(mask)
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> _Timestep:
         """Simulates 0.1 s.
 
         Args:
@@ -191,9 +191,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         with self._lifecycle.one_thread:
             return self._step(actions)
 
-    def _step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def _step(self, actions: np.ndarray) -> _Timestep:
         batch = self._batch
         self._lifecycle.check_running()
         starting = np.flatnonzero(self._over)  # never with SAME_STEP
@@ -229,7 +227,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         info |= self._info(None, events)
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
-    def _check_sound(self, sound: np.ndarray) -> None:
+    def _check_sound(self, sound: Any) -> None:
         """Raises PhysicsError unless all robots are sound, Booleans of shape (B,)."""
         if not sound.all():
             self._lifecycle.become("failed")
@@ -237,17 +235,10 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             raise PhysicsError(f"the simulation of the robots {broken} became unstable")
 
     def render(self, robots: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
-        """Returns pictures of robots, for `render_mode="rgb_array"`.
+        """Returns pictures of robots, for `render_mode="rgb_array"`: (height, width, 3) each.
 
-        Args:
-          robots: Numbers of the robots; None for all.
-
-        Returns:
-          A picture of each robot, shape (height, width, 3).
-
-        Raises:
-          IndexError: There is no such robot.
-          RuntimeError: The batch is closed.
+        `robots` are their numbers; None for all. Raises IndexError where there is no such robot,
+        RuntimeError where the batch is closed.
         """
         with self._lifecycle.one_thread:
             self._lifecycle.check_open()
@@ -271,11 +262,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
                 self._painter = None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Returns `get_attr(name)`, or `render()`, the only method that robots of a batch have.
-
-        Raises:
-          AttributeError: Robots of a batch have no such attribute.
-        """
+        """Returns `get_attr(name)`, or `render()`, the only method that robots of a batch have."""
         if name == "render":
             return self.render(*args, **kwargs) or (None,) * self.num_envs
         return self.get_attr(name)
@@ -283,8 +270,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Returns an attribute of every robot: its random stream, an entry of `INFO` or a space.
 
-        Raises:
-          AttributeError: Robots of a batch have no such attribute.
+        Raises AttributeError where robots of a batch have no such attribute.
         """
         if name in ("np_random", "np_random_seed"):
             return getattr(self, name)
@@ -311,11 +297,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         )
 
     def get_state(self) -> dict[str, Any]:
-        """Returns everything that the next steps depend on.
-
-        Raises:
-          RuntimeError: There was no reset, or none after a PhysicsError, or the batch is closed.
-        """
+        """Returns everything that the next steps depend on; RuntimeError unless running."""
         with self._lifecycle.one_thread:
             self._lifecycle.check_running()
             return self._state()
@@ -332,15 +314,10 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Continues from a state, bit-exactly.
+        """Continues bit-exactly from what `get_state` of as many robots in this task returned.
 
-        Args:
-          state: What `get_state` of a batch of as many robots in the same task has returned.
-
-        Raises:
-          ValueError: The state is of another task or number of robots, or is no state of robots in
-            the arena. Nothing has changed then.
-          RuntimeError: The batch is closed.
+        Raises ValueError for a state of another task or number of robots, or of robots that do not
+        stand in the arena; nothing has changed then. Raises RuntimeError where the batch is closed.
         """
         with self._lifecycle.one_thread:
             self._lifecycle.check_open()
@@ -417,7 +394,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._batch.valid[robots] = True  # a robot that was stopped starts again
         self._batch.place_spot(robots, spots)
         self._batch.place(robots, poses)
-        self._check_sound(np.all(np.isfinite(self._batch.sensordata), axis=1))
+        self._check_sound(np.isfinite(self._batch.sensordata).all(axis=1))
         self._steps[robots] = 0
         self._counts[:, robots] = 0
 

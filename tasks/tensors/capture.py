@@ -21,16 +21,13 @@ def captures(device: torch.device) -> bool:
 
 
 def capture(work: Work, device: torch.device, generator: torch.Generator | None = None) -> Work:
-    """Captures work, as a CUDA graph, without doing it.
+    """Returns a function that does work captured as a CUDA graph; it is not done now.
 
     Args:
       work: Work that has been done before. It reads and overwrites tensors that keep their places,
         and no number of them on the host.
       device: Device of the tensors.
       generator: Random stream that the work uses; a replay continues it.
-
-    Returns:
-      Function that does the work.
     """
     with torch.cuda.device(device):
         graph = torch.cuda.CUDAGraph()

@@ -85,10 +85,7 @@ class TensorRobots(Robots):
         self._send()
 
     def _commanded(self) -> Tensor:
-        """Returns the motor values that the motors follow, shape (B, 2).
-
-        Invalidates robots whose motors are not finite.
-        """
+        """Returns motor values to follow, (B, 2); invalidates robots whose are not finite."""
         motors = self._given
         self.valid &= motors.isfinite().all(dim=1)
         return motors.masked_fill(~self.valid[:, None], 0.0).clamp(-0.5, 0.5)
@@ -96,11 +93,8 @@ class TensorRobots(Robots):
     def _unsound(self, places: Tensor) -> Tensor:
         """Invalidates robots out of bounds, and makes all invalid robots sense zeros.
 
-        Args:
-          places: The first n <= 6 numbers of qpos, shape (B, n).
-
-        Returns:
-          Which robots are out of bounds or have sensors that are not finite, shape (B,).
+        From the first n <= 6 numbers of qpos, shape (B, n), to which robots are out of bounds or
+        have sensors that are not finite, shape (B,).
         """
         sound = (places.abs() < self._bounds[: places.shape[1]]).all(dim=1)
         sound &= self.sensordata.isfinite().all(dim=1)
@@ -154,12 +148,7 @@ class KinematicTensors(TensorRobots):
 
 
 class Part(Robots):
-    """Some of the robots of a larger batch, which takes their steps; see `parts`.
-
-    Attributes:
-      whole: The larger batch.
-      rows: Rows of its arrays that are these robots'.
-    """
+    """Some of the robots of a larger batch, `whole`, which takes their steps: its `rows`."""
 
     def __init__(self, whole: TensorRobots, first: int, robots: int) -> None:
         """Takes robots first to first + robots - 1 of a batch."""
@@ -203,11 +192,7 @@ class Part(Robots):
 
 
 def parts(whole: TensorRobots, count: int) -> list[Part]:
-    """Returns a batch as so many parts of equal size.
-
-    Raises:
-      ValueError: The number of robots is no multiple of the number of parts.
-    """
+    """Returns a batch as so many parts of equal size; ValueError if that cannot be."""
     robots, left = divmod(whole.robots, count)
     if left:
         raise ValueError(f"{whole.robots} robots cannot be {count} equal parts")
