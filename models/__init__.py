@@ -1,5 +1,8 @@
 """The bodies: MJCF of the robot and its arena, edits of both, and the kinematic simulator."""
 
+from . import working_directory  # noqa: F401; first, before MuJoCo is imported
+
+# isort: split
 from .arena import (
     ARENA_XML,
     ROBOT_XML,

@@ -56,10 +56,6 @@ except ModuleNotFoundError as error:
         "cannot be built, pip install --no-deps dm-control==1.0.50 gets it",
         name=error.name,
     ) from error
-except FileNotFoundError as error:  # GLFW needs the working directory, which may be deleted
-    raise FileNotFoundError(
-        f"GLFW cannot read the working directory: change to one that exists ({error})"
-    ) from error
 
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 DRAWS_NOTHING = ("off", "disable", "disabled", "false", "0")  # values of MUJOCO_GL

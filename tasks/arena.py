@@ -152,7 +152,7 @@ class Environment(control.Environment):
     def reset(self, *, options: Mapping[str, Any] | None = None) -> dm_env.TimeStep:
         """Starts an episode; `options` are a `robot` and `spot` in place of the task's.
 
-        Raises TypeError for an unknown option, ValueError for a place outside the arena or inside an
+        Raises TypeError for an unknown option, ValueError for a place outside the arena or in an
         obstacle, RuntimeError where the environment is closed.
         """
         with self.lifecycle.one_thread:

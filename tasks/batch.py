@@ -109,7 +109,7 @@ class Robots(abc.ABC):
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         """Places robots of indices (n,) at rest, and updates their sensors.
 
-        The poses are x, y in [m] and heading in [rad], shape (n, 3). Raises ValueError where there is
+        Poses are x, y in [m] and heading in [rad], shape (n, 3). Raises ValueError where there is
         no such robot, or the poses have another shape or type.
         """
 

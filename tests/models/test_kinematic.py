@@ -169,18 +169,27 @@ def test_a_given_size_replaces_that_of_the_body():
     assert Kinematics(radius=0.02).applied_to(central).nose == 0
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"radius": 0},
-        {"wheel_base": -1},
-        {"wall": "eats"},
-        {"lag": -1},
-        {"lag": None},
-        {"pieces": 0},
-        {"path": "line"},
-    ],
-)
-def test_a_value_out_of_range_is_refused_with_its_name(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        Kinematics(**wrong)
+SIZES = (0.01, 1, 1e300, None), (0, -1, np.inf, np.nan, True, "1", np.float64(1), [])
+WORDS = ("eats", None, 0, [], "")
+RANGES = {  # values that a field takes, and values that it refuses
+    "radius": SIZES,
+    "wheel_base": SIZES,
+    "wall": (WALLS, WORDS),
+    "felt": (("near", "pushed"), WORDS),
+    "any_contact": ((True, False), (0, 1, None, "true")),
+    "lag": ((0, 0.0, 0.08, 100), (-1e-9, np.inf, np.nan, None, True, "0")),
+    "pieces": ((1, 4, 1000), (0, -1, 1001, 1.0, True, None, "4")),
+    "path": (("arc", "euler"), WORDS),
+}
+
+
+@pytest.mark.parametrize("field", dataclasses.fields(Kinematics), ids=lambda field: field.name)
+def test_a_field_takes_exactly_the_values_of_its_declared_range(field):
+    taken, refused = RANGES[field.name]
+    for value in taken:
+        assert getattr(Kinematics(**{field.name: value}), field.name) is value
+    for value in refused:
+        with pytest.raises(ValueError) as caught:
+            Kinematics(**{field.name: value})
+        sentence = f"{field.name} must {field.metadata['must']}, got {value!r}"
+        assert str(caught.value) == sentence

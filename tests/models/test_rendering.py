@@ -163,6 +163,72 @@ musebot.load("arena", "spot_finding").physics.render()
 """
 
 
+# As Gymnasium's AsyncVectorEnv does with context="fork", after the parent has drawn.
+FORKED = """
+import os, signal, warnings
+import gymnasium, musebot
+warnings.simplefilter("ignore")
+env = gymnasium.make("musebot/SpotFinding-v0", render_mode="rgb_array")
+robots = gymnasium.make_vec("musebot/SpotFinding-v0", num_envs=2, render_mode="rgb_array")
+suite = musebot.load("arena", "spot_finding")
+def new():
+    return gymnasium.make("musebot/SpotFinding-v0", render_mode="rgb_array")
+def draw(one):
+    one.reset(seed=1)
+    return one.render()
+draw(env), draw(robots), suite.physics.render()
+if os.fork() == 0:
+    signal.alarm(60)
+    for one in (env, robots, None, new()):
+        try:
+            draw(one) if one else suite.physics.render()
+        except RuntimeError as error:
+            print(error, flush=True)
+    env.close()
+    os._exit(0)
+status = os.wait()[1]
+assert status == 0 and env.render().std() > 0, status
+"""
+
+
+@pytest.mark.slow
+def test_a_forked_process_refuses_pictures_after_its_parent_has_drawn(egl):
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED], env=environment(), capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    sentences = done.stdout.splitlines()
+    assert len(sentences) == 4 and len(set(sentences)) == 1
+    assert sentences[0].startswith("OpenGL cannot be used in a process that was forked after a ")
+
+
+DELETED = """
+import os, tempfile
+folder = tempfile.mkdtemp()
+os.chdir(folder)
+import musebot, musebot.tasks
+os.rmdir(folder)
+env = musebot.load("arena", "spot_finding")
+env.reset()
+assert env.physics.render().std() > 0
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loaded", ["before", "after"])
+def test_a_deleted_working_directory_is_harmless_or_one_sentence(egl, loaded):
+    code = DELETED if loaded == "before" else DELETED.replace(", musebot.tasks", "")
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment(), capture_output=True, text=True, timeout=300
+    )
+    if loaded == "before":
+        assert done.returncode == 0, done.stderr
+    else:
+        last = done.stderr.splitlines()[-1]
+        assert last.startswith("FileNotFoundError: the working directory does not exist any more: ")
+
+
 def environment(**changes):
     names = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
     return {k: v for k, v in os.environ.items() if k not in names} | changes

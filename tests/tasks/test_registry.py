@@ -65,7 +65,7 @@ def test_a_registered_task_opens_in_every_interface(forgotten):
     assert musebot.ALL_TASKS == listed and musebot.SUITE["stand_still"].__doc__ == Still.__doc__
 
 
-@pytest.mark.parametrize(("limit", "steps"), [(0.25, 3), (0.14, 2), (3 * 0.1, 3)])
+@pytest.mark.parametrize(("limit", "steps"), [(0.25, 3), (3 * 0.1, 3)])
 def test_an_episode_has_the_same_length_in_every_interface(limit, steps, forgotten):
     forgotten.append("short")
     musebot.register_task("short", Still, time_limit=limit)
@@ -91,6 +91,9 @@ def test_an_episode_of_stable_baselines_has_that_length_by_every_name(limit, for
 
 class Raw(WallAvoidanceRules):
     """Gives parts of the measurements themselves."""
+
+    shapes = {**WallAvoidanceRules.shapes, "contact": (1, 0.0, 1e9)}
+    rewards = (-1.0, 2.0)
 
     def observations(self, sensordata):
         own = super().observations(sensordata)
@@ -135,6 +138,14 @@ class Longer(WallAvoidanceRules):
         return super().observations(sensordata) | {"bias": np.ones((*sensordata.shape[:-1], 1))}
 
 
+class Blind(WallAvoidanceRules):
+    """Returns observations beyond their range."""
+
+    def observations(self, sensordata):
+        own = super().observations(sensordata)
+        return own | {"distances": own["distances"] * np.nan}
+
+
 class Bare(WallAvoidanceRules):
     """Returns an array of observations."""
 
@@ -149,11 +160,34 @@ class Swapped(WallAvoidanceRules):
         return dict(reversed(super().observations(sensordata).items()))
 
 
-class Column(WallAvoidanceRules):
-    """Returns rewards of another shape."""
+class Declared(WallAvoidanceRules):
+    """Declares no range of the reward."""
 
-    def reward(self, sensordata):
-        return super().reward(sensordata)[..., None]
+    rewards = (0.0, -1.0)
+
+
+def rewarded(change):
+    """Returns rules whose reward is changed."""
+
+    class Changed(WallAvoidanceRules):
+        def reward(self, sensordata):
+            return change(super().reward(sensordata))
+
+    return Changed
+
+
+REWARDS = {
+    "NaN": lambda reward: reward * np.nan,
+    "infinite": lambda reward: reward - np.inf,
+    "text": lambda reward: reward.astype(str),
+    "an object": lambda reward: reward.astype(object),
+    "complex": lambda reward: reward + 0j,
+    "below its range": lambda reward: reward - 1.5,
+    "above its range": lambda reward: reward + 2.5,
+    "a column": lambda reward: reward[..., None],
+    "one number": lambda reward: 0.0,
+    "nothing": lambda reward: None,
+}
 
 
 class First(WallAvoidanceRules):
@@ -170,10 +204,23 @@ class First(WallAvoidanceRules):
         ("spot_finding", Still, {}, ValueError, "there is a task 'spot_finding' in the suite"),
         ("mine", Still(None), {}, TypeError, "rules must be a subclass of musebot.tasks.rules"),
         ("mine", Still, {"colour": 1}, TypeError, "colour"),
-        ("mine", Still, {"limit": 0}, ValueError, "limit must be positive, got 0"),
-        ("mine", Still, {"time_limit": 0}, ValueError, "time_limit must be at least 0.1 s, got 0"),
-        ("mine", Still, {"spot_seconds": 0.04}, ValueError, "spot_seconds must be 0, or at least"),
-        ("mine", Still, {"spot_seconds": np.nan}, ValueError, "spot_seconds must be 0, or at "),
+        (None, Still, {}, ValueError, "lower case with underscores, got None"),
+        *[("mine", Still, {name: value}, ValueError, f"{name} must be a number from .*, got ")
+          for name, values in {
+              "limit": (0, -1, np.nan, np.inf, None, "1", True),
+              "time_limit": (0, 0.04, np.nan, None, "1"),
+              "spot_seconds": (-1, 1e308, np.nan, np.inf, None, "1")}.items()
+          for value in values],
+        *[("mine", Still, {"model": value}, ValueError, "model must be an MJCF file, got ")
+          for value in ("none.xml", "/nowhere", "/tmp", None, 5, "x\0")],
+        *[("mine", Still, {"edits": value}, ValueError, "edits must be functions")
+          for value in (None, 5, (None,))],
+        *[("mine", Still, {"edits": (lambda spec, t=t: setattr(spec.option, "timestep", t),)},
+           ValueError, "the timestep must divide 0.1 s, into at most 10000 steps, got ")
+          for t in (0, -0.01, 0.003, 1e-300, np.nan, 0.2)],
+        *[("mine", rewarded(change), {}, ValueError, "the reward of Changed must be numbers from -1"
+           " to 0 of shape .*, got ") for change in REWARDS.values()],
+        ("mine", Declared, {}, ValueError, "Declared must declare shapes"),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("touch")),)},
          KeyError, "touch"),
         ("mine", Still, {"edits": (lambda spec: spec.delete(spec.sensor("back")),)},
@@ -194,9 +241,6 @@ class First(WallAvoidanceRules):
          ValueError, r"left_motor and right_motor, got \['right_motor'\]"),
         ("mine", Still, {"edits": (lambda spec: setattr(spec.body("spot"), "mocap", False),)},
          ValueError, "the body 'spot' must be the arena's only mocap body"),
-        ("mine", Still, {"edits": (lambda spec: setattr(spec.option, "timestep", 0.003),)},
-         ValueError, "the timestep must divide 0.1 s, got 0.003"),
-        ("mine", Still, {"model": "none.xml"}, ValueError, "none.xml"),
         ("mine", Still, {"edits": (lambda spec: setattr(
             spec.body("left_wheel").joints[0], "type", mujoco.mjtJoint.mjJNT_SLIDE),)},
          ValueError, "the body 'left_wheel' must have one joint, a hinge"),
@@ -207,9 +251,9 @@ class First(WallAvoidanceRules):
          ValueError, "the gear of right_motor must be positive, got -0.02"),
         ("mine", Still, {"edits": (divided,)}, ValueError, "the obstacles leave no room"),
         ("mine", Longer, {}, ValueError, r"'bias': \(2, 1\)"),
+        ("mine", Blind, {}, ValueError, "distances must be numbers from 0 to 1, got array"),
         ("mine", Bare, {}, ValueError, "observations must be a dict, got array"),
         ("mine", Swapped, {}, ValueError, "observations must have the shapes"),
-        ("mine", Column, {}, ValueError, r"reward must have the shape \(2,\), got \(2, 1\)"),
         ("mine", First, {}, ValueError, r"event must have the shape \(2,\), got \(\)"),
     ],
 )  # fmt: skip
@@ -218,6 +262,26 @@ def test_a_wrong_task_is_refused_and_nothing_is_registered(name, rules, settings
     with pytest.raises(error, match=words):
         musebot.register_task(name, rules, **settings)
     assert ([*suite.TASKS], [*musebot.SUITE], dict(musebot.GYMNASIUM_TASKS)) == before
+
+
+@pytest.mark.parametrize("what", REWARDS)
+def test_a_reward_that_is_not_as_declared_is_refused_in_the_step_that_gives_it(what, forgotten):
+    """Rules may change after the registration, or return other rewards than in its probe."""
+    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+    forgotten.append("changing")
+    rules = rewarded(lambda reward: change(reward))
+    change = np.copy
+    musebot.register_task("changing", rules)
+    one = gymnasium.make("musebot/Changing-v0", disable_env_checker=True)
+    many = gymnasium.make_vec("musebot/Changing-v0", num_envs=2)
+    for env in (one, many):
+        change = np.copy
+        env.reset(seed=1)
+        still = np.zeros(env.action_space.shape, np.float32)
+        env.step(still)
+        change = REWARDS[what]
+        with pytest.raises(ValueError, match="the reward of Changed must be numbers from -1 to 0"):
+            env.step(still)
 
 
 def test_a_name_whose_gymnasium_id_is_taken_is_refused(forgotten):
@@ -330,6 +394,8 @@ def test_the_example_of_the_page_runs(tmp_path):
 
 class Paid(SpotFindingRules):
     """Spot finding with another reward."""
+
+    rewards = (-7.0, -6.0)
 
     def reward(self, sensordata):
         return super().reward(sensordata) - 7

@@ -18,7 +18,7 @@ forms = pytest.mark.parametrize("form", FORMS)
 
 
 @quick
-@given(st.floats(0, 1e6))
+@given(st.floats(0, 1e6) | st.just(math.inf))
 @example(0.0)
 def test_the_distance_signal_is_equation_2(distance):
     signal = distance_signal(np.array([distance]))[0]
@@ -26,23 +26,11 @@ def test_the_distance_signal_is_equation_2(distance):
     assert 0 <= signal <= 1
 
 
-def test_the_distance_signal_is_one_at_a_wall_and_zero_far_away():
-    assert distance_signal(np.array([0.0, np.inf])).tolist() == [1.0, 0.0]
-
-
 @quick
 @given(st.floats(max_value=0, exclude_max=True))
 @example(-1.0)
 def test_a_ray_that_hits_nothing_signals_0(distance):
     assert distance_signal(np.array([distance]))[0] == 0
-
-
-@quick
-@given(st.floats(0, 1.3), st.floats(0, 1.3))
-def test_a_nearer_wall_signals_more(first, second):
-    assume(abs(first - second) > 1e-9)
-    near, far = distance_signal(np.array(sorted([first, second])))
-    assert near > far
 
 
 def test_distance_signals_keep_their_shape():
@@ -99,28 +87,20 @@ def signal(nose, x, y):
 
 
 @quick
-@given(noses, metres, metres)
+@given(noses, st.floats(0, 1.3), st.floats(-math.pi, math.pi))
 @example(Nose(), 0.0, 0.0)
 @example(Nose(form="printed"), 0.0, 0.0)
-@example(Nose(), -0.5, 0.0)
-@example(Nose(), -0.5, -0.0)
-@example(Nose(), 0.3, 0.3)  # beta = alpha / 2
-@example(Nose(form="printed"), 0.3, -0.3)
-@example(Nose(), 1e-300, -1e-300)
-def test_the_nose_is_equation_3(nose, x, y):
-    assume(abs(math.hypot(x, y) - nose.spot_radius) > 1e-12)  # the edge is tested separately
-    wanted = smell(x, y, nose.odour, nose.frustum, nose.spot_radius, nose.form)
-    assert signal(nose, x, y) == pytest.approx(wanted, abs=1e-12)
-    assert 0 <= signal(nose, x, y) < 1
-
-
-@quick
-@given(noses, st.floats(0, 1.3), st.floats(-math.pi, math.pi))
+@example(Nose(), 0.5, math.pi)
+@example(Nose(), 0.5, -math.pi)
+@example(Nose(), 0.3, math.pi / 4)  # beta = alpha / 2
+@example(Nose(form="printed"), 0.3, -math.pi / 4)
+@example(Nose(), 1e-300, -math.pi / 4)
 def test_the_nose_is_equation_3_in_every_direction(nose, distance, beta):
     x, y = distance * math.cos(beta), distance * math.sin(beta)
     assume(abs(math.hypot(x, y) - nose.spot_radius) > 1e-12)
     wanted = smell(x, y, nose.odour, nose.frustum, nose.spot_radius, nose.form)
     assert signal(nose, x, y) == pytest.approx(wanted, abs=1e-12)
+    assert 0 <= signal(nose, x, y) < 1
     assert bool(nose.inside(np.array([x, y]))) == (math.hypot(x, y) < nose.spot_radius)
 
 
@@ -131,49 +111,6 @@ def test_the_edge_of_the_spot_is_outside(form, x, y):
     assert not nose.inside(np.array([x, y]))
     assert signal(nose, x, y) == pytest.approx(smell(x, y, 10, math.pi / 2, 0.06, form), abs=1e-12)
     assert signal(nose, x, y) == pytest.approx(10 / 11 if x > 0 else 0, abs=1e-12)
-
-
-@forms
-@given(st.floats(0, 0.0599), st.floats(-math.pi, math.pi))
-@quick
-def test_inside_the_spot_the_signal_is_10_11_in_every_direction(form, d, beta):
-    nose = Nose(form=form)
-    assert nose.inside(np.array([d * math.cos(beta), d * math.sin(beta)]))
-    assert signal(nose, d * math.cos(beta), d * math.sin(beta)) == pytest.approx(10 / 11, abs=1e-12)
-
-
-@forms
-@pytest.mark.parametrize("degrees", [46, 90, 135, 180, -46, -90, -179])
-def test_outside_the_frustum_of_90_degrees_the_signal_is_0(form, degrees):
-    beta = math.radians(degrees)
-    assert signal(Nose(form=form), 0.3 * math.cos(beta), 0.3 * math.sin(beta)) == 0
-
-
-@quick
-@given(noses, st.floats(0.31, 1.3), st.floats(0.31, 1.3), st.floats(0, 0.95))
-def test_the_inverse_form_falls_with_the_distance_and_the_printed_form_grows(nose, a, b, share):
-    assume(abs(a - b) > 1e-3)
-    beta = share * min(nose.frustum / 2, math.pi)
-    near, far = (signal(nose, d * math.cos(beta), d * math.sin(beta)) for d in sorted([a, b]))
-    assert (near > far) == (nose.form == "inverse")
-    assert near != far
-
-
-@quick
-@given(noses, st.floats(0.31, 1.3), st.floats(0, 1), st.floats(0, 1))
-def test_a_spot_nearer_to_the_front_smells_more(nose, distance, a, b):
-    assume(abs(a - b) > 1e-3)
-    ahead, aside = (
-        signal(nose, distance * math.cos(beta), distance * math.sin(beta))
-        for beta in (share * min(nose.frustum / 2, math.pi) for share in sorted([a, b]))
-    )
-    assert ahead > aside
-
-
-@quick
-@given(noses, metres, metres)
-def test_left_and_right_signal_equally(nose, x, y):
-    assert signal(nose, x, y) == signal(nose, x, -y)
 
 
 @quick

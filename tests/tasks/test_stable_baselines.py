@@ -64,16 +64,24 @@ def test_attributes_are_those_of_each_robot():
     assert ours.get_images() == [None] * 3
 
 
-def test_options_set_for_all_robots_are_obeyed_once():
+@pytest.mark.parametrize("place", [(0.1, 0.0, 0.3), np.array([0.1, 0.0, 0.3])], ids=type)
+def test_options_set_for_all_robots_are_obeyed_once(place):
     ours, batch = ArenaVecEnv(TASK, 2), ArenaVectorEnv(TASK, 2)
-    place = {"robot": (0.1, 0.0, 0.3)}
+    first = batch.reset(seed=1, options={"robot": place})[0]
     ours.seed(1)
-    ours.set_options(place)
-    np.testing.assert_array_equal(ours.reset(), batch.reset(seed=1, options=place)[0])
+    ours.set_options([{"robot": place}, {"robot": np.array(place)}])
+    np.testing.assert_array_equal(ours.reset(), first)
     np.testing.assert_array_equal(ours.reset(), batch.reset()[0])
-    ours.set_options([place, {}])
-    with pytest.raises(ValueError, match="options must be the same for all robots of a batch"):
-        ours.reset()
+    for other in ({}, {"robot": np.zeros(3)}, {"spot": place}, None):
+        ours.set_options([{"robot": place}, other])
+        with pytest.raises(ValueError, match="options must be the same for all robots of a batch"):
+            ours.reset()
+
+
+@pytest.mark.parametrize("task", [None, 5, [], "dancing", "musebot/Dancing-v0"], ids=str)
+def test_an_unknown_task_is_refused_with_one_sentence(task):
+    with pytest.raises(ValueError, match="task must be .*, got "):
+        ArenaVecEnv(task, 2)
 
 
 class Rewards(BaseCallback):

@@ -16,9 +16,8 @@ from musebot.protocols.pages.rollout import watch
 from musebot.protocols.pages.stored_brains import stored_brains
 from musebot.tasks import make_batch
 from musebot.tasks.batch import CapacityError
-from musebot.tasks.tensors.warp import WarpTensors
-from musebot.tasks.warp import engine
-from musebot.tasks.warp.robots import WarpBatch
+from musebot.tasks.tensors import warp as engine
+from musebot.tasks.tensors.warp import WarpBatch, WarpTensors
 
 TASKS = ("spot_finding_walls", "wall_avoidance_obstacles")
 KEPT = Path(__file__).parents[2] / "docs" / "results"

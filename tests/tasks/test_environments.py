@@ -1,0 +1,424 @@
+"""One contract for dm_control's, Gymnasium's single and Gymnasium's vector environment.
+
+They refuse the same values with the same sentences, have the same states, and continue bit-exactly
+from a state and as copies.
+"""
+
+import copy
+import pickle
+import re
+import threading
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+
+from dm_control.rl.control import PhysicsError  # noqa: E402
+
+import musebot  # noqa: E402
+from musebot.tasks.gymnasium_env import ArenaEnv, ArenaVectorEnv  # noqa: E402
+
+JUMPING, PILLARS = "spot_finding_jumping", "wall_avoidance_obstacles"
+ROBOTS = 3
+
+
+class DmControl:
+    """A dm_control environment; the other classes have the same methods."""
+
+    def __init__(self, task=JUMPING, seed=1, **kwargs):
+        self.env = musebot.load("arena", task, {"random": seed, **kwargs})
+
+    def reset(self, **kwargs):
+        return np.concatenate([*self.env.reset(**kwargs).observation.values()]).astype(np.float32)
+
+    def step(self, motors):
+        """Steps with motor values of shape (B, 2); returns all that can be seen."""
+        timestep = self.env.step(motors[0] / 0.5 * self.env.task.episode.limit)
+        data = self.env.physics.data
+        return [*timestep.observation.values(), timestep.reward, data.qpos, data.mocap_pos]
+
+    def qpos(self):
+        return self.env.physics.data.qpos
+
+    def place_spot(self, x, y):
+        self.env.physics.place_spot(x, y)
+
+
+class Single(DmControl):
+    def __init__(self, task=JUMPING, seed=1, **kwargs):
+        self.env, self.seed = ArenaEnv(task, **kwargs), seed
+
+    def reset(self, **kwargs):
+        return self.env.reset(seed=self.seed, **kwargs)[0]
+
+    def step(self, motors):
+        action = motors[0] / 0.5 * self.env.action_space.high
+        observation, reward, _, _, info = self.env.step(action.astype(np.float32))
+        return [observation, reward, *info.values()]
+
+
+class Vector(Single):
+    def __init__(self, task=JUMPING, seed=1, **kwargs):
+        self.env, self.seed = ArenaVectorEnv(task, ROBOTS, threads=2, **kwargs), seed
+
+    def reset(self, **kwargs):
+        return self.env.reset(seed=self.seed, **kwargs)[0][0]
+
+    def step(self, motors):
+        action = motors / 0.5 * self.env.single_action_space.high
+        *results, info = self.env.step(action.astype(np.float32))
+        return [*results, *info.values()]
+
+    def qpos(self):
+        return self.env._batch.arrays()["state"][0, 1:10]
+
+    def place_spot(self, x, y):
+        self.env._batch.place_spot(np.array([0]), np.array([[x, y]]))
+
+
+KINDS = [DmControl, Single, Vector]
+
+
+@pytest.fixture(params=KINDS, ids=lambda kind: kind.__name__)
+def make(request):
+    return request.param
+
+
+def begun(make, *args, **kwargs):
+    one = make(*args, **kwargs)
+    one.reset()
+    return one
+
+
+def assert_continue_alike(first, second, steps=3, seed=0):
+    random = np.random.default_rng(seed)
+    for _ in range(steps):
+        motors = random.uniform(-0.5, 0.5, (ROBOTS, 2))
+        ours, theirs = ([np.array(v) for v in one.step(motors)] for one in (first, second))
+        for mine, its in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(mine, its)
+
+
+def refusal(function, *args, **kwargs):
+    """Returns the type and the sentence of the refusal of a call."""
+    with pytest.raises((ValueError, TypeError, RuntimeError)) as caught:
+        function(*args, **kwargs)
+    return type(caught.value), str(caught.value)
+
+
+STILL = np.full((ROBOTS, 2), 0.1)
+
+# Places and actions
+
+INSIDE = r"inside the arena, \|x\| <= {} and \|y\| <= {}, got \({}"
+PLACES = [
+    ({"robot": (5, 5, 0)}, "robot must be " + INSIDE.format("0.4975", "0.3225", r"5.0, 5.0, 0.0")),
+    ({"robot": (0, -0.33, 0)}, "robot must be inside the arena"),
+    ({"spot": (0, 0.36)}, "spot must be " + INSIDE.format("0.525", "0.35", r"0.0, 0.36")),
+    (
+        {"robot": (0.05, -0.14, 0)},
+        r"robot must be at least 0.0875 m from the centre of the obstacle at \(0.05, -0.14\)",
+    ),
+    ({"robot": (0, np.nan, 0)}, r"robot must be 3 finite numbers, got \(0, nan, 0\)"),
+    ({"robot": ("a", "b", "c")}, "robot must be 3 finite numbers"),
+    ({"robot": ((0, 0), 0, 0)}, "robot must be 3 finite numbers"),
+    ({"robot": (0, 0)}, "robot must be 3 finite numbers"),
+    ({"spot": (1j, 0)}, "spot must be 2 finite numbers"),
+    ({"spot": 0.1}, "spot must be 2 finite numbers"),
+    ({"robot": "middle"}, r"robot must be one of \['upper_left', 'upper_right'\], got 'middle'"),
+    (
+        {"colour": "red"},
+        r".* takes the (options|keywords) \[.*'robot', 'spot'.*\], got \['colour'\]",
+    ),
+]
+
+
+@pytest.mark.parametrize(("places", "sentence"), PLACES, ids=lambda value: str(value)[:40])
+def test_impossible_places_are_refused_with_one_sentence_and_change_nothing(places, sentence):
+    refused = set()
+    for make in KINDS:
+        error, made = refusal(make, PILLARS, **places)
+        one = make(PILLARS, robot=(0.2, -0.2, 0.5))
+        before = one.reset()
+        refused.add(refusal(one.env.reset, options=places))
+        np.testing.assert_array_equal(before, one.reset())
+        assert re.match(sentence, made) and error in (ValueError, TypeError), made
+    [(error, said)] = refused
+    assert error is (TypeError if "colour" in places else ValueError) and re.match(sentence, said)
+
+
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding_walls"])
+def test_options_place_robot_and_spot_for_one_episode(task):
+    option, seen = {"robot": (0.4975, -0.1, 1.0), "spot": (0.25, 0.0)}, []
+    for make in KINDS:
+        one = make(task, robot=(-0.3, 0.1, 0.0), spot=(-0.2, 0.2))
+        first = one.reset()
+        seen.append(one.reset(options=option))
+        assert not np.array_equal(first, seen[-1])
+        np.testing.assert_allclose(one.qpos()[:2], option["robot"][:2], atol=1e-12)
+        np.testing.assert_array_equal(first, one.reset())
+    np.testing.assert_array_equal(seen[0], seen[1])
+    np.testing.assert_array_equal(seen[0], seen[2])
+
+
+ACTIONS = [
+    (np.nan, 0.0), (0.0, np.inf), (0.1,), (0.1, 0.2, 0.3), 0.1, ((0.1,), (0.2, 0.3)), (0.1j, 0.2),
+    ("0.1", "0.2"), (None, 0.1), (True, False), None,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("action", ACTIONS, ids=str)
+def test_an_action_that_is_not_two_finite_numbers_is_refused_and_changes_nothing(action):
+    for make in KINDS:
+        one, twin = (begun(make, "wall_avoidance", robot=(0, 0, 0.3)) for _ in range(2))
+        error, said = refusal(one.env.step, [action] * ROBOTS if make is Vector else action)
+        shape = rf"\({ROBOTS}, 2\)" if make is Vector else r"\(2,\)"
+        sentence = f"an action must be two finite motor values, real numbers of shape {shape} in "
+        assert error is ValueError and re.match(sentence, said)
+        assert_continue_alike(one, twin)
+
+
+@pytest.mark.parametrize("kind", [int, float, np.float32, np.int8])
+def test_real_numbers_of_every_type_are_actions(make, kind):
+    one = begun(make, "wall_avoidance_unit", robot=(0, 0, 0.3))
+    action = np.array([1, 0]).astype(kind)
+    one.env.step(np.tile(action, (ROBOTS, 1)) if make is Vector else action)
+
+
+# The life of an environment
+
+
+def test_a_step_before_the_first_reset_is_refused_by_gymnasium_and_a_reset_in_dm_control():
+    said = [refusal(make("spot_finding").step, STILL) for make in (Single, Vector)]
+    assert said == [(RuntimeError, "reset must be called before the first step")] * 2
+    assert musebot.load("arena", "spot_finding").step(np.zeros(2)).first()  # as dm_env requires
+
+
+def spoil(one, how):
+    """Does what ends in a PhysicsError in the next step."""
+    qpos = one.qpos()
+    if how == "velocity":
+        qvel = one.env._batch.arrays()["state"][0, 10:] if type(one) is Vector else None
+        (one.env.physics.data.qvel if qvel is None else qvel)[:] = np.inf
+    elif how == "beyond the wall":
+        qpos[0] = 0.6
+    elif how == "in the air":
+        qpos[2] = 5.0
+    elif how == "on its back":
+        qpos[2:7] = [0.02, 0, 1, 0, 0]
+    else:
+        one.place_spot(np.nan, 0.0)  # a sensor that is not finite
+
+
+@pytest.mark.parametrize(
+    "how", ["velocity", "beyond the wall", "in the air", "on its back", "a sensor that reads NaN"]
+)
+def test_what_is_unstable_raises_and_is_refused_until_a_reset(make, how, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
+    one = make("spot_finding", robot=(0, 0, 0), spot=(0.2, 0))
+    first = one.reset()
+    spoil(one, how)
+    with pytest.raises(PhysicsError):
+        one.step(STILL)
+    said = "reset must be called after a PhysicsError, before the next step"
+    for call in (lambda: one.step(STILL), one.env.get_state):
+        assert refusal(call) == (RuntimeError, said)
+    np.testing.assert_array_equal(first, one.reset())
+    one.step(STILL)
+
+
+def test_nothing_works_after_close(make):
+    one, other = begun(make, "spot_finding"), begun(make, "spot_finding")
+    one.env.close()
+    one.env.close()
+    calls = [lambda: one.step(STILL), one.env.get_state]
+    calls.append(lambda: one.env.set_state(other.env.get_state()))
+    calls.append(one.env.physics.render if make is DmControl else one.env.render)
+    if make is not Single:
+        calls.append(one.reset)
+    assert {refusal(call) for call in calls} == {(RuntimeError, "the environment is closed")}
+
+
+def test_gymnasiums_environment_of_one_robot_can_be_reset_after_close():
+    one, other = Single("spot_finding"), begun(Single, "spot_finding")
+    one.reset()
+    one.env.close()
+    one.reset()
+    assert_continue_alike(one, other)
+
+
+def test_a_second_thread_is_refused(make):
+    """MuJoCo's data would not survive it."""
+    one, said, stop = begun(make, "spot_finding"), [], threading.Event()
+
+    def step():
+        while not stop.is_set() and not said:
+            try:
+                one.step(STILL)
+            except RuntimeError as error:
+                said.append(str(error))
+
+    threads = [threading.Thread(target=step) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    threads[0].join(timeout=60)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert said and set(said) == {
+        "another thread is in a call of this environment: give each thread one of its own"
+    }
+    one.step(STILL)
+
+
+# States and copies
+
+
+def copied(make, one, how):
+    if how == "deepcopy":
+        return copy.deepcopy(one)
+    if how == "pickle":
+        return pickle.loads(pickle.dumps(one))
+    other = begun(make, seed=99, **({"max_episode_steps": 290} if make is Vector else {}))
+    other.env.set_state(pickle.loads(pickle.dumps(one.env.get_state())))
+    return other
+
+
+@pytest.mark.parametrize("how", ["deepcopy", "pickle", "state"])
+def test_a_copy_continues_bit_exactly_across_a_jump_of_the_spot_and_an_end(make, how):
+    one = begun(make, **({"max_episode_steps": 290} if make is Vector else {}))
+    for step in range(190):
+        one.step(np.full((ROBOTS, 2), 0.5 if step < 60 else -0.2))
+    assert_continue_alike(one, copied(make, one, how), steps=120)
+
+
+@pytest.mark.parametrize("at", [58, 59, 60, 61])
+@pytest.mark.parametrize("kind", [DmControl, Vector], ids=lambda kind: kind.__name__)
+def test_a_restored_environment_ends_its_episodes_when_the_original_does(kind, at):
+    short = {"max_episode_steps": 60} if kind is Vector else {"time_limit": 6.0}
+    one, other = begun(kind, **short), begun(kind, seed=9, **short)
+    for _ in range(at):
+        one.step(STILL)
+    other.env.set_state(one.env.get_state())
+    for _ in range(70):
+        for mine, its in zip(one.step(STILL)[:3], other.step(STILL)[:3], strict=True):
+            np.testing.assert_array_equal(mine, its)
+        if kind is DmControl:
+            assert one.env._reset_next_step == other.env._reset_next_step
+
+
+def with_part(state, name, value):
+    """Returns a state with another value, of which the name may be a path."""
+    first, _, rest = name.partition(".")
+    return {**state, first: with_part(state[first], rest, value) if rest else value}
+
+
+def wrong_states(make, good):
+    """Returns states that are refused, by what is wrong with them."""
+    vector = make is Vector
+    wrong = {name: one for name, one in zip("ABC", (None, [], {}), strict=True)}
+    wrong["an unknown key"] = {**good, "colour": 1}
+    for name in good:
+        wrong[f"no {name}"] = {key: one for key, one in good.items() if key != name}
+        wrong[f"{name} is an object"] = {**good, name: object()}
+    wrong["another task"] = begun(make, "spot_finding").env.get_state()
+    random = good["randoms"][1] if vector else good["random"]
+    broken = {**random, "state": "abc"}
+    wrong["a random stream"] = (
+        {**good, "randoms": [good["randoms"][0], broken, good["randoms"][2]]}
+        if vector
+        else {**good, "random": broken}
+    )
+    for what, steps in (("negative", -1), ("huge", 10**400), ("fractional", 0.5)):
+        bad = np.full(ROBOTS, -1) if vector else steps
+        wrong[f"{what} steps"] = {**good, "steps": bad}
+    physics = "batch.state" if vector else "physics"
+    for number, value in ((1, np.nan), (1, 0.6), (3, 5.0), (12, np.inf)):
+        array = (good["batch"]["state"] if vector else good["physics"]).copy()
+        array[..., number] = value
+        wrong[f"{physics} {number} {value}"] = with_part(good, physics, array)
+    sensors = "batch.sensordata" if vector else "sensordata"
+    wrong["a sensor"] = with_part(good, sensors, np.full_like(
+        good["batch"]["sensordata"] if vector else good["sensordata"], np.nan))  # fmt: skip
+    if vector:
+        wrong["stopped robots"] = with_part(good, "batch.valid", np.zeros(ROBOTS, bool))
+        wrong["two robots"] = {**good, "randoms": good["randoms"][:2], "seeds": good["seeds"][:2]}
+        wrong["seeds of letters"] = {**good, "seeds": ["a", "b", "c"]}
+        wrong["counts"] = {**good, "counts": good["counts"] + 10**6}
+    elif make is Single:
+        wrong["counts of NaN"] = {**good, "counts": [np.nan, 0]}
+        wrong["more contacts than steps"] = {**good, "counts": [0, 99]}
+        wrong["a seed of letters"] = {**good, "seed": "abc"}
+    return wrong
+
+
+def test_a_wrong_state_is_refused_with_one_sentence_and_changes_nothing(make):
+    one, twin = begun(make), begun(make)
+    for _ in range(5):
+        one.step(STILL)
+        twin.step(STILL)
+    for what, state in wrong_states(make, one.env.get_state()).items():
+        with pytest.raises(ValueError, match="state.* must "):
+            one.env.set_state(state)
+            pytest.fail(what)
+    assert_continue_alike(one, twin, steps=30)
+
+
+def test_a_state_of_another_kind_of_random_stream_is_refused():
+    one, other = begun(DmControl), DmControl(seed=np.random.default_rng(0))
+    other.reset()
+    with pytest.raises(ValueError, match="state must hold the state of such a random stream"):
+        one.env.set_state(other.env.get_state())
+
+
+def test_a_copy_of_the_physics_shows_what_the_original_shows():
+    environment = begun(DmControl, "wall_avoidance").env
+    for _ in range(5):
+        environment.step(np.array([0.5, 0.4]))
+    physics = environment.physics
+    for how in (copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))):
+        for twin in (how(physics), physics.copy(), how(environment).physics):
+            assert not twin.legacy_step
+            for name in ("sensordata", "xpos", "qacc", "qpos"):
+                np.testing.assert_array_equal(getattr(twin.data, name), getattr(physics.data, name))
+
+
+# Keywords
+
+
+@pytest.mark.parametrize("limit", [0, -1, np.nan, "3", True, [1.0], 1j])
+def test_a_time_limit_that_is_not_positive_is_refused(limit):
+    for name in ("task_kwargs", "environment_kwargs"):
+        with pytest.raises(ValueError, match="time_limit must be a positive number of seconds"):
+            musebot.load("arena", "spot_finding", **{name: {"time_limit": limit}})
+
+
+@pytest.mark.parametrize("steps", [0, -5, np.nan, 1.5, "3", True, -1.0, np.inf])
+def test_a_number_of_steps_that_is_not_whole_or_positive_is_refused(steps):
+    with pytest.raises(ValueError, match="max_episode_steps, if not -1, must be a whole number of"):
+        ArenaVectorEnv("spot_finding", 1, max_episode_steps=steps)
+
+
+@pytest.mark.parametrize("number", [0, -1, 1.5, "3", True, None])
+def test_a_number_of_robots_or_threads_that_is_not_whole_is_refused(number):
+    with pytest.raises(ValueError, match="num_envs must be a whole number of at least 1, got"):
+        ArenaVectorEnv("spot_finding", number)
+    if number != 0:
+        with pytest.raises(ValueError, match="threads must be a whole number of at least 0, got"):
+            ArenaVectorEnv("spot_finding", 1, threads=number)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "sentence"),
+    [
+        ({"control_timestep": 0.05}, "control_timestep must be 0.1 s, got 0.05"),
+        ({"n_sub_steps": 3}, "n_sub_steps must be None, because a control step is 0.1 s, got 3"),
+        ({"legacy_step": True}, "legacy_step must be False, as in the batch, got True"),
+        ({"flat_observation": "no"}, "flat_observation must be True or False, got 'no'"),
+    ],
+)
+def test_keywords_that_would_change_the_task_are_refused(kwargs, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        musebot.load("arena", "spot_finding_jumping", environment_kwargs=kwargs)
+    musebot.load("arena", "spot_finding", environment_kwargs={"control_timestep": 0.1})

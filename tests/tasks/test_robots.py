@@ -1,0 +1,442 @@
+"""The contract of `Robots`: every simulator places, steps, stops and restores robots alike.
+
+`drive` hides that tensors take tensors, and that a part takes its steps with the whole batch.
+"""
+
+import copy
+import gc
+import os
+import pickle
+import signal
+import threading
+import warnings
+
+import numpy as np
+import pytest
+import torch
+
+from musebot.models import Kinematics
+from musebot.tasks import load, make_batch, make_kinematic_batch
+from musebot.tasks.starts import random_poses, random_spots
+from musebot.tasks.suite import TASKS
+from musebot.tasks.tensors.robots import KinematicTensors, Part, TensorRobots, parts
+
+TASK = "spot_finding_walls"
+BODIES = {
+    "holds": Kinematics(),
+    "turns": Kinematics(felt="pushed", wall="turns", lag=0.08),
+    "refuses": Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler"),
+    "slides": Kinematics(wall="slides", any_contact=True),
+    "sticks": Kinematics(wall="sticks"),
+}
+
+
+def warp(robots, tensors):
+    module = pytest.importorskip("musebot.tasks.tensors.warp", reason="needs the extra `warp`")
+    batch = make_batch(TASK, robots)
+    return module.WarpTensors(batch) if tensors else module.WarpBatch(
+        batch.model, batch.rules, robots
+    )  # fmt: skip
+
+
+def tensors(robots, body="turns"):
+    return KinematicTensors(make_kinematic_batch(TASK, robots, BODIES[body]))
+
+
+SIMULATORS = {
+    "MuJoCo": lambda robots: make_batch(TASK, robots),
+    "MuJoCo, threads": lambda robots: make_batch(TASK, robots, threads=2),
+    "kinematic, turns": lambda robots: make_kinematic_batch(TASK, robots, BODIES["turns"]),
+    "kinematic, refuses": lambda robots: make_kinematic_batch(TASK, robots, BODIES["refuses"]),
+    "tensors": tensors,
+    "part of tensors": lambda robots: parts(tensors(2 * robots), 2)[1],
+}
+WARP = {
+    "Warp": lambda robots: warp(robots, False),
+    "Warp on tensors": lambda robots: warp(robots, True),
+}
+
+
+@pytest.fixture(params=SIMULATORS)
+def make(request):
+    return SIMULATORS[request.param]
+
+
+@pytest.fixture(params=[*SIMULATORS, *(pytest.param(n, marks=pytest.mark.slow) for n in WARP)])
+def make_any(request):
+    """Warp, too, which takes seconds for each batch; test_warp.py has its other laws."""
+    return (SIMULATORS | WARP)[request.param]
+
+
+def drive(batch, motors):
+    """Takes a step of robots of any simulator."""
+    if isinstance(batch, Part):
+        both = torch.zeros(batch.whole.robots, 2, dtype=torch.float64)
+        both[batch.rows] = torch.from_numpy(np.asarray(motors, float))
+        batch.whole.step(both)
+    else:
+        batch.step(torch.from_numpy(np.asarray(motors, float)) if is_tensor(batch) else motors)
+
+
+def is_tensor(batch):
+    return isinstance(batch, TensorRobots)
+
+
+def seen(batch):
+    """Everything that can be read of robots."""
+    numbers = batch.sensordata, batch.valid, batch.pose, batch.spot
+    rules = (getattr(batch.rules, name)(batch.sensordata) for name in ("state", "reward", "event"))
+    return [host(one) for one in (*numbers, *rules)]
+
+
+def host(values):
+    """Returns a copy of numbers as an array of NumPy."""
+    return np.array(values.numpy() if isinstance(values, torch.Tensor) else values)
+
+
+def assert_same(first, second, which=slice(None)):
+    for ours, theirs in zip(seen(first), seen(second), strict=True):
+        np.testing.assert_array_equal(ours[which], theirs[which])
+
+
+def settled(batch, seed=0, most=0.25):
+    """Places robots and spots at random, and returns the robots."""
+    random, everyone = np.random.default_rng(seed), np.arange(batch.robots)
+    batch.place_spot(everyone, random.uniform(-most, most, (batch.robots, 2)))
+    batch.place(everyone, random.uniform(-most, most, (batch.robots, 3)) * [1, 1, 12])
+    return batch
+
+
+def scripted(steps, robots, seed=0):
+    """Motor values of shape (steps, B, 2): random ones beyond the limits, and drives into walls."""
+    random = np.random.default_rng(seed)
+    motors = random.uniform(-0.6, 0.6, (steps, robots, 2))
+    for start in range(0, steps, 40):
+        motors[start : start + 30] = random.choice([-0.5, 0.5], (robots, 1))
+    return motors
+
+
+def test_robots_are_where_they_are_placed_and_rest_there(make_any):
+    batch = settled(make_any(3))
+    for motors in scripted(10, 3):
+        drive(batch, motors)
+    before = seen(batch)
+    batch.place_spot(np.array([2]), np.array([[0.1, -0.2]]))
+    batch.place(np.array([2, 0]), np.array([[0.2, 0.1, 1.0], [-0.3, 0.0, -2.0]]))
+    np.testing.assert_allclose(batch.pose[[2, 0]], [[0.2, 0.1, 1.0], [-0.3, 0.0, -2.0]], atol=1e-9)
+    assert batch.spot[2].tolist() == [0.1, -0.2]
+    for ours, theirs in zip(before, seen(batch), strict=True):
+        np.testing.assert_array_equal(ours[1], theirs[1])  # the other one
+    drive(batch, np.zeros((3, 2)))
+    np.testing.assert_allclose(batch.pose[[2, 0]], [[0.2, 0.1, 1.0], [-0.3, 0.0, -2.0]], atol=1e-6)
+
+
+def test_robots_sense_what_geometry_and_equation_3_say(make_any):
+    batch = settled(make_any(40))
+    size, layout = batch.dimensions, batch.rules.layout
+    sensed, nose = host(batch.sensordata), host(batch.rules.state(batch.sensordata))[:, 0]
+    for robot, ((x, y, heading), spot) in enumerate(zip(batch.pose, batch.spot, strict=True)):
+        for reading, turn in zip(sensed[robot, layout.distances], (0, 180, 90, -90), strict=True):
+            dx, dy = np.cos(heading + np.radians(turn)), np.sin(heading + np.radians(turn))
+            rays = (np.copysign(0.525, dx) - x) / dx, (np.copysign(0.35, dy) - y) / dy
+            assert reading == pytest.approx(min(rays) - 0.0275, abs=1e-5)
+        offset = spot - [x, y] - size.nose * np.array([np.cos(heading), np.sin(heading)])
+        distance = np.hypot(*offset)
+        off = np.arctan2(offset[1], offset[0]) - heading
+        beta = abs((off + np.pi) % (2 * np.pi) - np.pi)
+        raw = 10 if distance < 0.06 else max(0.0, 10 * 0.06 / distance * (1 - 4 * beta / np.pi))
+        assert nose[robot] == pytest.approx(raw / (1 + raw), abs=1e-4)
+    assert 5 < (nose > 0).sum() < 35
+
+
+def test_b_robots_do_what_b_single_ones_do(make_any):
+    together, alone = settled(make_any(3)), [make_any(1) for _ in range(3)]
+    for robot, one in enumerate(alone):
+        one.place_spot(np.array([0]), together.spot[[robot]])
+        one.place(np.array([0]), together.pose[[robot]])
+        settle = together.get_state()
+        one.set_state({name: array[[robot]] for name, array in settle.items()})
+    touched = 0
+    for motors in scripted(60, 3):
+        drive(together, motors)
+        for robot, one in enumerate(alone):
+            drive(one, motors[[robot]])
+            for ours, theirs in zip(seen(together), seen(one), strict=True):
+                np.testing.assert_array_equal(ours[robot], theirs[0])
+        touched += int((host(together.sensordata)[:, together.rules.layout.touch] > 0).sum())
+    assert touched > 0 and host(together.valid).all()
+
+
+def copied(make, batch, how):
+    if how == "state":
+        other = make(batch.robots)
+        other.set_state(pickle.loads(pickle.dumps(batch.get_state())))
+        return other
+    if how == "lists":
+        other = make(batch.robots)
+        other.set_state({name: array.tolist() for name, array in batch.get_state().items()})
+        return other
+    if is_tensor(batch) or isinstance(batch, Part):
+        pytest.skip("tensors are restored from states")
+    return copy.deepcopy(batch) if how == "deepcopy" else pickle.loads(pickle.dumps(batch))
+
+
+@pytest.mark.parametrize("how", ["state", "lists", "deepcopy", "pickle"])
+def test_restored_robots_continue_bit_exactly(make, how):
+    batch = settled(make(3))
+    motors = scripted(60, 3)
+    for one in motors[:25]:
+        drive(batch, one)
+    twin = copied(make, batch, how)
+    for one in motors[25:]:
+        drive(batch, one)
+        drive(twin, one)
+    assert_same(batch, twin)
+
+
+REFUSED = [
+    ("place", (2, [0.1, 0.1, 0.1]), "robots must be indices"),
+    ("place", ([1.0], [[0.1, 0.1, 0.1]]), "robots must be indices"),
+    ("place", ([3], [[0.1, 0.1, 0.1]]), r"robots must lie in \[0, 2\]"),
+    ("place", ([-1], [[0.1, 0.1, 0.1]]), r"robots must lie in \[0, 2\]"),
+    ("place", ([0, 1], [[0.1, 0.1, 0.1]]), r"poses must be real numbers of shape \(2, 3\)"),
+    ("place", ([0], [[0.1, 0.1, 1j]]), "poses must be real numbers"),
+    ("place", ([0, 1], [[0.1], [0.1, 0.2]]), "poses must be real numbers"),
+    ("place_spot", ([0], [["a", "b"]]), r"spots must be real numbers of shape \(1, 2\)"),
+    ("place_spot", ([0], 10**400), "spots must be real numbers"),
+    ("step", (np.zeros((1, 2)),), r"motors must .*shape \(3, 2\)"),
+    ("set_state", (None,), "a state must have the arrays"),
+    ("set_state", ({},), "must have shape .*, got None"),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "sentence"), REFUSED)
+def test_a_refused_call_changes_nothing(make, name, given, sentence):
+    batch = settled(make(3))
+    if isinstance(batch, Part) and name == "step":
+        with pytest.raises(TypeError, match="a part takes no step of its own"):
+            batch.step(given)
+        return
+    if is_tensor(batch) and name == "step":
+        given = (torch.zeros(1, 2),)
+    before = batch.get_state()
+    with pytest.raises(ValueError, match=sentence):
+        getattr(batch, name)(*given)
+    for key, array in batch.get_state().items():
+        np.testing.assert_array_equal(array, before[key])
+
+
+@pytest.mark.parametrize("wrong", [[1], "abc", [[1], [1, 2]], None, 1j], ids=str)
+def test_a_state_with_a_wrong_array_is_refused_and_changes_nothing(make, wrong):
+    batch, state = settled(make(3)), settled(make(3), seed=1).get_state()
+    before = batch.get_state()
+    for name in state:
+        with pytest.raises(ValueError, match=f"{name} must have shape"):
+            batch.set_state({**state, name: wrong})
+    for key, array in batch.get_state().items():
+        np.testing.assert_array_equal(array, before[key])
+
+
+@pytest.mark.parametrize("how", ["stop", "motors", "place", "NaN spot", "beyond the wall", "state"])
+def test_a_stopped_robot_senses_zeros_and_the_others_go_on(make, how, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
+    batch, twin = (settled(make(3)) for _ in range(2))
+    motors = np.full((3, 2), [0.3, 0.2])
+    bad, one = motors.copy(), np.array([1])
+    if how == "stop":
+        batch.stop(one)
+        assert not host(batch.sensordata[1]).any()
+    elif how == "motors":
+        bad[1] = [0.1, np.inf]
+    elif how == "place":
+        batch.place(one, np.array([[np.nan, 0, 0]]))
+    elif how == "NaN spot":
+        batch.place_spot(one, np.array([[np.nan, 0]]))
+    elif how == "beyond the wall":
+        batch.place(one, np.array([[0.0, 0.4, 0.0]]))
+    else:
+        state = batch.get_state()
+        state.get("state", state.get("poses"))[1, -2] = np.nan
+        batch.set_state(state)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for step in range(3):
+            drive(batch, bad if step == 0 else motors)
+            drive(twin, motors)
+            assert host(batch.valid).tolist() == [True, False, True]
+            assert not host(batch.sensordata[1]).any()
+            assert_same(batch, twin, [0, 2])
+    batch.place(np.arange(3), batch.pose)  # it stays stopped
+    assert not host(batch.sensordata[1]).any() and host(batch.sensordata[0]).any()
+    assert np.isfinite(batch.pose).all() and host(twin.sensordata[1]).any()
+
+
+def test_huge_motors_are_clipped(make):
+    batch, twin = (settled(make(2)) for _ in range(2))
+    for _ in range(5):
+        drive(batch, np.array([[1e30, 1e30], [-1e30, 0.2]]))
+        drive(twin, np.array([[0.5, 0.5], [-0.5, 0.2]]))
+    assert_same(batch, twin)
+
+
+def test_a_robot_that_is_placed_at_a_wall_senses_the_same_whatever_it_did_before(make):
+    driven, fresh = (settled(make(1)) for _ in range(2))
+    for _ in range(3):
+        drive(driven, np.full((1, 2), 0.5))
+    for batch in (driven, fresh):
+        batch.place(np.array([0]), np.array([[0.525 - 0.0275, 0.0, 0.0]]))
+    np.testing.assert_array_equal(host(driven.sensordata), host(fresh.sensordata))
+
+
+# MuJoCo
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_batch_equals_the_environment_bit_exactly_with_any_number_of_threads(task):
+    environment = load("arena", task, {"random": 1, "time_limit": 1e9})
+    size, limit = environment.physics.dimensions, environment.task.episode.limit
+    batches = [make_batch(task, 3, threads=threads) for threads in (0, 2)]
+    random, touched = np.random.default_rng(0), 0
+    for step, motors in enumerate(scripted(400, 3)):
+        if step % 200 == 0:  # other places of robot and spot; jumps are the caller's
+            pose, spot = random_poses(random, size, 1), random_spots(random, size, 1)
+            timestep = environment.reset(options={"robot": pose[0], "spot": spot[0]})
+            for batch in batches:
+                batch.place_spot(np.arange(3), np.repeat(spot, 3, axis=0))
+                batch.place(np.arange(3), np.repeat(pose, 3, axis=0))
+        if step % 200 < 199:
+            for batch in batches:
+                state = batch.rules.state(batch.sensordata)[1]
+                np.testing.assert_array_equal(
+                    np.concatenate([*timestep.observation.values()]), state
+                )
+        timestep = environment.step(motors[1] / 0.5 * limit)
+        physics = environment.physics
+        for batch in batches:
+            batch.step(motors)
+            np.testing.assert_array_equal(physics.data.qpos, batch.arrays()["state"][1, 1:10])
+            np.testing.assert_array_equal(physics.data.sensordata, batch.sensordata[1])
+            np.testing.assert_array_equal(physics.robot_pose(), batch.pose[1])
+            assert timestep.reward == batch.rules.reward(batch.sensordata)[1]
+        touched += bool(batches[0].sensordata[1, batches[0].rules.layout.touch][0] > 0)
+    assert touched > 20 and batches[0].valid.all()
+    for name, array in batches[0].arrays().items():
+        np.testing.assert_array_equal(array, batches[1].arrays()[name])
+
+
+def test_a_change_of_the_model_counts_in_each_physics_step():
+    environment, batch = load("arena", "wall_avoidance"), make_batch("wall_avoidance", 2)
+    environment.reset(options={"robot": (0.0, 0.0, 0.0)})
+    for model in (environment.physics.model, batch.model):
+        model.actuator_gainprm[:] *= 0.5
+    flags = batch.model.opt.disableflags
+    for _ in range(15):
+        environment.step(np.array([0.5, 0.5]))
+        batch.step(np.full((2, 2), 0.5))
+    assert 0.1 < batch.pose[0, 0] < 0.2  # 0.28 m with the whole gain
+    np.testing.assert_array_equal(batch.pose, [environment.physics.robot_pose()] * 2)
+    assert batch.model.opt.disableflags == flags
+
+
+@pytest.mark.parametrize("place", [[0, 0, 5.0, 1, 0, 0, 0], [0, 0, 0.02, 0, 1, 0, 0]])
+def test_a_robot_in_the_air_or_on_its_back_is_stopped(place):
+    batch = make_batch("wall_avoidance", 3)
+    batch.arrays()["state"][1, 1:8] = place
+    batch.step(np.zeros((3, 2)))
+    assert batch.valid.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "words"),
+    [
+        ({"robots": 0}, "robots must be a whole number of at least 1, got 0"),
+        ({"threads": -1}, "threads must be a whole number of at least 0, got -1"),
+        ({"task_name": "dancing"}, "task must be one of .*got 'dancing'"),
+        ({"task_name": ["dancing"]}, "task must be one of .*got"),
+        *[
+            ({"motor_speed": speed}, "motor_speed must be")
+            for speed in (0, -1, np.nan, np.inf, 10**400, "fast", True, 1j)
+        ],
+    ],
+    ids=str,
+)
+def test_values_out_of_range_are_refused(kwargs, words):
+    with pytest.raises(ValueError, match=words):
+        make_batch(**{"task_name": "wall_avoidance", "robots": 1, **kwargs})
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.parametrize("what", ["stepped", "deleted"])
+def test_a_batch_with_threads_works_in_a_forked_process(what):
+    batch = make_batch("wall_avoidance", 4, threads=2)
+    motors = np.full((4, 2), 0.4)
+    batch.step(motors)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of Python 3.12: there are threads
+        child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            signal.alarm(60)  # the pool of the parent would be waited for, for ever
+            if what == "stepped":
+                batch.step(motors)
+                status = int(batch.pose[0, 0] <= 0)
+            else:
+                del batch
+                gc.collect()
+                status = 0
+        finally:
+            os._exit(status)
+    assert os.waitpid(child, 0)[1] == 0
+    batch.step(motors)
+    assert batch.valid.all()
+
+
+def test_batches_of_two_threads_do_not_affect_each_other():
+    def run(seed, ends):
+        batch = settled(make_batch(TASK, 2), seed)
+        for motors in scripted(50, 2, seed):
+            batch.step(motors)
+        ends[seed] = batch
+
+    alone, together = {}, {}
+    for seed in (1, 2):
+        run(seed, alone)
+    threads = [threading.Thread(target=run, args=(seed, together)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for seed in (1, 2):
+        assert_same(alone[seed], together[seed])
+
+
+# Tensors
+
+
+@pytest.mark.parametrize(
+    ("body", "task"),
+    [*((body, TASK) for body in BODIES), ("turns", "wall_avoidance"), ("turns", "spot_finding")],
+)
+def test_robots_on_tensors_do_what_the_numpy_robots_do_and_read_no_number(body, task):
+    numpy = settled(make_kinematic_batch(task, 20, BODIES[body]))
+    host = settled(make_kinematic_batch(task, 20, BODIES[body]))
+    ours, contacts = KinematicTensors(host), 0
+    for motors in scripted(120, 20).astype(np.float32):
+        numpy.step(motors)
+        ours.step(torch.from_numpy(motors))
+        for mine, its in zip(seen(ours), seen(numpy), strict=True):
+            np.testing.assert_allclose(mine, its, atol=1e-6)
+        contacts += int(numpy.arrays()["touch"].sum())
+    assert contacts > 20 and numpy.valid.all()
+    with torch.device("meta"):  # it has shapes, but no numbers that could be read
+        blind = KinematicTensors(make_kinematic_batch(task, 3, BODIES[body]))
+    blind.step(torch.zeros(3, 2, device="meta"))
+    assert str(blind.rules.state(blind.sensordata).device) == "meta"
+    assert blind.rules.reward(blind.sensordata).shape == (3,)
+    assert blind.rules.event(blind.sensordata).dtype == torch.bool
+
+
+def test_a_batch_divides_into_equal_parts_only():
+    with pytest.raises(ValueError, match="3 robots cannot be 2 equal parts"):
+        parts(tensors(3), 2)
