@@ -1,6 +1,6 @@
 """The bodies: MJCF of the robot and its arena, edits of both, and the kinematic simulator."""
 
-from . import working_directory  # noqa: F401; first, before MuJoCo is imported
+from . import working_directory as working_directory  # first, before MuJoCo is imported
 
 # isort: split
 from .arena import (

@@ -1,6 +1,6 @@
 """The robot's tasks: sensors, rewards and starts, as dm_control environments and as batches."""
 
-from .. import models  # noqa: F401; first: it refuses a deleted working directory
+from .. import models as models  # first: it refuses a deleted working directory
 from .arena import CONTROL_TIMESTEP
 from .batch import Batch, Robots, stop_timers
 from .kinematic import KinematicBatch, make_kinematic_batch

@@ -1,7 +1,7 @@
 """Robots in lockstep, each alone in its arena, on `mujoco.rollout`.
 
 Model, rules and times of sensing are those of the dm_control tasks: a batch of one equals the
-environment bit-exactly (tests/tasks/test_batch.py).
+environment bit-exactly (tests/tasks/test_robots.py).
 """
 
 from __future__ import annotations

@@ -62,8 +62,8 @@ AREAS = {
     ),
     "tasks": (
         "tasks/episode.py tasks/rules.py tasks/sensors.py tasks/spot_finding.py tasks/starts.py "
-        "tasks/wall_avoidance.py models/changes.py models/edits.py models/kinematic.py "
-        "tasks/arena.py tasks/batch.py tasks/kinematic/*.py tasks/tensors/*.py "
+        "tasks/wall_avoidance.py models/edits.py models/kinematic.py "
+        "tasks/arena.py tasks/batch.py tasks/kinematic.py tasks/tensors/*.py "
         "tasks/gymnasium_env/*.py models/physics.py"
     ),
     "agents": (
@@ -102,15 +102,14 @@ MORE_TESTS = {
     "protocols/simulation/jobs.py": "simulation/test_runs.py",
     "protocols/simulation/runs.py": "simulation/test_tensorboard_log.py simulation/test_jobs.py",
     "protocols/playback/*": "playback/test_film.py playback/test_panel.py playback/test_scene.py",
-    "tasks/tensors/*": "tasks/test_kinematic_tensors.py simulation/test_device.py",
-    "tasks/gymnasium_env/*": "tasks/test_gymnasium_env.py tasks/test_copies.py",
+    "tasks/tensors/*": "tasks/test_robots.py simulation/test_device.py",
+    "tasks/gymnasium_env/*": "tasks/test_gymnasium_env.py tasks/test_environments.py",
     "tasks/*": (
-        "tasks/test_arena.py tasks/test_batch.py tasks/test_kinematic.py tasks/test_suite.py "
-        "tasks/test_copies.py"
+        "tasks/test_tasks.py tasks/test_robots.py tasks/test_kinematic.py "
+        "tasks/test_environments.py"
     ),
     "models/*": (
-        "models/test_edits.py models/test_changes.py tasks/test_kinematic.py "
-        "tasks/test_spot_finding.py"
+        "models/test_edits.py tasks/test_kinematic.py tasks/test_robots.py tasks/test_tasks.py"
     ),
     "protocols/agents/learners/*": (
         "agents/learners/test_published.py agents/learners/test_learners.py "

@@ -30,8 +30,8 @@ def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> lis
     Args:
       experiment: Experiment that decides the robots' lives.
       task: Task of the protocol.
-      cohorts: Number of cohorts; several are parts of one batch (see `tasks.tensors.robots.parts`), for
-        robots on tensors only.
+      cohorts: Number of cohorts; several are parts of one batch, for robots on tensors only (see
+        `tasks.tensors.robots.parts`).
     """
     batch = experiment.batch(task, cohorts * experiment.cohort_size)
     if not experiment.on_tensors:

@@ -242,17 +242,6 @@ def test_the_speed_of_wheels_whose_joints_have_other_names_can_be_set(tmp_path):
     assert Dimensions.of(slow).motor_speed == pytest.approx(0.1)
 
 
-def test_every_element_has_a_name_and_there_are_cameras(model):
-    kinds = ("body", "jnt", "geom", "site", "cam", "actuator", "sensor", "light", "mat")
-    for kind in kinds:
-        count = getattr(model, {"actuator": "nu"}.get(kind, f"n{kind}"))
-        for index in range(count):
-            accessor = {"jnt": "joint", "mat": "material"}.get(kind, kind)
-            assert getattr(model, accessor)(index).name, f"{kind} {index} has no name"
-    cameras = {model.camera(i).name for i in range(model.ncam)}
-    assert {"overhead", "follow", "eye"} <= cameras
-
-
 def test_an_unsupported_mujoco_is_refused_with_the_supported_one(monkeypatch):
     monkeypatch.setattr(mujoco, "__version__", "4.0.0")
     with pytest.raises(ImportError, match=r"musebot needs MuJoCo 3\.17\.x.*got 4\.0\.0"):

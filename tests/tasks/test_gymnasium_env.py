@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-import types
 import warnings
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
-from dm_control.rl.control import PhysicsError  # noqa: E402
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import SyncVectorEnv  # noqa: E402
 
@@ -189,38 +187,6 @@ def test_unknown_names_and_keywords_are_refused_with_the_known_ones():
     batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 3)
     with pytest.raises(ValueError, match="there must be 3 seeds, got 2"):
         batch.reset(seed=[1, 2])
-
-
-def test_an_unstable_robot_raises_an_error():
-    batch = gymnasium.make_vec("musebot/WallAvoidance-v0", 3)
-    batch.reset(seed=0)
-    batch.unwrapped._batch.arrays()["state"][1, 10:] = np.inf
-    with pytest.raises(PhysicsError, match=r"robots \[1\] became unstable"):
-        batch.step(np.zeros((3, 2), np.float32))
-
-
-def test_the_window_shows_every_step_and_closes(monkeypatch):
-    seen = []
-
-    class Window:
-        def __init__(self, model, data, camera_id, width, height):
-            seen.append((camera_id, width, height))
-
-        def render(self, mode):
-            seen.append(mode)
-
-        def close(self):
-            seen.append("closed")
-
-    module = types.ModuleType("musebot.models.gymnasium_renderer")
-    module.ArenaRenderer = Window
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr("musebot.tasks.gymnasium_env.single.no_window", lambda: "")
-    env = gymnasium.make("musebot/WallAvoidance-v0", render_mode="human")
-    env.reset(seed=0)
-    env.step(np.zeros(2, np.float32))
-    env.close()
-    assert seen == [("overhead", 480, 320), "human", "human", "closed"]
 
 
 def test_every_entry_of_info_is_in_the_documentation():

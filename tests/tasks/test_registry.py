@@ -212,7 +212,7 @@ class First(WallAvoidanceRules):
               "spot_seconds": (-1, 1e308, np.nan, np.inf, None, "1")}.items()
           for value in values],
         *[("mine", Still, {"model": value}, ValueError, "model must be an MJCF file, got ")
-          for value in ("none.xml", "/nowhere", "/tmp", None, 5, "x\0")],
+          for value in ("none.xml", "/nowhere", "/", None, 5, "x\0")],
         *[("mine", Still, {"edits": value}, ValueError, "edits must be functions")
           for value in (None, 5, (None,))],
         *[("mine", Still, {"edits": (lambda spec, t=t: setattr(spec.option, "timestep", t),)},

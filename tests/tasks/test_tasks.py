@@ -384,10 +384,10 @@ def test_the_spot_jumps_every_20_seconds_and_rests_in_between():
     environment = musebot.load("arena", "spot_finding_jumping", {"random": 0})
     for _ in range(2):  # two episodes
         environment.reset()
-        spots = []
+        spots = [tuple(environment.physics.spot_position())]
         for _ in range(1000):
             environment.step(np.zeros(2))
             spots.append(tuple(environment.physics.spot_position()))
-        changes = [k for k in range(1, 1000) if spots[k] != spots[k - 1]]
-        assert changes == [200, 400, 600, 800]  # at the first action of the 21st second, and so on
+        changes = [k for k in range(1, 1001) if spots[k] != spots[k - 1]]
+        assert changes == [201, 401, 601, 801]  # at the first action of the 21st second, and so on
         assert len(set(spots)) == 5
