@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Literal
 
-import numpy as np
+from .fields import Checked, choice, flag, number, numbers, whole
+from .fields import shown as shown
 
 ActivationName = Literal["logistic", "tanh"]
 RewardForm = Literal["signal", "difference"]
@@ -20,77 +20,8 @@ _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
 _LARGEST, _LONGEST = 1000, 10**9
 
 
-def _field(default: Any, allows: Callable[[Any], bool], must: str) -> Any:
-    return dataclasses.field(default=default, metadata={"allows": allows, "must": must})
-
-
-def flag(default: bool) -> Any:
-    """Returns a dataclass field that is true or false."""
-    return _field(default, lambda value: isinstance(value, bool), "be true or false")
-
-
-def choice(default: str, literal: Any) -> Any:
-    """Returns a dataclass field that is one of the strings of a `Literal`."""
-    choices = get_args(literal)
-    return _field(default, choices.__contains__, f"be {' or '.join(map(repr, choices))}")
-
-
-def whole(default: int, low: int, high: int) -> Any:
-    """Returns a dataclass field of a whole number from `low` to `high`."""
-
-    def allows(value: Any) -> bool:
-        return type(value) is int and low <= value <= high
-
-    return _field(default, allows, f"be a whole number from {low} to {high}")
-
-
-def number(default: float | None, low: float, high: float, ends: str = "[]") -> Any:
-    """Returns a dataclass field of a number in a range.
-
-    Args:
-      default: The field's default; None makes the field optional.
-      low: Lower end of the range.
-      high: Upper end of the range.
-      ends: Brackets of the range; "(" and ")" exclude an end.
-    """
-
-    def allows(value: Any) -> bool:
-        if value is None:
-            return default is None
-        if type(value) not in (int, float) or not low <= value <= high:
-            return False
-        return not (value == low and ends[0] == "(" or value == high and ends[1] == ")")
-
-    optional = " or be none" if default is None else ""
-    return _field(default, allows, f"lie in {ends[0]}{low:g}, {high:g}{ends[1]}{optional}")
-
-
-def numbers(default: tuple[float, ...], low: float, high: float, most: int) -> Any:
-    """Returns a dataclass field of 1 to `most` numbers in [low, high]."""
-
-    def allows(values: Any) -> bool:
-        return (
-            isinstance(values, tuple)
-            and 1 <= len(values) <= most
-            and all(type(value) in (int, float) and low <= value <= high for value in values)
-        )
-
-    return _field(
-        default, allows, f"be 1 to {most} numbers, all of which lie in [{low:g}, {high:g}]"
-    )
-
-
-def shown(value: Any) -> str:
-    """Returns a value as an error shows it: cut where it is long."""
-    try:
-        text = repr(value)
-    except ValueError:  # a whole number of thousands of digits
-        return "a number of too many digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 @dataclasses.dataclass(frozen=True)
-class Parameters:
+class Parameters(Checked):
     """The parameters of a brain.
 
     The first part is the paper's. The second part goes beyond the paper; each of its fields can
@@ -215,14 +146,7 @@ class Parameters:
           ValueError: A field is out of its range, for example
             "epsilon must lie in [0, 1], got 2", or fields exclude each other.
         """
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.generic):
-                value = value.item()
-                object.__setattr__(self, field.name, value)
-            if not field.metadata["allows"](value):
-                must = field.metadata["must"]
-                raise ValueError(f"{field.name} must {must}, got {shown(value)}")
+        super().__post_init__()
         self._check_proposals()
         if self.noise_adaptation:
             self._check_adaptation()
