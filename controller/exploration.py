@@ -75,8 +75,8 @@ class PersistentExploration:
         lengths = torch.randint(1, longest, (robots,), generator=generator, device=device)
         starts = torch.rand(robots, generator=generator, device=device) < epsilon
         starts &= self._left == 0
-        self._pair.copy_(torch.where(starts[:, None], pairs, self._pair))
-        self._left.copy_(torch.where(starts, lengths, self._left))
+        torch.where(starts[:, None], pairs, self._pair, out=self._pair)
+        torch.where(starts, lengths, self._left, out=self._left)
         explores = self._left > 0
         self._left -= explores.long()
         actions = torch.cat([ideas, self._pair[:, None]], dim=1)

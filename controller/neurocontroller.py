@@ -94,7 +94,7 @@ class Neurocontroller:
         self.epsilon = Schedule(p.epsilon, p.initial_epsilon, p.epsilon_decay_steps)
         self.learn_rate = Schedule(p.learn_rate, p.initial_learn_rate, p.learn_rate_decay_steps)
 
-        self._age = torch.tensor(0, device="cpu")  # steps of training, read in every step
+        self._age = 0  # steps of training
         self._swapped = False
         detailed = p.needs_best or p.compares_rewards
         self._previous, self._current = (Step(robots, inputs, detailed) for _ in range(2))
@@ -177,9 +177,8 @@ class Neurocontroller:
         """
         if self.memory is not None:
             self.memory.patterns.renew()
-        age = int(self._age)
-        self.epsilon.update(age)
-        self.learn_rate.update(age)
+        self.epsilon.update(self._age)
+        self.learn_rate.update(self._age)
         self._previous, self._current = self._current, self._previous
         self._swapped = not self._swapped
         return self._swapped
@@ -257,7 +256,8 @@ class Neurocontroller:
 
         The tensors may change in the next step: clone them to keep them.
         """
-        state = self.networks() | {"age": self._age, "generator": self.generator.get_state()}
+        state = self.networks() | {"generator": self.generator.get_state()}
+        state["age"] = torch.tensor(self._age, device="cpu")
         state |= _prefixed("evaluation.optimizer", self.evaluation.optimizer.tensors())
         state |= _prefixed("exploration", self._exploration.tensors())
         state |= _prefixed("now", self._current.tensors())
@@ -280,6 +280,7 @@ class Neurocontroller:
         state = self.state()
         load_into(state, tensors)
         self.generator.set_state(state["generator"])
+        self._age = int(state["age"])
 
 
 def _proposer(
