@@ -82,17 +82,6 @@ class CreativeMemory:
             outputs += noise[3]
         return outputs.sigmoid_() - 0.5
 
-    def recall(self, state: Tensor) -> Tensor:
-        """Returns the main idea, the action without noise.
-
-        Args:
-          state: Network inputs, shape (B, I).
-
-        Returns:
-          Motor values in [-0.5, 0.5], shape (B, 2).
-        """
-        return self.networks.forward(state)[1].sigmoid() - 0.5
-
     def learn(self, state: Tensor, action: Tensor, factors: Tensor, rate: Rate = 1.0) -> None:
         """Learns an action by one step of back-propagation on half the squared error.
 

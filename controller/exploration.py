@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import torch
 from torch import Tensor
 
 
-class Exploration(Protocol):
-    """Draws exploratory actions."""
+class EpsilonGreedy:
+    """Explores with a random one of the proposed actions, for one step at a time (section 2)."""
+
+    def __init__(self, generator: torch.Generator) -> None:
+        """Takes the random stream of the draws."""
+        self._generator = generator
 
     def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
         """Draws the robots that explore, and their actions.
@@ -23,22 +26,6 @@ class Exploration(Protocol):
           The actions, to which an exploratory one may be appended, shape (B, A or A + 1, 2); and
           the index of each robot's exploratory action, -1 for a greedy robot, shape (B,).
         """
-        ...
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Returns the tensors kept from step to step, for a checkpoint."""
-        ...
-
-
-class EpsilonGreedy:
-    """Explores with a random one of the proposed actions, for one step at a time (section 2)."""
-
-    def __init__(self, generator: torch.Generator) -> None:
-        """Takes the random stream of the draws."""
-        self._generator = generator
-
-    def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
-        """Draws a proposed action for each robot that explores; see `Exploration.draw`."""
         size = ideas.shape[:1]
         device, generator = ideas.device, self._generator
         drawn = torch.randint(ideas.shape[1], size, generator=generator, device=device)
@@ -46,7 +33,7 @@ class EpsilonGreedy:
         return ideas, drawn.masked_fill_(~explores, -1)
 
     def tensors(self) -> dict[str, Tensor]:
-        """Returns no tensors."""
+        """Returns the tensors kept from step to step, for a checkpoint: none."""
         return {}
 
 
@@ -67,7 +54,7 @@ class PersistentExploration:
         self._left = torch.zeros(robots, dtype=torch.int64)
 
     def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
-        """Draws a motor pair; a robot that explores continues until its steps are over."""
+        """Draws as `EpsilonGreedy.draw`, but a robot that explores continues to its last step."""
         robots, count = ideas.shape[:2]
         generator, device = self._generator, ideas.device
         pairs = torch.rand(robots, 2, generator=generator, device=device) - 0.5
@@ -85,6 +72,9 @@ class PersistentExploration:
     def tensors(self) -> dict[str, Tensor]:
         """Returns the motor pairs and their remaining steps."""
         return {"pair": self._pair, "left": self._left}
+
+
+Exploration = EpsilonGreedy | PersistentExploration
 
 
 class Schedule:

@@ -20,31 +20,31 @@ import re
 import reprlib
 import sys
 from collections.abc import Iterable
-from typing import Any, Protocol, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 Instance = TypeVar("Instance")
 
 _WHOLE = re.compile(r"[+-]?[0-9]{1,100}")
 
 
-class Allowed(Protocol):
+class Allowed:
     """The values that a field allows; `str` describes them, as in "a number in [0, 1]"."""
 
     def __contains__(self, value: Any) -> bool:
         """Returns whether a value is allowed; no value raises an error."""
-        ...
+        raise NotImplementedError
 
     def read(self, text: str) -> Any:
-        """Returns the value that a text means, allowed or not.
+        """Returns the value that a text means, allowed or not: here the text.
 
         Raises:
           ValueError: The text is of another kind.
         """
-        ...
+        return text
 
 
 @dataclasses.dataclass(frozen=True)
-class Flag:
+class Flag(Allowed):
     """True and false."""
 
     def __contains__(self, value: Any) -> bool:
@@ -61,7 +61,7 @@ class Flag:
 
 
 @dataclasses.dataclass(frozen=True)
-class Choice:
+class Choice(Allowed):
     """Some strings."""
 
     options: tuple[str, ...]
@@ -72,13 +72,9 @@ class Choice:
     def __str__(self) -> str:
         return " or ".join(map(repr, self.options))
 
-    def read(self, text: str) -> Any:
-        """Returns the text."""
-        return text
-
 
 @dataclasses.dataclass(frozen=True)
-class Text:
+class Text(Allowed):
     """Strings that match a pattern as a whole; `words` describes them."""
 
     pattern: str
@@ -90,13 +86,9 @@ class Text:
     def __str__(self) -> str:
         return self.words
 
-    def read(self, text: str) -> Any:
-        """Returns the text."""
-        return text
-
 
 @dataclasses.dataclass(frozen=True)
-class Whole:
+class Whole(Allowed):
     """Whole numbers from `low` to `high`."""
 
     low: int
@@ -116,7 +108,7 @@ class Whole:
 
 
 @dataclasses.dataclass(frozen=True)
-class Number:
+class Number(Allowed):
     """Numbers from `low` to `high`; "(" or ")" in `ends` excludes an end."""
 
     low: float
@@ -139,7 +131,7 @@ class Number:
 
 
 @dataclasses.dataclass(frozen=True)
-class Several:
+class Several(Allowed):
     """Tuples of 1 to `most` values; a text has commas between them."""
 
     each: Allowed

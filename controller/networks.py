@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -128,8 +127,12 @@ class Networks:
         return {name: getattr(self, name) for name in names}
 
 
-class Optimizer(Protocol):
-    """Moves the weights of B networks along a gradient."""
+class SGD:
+    """Plain gradient steps: the gradient times the learn rate (Eq. 1)."""
+
+    def __init__(self, networks: Networks) -> None:
+        """Optimizes these networks."""
+        self._networks = networks
 
     def ascend(
         self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
@@ -143,29 +146,11 @@ class Optimizer(Protocol):
           rate: Learn rate.
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
         """
-        ...
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Returns the tensors kept from step to step, for a checkpoint."""
-        ...
-
-
-class SGD:
-    """Plain gradient steps: the gradient times the learn rate (Eq. 1)."""
-
-    def __init__(self, networks: Networks) -> None:
-        """Optimizes these networks."""
-        self._networks = networks
-
-    def ascend(
-        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
-    ) -> None:
-        """Moves the weights; see `Optimizer.ascend`."""
         del learning  # steps of 0 change no weight
         self._networks.ascend(inputs, hidden, rate * steps)
 
     def tensors(self) -> dict[str, Tensor]:
-        """Returns no tensors."""
+        """Returns the tensors kept from step to step, for a checkpoint: none."""
         return {}
 
 
@@ -186,7 +171,7 @@ class Adam:
     def ascend(
         self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
     ) -> None:
-        """Moves the weights; see `Optimizer.ascend`."""
+        """Moves the weights of the robots that learn; see `SGD.ascend`."""
         gradient = self._networks.gradient(inputs, hidden, steps)
         on = learning[:, None]
         self._steps += on
@@ -201,6 +186,9 @@ class Adam:
     def tensors(self) -> dict[str, Tensor]:
         """Returns the moments, and each robot's number of updates, for a checkpoint."""
         return {"mean": self._mean, "square": self._square, "steps": self._steps}
+
+
+Optimizer = SGD | Adam
 
 
 def load_into(targets: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:

@@ -90,7 +90,7 @@ class Parameters(Checked):
     memory_hidden: int = whole(5, 1, _MOST_NEURONS)
     noise: float = number(0.76, 0, _LARGEST)
     noisy_share: float = number(0.25, 0, 1)
-    noise_steps: int = whole(1, 0, _MOST_STEPS)
+    noise_steps: int = whole(1, 0, _MOST_STEPS, unit="steps")
     noise_on_biases: bool = flag(False)
     keep_main_idea: bool = flag(False)
     initial_range: float = number(1.0, 0, _LARGEST)
@@ -106,11 +106,11 @@ class Parameters(Checked):
     optimizer: OptimizerName = choice("sgd", OptimizerName)
     memory_target: MemoryTarget = choice("selected", MemoryTarget)
     random_share: float = number(0.0, 0, 1, "[)")
-    exploration_steps: int = whole(0, 0, _MOST_STEPS)
+    exploration_steps: int = whole(0, 0, _MOST_STEPS, unit="steps")
     initial_epsilon: float | None = number(None, 0, 1)
-    epsilon_decay_steps: float = number(24000.0, 0, _LONGEST, "(]")
+    epsilon_decay_steps: float = number(24000.0, 0, _LONGEST, "(]", unit="steps")
     initial_learn_rate: float | None = number(None, 0, _LARGEST)
-    learn_rate_decay_steps: float = number(62400.0, 0, _LONGEST, "(]")
+    learn_rate_decay_steps: float = number(62400.0, 0, _LONGEST, "(]", unit="steps")
     context_neurons: int = whole(0, 0, 100)
 
     @property

@@ -3,25 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from .creative_memory import CreativeMemory
 from .parameters import PROPOSERS as PROPOSERS
-
-
-class ActionProposer(Protocol):
-    """Proposes A actions to each robot."""
-
-    def propose(self, state: Tensor) -> Tensor:
-        """Returns motor values in [-0.5, 0.5], shape (B, A, 2).
-
-        Args:
-          state: Network inputs, shape (B, I).
-        """
-        ...
 
 
 class FixedActions:
@@ -33,7 +20,11 @@ class FixedActions:
         self._actions = torch.tensor(pairs, dtype=torch.float32)
 
     def propose(self, state: Tensor) -> Tensor:
-        """Returns the same actions for all robots."""
+        """Returns motor values in [-0.5, 0.5], shape (B, A, 2).
+
+        Args:
+          state: Network inputs, shape (B, I).
+        """
         return self._actions.expand(len(state), -1, -1)
 
 
@@ -66,3 +57,6 @@ class CreativeActions:
         if self._others is None:
             return ideas
         return torch.cat([ideas, self._others.propose(state)], dim=1)
+
+
+ActionProposer = FixedActions | RandomActions | CreativeActions
