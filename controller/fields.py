@@ -284,22 +284,20 @@ def with_words(instance: Instance, words: Iterable[str]) -> Instance:
       ValueError: A word has another form, a name is unknown or given twice, or a value is not
         allowed.
     """
+    names = names_of(instance)
     fields: dict[str, Any] = {}
     inner: dict[str, list[str]] = {}
-    declared = {one.name: one for one in dataclasses.fields(instance)}  # type: ignore[arg-type]
     for word in words:
         name, given, value = word.partition("=")
+        if not given or name not in names:
+            raise ValueError(f"{shown(word)} must be NAME=VALUE, NAME one of {', '.join(names)}")
         owner, dotted, rest = name.partition(".")
-        nested = dataclasses.is_dataclass(getattr(instance, owner, None))
-        if not given or owner not in declared or nested != bool(dotted):
-            names = ", ".join(names_of(instance))
-            raise ValueError(f"{shown(word)} must be NAME=VALUE, NAME one of {names}")
-        if nested:
+        if dotted:
             inner.setdefault(owner, []).append(f"{rest}={value}")
         elif name in fields:
             raise ValueError(f"{name} is given twice")
         else:
-            fields[name] = read(declared[name], value)
+            fields[name] = read(field_of(instance, name), value)
     for owner, its_words in inner.items():
         fields[owner] = with_words(getattr(instance, owner), its_words)
     return dataclasses.replace(instance, **fields)  # type: ignore[type-var]
