@@ -186,13 +186,7 @@ class HeldNoisePatterns:
             self._left -= 1
 
     def draw(self, count: int) -> Tensor:
-        """Returns the held patterns, shape (count, N).
-
-        Raises:
-          ValueError: Another number of patterns is held.
-        """
-        if count != len(self._held):
-            raise ValueError(f"{len(self._held)} patterns are held, not {count}")
+        """Returns the held patterns, shape (count, N); `count` is the number that is held."""
         return self._held.clone()
 
     def tensors(self) -> dict[str, Tensor]:

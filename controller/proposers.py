@@ -17,7 +17,7 @@ class FixedActions:
     def __init__(self, motors: tuple[float, ...]) -> None:
         """Forms the pairs of these motor values."""
         pairs = list(itertools.product(motors, repeat=2))
-        self._actions = torch.tensor(pairs, dtype=torch.float32)
+        self._actions = torch.tensor(pairs, dtype=torch.get_default_dtype())
 
     def propose(self, state: Tensor) -> Tensor:
         """Returns motor values in [-0.5, 0.5], shape (B, A, 2).

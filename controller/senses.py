@@ -84,9 +84,9 @@ class ScaledEncoding(Encoding):
           raw_signals: Whether the raw value of each saturating signal is a further input.
         """
         self._centred = centred
-        saturating = [n for n, signal in enumerate(senses.state) if signal.maximal]
-        self._columns = torch.tensor(saturating if raw_signals else [], dtype=torch.int64)
-        self._maximal = torch.tensor([senses.state[n].maximal for n in self._columns.tolist()])
+        saturating = {n: signal.maximal for n, signal in enumerate(senses.state) if signal.maximal}
+        self._columns = torch.tensor([*saturating] if raw_signals else [], dtype=torch.int64)
+        self._maximal = torch.tensor([*saturating.values()] if raw_signals else [])
         further = len(self._columns)
         super().__init__(len(senses.state) + further)
         bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further

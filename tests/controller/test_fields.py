@@ -115,7 +115,9 @@ def test_a_field_accepts_exactly_the_values_that_its_words_describe(name):
 
 @every_field
 @quick
-@given(st.one_of(st.integers(), st.floats(), st.floats(-1, 1), st.text(), st.integers(0, 30)))
+@given(
+    st.one_of(st.integers(), st.floats(), st.floats(-1, 1), st.text("abz _,\n"), st.integers(0, 30))
+)
 def test_a_text_means_what_it_means_in_json_or_is_refused(name, value):
     field = FIELDS[name]
     own = value if isinstance(value, str) else json.dumps(value)
@@ -151,13 +153,6 @@ def test_the_defaults_are_the_papers_parameters():
     assert Parameters().reward_form == "signal"  # "reward is identical to specific sensor signals"
     assert Parameters().bootstrap == "on_policy"  # SARSA
     assert Parameters().memory_target == "selected"  # "trained with the state-action pair selected"
-
-
-@pytest.mark.parametrize(("count", "random"), [(25, 8), (9, 3), (5, 2), (3, 1), (1, 0)])
-def test_the_random_ideas_are_rounded_and_leave_one_idea_to_the_memory(count, random):
-    own = Parameters(ideas=count, random_share=0.32)
-    assert (own.random_ideas, own.own_ideas) == (random, count - random)
-    assert Parameters(ideas=count, random_share=0.99).random_ideas == count - 1
 
 
 @pytest.mark.parametrize(
