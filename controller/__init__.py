@@ -1,21 +1,23 @@
-"""The robot's brain: an evaluation network and a creative memory. Depends on NumPy and torch."""
+"""The robot's brain: an evaluation network and a creative memory. Depends on NumPy and torch.
 
-try:
-    import torch as _torch  # noqa: F401
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(
-        "torch is not installed; pip install 'musebot[brain]' gets it", name=error.name
-    ) from error
+The parameters and the named brains need no torch; the brains themselves do.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from .brains import BRAINS, INGREDIENTS
-from .creative_memory import CreativeMemory
-from .evaluation_network import EvaluationNetwork
-from .networks import Networks
-from .neurocontroller import Neurocontroller
-from .noise import NoisePatterns
-from .parameters import Parameters
-from .proposers import PROPOSERS, Proposer, RandomActions
-from .senses import Senses, Signal
+from .parameters import PROPOSERS, Parameters, Proposer
+
+if TYPE_CHECKING:
+    from .creative_memory import CreativeMemory, NoisePatterns
+    from .evaluation_network import EvaluationNetwork
+    from .networks import Networks
+    from .neurocontroller import Neurocontroller
+    from .proposers import RandomActions
+    from .senses import Senses, Signal
 
 __all__ = [
     "BRAINS",
@@ -32,3 +34,27 @@ __all__ = [
     "Senses",
     "Signal",
 ]
+
+_NEED_TORCH = {
+    "CreativeMemory": "creative_memory",
+    "EvaluationNetwork": "evaluation_network",
+    "Networks": "networks",
+    "Neurocontroller": "neurocontroller",
+    "NoisePatterns": "creative_memory",
+    "RandomActions": "proposers",
+    "Senses": "senses",
+    "Signal": "senses",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports the names that need torch when they are first used."""
+    if name not in _NEED_TORCH:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        module = importlib.import_module(f".{_NEED_TORCH[name]}", __name__)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"{error.name} is not installed; pip install 'musebot[brain]' gets it", name=error.name
+        ) from error
+    return getattr(module, name)

@@ -2,74 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Protocol
-
 import torch
 from torch import Tensor
 
-from .extensions.success_rule import SuccessRule
-from .networks import ACTIVATIONS, Networks
-from .noise import HeldNoisePatterns, NoisePatterns
-from .optimizers import SGD, Optimizer, Rate
+from .networks import ACTIVATIONS, SGD, Adam, Networks, Optimizer, Rate
 from .parameters import Parameters
-from .step import Step
-
-# Takes a step, its TD error, 1 or 0 for a robot that learns or does not, and the learn rate of the
-# evaluation network. Returns the memory's target action, each robot's learn rate, and a factor by
-# which all of these rates are multiplied.
-Lesson = Callable[[Step, Tensor, Tensor, Rate], tuple[Tensor, Tensor, Rate]]
-
-
-def selected_action(
-    before: Step, error: Tensor, learning: Tensor, rate: Rate
-) -> tuple[Tensor, Tensor, Rate]:
-    """Returns the selected action, with the TD error as learn rate, as in the paper.
-
-    Args:
-      before: Step at time t.
-      error: TD error of the step, shape (B,).
-      learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
-      rate: Learn rate of the evaluation network.
-    """
-    del learning, rate  # the TD error is 0 for a robot that does not learn
-    return before.action, error, 1.0
-
-
-class Memory(Protocol):
-    """Networks that propose actions, and learn which actions to propose.
-
-    Attributes:
-      networks: The networks, one for each of B robots.
-      optimizer: Optimizer of the networks.
-    """
-
-    networks: Networks
-    optimizer: Optimizer
-
-    def renew(self) -> None:
-        """Draws what several steps share, if it is time; to be called before `ideas`."""
-        ...
-
-    def ideas(self, state: Tensor, count: int) -> Tensor:
-        """Returns A ideas, motor values of shape (B, A, 2), for network inputs, shape (B, I)."""
-        ...
-
-    def recall(self, state: Tensor) -> Tensor:
-        """Returns the main idea, motor values of shape (B, 2), for network inputs, shape (B, I)."""
-        ...
-
-    def learn(self, state: Tensor, action: Tensor, factors: Tensor, rate: Rate = 1.0) -> None:
-        """Learns an action, shape (B, 2), at `rate` times each robot's factor, shape (B,)."""
-        ...
-
-    def weights(self) -> Mapping[str, Tensor]:
-        """Returns the tensors that decide what is proposed, by name; not copies."""
-        ...
-
-    def tensors(self) -> Mapping[str, Tensor]:
-        """Returns further tensors kept from step to step, for a checkpoint."""
-        ...
 
 
 class CreativeMemory:
@@ -79,16 +16,10 @@ class CreativeMemory:
       networks: The networks, one for each of B robots.
       optimizer: Optimizer of the networks.
       patterns: Draws the noise patterns; each idea gets one pattern.
-      rule: Rule that adapts the noise; None if it is constant.
     """
 
     def __init__(
-        self,
-        parameters: Parameters,
-        robots: int,
-        inputs: int,
-        generator: torch.Generator,
-        optimizer: Callable[[Networks], Optimizer] = SGD,
+        self, parameters: Parameters, robots: int, inputs: int, generator: torch.Generator
     ) -> None:
         """Draws the initial networks.
 
@@ -97,13 +28,14 @@ class CreativeMemory:
           robots: Number B of robots.
           inputs: Number I of network inputs.
           generator: Random stream of the initial weights and of the noise.
-          optimizer: Class of the optimizer.
         """
         self._parameters = parameters
         hidden, initial_range = parameters.memory_hidden, parameters.initial_range
         self.networks = Networks(robots, inputs, hidden, 2, initial_range, generator)
         self.networks.activation = ACTIVATIONS[parameters.activation]
-        self.optimizer = optimizer(self.networks)
+        # Adam normalises the step size and would discard the magnitude of the TD error.
+        adam = parameters.optimizer == "adam" and parameters.memory_target == "best"
+        self.optimizer: Optimizer = Adam(self.networks) if adam else SGD(self.networks)
         # Numbers of connections, in the order of a pattern: sensor, motor weights (and biases).
         self._sizes = [hidden * inputs, 2 * hidden]
         if parameters.noise_on_biases:
@@ -115,12 +47,6 @@ class CreativeMemory:
         if parameters.noise_steps != 1:
             count = robots * parameters.own_ideas
             self.patterns = HeldNoisePatterns(patterns, count, parameters.noise_steps)
-        rate = parameters.noise_adaptation
-        self.rule = SuccessRule(robots, rate) if rate else None
-
-    def renew(self) -> None:
-        """See `Memory.renew`."""
-        self.patterns.renew()
 
     def ideas(self, state: Tensor, count: int) -> Tensor:
         """Returns ideas: actions of the memory, each with its own noise in the connections.
@@ -137,8 +63,6 @@ class CreativeMemory:
         patterns = self.patterns.draw(robots * count).view(robots, count, -1)
         if self._parameters.keep_main_idea:
             patterns[:, 0].zero_()
-        if self.rule is not None:
-            patterns *= self.rule.scale[..., None]
         noise = patterns.split(self._sizes, dim=-1)
         net = self.networks
 
@@ -158,17 +82,6 @@ class CreativeMemory:
             outputs += noise[3]
         return outputs.sigmoid_() - 0.5
 
-    def recall(self, state: Tensor) -> Tensor:
-        """Returns the main idea, the action without noise.
-
-        Args:
-          state: Network inputs, shape (B, I).
-
-        Returns:
-          Motor values in [-0.5, 0.5], shape (B, 2).
-        """
-        return self.networks.forward(state)[1].sigmoid() - 0.5
-
     def learn(self, state: Tensor, action: Tensor, factors: Tensor, rate: Rate = 1.0) -> None:
         """Learns an action by one step of back-propagation on half the squared error.
 
@@ -184,11 +97,98 @@ class CreativeMemory:
         steps = factors[:, None] * (action + 0.5 - outputs) * outputs * (1 - outputs)
         self.optimizer.ascend(state, hidden, steps, rate, factors)
 
-    def weights(self) -> Mapping[str, Tensor]:
-        """Returns weights, biases and the adapted noise, not copies, by name."""
-        adapted = {} if self.rule is None else {"noise_scale": self.rule.scale}
-        return self.networks.tensors() | adapted
 
-    def tensors(self) -> Mapping[str, Tensor]:
-        """Returns the noise patterns that are kept, for a checkpoint."""
-        return self.patterns.tensors()
+class NoisePatterns:
+    """Noise patterns, one for each idea: which connections are noisy, and the sign of the noise.
+
+    A pattern has exactly n = round(share * N) of N connections at +noise or -noise (1 where a
+    share above 0 would round to 0), and the others at 0; positions and signs are uniform. A pool of
+    `POOL` patterns is drawn at once, every idea takes one of them at random, and the pool is
+    redrawn every `LIFETIME` steps. Each idea has the distribution of an individual draw; for 50
+    robots or more it takes a tenth of the time. Two ideas share a pattern of the pool with a
+    probability of 1 in `POOL`, so they are equal more often than individual draws would be.
+    """
+
+    POOL = 16384
+    LIFETIME = 500
+
+    def __init__(
+        self, connections: int, share: float, noise: float, generator: torch.Generator
+    ) -> None:
+        """Prepares patterns; the first `renew` fills the pool.
+
+        Args:
+          connections: Number N of connections.
+          share: Share of noisy connections, in [0, 1].
+          noise: Magnitude of the noise, which is added to or subtracted from a noisy connection.
+          generator: Random stream from which patterns are drawn.
+        """
+        self.connections = connections
+        self.noisy = max(round(share * connections), 1 if share > 0 else 0)
+        self.noise = noise
+        self._generator = generator
+        self._pool = torch.zeros(self.POOL, connections)
+        self._age = torch.tensor([self.LIFETIME], device="cpu")  # read in every step
+
+    def renew(self) -> None:
+        """Redraws the pool if it is old; to be called before each step that draws."""
+        if self._age >= self.LIFETIME:
+            self._refill()
+        self._age += 1
+
+    def draw(self, count: int) -> Tensor:
+        """Draws patterns, shape (count, N)."""
+        generator, device = self._generator, self._pool.device
+        rows = torch.randint(self.POOL, (count,), generator=generator, device=device)
+        return self._pool.index_select(0, rows)
+
+    def _refill(self) -> None:
+        generator, device = self._generator, self._pool.device
+        keys = torch.rand(self._pool.shape, generator=generator, device=device)
+        chosen = keys.argsort(dim=1)[:, : self.noisy]
+        signs = torch.randint(2, chosen.shape, generator=generator, device=device) * 2.0 - 1.0
+        self._pool.zero_().scatter_(1, chosen, self.noise * signs)
+        self._age.zero_()
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Returns the pool and its age in steps, for a checkpoint."""
+        return {"pool": self._pool, "age": self._age}
+
+
+class HeldNoisePatterns:
+    """Noise patterns that ideas keep for several steps, or for life.
+
+    The paper says how much noise an idea has, not when it is drawn anew.
+    """
+
+    def __init__(self, patterns: NoisePatterns, count: int, steps: int) -> None:
+        """Prepares patterns to hold; the first `renew` draws them.
+
+        Args:
+          patterns: Patterns that are drawn, each of them to be held.
+          count: Number of patterns in a step.
+          steps: Number of steps for which they are held; 0 for life.
+        """
+        self.noisy = patterns.noisy
+        self._patterns = patterns
+        self._steps = steps
+        self._held = torch.zeros(count, patterns.connections)
+        # Steps before the next draw, -1 for life; read in every step.
+        self._left = torch.tensor([0], device="cpu")
+
+    def renew(self) -> None:
+        """Draws other patterns if it is time; to be called before each step that draws."""
+        if self._left == 0:
+            self._patterns.renew()
+            self._held.copy_(self._patterns.draw(len(self._held)))
+            self._left.fill_(self._steps or -1)
+        if self._steps:
+            self._left -= 1
+
+    def draw(self, count: int) -> Tensor:
+        """Returns the held patterns, shape (count, N); `count` is the number that is held."""
+        return self._held.clone()
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Returns the held patterns and those from which they are drawn, for a checkpoint."""
+        return self._patterns.tensors() | {"held": self._held, "left": self._left}

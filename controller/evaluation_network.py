@@ -2,72 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
-
 import torch
 from torch import Tensor
 
-from .networks import ACTIVATIONS, Networks
-from .optimizers import SGD, Optimizer, Rate
+from .networks import ACTIVATIONS, SGD, Adam, Networks, Optimizer, Rate
 from .parameters import Parameters
+from .senses import unsaturated
 from .step import Step
-
-
-def td_error(target: Tensor, value: Tensor, learning: Tensor) -> Tensor:
-    """Returns the TD error of Eq. 1, shape (B,).
-
-    Args:
-      target: Target of the value, shape (B,).
-      value: Value of the selected action, shape (B,).
-      learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
-    """
-    return learning * (target - value)
-
-
-class Target(Protocol):
-    """Computes the target of the value V_t in Eq. 1."""
-
-    def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
-        """Returns the targets, and 1 for each robot that has a target (else 0), both of shape (B,).
-
-        Args:
-          reward: Reward signal at time t + 1, shape (B,).
-          before: Step at time t.
-          now: Step at time t + 1.
-        """
-        ...
-
-
-def on_policy(before: Step, now: Step) -> Tensor:
-    """Returns V at t + 1 of SARSA, the value of the selected action, shape (B,).
-
-    Args:
-      before: Step at time t.
-      now: Step at time t + 1.
-    """
-    del before
-    return now.value
-
-
-class TDTarget:
-    """The target r + gamma V of TD(0), with reward and value at time t + 1 (Eq. 1)."""
-
-    def __init__(
-        self, discount: float, next_value: Callable[[Step, Step], Tensor] = on_policy
-    ) -> None:
-        """Takes the parts of the target.
-
-        Args:
-          discount: Discount factor gamma.
-          next_value: Function of the steps at t and t + 1 that returns V at t + 1.
-        """
-        self._discount = discount
-        self._next_value = next_value
-
-    def __call__(self, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
-        """See `Target.__call__`."""
-        return reward + self._discount * self._next_value(before, now), before.chained
 
 
 class EvaluationNetwork:
@@ -79,13 +20,7 @@ class EvaluationNetwork:
     """
 
     def __init__(
-        self,
-        parameters: Parameters,
-        robots: int,
-        inputs: int,
-        generator: torch.Generator,
-        optimizer: Callable[[Networks], Optimizer] = SGD,
-        td_error: Callable[[Tensor, Tensor, Tensor], Tensor] = td_error,
+        self, parameters: Parameters, robots: int, inputs: int, generator: torch.Generator
     ) -> None:
         """Draws the initial networks.
 
@@ -94,15 +29,13 @@ class EvaluationNetwork:
           robots: Number B of robots.
           inputs: Number I of network inputs for the state.
           generator: Random stream of the initial weights.
-          optimizer: Class of the optimizer.
-          td_error: Function that computes the TD error.
         """
         self._inputs = inputs
-        self._td_error = td_error
         hidden, initial_range = parameters.evaluation_hidden, parameters.initial_range
         self.networks = Networks(robots, inputs + 2, hidden, 1, initial_range, generator)
         self.networks.activation = ACTIVATIONS[parameters.activation]
-        self.optimizer = optimizer(self.networks)
+        adam = parameters.optimizer == "adam"
+        self.optimizer: Optimizer = Adam(self.networks) if adam else SGD(self.networks)
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
         """Returns the values of several actions in one state, shape (B, A).
@@ -119,12 +52,7 @@ class EvaluationNetwork:
         return torch.baddbmm(net.output_biases[..., None], hidden, net.output_weights.mT)[..., 0]
 
     def learn(
-        self,
-        state: Tensor,
-        action: Tensor,
-        target: Tensor,
-        learning: Tensor,
-        rate: Rate,
+        self, state: Tensor, action: Tensor, target: Tensor, learning: Tensor, rate: Rate
     ) -> Tensor:
         """Learns from one step by TD(0) (Eq. 1): w += eta [target - V] grad V.
 
@@ -133,7 +61,7 @@ class EvaluationNetwork:
         Args:
           state: Network inputs for the state at time t, shape (B, I).
           action: Network inputs for the action selected at time t, shape (B, 2).
-          target: Target of the value, r + gamma V at time t + 1, shape (B,).
+          target: Target of the value, see `td_target`, shape (B,).
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
           rate: Learn rate eta.
 
@@ -142,6 +70,42 @@ class EvaluationNetwork:
         """
         inputs = torch.cat([state, action], dim=-1)
         hidden, value = self.networks.forward(inputs)
-        error = self._td_error(target, value[:, 0], learning)
+        error = learning * (target - value[:, 0])
         self.optimizer.ascend(inputs, hidden, error[:, None], rate, learning)
         return error
+
+
+def td_target(
+    p: Parameters, maximal: Tensor | None, reward: Tensor, before: Step, now: Step
+) -> tuple[Tensor, Tensor]:
+    """Returns the target r + gamma V of Eq. 1, with reward and value at time t + 1.
+
+    The paper's target has the value of the selected action (SARSA). Beyond the paper, each of five
+    parameters changes one term of it.
+
+    Args:
+      p: Parameters of the brain.
+      maximal: Raw reward at maximal smell, where `raw_reward` replaces the reward; else None.
+      reward: Reward sensed at time t + 1, shape (B,).
+      before: Step at time t.
+      now: Step at time t + 1, which remembers the reward if the next target needs it.
+
+    Returns:
+      The targets, and 1 for each robot that has one, else 0, both of shape (B,).
+    """
+    learning = before.chained
+    value = now.best_value if p.bootstrap == "max" else now.value
+    if maximal is not None:
+        reward = unsaturated(reward, maximal)
+    if p.compares_rewards:
+        now.record_reward(reward)
+        learning = learning * before.rewarded
+    if p.clipped_bootstrap:  # where the reward fell to 0 or below, the state is worth its loss
+        lost = (now.reward < before.reward) & (now.reward <= 0)
+        value = torch.where(lost, torch.minimum(value, before.reward.clamp(min=0)), value)
+    if p.reward_form == "difference":
+        reward = reward - before.reward
+    if p.advantage_scale:  # an exploratory action better than every idea is not rewarded more
+        worse = (before.best_value - before.value).clamp(min=0)
+        reward = reward - p.advantage_scale * worse
+    return reward + p.discount * value, learning

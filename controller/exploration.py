@@ -1,15 +1,19 @@
-"""Exploration during training: epsilon-greedy selection (section 2)."""
+"""Selection: which robots explore, and with which action (section 2)."""
 
 from __future__ import annotations
 
-from typing import Protocol
+import math
 
 import torch
 from torch import Tensor
 
 
-class Exploration(Protocol):
-    """Draws exploratory actions."""
+class EpsilonGreedy:
+    """Explores with a random one of the proposed actions, for one step at a time (section 2)."""
+
+    def __init__(self, generator: torch.Generator) -> None:
+        """Takes the random stream of the draws."""
+        self._generator = generator
 
     def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
         """Draws the robots that explore, and their actions.
@@ -22,22 +26,6 @@ class Exploration(Protocol):
           The actions, to which an exploratory one may be appended, shape (B, A or A + 1, 2); and
           the index of each robot's exploratory action, -1 for a greedy robot, shape (B,).
         """
-        ...
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Returns the tensors kept from step to step, for a checkpoint."""
-        ...
-
-
-class EpsilonGreedy:
-    """Explores with a random one of the proposed actions, for one step at a time (section 2)."""
-
-    def __init__(self, generator: torch.Generator) -> None:
-        """Takes the random stream of the draws."""
-        self._generator = generator
-
-    def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
-        """See `Exploration.draw`."""
         size = ideas.shape[:1]
         device, generator = ideas.device, self._generator
         drawn = torch.randint(ideas.shape[1], size, generator=generator, device=device)
@@ -45,5 +33,76 @@ class EpsilonGreedy:
         return ideas, drawn.masked_fill_(~explores, -1)
 
     def tensors(self) -> dict[str, Tensor]:
-        """Returns no tensors."""
+        """Returns the tensors kept from step to step, for a checkpoint: none."""
         return {}
+
+
+class PersistentExploration:
+    """Beyond the paper: motor pairs drawn uniformly, each held for 1 to `longest` steps."""
+
+    def __init__(self, robots: int, longest: int, generator: torch.Generator) -> None:
+        """Starts with greedy robots.
+
+        Args:
+          robots: Number B of robots.
+          longest: Longest duration of an exploratory action, in control steps.
+          generator: Random stream of the draws.
+        """
+        self._longest = longest
+        self._generator = generator
+        self._pair = torch.zeros(robots, 2)
+        self._left = torch.zeros(robots, dtype=torch.int64)
+
+    def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
+        """Draws as `EpsilonGreedy.draw`, but a robot that explores continues to its last step."""
+        robots, count = ideas.shape[:2]
+        generator, device = self._generator, ideas.device
+        pairs = torch.rand(robots, 2, generator=generator, device=device) - 0.5
+        longest = self._longest + 1
+        lengths = torch.randint(1, longest, (robots,), generator=generator, device=device)
+        starts = torch.rand(robots, generator=generator, device=device) < epsilon
+        starts &= self._left == 0
+        torch.where(starts[:, None], pairs, self._pair, out=self._pair)
+        torch.where(starts, lengths, self._left, out=self._left)
+        explores = self._left > 0
+        self._left -= explores.long()
+        actions = torch.cat([ideas, self._pair[:, None]], dim=1)
+        return actions, explores * (count + 1) - 1  # the index `count`, or -1
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Returns the motor pairs and their remaining steps."""
+        return {"pair": self._pair, "left": self._left}
+
+
+Exploration = EpsilonGreedy | PersistentExploration
+
+
+class Schedule:
+    """Epsilon or the learn rate: constant, or, beyond the paper, with an exponential decay.
+
+    Attributes:
+      decays: Whether the value changes.
+      value: Value in the present step, a number; on another device than the host, a value that
+        changes is a tensor of shape () that keeps its place, so that a captured step finds it.
+    """
+
+    value: float | Tensor
+
+    def __init__(self, final: float, initial: float | None, steps: float) -> None:
+        """Takes the final value, the initial one, and the time constant in steps of training.
+
+        Without an initial value the final one holds in all steps.
+        """
+        self._initial, self._final, self._steps = initial, final, steps
+        self.decays = initial is not None
+        self.value = final
+        if initial is not None and torch.get_default_device().type != "cpu":
+            self.value = torch.full((), float(initial))
+
+    def update(self, age: int) -> None:
+        """Sets the value after `age` steps of training."""
+        if self._initial is None:
+            return
+        left = math.exp(-age / self._steps)
+        value = self._final + (self._initial - self._final) * left
+        self.value = self.value.fill_(value) if isinstance(self.value, Tensor) else value

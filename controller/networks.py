@@ -1,4 +1,8 @@
-"""One-hidden-layer networks, one for each of B robots, and their gradients (section 3)."""
+"""One-hidden-layer networks, one for each of B robots, and how they follow gradients (section 3).
+
+The networks with logistic hidden neurons and the plain gradient step are the paper's; hyperbolic
+tangents and Adam are beyond it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,8 @@ from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor
+
+Rate = float | Tensor  # a learn rate; a tensor of shape () where a captured step reads it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,16 +42,13 @@ class Networks:
     function in the creative memory.
 
     Attributes:
+      weights: All P weights and biases of each robot, shape (B, P); the next four are parts of it.
       hidden_weights: Weights from inputs to hidden neurons, shape (B, H, I).
       hidden_biases: Biases of the hidden neurons, shape (B, H).
       output_weights: Weights from hidden to output neurons, shape (B, O, H).
       output_biases: Biases of the output neurons, shape (B, O).
       activation: Activation function of the hidden neurons; logistic unless replaced.
-      connected: 1 where a hidden neuron receives an input, else 0, shape (H, I); None if each
-        receives all.
     """
-
-    NAMES = ("hidden_weights", "hidden_biases", "output_weights", "output_biases")
 
     def __init__(
         self,
@@ -66,25 +69,17 @@ class Networks:
           initial_range: Half-width of the interval around 0 from which initial weights are drawn.
           generator: Random stream of the initial weights.
         """
-
-        def draw(*shape: int) -> Tensor:
-            return (torch.rand(robots, *shape, generator=generator) * 2 - 1) * initial_range
-
+        shapes = (hidden, inputs), (hidden,), (outputs, hidden), (outputs,)
+        drawn = [torch.rand(robots, *shape, generator=generator) for shape in shapes]
+        self.weights = (torch.cat([part.flatten(1) for part in drawn], dim=1) * 2 - 1).mul_(
+            initial_range
+        )
+        parts = self.weights.split([part[0].numel() for part in drawn], dim=1)
+        self.hidden_weights = parts[0].view(robots, hidden, inputs)
+        self.hidden_biases = parts[1]
+        self.output_weights = parts[2].view(robots, outputs, hidden)
+        self.output_biases = parts[3]
         self.activation = ACTIVATIONS["logistic"]
-        self.hidden_weights = draw(hidden, inputs)
-        self.hidden_biases = draw(hidden)
-        self.output_weights = draw(outputs, hidden)
-        self.output_biases = draw(outputs)
-        self.connected: Tensor | None = None
-
-    def disconnect(self, connected: Tensor) -> None:
-        """Removes connections from inputs to hidden neurons, for good: their weights stay 0.
-
-        Args:
-          connected: 1 for a connection that stays, else 0, shape (H, I).
-        """
-        self.connected = connected
-        self.hidden_weights *= connected
 
     def forward(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Evaluates each robot's network at one input.
@@ -111,41 +106,15 @@ class Networks:
         back = self._back(hidden, steps)
         self.output_weights.baddbmm_(steps[..., None], hidden[:, None])
         self.output_biases += steps
-        if self.connected is None:
-            self.hidden_weights.baddbmm_(back[..., None], inputs[:, None])
-        else:
-            self.hidden_weights += back[..., None] * inputs[:, None] * self.connected
+        self.hidden_weights.baddbmm_(back[..., None], inputs[:, None])
         self.hidden_biases += back
 
     def gradient(self, inputs: Tensor, hidden: Tensor, steps: Tensor) -> Tensor:
-        """Returns what `ascend` adds, as one vector per robot in the order of `NAMES`.
-
-        Args:
-          inputs: Network inputs, shape (B, I).
-          hidden: Hidden activations at these inputs, shape (B, H).
-          steps: Factor for the gradient of each output sum, shape (B, O).
-
-        Returns:
-          The gradient with respect to the P weights and biases of a robot, shape (B, P).
-        """
+        """Returns what `ascend` adds to `weights`, shape (B, P), for the same arguments."""
         back = self._back(hidden, steps)
-        to_hidden = back[..., None] * inputs[:, None]
-        if self.connected is not None:
-            to_hidden *= self.connected
-        to_hidden = to_hidden.flatten(1)
+        to_hidden = (back[..., None] * inputs[:, None]).flatten(1)
         to_output = (steps[..., None] * hidden[:, None]).flatten(1)
         return torch.cat([to_hidden, back, to_output, steps], dim=1)
-
-    def add(self, steps: Tensor) -> None:
-        """Adds to every weight its step.
-
-        Args:
-          steps: Step of every weight, in the order of `gradient`, shape (B, P).
-        """
-        tensors = list(self.tensors().values())
-        parts = steps.split([tensor[0].numel() for tensor in tensors], dim=1)
-        for tensor, part in zip(tensors, parts, strict=True):
-            tensor += part.view(tensor.shape)
 
     def _back(self, hidden: Tensor, steps: Tensor) -> Tensor:
         """Propagates steps of the output sums back to the hidden sums, shape (B, H)."""
@@ -154,7 +123,72 @@ class Networks:
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns the weights and biases themselves, not copies, by name."""
-        return {name: getattr(self, name) for name in self.NAMES}
+        names = ("hidden_weights", "hidden_biases", "output_weights", "output_biases")
+        return {name: getattr(self, name) for name in names}
+
+
+class SGD:
+    """Plain gradient steps: the gradient times the learn rate (Eq. 1)."""
+
+    def __init__(self, networks: Networks) -> None:
+        """Optimizes these networks."""
+        self._networks = networks
+
+    def ascend(
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
+    ) -> None:
+        """Moves the weights of every robot along the gradient of its output sums.
+
+        Args:
+          inputs: Network inputs, shape (B, I).
+          hidden: Hidden activations at these inputs, shape (B, H).
+          steps: Errors of the output sums, shape (B, O); 0 for robots that do not learn.
+          rate: Learn rate.
+          learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
+        """
+        del learning  # steps of 0 change no weight
+        self._networks.ascend(inputs, hidden, rate * steps)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Returns the tensors kept from step to step, for a checkpoint: none."""
+        return {}
+
+
+class Adam:
+    """Adam (Kingma and Ba, ICLR 2015), with separate moments for each robot."""
+
+    MEAN_DECAY = 0.9
+    SQUARE_DECAY = 0.999
+    EPSILON = 1e-8
+
+    def __init__(self, networks: Networks) -> None:
+        """Optimizes these networks."""
+        self._networks = networks
+        self._mean = torch.zeros_like(networks.weights)
+        self._square = torch.zeros_like(networks.weights)
+        self._steps = torch.zeros(len(networks.weights), 1)
+
+    def ascend(
+        self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
+    ) -> None:
+        """Moves the weights of the robots that learn; see `SGD.ascend`."""
+        gradient = self._networks.gradient(inputs, hidden, steps)
+        on = learning[:, None]
+        self._steps += on
+        self._mean += (1 - self.MEAN_DECAY) * on * (gradient - self._mean)
+        self._square += (1 - self.SQUARE_DECAY) * on * (gradient.square_() - self._square)
+        # Both moments start at zero; the powers correct this bias.
+        count = self._steps.clamp(min=1)
+        rates = rate * on / (1 - self.MEAN_DECAY**count)
+        root = (self._square / (1 - self.SQUARE_DECAY**count)).sqrt_()
+        self._networks.weights += rates * self._mean / root.add_(self.EPSILON)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Returns the moments, and each robot's number of updates, for a checkpoint."""
+        return {"mean": self._mean, "square": self._square, "steps": self._steps}
+
+
+Optimizer = SGD | Adam
 
 
 def load_into(targets: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:

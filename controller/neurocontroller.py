@@ -7,11 +7,15 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from .brains import assemble
+from .context import EchoContext
 from .creative_memory import CreativeMemory
-from .networks import load_into
-from .parameters import Parameters
-from .senses import Senses
+from .evaluation_network import EvaluationNetwork, td_target
+from .exploration import EpsilonGreedy, Exploration, PersistentExploration, Schedule
+from .networks import Rate, load_into
+from .parameters import PROPOSERS, Parameters
+from .proposers import ActionProposer, CreativeActions, FixedActions, RandomActions
+from .senses import Encoding, ScaledEncoding, Senses
+from .step import Step
 
 
 class Neurocontroller:
@@ -32,6 +36,8 @@ class Neurocontroller:
       evaluation: Evaluation network, which computes the values of actions.
       memory: Creative memory, which proposes actions; None if no proposed action comes from one.
       generator: Random stream of all draws.
+      epsilon: Probability of an exploratory action during training.
+      learn_rate: Learn rate of the evaluation network.
     """
 
     def __init__(
@@ -51,31 +57,47 @@ class Neurocontroller:
           robots: Number B of robots.
           sensors: Number S of sensor signals in a state.
           seed: Seed of the brains' random stream.
-          senses: Ranges of the signals; needed with `centred_inputs`, and by brains that need to
-            know the maximal smell (`Parameters.needs_maximal_smell`).
+          senses: Ranges of the signals; needed by some parameters (`Parameters.needs_senses`).
 
         Raises:
           ValueError: The proposer is unknown, or the parameters need senses that are not given.
         """
-        self.generator = torch.Generator(torch.get_default_device()).manual_seed(seed)
-        parts = assemble(parameters, proposer, robots, sensors, self.generator, senses)
-        self.evaluation = parts.evaluation
-        self.memory = parts.memory
-        self._encoding = parts.encoding
-        self._context = parts.context
-        self._proposer = parts.proposer
-        self._exploration = parts.exploration
-        self._target = parts.target
-        self._lesson = parts.lesson
-        self._epsilon = parts.epsilon
-        self._test_epsilon = parameters.test_epsilon
-        self._learn_rate = parts.learn_rate
-        self._rule = parts.memory.rule if isinstance(parts.memory, CreativeMemory) else None
-        self._own_ideas = parameters.own_ideas
-        self._age = torch.tensor(0, device="cpu")  # steps of training, read in every step
+        if proposer not in PROPOSERS:
+            raise ValueError(f"proposer must be one of {', '.join(PROPOSERS)}, got {proposer!r}")
+        p = self._parameters = parameters
+        generator = torch.Generator(torch.get_default_device()).manual_seed(seed)
+        self.generator = generator
+
+        self._encoding = Encoding(sensors)
+        self._maximal_reward = None
+        if p.needs_senses:
+            if senses is None or len(senses.state) != sensors:
+                given = "none" if senses is None else len(senses.state)
+                raise ValueError(
+                    f"senses must give the range of all {sensors} signals, got {given}"
+                )
+            self._encoding = ScaledEncoding(senses, p.centred_inputs, p.raw_signals)
+            if p.raw_reward and senses.reward.maximal:
+                self._maximal_reward = torch.tensor(senses.reward.maximal)
+        self._context = None
+        if p.context_neurons:
+            self._context = EchoContext(robots, self._encoding.inputs, p.context_neurons, generator)
+
+        inputs = self._encoding.inputs + p.context_neurons
+        self.evaluation = EvaluationNetwork(p, robots, inputs, generator)
+        creative = proposer == "creative"
+        self.memory = CreativeMemory(p, robots, inputs, generator) if creative else None
+        self._proposer = _proposer(p, proposer, self.memory, generator)
+        self._exploration: Exploration = EpsilonGreedy(generator)
+        if p.exploration_steps:
+            self._exploration = PersistentExploration(robots, p.exploration_steps, generator)
+        self.epsilon = Schedule(p.epsilon, p.initial_epsilon, p.epsilon_decay_steps)
+        self.learn_rate = Schedule(p.learn_rate, p.initial_learn_rate, p.learn_rate_decay_steps)
+
+        self._age = 0  # steps of training
         self._swapped = False
-        inputs = self._encoding.inputs + parameters.context_neurons
-        self._before, self._now = (parts.step(robots, inputs) for _ in range(2))
+        detailed = p.needs_best or p.compares_rewards
+        self._previous, self._current = (Step(robots, inputs, detailed) for _ in range(2))
 
     def act(self, state: Tensor, explore: bool) -> Tensor:
         """Selects each robot's action, epsilon-greedily (section 2).
@@ -103,8 +125,47 @@ class Neurocontroller:
         self.end()
         return error
 
-    # A step has parts for the host, `begin` and `end`, and parts for the device, `select` and
-    # `update`. A GPU can capture the latter and replay them (see `protocols.simulation.device`).
+    # `select` and `update` are the work of `act` and `learn` on the device: a GPU captures and
+    # replays them (see `protocols.simulation.device`). `begin` and `end` are the host's part.
+
+    def select(self, state: Tensor, explore: bool) -> Tensor:
+        """Selects each robot's action, as `act`, after `begin`."""
+        inputs = self._inputs(state)
+        ideas = actions = self._proposer.propose(inputs)
+        exploratory = None
+        if explore or self._parameters.test_epsilon:
+            epsilon = self.epsilon.value if explore else self._parameters.test_epsilon
+            actions, exploratory = self._exploration.draw(ideas, epsilon)
+        values = self._values(inputs, actions)
+        best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
+        if exploratory is not None:
+            selected = torch.where(exploratory < 0, best, exploratory)
+        self._current.record(inputs, actions, values, selected, best)
+        if self._context is not None:
+            self._context.advance(inputs[:, : self._encoding.inputs])
+        return self._current.action.clone()
+
+    def update(self, reward: Tensor) -> Tensor:
+        """Learns, as `learn`, before `end`."""
+        before, rate = self._previous, self.learn_rate.value
+        target, learning = td_target(
+            self._parameters, self._maximal_reward, reward, before, self._current
+        )
+        action = self._encoding.motors(before.action)
+        error = self.evaluation.learn(before.state, action, target, learning, rate)
+        if self.memory is not None and not self._parameters.repeats_itself:
+            self.memory.learn(before.state, *self._lesson(before, error, learning))
+        return error
+
+    def _lesson(self, before: Step, error: Tensor, learning: Tensor) -> tuple[Tensor, Tensor, Rate]:
+        """Returns the action that the memory learns, each robot's factor, and the learn rate.
+
+        The paper's memory learns the selected action at the TD error (section 3). Beyond the
+        paper, it learns the best proposed action at the learn rate of the evaluation network.
+        """
+        if self._parameters.memory_target == "best":
+            return before.best_action, learning, self.learn_rate.value
+        return before.action, error, 1.0
 
     def begin(self) -> bool:
         """Begins a step: the step that was the present one becomes the previous one.
@@ -114,60 +175,17 @@ class Neurocontroller:
         Returns:
           Which of the two remembered steps is the present one; they alternate.
         """
-        self._proposer.renew()
-        self._epsilon.update(self._age)
-        self._learn_rate.update(self._age)
-        self._before, self._now = self._now, self._before
+        if self.memory is not None:
+            self.memory.patterns.renew()
+        self.epsilon.update(self._age)
+        self.learn_rate.update(self._age)
+        self._previous, self._current = self._current, self._previous
         self._swapped = not self._swapped
         return self._swapped
 
     def end(self) -> None:
         """Ends a step of training, which makes the robots older."""
         self._age += 1
-
-    def select(self, state: Tensor, explore: bool) -> Tensor:
-        """Selects each robot's action, as `act`, after `begin`.
-
-        Args:
-          state: Sensor signals, shape (B, S).
-          explore: See `act`.
-
-        Returns:
-          Motor values in [-0.5, 0.5], shape (B, 2).
-        """
-        inputs = self._inputs(state)
-        ideas = actions = self._proposer.propose(inputs)
-        exploratory = None
-        if explore or self._test_epsilon:
-            epsilon = self._epsilon.value if explore else self._test_epsilon
-            actions, exploratory = self._exploration.draw(ideas, epsilon)
-        values = self._values(inputs, actions)
-        if explore and self._rule is not None:
-            self._rule.update(values[:, : self._own_ideas])
-        best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
-        if exploratory is not None:
-            selected = torch.where(exploratory < 0, best, exploratory)
-        self._now.record(inputs, actions, values, selected, best)
-        if self._context is not None:
-            self._context.advance(inputs[:, : self._encoding.inputs])
-        return self._now.action.clone()
-
-    def update(self, reward: Tensor) -> Tensor:
-        """Learns, as `learn`, before `end`.
-
-        Args:
-          reward: Reward sensed with the state last given to `select`, shape (B,).
-
-        Returns:
-          The TD error, shape (B,).
-        """
-        before, rate = self._before, self._learn_rate.value
-        target, learning = self._target(reward, before, self._now)
-        action = self._encoding.motors(before.action)
-        error = self.evaluation.learn(before.state, action, target, learning, rate)
-        if self.memory is not None and self._lesson is not None:
-            self.memory.learn(before.state, *self._lesson(before, error, learning, rate))
-        return error
 
     def forget_step(self, robots: Tensor | None = None) -> None:
         """Prevents learning across the next step, for robots that are placed elsewhere.
@@ -177,7 +195,7 @@ class Neurocontroller:
         Args:
           robots: Indices of the robots concerned; None for all.
         """
-        self._now.forget(robots)
+        self._current.forget(robots)
 
     def propose(self, state: Tensor) -> Tensor:
         """Returns proposed actions, motor values of shape (B, A, 2).
@@ -188,7 +206,8 @@ class Neurocontroller:
         Args:
           state: Sensor signals, shape (B, S).
         """
-        self._proposer.renew()
+        if self.memory is not None:
+            self.memory.patterns.renew()
         return self._proposer.propose(self._inputs(state))
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
@@ -210,17 +229,17 @@ class Neurocontroller:
     def networks(self) -> dict[str, Tensor]:
         """Returns all weights and biases, "evaluation.hidden_weights" etc., shapes (B, ...).
 
-        A noise that is adapted is among them, as "memory.noise_scale", and so are the connections
-        of a recurrent context, as "context.recurrent_weights" and "context.input_weights".
+        The connections of a recurrent context are among them, as "context.recurrent_weights" and
+        "context.input_weights".
         """
         tensors = _prefixed("evaluation", self.evaluation.networks.tensors())
         if self.memory is not None:
-            tensors |= _prefixed("memory", self.memory.weights())
+            tensors |= _prefixed("memory", self.memory.networks.tensors())
         if self._context is not None:
             tensors |= _prefixed("context", self._context.weights())
         return tensors
 
-    def load_networks(self, tensors: dict[str, Tensor]) -> None:
+    def load_networks(self, tensors: Mapping[str, Tensor]) -> None:
         """Overwrites all weights and biases.
 
         Args:
@@ -231,18 +250,25 @@ class Neurocontroller:
           ValueError: A tensor is missing or has the wrong shape.
         """
         load_into(self.networks(), tensors)
-        networks = self.evaluation.networks
-        if networks.connected is not None:  # the loaded brains may have the removed connections
-            networks.disconnect(networks.connected)
 
     def state(self) -> dict[str, Tensor]:
         """Returns everything on which the next steps depend, for a checkpoint between two steps.
 
         The tensors may change in the next step: clone them to keep them.
         """
-        return self._state_in_place() | self._state_by_value()
+        state = self.networks() | {"generator": self.generator.get_state()}
+        state["age"] = torch.tensor(self._age, device="cpu")
+        state |= _prefixed("evaluation.optimizer", self.evaluation.optimizer.tensors())
+        state |= _prefixed("exploration", self._exploration.tensors())
+        state |= _prefixed("now", self._current.tensors())
+        if self.memory is not None:
+            state |= _prefixed("memory.optimizer", self.memory.optimizer.tensors())
+            state |= _prefixed("noise", self.memory.patterns.tensors())
+        if self._context is not None:
+            state |= _prefixed("context", self._context.tensors())
+        return state
 
-    def load_state(self, tensors: dict[str, Tensor]) -> None:
+    def load_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Continues from a checkpoint, bit-exactly.
 
         Args:
@@ -251,26 +277,21 @@ class Neurocontroller:
         Raises:
           ValueError: A tensor is missing or has the wrong shape.
         """
-        by_value = self._state_by_value()
-        load_into(self._state_in_place() | by_value, tensors)
-        self.generator.set_state(by_value.pop("generator"))
-        self._now.load({name.removeprefix("now."): t for name, t in by_value.items()})
+        state = self.state()
+        load_into(state, tensors)
+        self.generator.set_state(state["generator"])
+        self._age = int(state["age"])
 
-    def _state_in_place(self) -> dict[str, Tensor]:
-        """Returns the tensors that the parts of the brain overwrite in each step."""
-        state = self.networks() | {"age": self._age}
-        state |= _prefixed("evaluation.optimizer", self.evaluation.optimizer.tensors())
-        state |= _prefixed("exploration", self._exploration.tensors())
-        if self.memory is not None:
-            state |= _prefixed("memory.optimizer", self.memory.optimizer.tensors())
-            state |= _prefixed("noise", self.memory.tensors())
-        if self._context is not None:
-            state |= _prefixed("context", self._context.tensors())
-        return state
 
-    def _state_by_value(self) -> dict[str, Tensor]:
-        """Returns copies of the state that each step replaces."""
-        return {"generator": self.generator.get_state()} | _prefixed("now", self._now.tensors())
+def _proposer(
+    p: Parameters, name: str, memory: CreativeMemory | None, generator: torch.Generator
+) -> ActionProposer:
+    if memory is not None:
+        others = RandomActions(p.random_ideas, generator) if p.random_ideas else None
+        return CreativeActions(memory, p.own_ideas, others)
+    if name == "fixed":
+        return FixedActions(p.fixed_motors)
+    return RandomActions(p.ideas, generator)
 
 
 def _prefixed(owner: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

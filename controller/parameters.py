@@ -3,94 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
-import numpy as np
+from .fields import Checked, choice, flag, number, numbers, whole
+from .fields import shown as shown
 
 ActivationName = Literal["logistic", "tanh"]
 RewardForm = Literal["signal", "difference"]
 Bootstrap = Literal["on_policy", "max"]
 OptimizerName = Literal["sgd", "adam"]
 MemoryTarget = Literal["selected", "best"]
-Novelty = Literal["connections", "none", "action", "uniform", "sobol", "cross_entropy", "learned"]
+Proposer = Literal["fixed", "random", "creative"]
+PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
 
 # Far beyond what can be of use: a number above it is a slip, and would hang or overflow.
 _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
 _LARGEST, _LONGEST = 1000, 10**9
 
 
-def _field(default: Any, allows: Callable[[Any], bool], must: str) -> Any:
-    return dataclasses.field(default=default, metadata={"allows": allows, "must": must})
-
-
-def flag(default: bool) -> Any:
-    """Returns a dataclass field that is true or false."""
-    return _field(default, lambda value: isinstance(value, bool), "be true or false")
-
-
-def choice(default: str, literal: Any) -> Any:
-    """Returns a dataclass field that is one of the strings of a `Literal`."""
-    choices = get_args(literal)
-    return _field(default, choices.__contains__, f"be {' or '.join(map(repr, choices))}")
-
-
-def whole(default: int, low: int, high: int) -> Any:
-    """Returns a dataclass field of a whole number from `low` to `high`."""
-
-    def allows(value: Any) -> bool:
-        return type(value) is int and low <= value <= high
-
-    return _field(default, allows, f"be a whole number from {low} to {high}")
-
-
-def number(default: float | None, low: float, high: float, ends: str = "[]") -> Any:
-    """Returns a dataclass field of a number in a range.
-
-    Args:
-      default: The field's default; None makes the field optional.
-      low: Lower end of the range.
-      high: Upper end of the range.
-      ends: Brackets of the range; "(" and ")" exclude an end.
-    """
-
-    def allows(value: Any) -> bool:
-        if value is None:
-            return default is None
-        if type(value) not in (int, float) or not low <= value <= high:
-            return False
-        return not (value == low and ends[0] == "(" or value == high and ends[1] == ")")
-
-    optional = " or be none" if default is None else ""
-    return _field(default, allows, f"lie in {ends[0]}{low:g}, {high:g}{ends[1]}{optional}")
-
-
-def numbers(default: tuple[float, ...], low: float, high: float, most: int) -> Any:
-    """Returns a dataclass field of 1 to `most` numbers in [low, high]."""
-
-    def allows(values: Any) -> bool:
-        return (
-            isinstance(values, tuple)
-            and 1 <= len(values) <= most
-            and all(type(value) in (int, float) and low <= value <= high for value in values)
-        )
-
-    return _field(
-        default, allows, f"be 1 to {most} numbers, all of which lie in [{low:g}, {high:g}]"
-    )
-
-
-def shown(value: Any) -> str:
-    """Returns a value as an error shows it: cut where it is long."""
-    try:
-        text = repr(value)
-    except ValueError:  # a whole number of thousands of digits
-        return "a number of too many digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 @dataclasses.dataclass(frozen=True)
-class Parameters:
+class Parameters(Checked):
     """The parameters of a brain.
 
     The first part is the paper's. The second part goes beyond the paper; each of its fields can
@@ -125,16 +57,11 @@ class Parameters:
       raw_reward: Whether a saturating reward is replaced by its raw value, 1 at maximal smell.
       reward_form: Form of the reward, the "signal" (section 2) or its "difference" from the
         previous step.
-      reward_decay: Lower bound of the next step's reward, as a share of this step's reward; a lost
-        reward thus decays geometrically. Negative rewards are not affected. The clipped bootstrap
-        has no effect while the reward decays.
       bootstrap: Action whose value is V at t + 1 in Eq. 1: the selected one ("on_policy") or the
         best of the proposed ones ("max").
       clipped_bootstrap: Whether V at t + 1 is clipped to max(r(t), 0) in a step in which the
         reward fell to 0 or below.
       advantage_scale: Factor alpha of advantage learning, r <- r - alpha (V_best - V_selected).
-      td_error_limit: Largest magnitude of the TD error; larger errors are clipped to it (gradient
-        of the Huber loss). None for no limit.
       optimizer: Optimizer of the networks, "sgd" (Eq. 1) or "adam".
       memory_target: Action that the memory learns: the "selected" one, at the TD error as learn
         rate (section 3), or the "best" of the proposed ones, at `learn_rate`.
@@ -149,21 +76,6 @@ class Parameters:
       initial_learn_rate: Learn rate when training starts, from which it decays to `learn_rate`;
         None for no decay.
       learn_rate_decay_steps: Time constant of the decay of the learn rate, in steps of training.
-      stopping_steps: Number of training steps in a row at maximal smell after which a robot's
-        training stops, "if training would be abandoned" (section 4); 0 for never.
-      novelty: How the creative proposer's ideas differ from the memory's main idea: by noise in its
-        "connections" (section 3); by "none", as copies of it; by Gaussian noise on the "action", of
-        the covariance that noise in the connections would give; or ideas that do not come from it:
-        "uniform" draws, points of a "sobol" sequence, two rounds of the "cross_entropy" method, or
-        draws from a "learned" distribution in place of the memory. `keep_main_idea` puts the main
-        idea before them; `random_share` replaces a share of them.
-      memory_learns: Whether the memory learns; if not, it stays as it was drawn.
-      noise_adaptation: Rate per step at which the one-fifth success rule adapts the noise during
-        training, from `noise`; 0 for constant noise.
-      separate_smell: Whether no hidden neuron of the evaluation network receives both the smell and
-        other signals: one half of them receive the smell, the other half the other signals, all of
-        them the motor values. So the value is a sum, and what is learned about the smell in the
-        open holds at a wall. No effect where there is no smell, or nothing else.
       context_neurons: Number of units of a recurrent context, an echo state network, that are
         further inputs of both networks; 0 for none.
     """
@@ -178,7 +90,7 @@ class Parameters:
     memory_hidden: int = whole(5, 1, _MOST_NEURONS)
     noise: float = number(0.76, 0, _LARGEST)
     noisy_share: float = number(0.25, 0, 1)
-    noise_steps: int = whole(1, 0, _MOST_STEPS)
+    noise_steps: int = whole(1, 0, _MOST_STEPS, unit="steps")
     noise_on_biases: bool = flag(False)
     keep_main_idea: bool = flag(False)
     initial_range: float = number(1.0, 0, _LARGEST)
@@ -188,84 +100,18 @@ class Parameters:
     raw_signals: bool = flag(False)
     raw_reward: bool = flag(False)
     reward_form: RewardForm = choice("signal", RewardForm)
-    reward_decay: float = number(0.0, 0, 1, "[)")
     bootstrap: Bootstrap = choice("on_policy", Bootstrap)
     clipped_bootstrap: bool = flag(False)
     advantage_scale: float = number(0.0, 0, _LARGEST)
-    td_error_limit: float | None = number(None, 0, _LARGEST, "(]")
     optimizer: OptimizerName = choice("sgd", OptimizerName)
     memory_target: MemoryTarget = choice("selected", MemoryTarget)
     random_share: float = number(0.0, 0, 1, "[)")
-    exploration_steps: int = whole(0, 0, _MOST_STEPS)
+    exploration_steps: int = whole(0, 0, _MOST_STEPS, unit="steps")
     initial_epsilon: float | None = number(None, 0, 1)
-    epsilon_decay_steps: float = number(24000.0, 0, _LONGEST, "(]")
+    epsilon_decay_steps: float = number(24000.0, 0, _LONGEST, "(]", unit="steps")
     initial_learn_rate: float | None = number(None, 0, _LARGEST)
-    learn_rate_decay_steps: float = number(62400.0, 0, _LONGEST, "(]")
-    stopping_steps: int = whole(0, 0, _MOST_STEPS)
-    novelty: Novelty = choice("connections", Novelty)
-    memory_learns: bool = flag(True)
-    noise_adaptation: float = number(0.0, 0, 1)
-    separate_smell: bool = flag(False)
+    learn_rate_decay_steps: float = number(62400.0, 0, _LONGEST, "(]", unit="steps")
     context_neurons: int = whole(0, 0, 100)
-
-    def __post_init__(self) -> None:
-        """Checks every field; numbers of NumPy become Python's.
-
-        Raises:
-          ValueError: A field is out of its range, for example
-            "epsilon must lie in [0, 1], got 2", or fields exclude each other.
-        """
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.generic):
-                value = value.item()
-                object.__setattr__(self, field.name, value)
-            if not field.metadata["allows"](value):
-                must = field.metadata["must"]
-                raise ValueError(f"{field.name} must {must}, got {shown(value)}")
-        self._check_proposals()
-        if self.noise_adaptation:
-            self._check_adaptation()
-        if self.separate_smell and self.context_neurons:  # the context would carry the smell
-            raise ValueError("separate_smell and context_neurons exclude each other")
-        if self.separate_smell and self.evaluation_hidden < 2:
-            raise ValueError("separate_smell needs evaluation_hidden of at least 2, got 1")
-        if self.stopping_steps and self.test_epsilon:
-            raise ValueError("stopping_steps and test_epsilon exclude each other")
-
-    def _check_proposals(self) -> None:
-        """Raises ValueError where fields that decide the proposed actions exclude each other."""
-        if not self.memory_learns and not self.needs_memory:
-            raise ValueError(
-                f"memory_learns false needs a memory, which novelty {self.novelty!r} has only with "
-                "keep_main_idea"
-            )
-        if self.novelty == "learned" and self.memory_target != "best":
-            raise ValueError(
-                f"novelty 'learned' needs memory_target 'best', got {self.memory_target!r}"
-            )
-        if self.novelty in ("sobol", "cross_entropy") and self.keep_main_idea:
-            if self.own_ideas < 2:
-                raise ValueError(
-                    f"novelty {self.novelty!r} with keep_main_idea needs at least 2 ideas that are "
-                    "not random, got 1"
-                )
-        if self.novelty == "action" and self.noise_steps != 1:
-            raise ValueError(f"novelty 'action' needs noise_steps 1, got {self.noise_steps}")
-
-    def _check_adaptation(self) -> None:
-        """Raises ValueError where the noise cannot be adapted."""
-        if self.novelty != "connections":
-            raise ValueError(f"noise_adaptation needs novelty 'connections', got {self.novelty!r}")
-        if not self.keep_main_idea:
-            raise ValueError("noise_adaptation needs keep_main_idea, to compare the ideas with it")
-        if self.has_one_idea:
-            raise ValueError(
-                "noise_adaptation needs noise and noisy_share above 0, and at least 2 ideas of the "
-                "memory"
-            )
-        if self.stopping_steps:
-            raise ValueError("noise_adaptation and stopping_steps exclude each other")
 
     @property
     def random_ideas(self) -> int:
@@ -278,20 +124,31 @@ class Parameters:
         return self.ideas - self.random_ideas
 
     @property
-    def has_one_idea(self) -> bool:
-        """Whether all ideas of the memory are its main idea."""
-        noisy = self.noise > 0 and self.noisy_share > 0
-        quiet = self.novelty in ("connections", "action") and not noisy
-        alone = self.keep_main_idea and self.own_ideas == 1
-        return self.novelty == "none" or quiet or alone
+    def repeats_itself(self) -> bool:
+        """Whether the memory would learn its own main idea, the only candidate, in every step.
 
-    @property
-    def needs_memory(self) -> bool:
-        """Whether the creative proposer needs a memory."""
-        return self.keep_main_idea or self.novelty not in ("uniform", "sobol", "cross_entropy")
+        It does not learn then: it would learn rounding errors, which Adam turns into full steps.
+        """
+        noisy = self.noise > 0 and self.noisy_share > 0
+        alone = not noisy or self.keep_main_idea and self.own_ideas == 1
+        return self.memory_target == "best" and alone and not self.random_ideas
 
     @property
     def needs_maximal_smell(self) -> bool:
         """Whether the brain must know the raw signal at maximal smell."""
-        smell = self.raw_signals or self.raw_reward or self.separate_smell
-        return smell or self.stopping_steps > 0
+        return self.raw_signals or self.raw_reward
+
+    @property
+    def needs_senses(self) -> bool:
+        """Whether the brain must know the ranges of its signals."""
+        return self.centred_inputs or self.needs_maximal_smell
+
+    @property
+    def compares_rewards(self) -> bool:
+        """Whether Eq. 1's target needs the reward of the previous step."""
+        return self.clipped_bootstrap or self.reward_form == "difference"
+
+    @property
+    def needs_best(self) -> bool:
+        """Whether the brain learns from the best proposed action beside the selected one."""
+        return self.bootstrap == "max" or self.memory_target == "best" or self.advantage_scale > 0

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from typing import Literal, Protocol, get_args
 
 import torch
 from torch import Tensor
 
-from .creative_memory import Memory
-
-Proposer = Literal["fixed", "random", "creative"]
-PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
+from .creative_memory import CreativeMemory
+from .parameters import PROPOSERS as PROPOSERS
 
 
-class ActionProposer(Protocol):
-    """Proposes A actions to each robot."""
+class FixedActions:
+    """Proposes all pairs of some motor values in every step."""
 
-    def renew(self) -> None:
-        """Draws what several steps share, if it is time; to be called before `propose`."""
+    def __init__(self, motors: tuple[float, ...]) -> None:
+        """Forms the pairs of these motor values."""
+        pairs = list(itertools.product(motors, repeat=2))
+        self._actions = torch.tensor(pairs, dtype=torch.get_default_dtype())
 
     def propose(self, state: Tensor) -> Tensor:
         """Returns motor values in [-0.5, 0.5], shape (B, A, 2).
@@ -26,23 +25,10 @@ class ActionProposer(Protocol):
         Args:
           state: Network inputs, shape (B, I).
         """
-        ...
-
-
-class FixedActions(ActionProposer):
-    """Proposes all pairs of some motor values in every step."""
-
-    def __init__(self, motors: tuple[float, ...]) -> None:
-        """Forms the pairs of these motor values."""
-        pairs = list(itertools.product(motors, repeat=2))
-        self._actions = torch.tensor(pairs, dtype=torch.float32)
-
-    def propose(self, state: Tensor) -> Tensor:
-        """See `ActionProposer.propose`."""
         return self._actions.expand(len(state), -1, -1)
 
 
-class RandomActions(ActionProposer):
+class RandomActions:
     """Proposes actions drawn uniformly from [-0.5, 0.5] x [-0.5, 0.5] in every step."""
 
     def __init__(self, count: int, generator: torch.Generator) -> None:
@@ -51,23 +37,26 @@ class RandomActions(ActionProposer):
         self._generator = generator
 
     def propose(self, state: Tensor) -> Tensor:
-        """See `ActionProposer.propose`."""
+        """Draws actions for each robot."""
         size = len(state), self._count, 2
         return torch.rand(size, generator=self._generator, device=state.device) - 0.5
 
 
-class CreativeActions(ActionProposer):
-    """Proposes the ideas of a creative memory."""
+class CreativeActions:
+    """Proposes the ideas of a creative memory; beyond the paper, random actions follow them."""
 
-    def __init__(self, memory: Memory, count: int) -> None:
-        """Takes the memory, and the number of ideas per robot."""
+    def __init__(self, memory: CreativeMemory, count: int, others: RandomActions | None) -> None:
+        """Takes the memory, its number of ideas per robot, and the source of random actions."""
         self._memory = memory
         self._count = count
-
-    def renew(self) -> None:
-        """See `ActionProposer.renew`."""
-        self._memory.renew()
+        self._others = others
 
     def propose(self, state: Tensor) -> Tensor:
-        """See `ActionProposer.propose`."""
-        return self._memory.ideas(state, self._count)
+        """Returns the memory's ideas, then the random actions."""
+        ideas = self._memory.ideas(state, self._count)
+        if self._others is None:
+            return ideas
+        return torch.cat([ideas, self._others.propose(state)], dim=1)
+
+
+ActionProposer = FixedActions | RandomActions | CreativeActions

@@ -1,11 +1,11 @@
-"""What a robot senses, and how the networks receive it (section 3)."""
+"""The state: what a robot senses, and how its networks receive it (section 3)."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Protocol
 
+import torch
 from torch import Tensor
 
 
@@ -52,29 +52,11 @@ class Senses:
     reward: Signal
 
 
-class Encoding(Protocol):
-    """Turns signals and motor values into network inputs.
-
-    Attributes:
-      inputs: Number I of network inputs for the state.
-    """
-
-    inputs: int
-
-    def state(self, signals: Tensor) -> Tensor:
-        """Returns network inputs, shape (B, I), for sensor signals, shape (B, S)."""
-        ...
-
-    def motors(self, actions: Tensor) -> Tensor:
-        """Returns inputs of the evaluation network for motor values, of the same shape."""
-        ...
-
-
-class DirectEncoding:
+class Encoding:
     """One input neuron for each sensor and motor, fed with the signal itself (section 3).
 
     Attributes:
-      inputs: Number of network inputs for the state, equal to the number of sensors.
+      inputs: Number I of network inputs for the state; here the number of sensors.
     """
 
     def __init__(self, sensors: int) -> None:
@@ -82,9 +64,55 @@ class DirectEncoding:
         self.inputs = sensors
 
     def state(self, signals: Tensor) -> Tensor:
-        """Returns the signals."""
+        """Returns network inputs, shape (B, I), for sensor signals, shape (B, S)."""
         return signals
 
     def motors(self, actions: Tensor) -> Tensor:
-        """Returns the motor values."""
+        """Returns inputs of the evaluation network for motor values, of the same shape."""
         return actions
+
+
+class ScaledEncoding(Encoding):
+    """Beyond the paper: inputs scaled to [-1, 1], raw signals as further inputs, or both."""
+
+    def __init__(self, senses: Senses, centred: bool, raw_signals: bool) -> None:
+        """Prepares the encoding.
+
+        Args:
+          senses: Ranges of the S signals of a state.
+          centred: Whether all inputs, motor values included, are scaled to [-1, 1].
+          raw_signals: Whether the raw value of each saturating signal is a further input.
+        """
+        self._centred = centred
+        saturating = {n: signal.maximal for n, signal in enumerate(senses.state) if signal.maximal}
+        self._columns = torch.tensor([*saturating] if raw_signals else [], dtype=torch.int64)
+        self._maximal = torch.tensor([*saturating.values()] if raw_signals else [])
+        further = len(self._columns)
+        super().__init__(len(senses.state) + further)
+        bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further
+        low, high = torch.tensor(bounds).T
+        self._middle, self._half = (high + low) / 2, (high - low) / 2
+
+    def state(self, signals: Tensor) -> Tensor:
+        """Returns network inputs; see `Encoding.state`."""
+        if len(self._columns):
+            raw = unsaturated(signals[:, self._columns], self._maximal)
+            signals = torch.cat([signals, raw], dim=1)
+        return (signals - self._middle) / self._half if self._centred else signals
+
+    def motors(self, actions: Tensor) -> Tensor:
+        """Returns inputs for motor values; see `Encoding.motors`."""
+        return actions * 2 if self._centred else actions
+
+
+def unsaturated(signal: Tensor, maximal: Tensor) -> Tensor:
+    """Returns the raw signal x, where s = x / (1 + x), as a share of x at maximal smell.
+
+    The result is clipped to [0, 1], for signals with noise.
+
+    Args:
+      signal: Saturating signal s, of any shape.
+      maximal: Raw signal at maximal smell, broadcast against `signal`.
+    """
+    signal = torch.minimum(signal.clamp(min=0), maximal / (1 + maximal))
+    return signal / (1 - signal) / maximal

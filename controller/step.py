@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import torch
 from torch import Tensor
 
@@ -11,9 +9,8 @@ from torch import Tensor
 class Step:
     """What B robots sensed and selected in one control step.
 
-    A step can be recorded again and again. Until its first recording, no next step
-    continues it. The last four attributes exist only in a `DetailedStep`, for parts beyond the
-    paper.
+    A step is recorded in place again and again. Until its first recording, no next step continues
+    it. Only a detailed step has the last four attributes, which the paper's brain does not need.
 
     Attributes:
       state: Network inputs, shape (B, I).
@@ -23,28 +20,28 @@ class Step:
         elsewhere in between, shape (B,).
       best_action: Motor values of the best proposed action, shape (B, 2).
       best_value: Value of the best proposed action, shape (B,).
-      reward: Reward of this step, shape (B,).
+      reward: Reward of this step; 0 until it is known, shape (B,).
       rewarded: Whether `reward` is known, shape ().
     """
 
-    NAMES: ClassVar = ("state", "action", "value", "chained")  # its tensors
-    best_action: Tensor
-    best_value: Tensor
-    reward: Tensor
-    rewarded: Tensor
-
-    def __init__(self, robots: int, inputs: int) -> None:
+    def __init__(self, robots: int, inputs: int, detailed: bool) -> None:
         """Allocates a step of B robots with I network inputs."""
         self._rows = torch.arange(robots)
+        self._detailed = detailed
         self.state = torch.zeros(robots, inputs)
         self.action = torch.zeros(robots, 2)
         self.value = torch.zeros(robots)
         self.chained = torch.zeros(robots)
+        if detailed:
+            self.best_action = torch.zeros(robots, 2)
+            self.best_value = torch.zeros(robots)
+            self.reward = torch.zeros(robots)
+            self.rewarded = torch.tensor(False)
 
     def record(
         self, state: Tensor, actions: Tensor, values: Tensor, selected: Tensor, best: Tensor
     ) -> None:
-        """Records a step.
+        """Records a step, whose reward is not known yet.
 
         Args:
           state: Network inputs, shape (B, I).
@@ -53,11 +50,20 @@ class Step:
           selected: Indices of the selected actions, shape (B,).
           best: Indices of the best proposed actions, shape (B,).
         """
-        del best  # the paper's brain learns from the selected action only
         self.state.copy_(state)  # the caller may overwrite its own
         self.action.copy_(actions[self._rows, selected])
         self.value.copy_(values[self._rows, selected])
         self.chained.fill_(1)
+        if self._detailed:
+            self.best_action.copy_(actions[self._rows, best])
+            self.best_value.copy_(values[self._rows, best])
+            self.reward.zero_()
+            self.rewarded.zero_()
+
+    def record_reward(self, reward: Tensor) -> None:
+        """Records the reward of a detailed step, shape (B,)."""
+        self.reward.copy_(reward)
+        self.rewarded.fill_(True)
 
     def forget(self, robots: Tensor | None = None) -> None:
         """Marks that the next step does not continue this one.
@@ -68,10 +74,8 @@ class Step:
         self.chained[slice(None) if robots is None else robots] = 0
 
     def tensors(self) -> dict[str, Tensor]:
-        """Returns copies of all tensors, for a checkpoint."""
-        return {name: getattr(self, name).clone() for name in self.NAMES}
-
-    def load(self, tensors: dict[str, Tensor]) -> None:
-        """Restores a step from the tensors that `tensors` returned."""
-        for name in self.NAMES:
-            getattr(self, name).copy_(tensors[name])
+        """Returns the tensors themselves, not copies, by name, for a checkpoint."""
+        names = ["state", "action", "value", "chained"]
+        if self._detailed:
+            names += ["best_action", "best_value", "reward", "rewarded"]
+        return {name: getattr(self, name) for name in names}

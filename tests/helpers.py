@@ -66,24 +66,3 @@ def contrast(shade, background):
     """Returns the contrast of two colours, as WCAG defines it."""
     first, second = sorted([luminance(shade), luminance(background)])
     return (second + 0.05) / (first + 0.05)
-
-
-# A brain renews what its steps share before each step; these functions do so for its parts.
-
-
-def draw_from(patterns, count):
-    """Returns so many noise patterns."""
-    patterns.renew()
-    return patterns.draw(count)
-
-
-def ideas_of(memory, state, count):
-    """Returns so many ideas of a memory for each robot."""
-    memory.renew()
-    return memory.ideas(state, count)
-
-
-def proposals_of(proposer, state):
-    """Returns the actions that a proposer proposes."""
-    proposer.renew()
-    return proposer.propose(state)

@@ -38,8 +38,8 @@ AREAS = {
     "equations": (
         "controller/brains.py controller/creative_memory.py controller/evaluation_network.py "
         "controller/exploration.py controller/networks.py controller/neurocontroller.py "
-        "controller/noise.py "
-        "controller/optimizers.py controller/parameters.py controller/proposers.py "
+        "controller/context.py "
+        "controller/parameters.py controller/proposers.py "
         "controller/senses.py controller/step.py protocols/results/learn_ability.py"
     ),
     "schedules": "protocols/experiment/schedules.py protocols/simulation/placement.py",
@@ -51,7 +51,6 @@ AREAS = {
         "protocols/analysis/paper_tables.py protocols/analysis/regret.py "
         "protocols/analysis/scores.py"
     ),
-    "learning rules": "controller/extensions/*.py controller/novelty/*.py",
     "resume": (
         "protocols/simulation/checkpoints.py protocols/simulation/cohort.py "
         "protocols/simulation/jobs.py protocols/simulation/runs.py protocols/results/results.py"
@@ -83,10 +82,9 @@ MORE_TESTS = {
     "controller/brains.py": (
         "controller/test_brains.py controller/test_neurocontroller.py experiment/test_overrides.py"
     ),
-    "controller/extensions/*": "controller/extensions controller/test_brains.py",
     "controller/*": (
         "controller/test_neurocontroller.py controller/test_brains.py "
-        "controller/test_creative_memory.py controller/novelty experiment/test_overrides.py"
+        "controller/test_creative_memory.py experiment/test_overrides.py"
     ),
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
     "protocols/analysis/claim_tests.py": "analysis/test_claims.py",

@@ -16,8 +16,6 @@ GROUPS = (
     ("gymnasium", "Gymnasium", "musebot.tasks.gymnasium_env"),
     ("models", "Models", "musebot.models"),
     ("controller", "The paper's brain", "musebot.controller"),
-    ("extensions", "Beyond the paper's brain", "musebot.controller.extensions"),
-    ("novelty", "Other ways to propose actions", "musebot.controller.novelty"),
     ("experiment", "Experiments", "musebot.protocols.experiment"),
     ("agents", "Agents", "musebot.protocols.agents"),
     ("results", "Results of a run", "musebot.protocols.results"),

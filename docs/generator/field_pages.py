@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from typing import Any
 
 from tables import attributes, table
 
 from musebot.controller import BRAINS, Parameters
+from musebot.controller.fields import described
 from musebot.models.kinematic import Kinematics
 from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks.gymnasium_env.common import INFO
@@ -35,8 +35,7 @@ def _parameters() -> str:
     for field in dataclasses.fields(Parameters):
         paper, ours = _shown(field.default), _shown(getattr(steady, field.name))
         ours = ours if ours == paper else f"**{ours}**"
-        allowed = re.sub("^(be|lie in) ", "", field.metadata["must"])
-        rows.append((f"`{field.name}`", paper, ours, allowed, says[field.name]))
+        rows.append((f"`{field.name}`", paper, ours, described(field), says[field.name]))
     return f"""# Parameters of a brain
 
 All fields of `musebot.controller.Parameters`. `musebot run OUT --set NAME=VALUE ..` changes them on

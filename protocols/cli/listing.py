@@ -19,7 +19,6 @@ _PROTOCOLS = {
 }
 _BRAINS = {
     "paper": "The paper's brain.",
-    "paper-stopping": "The paper's brain; training ends after a minute in the spot.",
     "steady": "Two larger networks with other inputs and another learning rule.",
     "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
 }

@@ -88,7 +88,7 @@ class RunCommand:
     kinematics: Annotated[tuple[str, ...], _kept(*KINEMATICS)] = ()
     """parameters of the kinematic simulator, such as wall=slides felt=pushed lag=0.08"""
     brain: Annotated[
-        str | None, _kept("{paper,paper-stopping,recurrent,steady,steady-X}", "paper")
+        str | None, _kept("{paper,recurrent,steady,steady-X}", "paper")
     ] = None
     """a name that `musebot list brains` explains; steady-X: steady without its ingredient X"""
     set: Annotated[tuple[str, ...], _kept("NAME=VALUE ..", "none")] = ()

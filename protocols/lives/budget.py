@@ -6,7 +6,7 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING
 
-from ...controller.noise import NoisePatterns
+from ...controller.creative_memory import NoisePatterns
 from ..errors import InputError
 from ..machine import machine_bytes
 from ..storage import MOST_BYTES

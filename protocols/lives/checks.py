@@ -203,7 +203,7 @@ def check_networks(
 
 def _is_drawn(name: str) -> bool:
     """Returns whether a newborn's array of a brain is drawn from `initial_range`."""
-    return name.startswith(("evaluation.", "memory.")) and name != "memory.noise_scale"
+    return name.startswith(("evaluation.", "memory."))
 
 
 def check_lives_shapes(experiment: Experiment, key: CohortKey, shapes: Shapes) -> None:

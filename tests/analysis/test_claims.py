@@ -418,7 +418,7 @@ def test_a_run_with_the_papers_counts_supports_its_claims_about_categories():
     assert all(f.paper == f.verdict for f in tested)
 
 
-@pytest.mark.parametrize("brain", ["steady", "paper-stopping"])
+@pytest.mark.parametrize("brain", ["steady", "recurrent"])
 def test_no_claim_is_judged_for_another_brain(brain):
     run = three(WA, "one", 90, 80, 10).run
     assert judge_all(run)

@@ -1,4 +1,4 @@
-"""The named brains: `steady` step by step against autograd and torch's Adam; its ingredients."""
+"""The named brains, step by step against autograd and torch's optimizers; the ingredients."""
 
 import dataclasses
 import math
@@ -13,7 +13,6 @@ from musebot.controller import (
     BRAINS,
     INGREDIENTS,
     Neurocontroller,
-    NoisePatterns,
     Parameters,
     Senses,
     Signal,
@@ -50,72 +49,95 @@ def run(brain, states):
 # Learning step by step
 
 
-class SlowBrain:
-    """One robot's networks, updated literally by the equations.
+class LiteralBrain:
+    """One robot's brain, updated literally by the equations; autograd computes the gradients.
 
-    In x' with reward rho': delta = rho' - rho - alpha (V_best - V) + gamma V' - Q(x, a), where V'
-    is the largest Q of the ideas in x', clipped to max(rho, 0) if the reward fell to 0 or below;
-    V_best and V are the values in x when a was selected. Adam moves Q along delta grad Q(x, a),
-    and the memory towards the best idea of x.
+    In x', with reward r' and value V' of the action selected there (Sutton and Barto's SARSA),
+    delta = r' + gamma V' - Q(x, a). Q moves along delta grad Q(x, a), then the memory towards the
+    action a, with delta as its learn rate (Eq. 1, section 3). The ingredients of `steady` change
+    one term each.
     """
 
-    def __init__(self, brain, robot, parameters, walls):
+    def __init__(self, brain, robot, parameters, senses):
         own = {name: tensor[robot].clone() for name, tensor in brain.networks().items()}
-        self.p = parameters
-        self.walls = walls
-        self.age = 0
-        self.q, self.memory = (
+        self.q, self.memory, self.context = (
             {k.split(".")[1]: t for k, t in own.items() if k.startswith(owner)}
-            for owner in ("evaluation", "memory")
+            for owner in ("evaluation", "memory", "context")
         )
-        self.adams = []
-        for weights in (self.q, self.memory):
+        self.p, self.senses = parameters, senses
+        self.units = torch.zeros(parameters.context_neurons)
+        self.age, self.before = 0, None
+        adam = parameters.optimizer == "adam"
+        kinds = (adam, adam and parameters.memory_target == "best")
+        self.optimizers = []
+        for weights, with_adam in zip((self.q, self.memory), kinds, strict=True):
             for tensor in weights.values():
                 tensor.requires_grad_()
-            self.adams.append(torch.optim.Adam(weights.values(), lr=1.0))
-        self.before = None
+            kind = torch.optim.Adam if with_adam else torch.optim.SGD
+            self.optimizers.append(kind(weights.values(), lr=1.0) if weights else None)
 
-    def encode(self, state):
+    def inputs(self, state):
         nose, contact = state
-        return torch.stack([2 * nose - 1, 2 * contact + 1, nose / (5 * (1 - nose)) - 1])
+        x = [2 * nose - 1, 2 * contact + 1] if self.p.centred_inputs else [nose, contact]
+        if self.p.raw_signals:
+            raw = nose / (1 - nose) / 10
+            x.append(2 * raw - 1 if self.p.centred_inputs else raw)
+        return torch.stack(x)
 
     def layers(self, w, x):
-        hidden = torch.tanh(w["hidden_weights"] @ x + w["hidden_biases"])
+        function = torch.tanh if self.p.activation == "tanh" else torch.sigmoid
+        hidden = function(w["hidden_weights"] @ x + w["hidden_biases"])
         return w["output_weights"] @ hidden + w["output_biases"]
 
     def value(self, x, action):
-        return self.layers(self.q, torch.cat([x, 2 * action]))[0]
+        return self.layers(self.q, torch.cat([x, 2 * action if self.p.centred_inputs else action]))[
+            0
+        ]
 
-    def arrive(self, state, action, ideas):
-        x, rho = self.encode(state), state[1] if self.walls else state[0] / (1 - state[0]) / 10
-        values = [self.value(x, idea).detach() for idea in ideas]
-        best = max(values)
-        idea = ideas[values.index(best)]
-        own_value = self.value(x, action).detach()
-        error = torch.tensor(0.0)
-        if self.before is not None:
-            error = self.learn(rho, best)
+    def arrive(self, state, action, reward, ideas):
+        """Learns from the step that ends in `state`; returns the TD error, and the best idea."""
+        own = self.inputs(state)
+        x = torch.cat([own, self.units])
+        if self.p.raw_reward and self.senses.reward.maximal:
+            reward = reward / (1 - reward) / 10
+        values = [self.value(x, idea).item() for idea in ideas]
+        now = {"x": x, "action": action, "reward": reward.item(), "best": max(values)}
+        now |= {"value": self.value(x, action).item(), "idea": ideas[values.index(max(values))]}
+        error = 0.0 if self.before is None else self.learn(self.before, now)
         self.age += 1
-        self.before = (x, action, rho, idea, (best - own_value).clamp(min=0))
+        self.before = now
+        if self.context:
+            sums = self.context["recurrent_weights"] @ self.units
+            sums = sums + self.context["input_weights"] @ own
+            rates = torch.logspace(math.log10(0.5), math.log10(0.005), len(self.units))
+            self.units = self.units + rates * (torch.tanh(sums) - self.units)
+        return error, now["idea"]
+
+    def learn(self, before, now):
+        p = self.p
+        ahead = now["best"] if p.bootstrap == "max" else now["value"]
+        if p.clipped_bootstrap and now["reward"] < before["reward"] and now["reward"] <= 0:
+            ahead = min(ahead, max(before["reward"], 0))
+        reward = now["reward"] - (before["reward"] if p.reward_form == "difference" else 0)
+        reward -= p.advantage_scale * max(before["best"] - before["value"], 0)
+        error = (reward + p.discount * ahead - self.value(before["x"], before["action"])).item()
+        rate = p.learn_rate
+        if p.initial_learn_rate is not None:
+            rate += (p.initial_learn_rate - rate) * math.exp(-self.age / p.learn_rate_decay_steps)
+        self.move(0, -error * self.value(before["x"], before["action"]), rate)
+        if self.memory:
+            best = p.memory_target == "best"
+            outputs = torch.sigmoid(self.layers(self.memory, before["x"])) - 0.5
+            wanted = before["idea"] if best else before["action"]
+            self.move(1, ((wanted - outputs) ** 2 / 2).sum(), rate if best else error)
         return error
 
-    def learn(self, rho_now, best_now):
-        x, action, rho, idea, advantage = self.before
-        if rho_now < rho and rho_now <= 0:
-            best_now = torch.minimum(best_now, rho.clamp(min=0))
-        target = rho_now - rho + 0.9 * best_now - self.p.advantage_scale * advantage
-        q = self.value(x, action)
-        error, limit = abs(target - q), self.p.td_error_limit or math.inf
-        value_loss = error**2 / 2 if error < limit else limit * (error - limit / 2)
-        outputs = torch.sigmoid(self.layers(self.memory, x))
-        memory_loss = ((idea + 0.5 - outputs) ** 2 / 2).sum()
-        rate = 0.0002 + 0.0018 * math.exp(-self.age / self.p.learn_rate_decay_steps)
-        for adam, loss in zip(self.adams, (value_loss, memory_loss), strict=True):
-            adam.zero_grad()
-            loss.backward()
-            adam.param_groups[0]["lr"] = rate
-            adam.step()
-        return (target - q).detach().clamp(-limit, limit)
+    def move(self, which, loss, rate):
+        optimizer = self.optimizers[which]
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.param_groups[0]["lr"] = rate
+        optimizer.step()
 
 
 def record_proposals(brain):
@@ -130,40 +152,33 @@ def record_proposals(brain):
     return proposed
 
 
+LIVES = [(name, "creative", walls) for name in BRAINS for walls in (False, True)]
+LIVES += [(name, other, True) for name in ("paper", "steady") for other in ("fixed", "random")]
+
+
 @pytest.mark.usefixtures("double_precision")
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"learn_rate_decay_steps": 20.0},
-        {"advantage_scale": 0.3, "initial_epsilon": 0.6},
-        {"td_error_limit": 0.1},
-    ],
-)
-@pytest.mark.parametrize("walls", [False, True])
-def test_each_step_learns_by_the_equations(fields, walls):
-    brain = steady(senses=WALLS if walls else SENSES, **fields)
-    parameters = dataclasses.replace(STEADY, **fields)
-    slow = [SlowBrain(brain, robot, parameters, walls) for robot in range(ROBOTS)]
+@pytest.mark.parametrize(("name", "proposer", "walls"), LIVES)
+def test_every_brain_learns_step_by_step_by_the_equations(name, proposer, walls):
+    quick = {"ideas": 4, "learn_rate_decay_steps": 20.0}
+    parameters = dataclasses.replace(BRAINS[name], **quick)
+    senses = WALLS if walls else SENSES
+    brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, senses)
+    literal = [LiteralBrain(brain, robot, parameters, senses) for robot in range(ROBOTS)]
     proposed = record_proposals(brain)
-    explored = lost = limited = 0
-    for state in sensed(60):
-        actions = brain.act(state, explore=True)
-        errors = brain.learn(state[:, 1 if walls else 0])
-        for robot, own in enumerate(slow):
-            explored += not (proposed[-1][robot] == actions[robot]).all(-1).any()
-            before = own.before
-            error = own.arrive(state[robot], actions[robot], proposed[-1][robot])
-            lost += before is not None and own.before[2] < before[2] and own.before[2] <= 0
-            limited += bool(own.p.td_error_limit) and abs(error) == own.p.td_error_limit
-            torch.testing.assert_close(errors[robot], error, atol=1e-9, rtol=0)
-    assert explored > 10
-    assert lost > 10
-    assert not parameters.td_error_limit or 10 < limited < 60 * ROBOTS - 10
-    for robot, own in enumerate(slow):
+    for step, state in enumerate(sensed(25)):
+        actions = brain.act(state, explore=step % 3 > 0)
+        rewards = state[:, 1 if walls else 0]
+        errors = brain.learn(rewards)
+        for robot, own in enumerate(literal):
+            lived = state[robot], actions[robot], rewards[robot], proposed[-1][robot]
+            error, best = own.arrive(*lived)
+            assert errors[robot].item() == pytest.approx(error, abs=1e-9)
+            assert step % 3 or torch.equal(actions[robot], best)
+    for robot, own in enumerate(literal):
         for owner, weights in (("evaluation", own.q), ("memory", own.memory)):
-            for name, tensor in weights.items():
-                own_value = brain.networks()[f"{owner}.{name}"][robot]
-                torch.testing.assert_close(own_value, tensor.detach(), atol=1e-9, rtol=0)
+            for part, tensor in weights.items():
+                found = brain.networks()[f"{owner}.{part}"][robot]
+                torch.testing.assert_close(found, tensor.detach(), atol=1e-9, rtol=0)
 
 
 def test_steady_differs_from_the_paper_by_its_ingredients_only():
@@ -196,65 +211,74 @@ def test_every_ingredient_can_be_removed_alone_and_has_an_effect(ingredient):
     assert not same(*(brain.networks() for brain in brains))
 
 
-def test_a_robot_placed_elsewhere_does_not_learn_across_and_others_do():
-    across, anew = steady(), steady()
-    states = sensed(6)
-    for brain in (across, anew):
-        run(brain, states[:5])
-    before = snapshot(anew.evaluation.networks.tensors())
-    anew.forget_step(torch.tensor([1]))
-    for brain in (across, anew):
-        brain.act(states[5], explore=False)
-    errors = [brain.learn(states[5][:, 0]) for brain in (across, anew)]
-    assert errors[1][1] == 0
-    assert torch.equal(errors[0][[0, 2]], errors[1][[0, 2]])
-    for name, tensor in anew.evaluation.networks.tensors().items():
-        assert torch.equal(tensor[1], before[name][1])
-        assert not torch.equal(tensor[0], before[name][0])
+# Fields that change nothing while the ingredient that reads them is off, or that are neutral.
+NEUTRAL = [
+    {"epsilon_decay_steps": 5.0, "learn_rate_decay_steps": 5.0},
+    {"initial_epsilon": 0.01, "initial_learn_rate": 0.01},
+    {"raw_reward": True},  # a punishment does not saturate
+    {"random_share": 0.01},  # less than half an idea
+]
 
 
-def test_the_memory_learns_the_best_action_when_the_robot_explores():
-    brain = steady(epsilon=1.0, initial_epsilon=None)
-    proposed = record_proposals(brain)
-    learned = []
-    brain.memory.learn = lambda state, action, rates, rate: learned.append(action.clone())
-    states = sensed(3)
-    for state in states[:2]:
-        brain.act(state, explore=True)
-    brain.learn(states[1][:, 0])
-    values = brain.values(states[0], proposed[0])
-    assert torch.equal(learned[0], proposed[0][torch.arange(ROBOTS), values.argmax(dim=1)])
+@pytest.mark.parametrize("fields", NEUTRAL, ids=lambda fields: " ".join(fields))
+@pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
+def test_what_an_ingredient_adds_leaves_the_papers_life_unchanged_where_it_is_off(fields, proposer):
+    lives = []
+    for parameters in (Parameters(), Parameters(**fields)):
+        brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, WALLS)
+        actions = []
+        for state in sensed(30):
+            actions.append(brain.act(state, explore=True))
+            brain.learn(state[:, 1])
+        lives.append((actions, snapshot(brain.state())))
+    (paper, own), (others, other) = lives
+    assert all(map(torch.equal, paper, others))
+    assert same(own, other)
+
+
+def test_the_papers_checkpoint_has_nothing_of_the_ingredients():
+    brain = Neurocontroller(Parameters(), "creative", ROBOTS, 2, 1)
+    parts = {name.rpartition(".")[0] for name in brain.state()}
+    assert parts == {"", "evaluation", "memory", "now", "noise"}
+    now = {name for name in brain.state() if name.startswith("now.")}
+    assert now == {"now.state", "now.action", "now.value", "now.chained"}
 
 
 @pytest.mark.parametrize(("count", "own"), [(25, 17), (9, 6), (5, 3), (3, 2), (1, 1)])
 def test_a_third_of_the_ideas_are_random_and_the_others_the_memorys(count, own):
     brain = steady(ideas=count, noise=0.0)  # so that the memory's ideas equal its main idea
-    state = sensed(1)[0]
-    ideas = brain.propose(state)
-    main = brain.memory.recall(brain._encoding.state(state))[:, None]
-    alike = (ideas - main).abs().amax(-1) < 1e-6
+    ideas = brain.propose(sensed(1)[0])
+    alike = (ideas - ideas[:, :1]).abs().amax(-1) < 1e-6
     assert ideas.shape == (ROBOTS, count, 2)
     assert alike[:, :own].all()
     assert not alike[:, own:].any()
 
 
-def test_decay_counts_steps_of_training_and_not_of_tests():
-    brain = steady()
-    run(brain, sensed(5))
-    brain.act(sensed(1)[0], explore=False)
-    assert torch.equal(brain.state()["age"], torch.tensor(5))
+@pytest.mark.parametrize(
+    ("fields", "learns"),
+    [
+        ({"noise": 0.0}, False),
+        ({"noisy_share": 0.0}, False),
+        ({"keep_main_idea": True, "ideas": 1}, False),
+        ({"keep_main_idea": True, "ideas": 2}, True),
+        ({"noise": 0.0, "random_share": 0.5}, True),
+        ({"noise": 0.0, "memory_target": "selected"}, True),
+    ],
+)
+def test_a_memory_does_not_learn_from_itself_alone(fields, learns):
+    brain = steady(**{"random_share": 0.0, "ideas": 4, "epsilon": 0.5} | fields)
+    before = snapshot(brain.networks())
+    run(brain, sensed(20))
+    after = brain.networks()
+    assert torch.equal(before["memory.hidden_weights"], after["memory.hidden_weights"]) != learns
+    assert not torch.equal(before["evaluation.hidden_weights"], after["evaluation.hidden_weights"])
 
 
-def test_exploration_and_learning_decrease_with_age():
-    brain = steady(
-        robots=200,
-        epsilon_decay_steps=10,
-        learn_rate_decay_steps=10,
-        epsilon=0.0,
-        exploration_steps=1,
-    )
+def test_exploration_and_learning_decrease_with_steps_of_training_only():
+    fast = {"epsilon_decay_steps": 10, "learn_rate_decay_steps": 10}
+    brain = steady(robots=200, epsilon=0.0, exploration_steps=1, **fast)
     proposed, explored, moved = record_proposals(brain), [], []
-    for state in sensed(100, robots=200):
+    for state in sensed(80, robots=200):
         weights = brain.networks()["evaluation.output_weights"].clone()
         actions = brain.act(state, explore=True)
         brain.learn(state[:, 0])
@@ -263,45 +287,5 @@ def test_exploration_and_learning_decrease_with_age():
     assert 20 < torch.stack(explored[:10]).sum()
     assert torch.stack(explored[60:]).sum() < 20
     assert 3 * sum(moved[60:70]) < sum(moved[1:11])
-
-
-# Independence, and checkpoints
-
-
-@pytest.mark.usefixtures("double_precision")
-def test_robots_behave_the_same_alone_and_in_a_batch():
-    together = steady(proposer="fixed", epsilon=0.0, initial_epsilon=None)
-    alone = [steady(0, "fixed", 1, epsilon=0.0, initial_epsilon=None) for _ in range(ROBOTS)]
-    for robot, brain in enumerate(alone):
-        brain.load_networks({k: t[robot : robot + 1] for k, t in together.networks().items()})
-    for state in sensed(50):
-        actions, errors = together.act(state, explore=True), together.learn(state[:, 0])
-        for robot, brain in enumerate(alone):
-            row = slice(robot, robot + 1)
-            assert torch.equal(brain.act(state[row], explore=True), actions[row])
-            torch.testing.assert_close(brain.learn(state[row, 0]), errors[row], atol=1e-9, rtol=0)
-
-
-@pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
-@pytest.mark.parametrize("steps", [0, 1, 17, 40])
-def test_a_brain_continues_bit_exactly_from_its_state(proposer, steps, monkeypatch):
-    monkeypatch.setattr(NoisePatterns, "LIFETIME", 6)
-    monkeypatch.setattr(NoisePatterns, "POOL", 256)
-    first, second = steady(10, proposer), steady(999, proposer)
-    states = sensed(60)
-    run(first, states[:steps])
-    run(second, states[:7])
-    kept = snapshot(first.state())
-    second.load_state(kept)
-    assert same(second.state(), kept)
-    for one, other in zip(run(first, states[steps:]), run(second, states[steps:]), strict=True):
-        assert torch.equal(one, other)
-    assert same(second.state(), first.state())
-
-
-def test_the_papers_checkpoint_has_nothing_of_the_extensions():
-    brain = Neurocontroller(Parameters(), "creative", ROBOTS, 2, 1)
-    parts = {name.rpartition(".")[0] for name in brain.state()}
-    assert parts == {"", "evaluation", "memory", "now", "noise"}
-    now = {name for name in brain.state() if name.startswith("now.")}
-    assert now == {"now.state", "now.action", "now.value", "now.chained"}
+    brain.act(sensed(1, robots=200)[0], explore=False)
+    assert brain.state()["age"] == 80

@@ -1,16 +1,194 @@
-"""The paper's epsilon-greedy exploration; its statistics are tested in test_neurocontroller."""
+"""Selection: epsilon-greedy, persistent exploration, and the decay of epsilon and learn rate."""
 
+import math
+
+import pytest
 import torch
+from scipy import stats
 
-from musebot.controller.exploration import EpsilonGreedy
+from musebot.controller import Neurocontroller, Parameters
+from musebot.controller.exploration import PersistentExploration, Schedule
+
+# Epsilon-greedy
+
+MOTORS = torch.tensor(Parameters().fixed_motors)
+GRID = torch.cartesian_prod(MOTORS, MOTORS)
 
 
-def test_an_exploratory_action_is_one_of_the_ideas():
-    ideas = torch.rand(300, 25, 2)
-    exploration = EpsilonGreedy(torch.Generator().manual_seed(0))
-    actions, index = exploration.draw(ideas, 0.5)
-    assert actions is ideas
-    assert 100 < (index == -1).sum() < 200
-    assert index.max() < 25
-    assert (exploration.draw(ideas, 0.0)[1] == -1).all()
-    assert (exploration.draw(ideas, 1.0)[1] >= 0).all()
+def exploratory(steps, robots=2000, explore=True, **fields):
+    """Which selected fixed actions are not the best, shape (T, B), and which action was selected.
+
+    Robots sense new random signals in every step.
+    """
+    brain = Neurocontroller(Parameters(**fields), "fixed", robots, 5, seed=6)
+    generator = torch.Generator().manual_seed(0)
+    found, chosen = [], []
+    for _ in range(steps):
+        state = torch.rand(robots, 5, generator=generator) * 2 - 1
+        best = brain.values(state, GRID.expand(robots, -1, -1)).argmax(dim=1)
+        selected = (brain.act(state, explore)[:, None] == GRID).all(-1).long().argmax(dim=1)
+        found.append(selected != best)
+        chosen.append(selected)
+    return torch.stack(found), torch.stack(chosen)
+
+
+def test_without_exploration_or_epsilon_the_best_action_is_selected():
+    assert not exploratory(5, explore=False, epsilon=1.0)[0].any()
+    assert not exploratory(5, epsilon=0.0)[0].any()
+
+
+@pytest.mark.parametrize(
+    ("fields", "share"),
+    [
+        ({"epsilon": 0.01}, 0.01),
+        ({"epsilon": 0.3}, 0.3),
+        ({"test_epsilon": 0.3, "explore": False}, 0.3),
+    ],
+)
+def test_a_share_of_epsilon_of_the_actions_is_exploratory(fields, share):
+    count = int(exploratory(20, **fields)[0].sum())
+    # One of 25 exploratory actions is the best one.
+    assert stats.binomtest(count, 20 * 2000, share * 24 / 25).pvalue > 0.001
+    assert stats.binomtest(count, 20 * 2000, share * 0.6).pvalue < 0.001
+
+
+def test_exploratory_actions_are_uniform_and_robots_explore_independently():
+    _, chosen = exploratory(1, robots=5000, epsilon=1.0)
+    assert stats.chisquare(chosen.flatten().bincount(minlength=25).numpy()).pvalue > 0.001
+    counts = exploratory(30, robots=1000, epsilon=0.5)[0].sum(dim=1)
+    share = 0.5 * 24 / 25
+    squares = ((counts - 1000 * share) ** 2).sum() / (1000 * share * (1 - share))
+    assert 0.001 < stats.chi2(30).cdf(float(squares)) < 0.999
+
+
+# Persistent exploration
+
+ROBOTS, STEPS, LONGEST = 300, 1500, 30
+
+
+def walks(exploration, epsilon=0.05):
+    """Which robots explore, shape (T, B), and their motor values, shape (T, B, 2)."""
+    ideas = torch.zeros(ROBOTS, 25, 2)
+    exploring, motors = [], []
+    for _ in range(STEPS):
+        actions, index = exploration.draw(ideas, epsilon)
+        exploring.append(index >= 0)
+        motors.append(actions[torch.arange(ROBOTS), index])
+    return torch.stack(exploring), torch.stack(motors)
+
+
+def deviations(exploring, motors, epsilon=0.05):
+    """Finds deviations from walks of 1 to 30 steps that start with probability epsilon.
+
+    A correct exploration deviates in fewer than 1 of 100 draws.
+    """
+    found = set()
+    new = torch.ones_like(exploring)
+    new[1:] = ~exploring[:-1] | (motors[1:] != motors[:-1]).any(-1)
+    first = exploring & new
+    # A robot is free to start a walk if it was greedy in the step before or ended a walk in it.
+    free = first | ~exploring
+    share = stats.binomtest(int(first[1:].sum()), int(free[1:].sum()), epsilon)
+    if share.pvalue < 0.002:
+        found.add("frequency")
+    lengths = []
+    for robot in range(ROBOTS):
+        starts = first[:, robot].nonzero()[:, 0]
+        for start in starts[starts < STEPS - LONGEST - 1]:
+            after = free[start + 1 :, robot].long().argmax()
+            lengths.append(int(after) + 1)
+    counts = torch.tensor(lengths).bincount(minlength=LONGEST + 1)
+    if len(counts) > LONGEST + 1 or counts[0] or not _even(counts[1:]):
+        found.add("duration")
+    pairs = motors[first] + 0.5
+    for side in (0, 1):
+        if stats.kstest(pairs[:, side].numpy(), "uniform").pvalue < 0.002:
+            found.add("distribution")
+    if abs(stats.pearsonr(*pairs.T.numpy()).statistic) > 0.05:
+        found.add("distribution")
+    return found
+
+
+def _even(counts):
+    return stats.chisquare(counts.numpy()).pvalue > 0.002
+
+
+def persistent(seed=3):
+    return PersistentExploration(ROBOTS, LONGEST, torch.Generator().manual_seed(seed))
+
+
+def test_a_random_pair_is_kept_for_1_to_30_steps_and_starts_with_epsilon():
+    assert deviations(*walks(persistent())) == set()
+
+
+class TooLong(PersistentExploration):
+    """Walks of 2 to 31 steps."""
+
+    def draw(self, actions, epsilon):
+        before = self._left.clone()
+        actions, index = super().draw(actions, epsilon)
+        self._left += ((before == 0) & (index >= 0)).long()
+        return actions, index
+
+
+class EqualMotors(PersistentExploration):
+    """Equal motor values for both wheels."""
+
+    def draw(self, actions, epsilon):
+        actions, index = super().draw(actions, epsilon)
+        return actions[..., :1].expand(-1, -1, 2), index
+
+
+@pytest.mark.parametrize(
+    ("wrong", "deviation"), [(TooLong, "duration"), (EqualMotors, "distribution")]
+)
+def test_the_check_detects_wrong_walks(wrong, deviation):
+    generator = torch.Generator().manual_seed(3)
+    assert deviation in deviations(*walks(wrong(ROBOTS, LONGEST, generator)))
+
+
+def test_the_check_detects_another_epsilon():
+    assert "frequency" in deviations(*walks(persistent(), 0.055), epsilon=0.05)
+
+
+def test_the_ideas_are_unchanged_and_the_pair_comes_last():
+    ideas = torch.rand(ROBOTS, 25, 2) - 0.5
+    actions, index = persistent().draw(ideas, 0.5)
+    assert actions.shape == (ROBOTS, 26, 2)
+    assert torch.equal(actions[:, :25], ideas)
+    assert set(index.tolist()) == {-1, 25}
+
+
+def test_a_walk_continues_when_epsilon_falls_to_zero():
+    exploration = persistent()
+    ideas = torch.zeros(ROBOTS, 25, 2)
+    exploration.draw(ideas, 1.0)
+    left = exploration.tensors()["left"].clone()
+    going = [int((exploration.draw(ideas, 0.0)[1] >= 0).sum()) for _ in range(LONGEST)]
+    assert going == [int((left > step).sum()) for step in range(LONGEST)]
+    assert going[-1] == 0
+
+
+# Decay
+
+
+@pytest.mark.parametrize("age", [0, 1, 24000, 10**7])
+def test_a_schedule_decays_exponentially_or_is_constant(age):
+    decaying, constant = Schedule(0.04, 0.3, 24000), Schedule(0.04, None, 24000)
+    for schedule in (decaying, constant):
+        schedule.update(age)
+    assert decaying.value == pytest.approx(0.04 + 0.26 * math.exp(-age / 24000))
+    assert constant.value == 0.04
+    assert (decaying.decays, constant.decays) == (True, False)
+
+
+def test_on_another_device_a_decaying_value_is_a_tensor_that_keeps_its_place():
+    """A recorded step reads it where it was when the step was recorded."""
+    with torch.device("meta"):
+        decaying, constant = Schedule(0, 1, 10.0), Schedule(0.04, None, 10.0)
+    place = decaying.value
+    for age in (0, 1, 10**7):
+        decaying.update(age)
+        assert decaying.value is place
+    assert place.device.type == "meta" and place.dtype == torch.float32
+    assert constant.value == 0.04

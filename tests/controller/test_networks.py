@@ -1,4 +1,4 @@
-"""Outputs and gradients of one-hidden-layer networks, against autograd."""
+"""Outputs and gradients of one-hidden-layer networks against autograd; Adam against torch's."""
 
 import pytest
 import torch
@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from musebot.controller import Networks
-from musebot.controller.networks import ACTIVATIONS, load_into
+from musebot.controller.networks import ACTIVATIONS, SGD, Adam, load_into
 
 quick = settings(deadline=None, max_examples=30)
 shapes = st.fixed_dictionaries(
@@ -44,18 +44,6 @@ def output_sums(w, x, activation):
     function = {"logistic": torch.sigmoid, "tanh": torch.tanh}[activation]
     hidden = function(w["hidden_weights"] @ x.double() + w["hidden_biases"])
     return w["output_weights"] @ hidden + w["output_biases"]
-
-
-def only(networks, robot):
-    """A batch of one, with the weights of one robot of a batch."""
-    robots, hidden, inputs = networks.hidden_weights.shape
-    outputs = networks.output_biases.shape[1]
-    alone = Networks(1, inputs, hidden, outputs, 1.0, torch.Generator())
-    alone.activation = networks.activation
-    load_into(
-        alone.tensors(), {name: t[robot : robot + 1] for name, t in networks.tensors().items()}
-    )
-    return alone
 
 
 @quick
@@ -96,32 +84,9 @@ def test_ascend_follows_the_gradient_of_autograd(shape):
 def test_adding_the_gradient_equals_ascend(shape):
     (one, x, steps), (other, _, _) = drawn(**shape), drawn(**shape)
     one.ascend(x, one.forward(x)[0], steps)
-    other.add(other.gradient(x, other.forward(x)[0], steps))
+    other.weights += other.gradient(x, other.forward(x)[0], steps)
     for name, tensor in one.tensors().items():
         torch.testing.assert_close(tensor, other.tensors()[name], atol=1e-6, rtol=1e-6)
-
-
-@quick
-@given(shapes)
-def test_a_batch_equals_batches_of_one(shape):
-    networks, x, steps = drawn(**shape)
-    alone = [only(networks, robot) for robot in range(shape["robots"])]
-    hidden, output = networks.forward(x)
-    networks.ascend(x, hidden, steps)
-    for robot, single in enumerate(alone):
-        row = slice(robot, robot + 1)
-        own_hidden, own_output = single.forward(x[row])
-        torch.testing.assert_close(output[row], own_output, atol=1e-6, rtol=1e-6)
-        single.ascend(x[row], own_hidden, steps[row])
-        for name, tensor in single.tensors().items():
-            torch.testing.assert_close(networks.tensors()[name][row], tensor, atol=1e-6, rtol=1e-6)
-
-
-def test_a_step_of_zero_changes_nothing():
-    networks, x, steps = drawn(3, 4, 5, 2, seed=0)
-    before = {name: tensor.clone() for name, tensor in networks.tensors().items()}
-    networks.ascend(x, networks.forward(x)[0], torch.zeros_like(steps))
-    assert all(torch.equal(before[name], t) for name, t in networks.tensors().items())
 
 
 def test_initial_weights_and_biases_are_uniform_in_the_initial_range():
@@ -139,16 +104,7 @@ def test_initial_networks_differ_between_robots():
         assert len(tensor.flatten(1).unique(dim=0)) == 50
 
 
-def test_load_overwrites_in_place():
-    networks, x, _ = drawn(2, 3, 4, 1, seed=6)
-    other, _, _ = drawn(2, 3, 4, 1, seed=7)
-    before = networks.tensors()
-    load_into(networks.tensors(), other.tensors())
-    assert all(networks.tensors()[name] is tensor for name, tensor in before.items())
-    assert torch.equal(networks.forward(x)[1], other.forward(x)[1])
-
-
-@pytest.mark.parametrize("name", Networks.NAMES)
+@pytest.mark.parametrize("name", ["hidden_weights", "output_biases"])
 def test_load_refuses_a_missing_or_misshapen_tensor_by_name_and_changes_nothing(name):
     networks, _, _ = drawn(2, 3, 4, 1, seed=6)
     other, _, _ = drawn(2, 3, 4, 1, seed=7)
@@ -161,19 +117,60 @@ def test_load_refuses_a_missing_or_misshapen_tensor_by_name_and_changes_nothing(
     assert all(torch.equal(before[k], tensor) for k, tensor in networks.tensors().items())
 
 
-def test_a_removed_connection_stays_removed_and_the_others_follow_the_gradient():
-    shape = {"robots": 2, "inputs": 3, "hidden": 4, "outputs": 1, "seed": 7}
-    connected = torch.tensor([[1.0, 0, 1], [1, 1, 0], [0, 0, 0], [1, 1, 1]])
-    (one, x, steps), (other, _, _), (whole, _, _) = (drawn(**shape) for _ in range(3))
-    for networks in (one, other):
-        networks.disconnect(connected)
-    whole.hidden_weights *= connected
-    for _ in range(3):
-        one.ascend(x, one.forward(x)[0], steps)
-        other.add(other.gradient(x, other.forward(x)[0], steps))
-        whole.ascend(x, whole.forward(x)[0], steps)
-        whole.hidden_weights *= connected
-    assert not one.hidden_weights[:, connected == 0].any()
-    for name, tensor in one.tensors().items():
-        torch.testing.assert_close(tensor, other.tensors()[name], atol=1e-6, rtol=1e-6)
-        torch.testing.assert_close(tensor, whole.tensors()[name], atol=1e-6, rtol=1e-6)
+# Optimizers
+
+ROBOTS, INPUTS, HIDDEN, OUTPUTS = 4, 3, 5, 2
+
+
+def initial():
+    return drawn(ROBOTS, INPUTS, HIDDEN, OUTPUTS, seed=1, activation="tanh")[0]
+
+
+def updates(count, seed=2):
+    """Inputs, errors and who learns in each step; no robot learns in every step."""
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(count):
+        inputs = torch.rand(ROBOTS, INPUTS, generator=generator) * 2 - 1
+        steps = torch.rand(ROBOTS, OUTPUTS, generator=generator) * 2 - 1
+        learning = (torch.rand(ROBOTS, generator=generator) < 0.7).double()
+        yield inputs, steps * learning[:, None], learning
+
+
+def train(networks, optimizer, rate, count=40):
+    for inputs, steps, learning in updates(count):
+        hidden, _ = networks.forward(inputs)
+        optimizer.ascend(inputs, hidden, steps, rate, learning)
+
+
+@pytest.mark.usefixtures("double_precision")
+def test_adam_equals_torchs_adam_in_the_steps_in_which_a_robot_learns():
+    networks = initial()
+    twins = [
+        {
+            name: tensor[robot].clone().requires_grad_()
+            for name, tensor in networks.tensors().items()
+        }
+        for robot in range(ROBOTS)
+    ]
+    torchs = [torch.optim.Adam(twin.values(), lr=0.01) for twin in twins]
+    train(networks, Adam(networks), 0.01)
+    for inputs, steps, learning in updates(40):
+        for robot, (w, adam) in enumerate(zip(twins, torchs, strict=True)):
+            if learning[robot]:
+                adam.zero_grad()
+                hidden = torch.tanh(w["hidden_weights"] @ inputs[robot] + w["hidden_biases"])
+                output = w["output_weights"] @ hidden + w["output_biases"]
+                (-(steps[robot] * output).sum()).backward()
+                adam.step()
+    for robot, w in enumerate(twins):
+        for name, tensor in networks.tensors().items():
+            torch.testing.assert_close(tensor[robot], w[name].detach(), atol=1e-10, rtol=0)
+
+
+@quick
+@given(shapes, st.floats(0, 2))
+def test_a_plain_gradient_step_is_the_gradient_times_the_learn_rate(shape, rate):
+    (one, x, steps), (other, _, _) = drawn(**shape), drawn(**shape)
+    SGD(one).ascend(x, one.forward(x)[0], steps, rate, torch.ones(shape["robots"]))
+    other.weights += rate * other.gradient(x, other.forward(x)[0], steps)
+    torch.testing.assert_close(one.weights, other.weights, atol=1e-6, rtol=1e-6)

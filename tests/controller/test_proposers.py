@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from helpers import ideas_of, proposals_of
 from scipy import stats
 
 from musebot.controller import (
@@ -25,14 +24,6 @@ def test_the_fixed_actions_are_the_papers_25_pairs_for_every_robot():
     for own in fixed_actions():
         assert len(own) == 25
         assert set(own) == {(left, right) for left in values for right in values}
-
-
-def test_five_fixed_actions_are_pure_spinning_or_standing_still():
-    (own,) = fixed_actions(1)
-    assert (0.0, 0.0) in own
-    assert (0.5, -0.5) in own
-    assert (0.5, 0.5) in own  # "straight ahead with maximal speed"
-    assert sum(left == -right for left, right in own) == 5
 
 
 def test_fixed_actions_of_whole_numbers_are_floats():
@@ -83,24 +74,19 @@ def test_the_check_detects_a_wrong_distribution(wrong):
     assert not uniform_enough(wrong(u))
 
 
-def test_random_actions_differ_between_steps_robots_and_actions():
-    proposer = RandomActions(25, torch.Generator().manual_seed(0))
-    actions = torch.stack([proposer.propose(torch.zeros(6, 5)) for _ in range(4)])
-    assert len(actions.reshape(-1, 2).unique(dim=0)) == 4 * 6 * 25
-
-
-def test_creative_actions_are_the_ideas_of_the_memory():
+def test_creative_actions_are_the_ideas_of_the_memory_and_then_the_random_ones():
     generator = torch.Generator().manual_seed(0)
     memory = CreativeMemory(Parameters(), 3, 5, generator)
-    proposer = CreativeActions(memory, 25)
-    state = torch.rand(3, 5)
-    start = generator.get_state()
-    ideas = ideas_of(memory, state, 25)
-    memory.patterns.tensors()["age"].fill_(
-        memory.patterns.LIFETIME
-    )  # the age before the first draw
+    memory.patterns.renew()
+    state, start = torch.rand(3, 5), generator.get_state()
+    ideas = memory.ideas(state, 20)
+    others = RandomActions(5, generator)
+    random = others.propose(state)
     generator.set_state(start)
-    assert torch.equal(proposals_of(proposer, state), ideas)
+    assert torch.equal(CreativeActions(memory, 20, None).propose(state), ideas)
+    generator.set_state(start)
+    both = CreativeActions(memory, 20, others).propose(state)
+    assert torch.equal(both, torch.cat([ideas, random], dim=1))
 
 
 @pytest.mark.parametrize("proposer", PROPOSERS)

@@ -42,8 +42,8 @@ NESTED = ("[" * 10**5, "[" * 50 + "]" * 50, "{}", '{"a":1}', "[1e400]", "[NaN]",
 PARAMETERS = (
     "ideas", "evaluation_hidden", "memory_hidden", "epsilon", "learn_rate", "initial_range",
     "noise",
-    "fixed_motors", "exploration_steps", "stopping_steps", "discount", "bootstrap", "random_share",
-    "optimizer", "td_error_limit", "epsilon_decay_steps", "raw_signals", "nothing", "__class__",
+    "fixed_motors", "exploration_steps", "discount", "bootstrap", "random_share",
+    "optimizer", "epsilon_decay_steps", "raw_signals", "nothing", "__class__",
 )  # fmt: skip
 KINEMATICS = ("radius", "wheel_base", "lag", "pieces", "wall", "felt", "any_contact", "x")
 

@@ -11,7 +11,6 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from musebot.controller import BRAINS, NoisePatterns, Parameters
-from musebot.controller.extensions.decay import Decay
 from musebot.models import Kinematics
 from musebot.protocols.lives.cohort import Cohort, advance_together
 from musebot.protocols.lives.conditions import CohortKey, Condition
@@ -94,15 +93,10 @@ WAYS = {
     "paper": Parameters(),
     "steady": STEADY,
     "recurrent": BRAINS["recurrent"],
-    "stopping": Parameters(stopping_steps=5),
     "held-noise": Parameters(noise_steps=7),
     "noise-for-life": Parameters(noise_steps=0, test_epsilon=0.1),
     "noise-on-biases": Parameters(noise_on_biases=True),
-    "adapted": dataclasses.replace(STEADY, keep_main_idea=True, noise_adaptation=0.01),
-    **{
-        name: dataclasses.replace(STEADY, novelty=name)
-        for name in ("none", "action", "uniform", "sobol", "cross_entropy", "learned")
-    },
+    "main-idea": dataclasses.replace(STEADY, keep_main_idea=True),
 }
 LIKE_MUJOCO = Kinematics(felt="pushed", wall="turns", lag=0.08)
 
@@ -117,8 +111,8 @@ def cohort(brain, proposer="creative", task="wall_avoidance", kinematics=LIKE_MU
     )
     task = task or experiment.tasks[0]
     made = Cohort(experiment, CohortKey(Condition(task, proposer), 0))
-    for schedule in (made.agent.controller._epsilon, made.agent.controller._learn_rate):
-        if isinstance(schedule, Decay):  # as on another device
+    for schedule in (made.agent.controller.epsilon, made.agent.controller.learn_rate):
+        if schedule.decays:  # as on another device
             schedule.value = torch.zeros((), dtype=torch.float64)
     return made
 
@@ -183,7 +177,7 @@ def test_cohorts_on_one_batch_replay_their_own_steps(tapes, monkeypatch):
 def test_a_number_that_changes_on_the_host_only_would_be_found(tapes, monkeypatch):
     """The comparisons above can fail: here a replay does not see the learn rate."""
     ours = cohort(STEADY)
-    ours.agent.controller._learn_rate.value = 0.0
+    ours.agent.controller.learn_rate.value = 0.0
     ours.advance(ours.steps)
     with pytest.raises(AssertionError):
         assert_equal(ours, direct(monkeypatch, STEADY))

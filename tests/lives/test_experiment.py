@@ -91,7 +91,7 @@ from musebot.protocols.lives.schedules import PROTOCOLS, SCHEDULES
                 {"nose": "printed", "brain": BRAINS[name]},
                 "a brain that uses the maximal smell needs the nose 'inverse'",
             )
-            for name in ("steady", "steady-raw_reward", "steady-raw_signals", "paper-stopping")
+            for name in ("steady", "steady-raw_reward", "steady-raw_signals")
         ),
     ],
 )

@@ -133,7 +133,6 @@ def test_a_run_that_has_more_robots_than_the_plan_keeps_them(run, whole):
     "changes",
     [
         {"context_neurons": 2},
-        {"keep_main_idea": True, "noise_adaptation": 0.01, "initial_range": 0.5},
         {"context_neurons": 10, "initial_range": 0.2},
     ],
 )

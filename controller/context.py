@@ -1,4 +1,4 @@
-"""A recurrent context: an echo state network whose units are further inputs of both networks."""
+"""Beyond the paper: a recurrent context, units that are further inputs of both networks."""
 
 from __future__ import annotations
 

@@ -1,0 +1,344 @@
+"""Fields of dataclasses that declare which values they allow, in which unit, and why.
+
+Example:
+  A class with two fields, a value that is refused, a description and a replacement:
+
+    @dataclasses.dataclass(frozen=True)
+    class Settings(Checked):
+        speed: float = number(0.2, 0, 10, "(]", unit="m/s")
+        steps: int = whole(1, 1, 1000, reason="more take hours")
+
+    Settings(speed=0)                       # speed must be a number in (0, 10] m/s, got 0
+    described(field_of(Settings, "speed"))  # a number in (0, 10] m/s
+    with_words(Settings(), ["speed=0.1"])   # Settings(speed=0.1, steps=1)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import reprlib
+import sys
+from collections.abc import Iterable
+from typing import Any, TypeVar, get_args
+
+Instance = TypeVar("Instance")
+
+_WHOLE = re.compile(r"[+-]?[0-9]{1,100}")
+
+
+class Allowed:
+    """The values that a field allows; `str` describes them, as in "a number in [0, 1]"."""
+
+    def __contains__(self, value: Any) -> bool:
+        """Returns whether a value is allowed; no value raises an error."""
+        raise NotImplementedError
+
+    def read(self, text: str) -> Any:
+        """Returns the value that a text means, allowed or not: here the text.
+
+        Raises:
+          ValueError: The text is of another kind.
+        """
+        return text
+
+
+@dataclasses.dataclass(frozen=True)
+class Flag(Allowed):
+    """True and false."""
+
+    def __contains__(self, value: Any) -> bool:
+        return type(value) is bool
+
+    def __str__(self) -> str:
+        return "true or false"
+
+    def read(self, text: str) -> Any:
+        """Reads "true" or "false"."""
+        if text not in ("true", "false"):
+            raise ValueError(text)
+        return text == "true"
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice(Allowed):
+    """Some strings."""
+
+    options: tuple[str, ...]
+
+    def __contains__(self, value: Any) -> bool:
+        return type(value) is str and value in self.options
+
+    def __str__(self) -> str:
+        return " or ".join(map(repr, self.options))
+
+
+@dataclasses.dataclass(frozen=True)
+class Text(Allowed):
+    """Strings that match a pattern as a whole; `words` describes them."""
+
+    pattern: str
+    words: str
+
+    def __contains__(self, value: Any) -> bool:
+        return type(value) is str and re.fullmatch(self.pattern, value) is not None
+
+    def __str__(self) -> str:
+        return self.words
+
+
+@dataclasses.dataclass(frozen=True)
+class Whole(Allowed):
+    """Whole numbers from `low` to `high`."""
+
+    low: int
+    high: int
+
+    def __contains__(self, value: Any) -> bool:
+        return type(value) is int and self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"a whole number from {self.low} to {self.high}"
+
+    def read(self, text: str) -> Any:
+        """Reads a decimal number."""
+        if not _WHOLE.fullmatch(text):
+            raise ValueError(text)
+        return int(text)
+
+
+@dataclasses.dataclass(frozen=True)
+class Number(Allowed):
+    """Numbers from `low` to `high`; "(" or ")" in `ends` excludes an end."""
+
+    low: float
+    high: float
+    ends: str = "[]"
+
+    def __contains__(self, value: Any) -> bool:
+        if type(value) not in (int, float) or not self.low <= value <= self.high:
+            return False
+        below = value == self.low and self.ends[0] == "("
+        above = value == self.high and self.ends[1] == ")"
+        return not (below or above)
+
+    def __str__(self) -> str:
+        return f"a number in {self.ends[0]}{self.low:g}, {self.high:g}{self.ends[1]}"
+
+    def read(self, text: str) -> Any:
+        """Reads a decimal number."""
+        return int(text) if _WHOLE.fullmatch(text) else float(text)
+
+
+@dataclasses.dataclass(frozen=True)
+class Several(Allowed):
+    """Tuples of 1 to `most` values; a text has commas between them."""
+
+    each: Allowed
+    most: int
+
+    def __contains__(self, value: Any) -> bool:
+        if type(value) is not tuple or not 1 <= len(value) <= self.most:
+            return False
+        return all(one in self.each for one in value)
+
+    def __str__(self) -> str:
+        return f"1 to {self.most} values, each {self.each}"
+
+    def read(self, text: str) -> Any:
+        """Reads values with commas between them, with or without brackets."""
+        inner = text[1:-1] if text[:1] + text[-1:] == "[]" else text
+        return tuple(self.each.read(one.strip()) for one in inner.split(","))
+
+
+def field(default: Any, allowed: Allowed, unit: str = "", reason: str = "") -> Any:
+    """Returns a dataclass field that allows certain values; see `whole`, `number` and so on.
+
+    Args:
+      default: Default of the field; None makes the field optional.
+      allowed: Allowed values.
+      unit: Unit of the value, such as "m/s"; "" for none.
+      reason: Reason for the range, for the reference page; "" if it is plain.
+    """
+    notes = {"allowed": allowed, "optional": default is None, "unit": unit, "reason": reason}
+    return dataclasses.field(default=default, metadata=notes)
+
+
+def flag(default: bool | None, **notes: str) -> Any:
+    """Returns a dataclass field that is true or false; `notes` are those of `field`."""
+    return field(default, Flag(), **notes)
+
+
+def choice(default: str | None, literal: Any, **notes: str) -> Any:
+    """Returns a dataclass field that is one of the strings of a `Literal`."""
+    return field(default, Choice(get_args(literal)), **notes)
+
+
+def text(default: str | None, pattern: str, words: str, **notes: str) -> Any:
+    """Returns a dataclass field of strings that match a pattern, which `words` describe."""
+    return field(default, Text(pattern, words), **notes)
+
+
+def whole(default: int | None, low: int, high: int, **notes: str) -> Any:
+    """Returns a dataclass field of a whole number from `low` to `high`."""
+    return field(default, Whole(low, high), **notes)
+
+
+def number(default: float | None, low: float, high: float, ends: str = "[]", **notes: str) -> Any:
+    """Returns a dataclass field of a number from `low` to `high`.
+
+    Args:
+      default: Default of the field; None makes the field optional.
+      low: Lower end of the range.
+      high: Upper end of the range.
+      ends: Brackets of the range; "(" and ")" exclude an end.
+      **notes: Unit and reason, as for `field`.
+    """
+    return field(default, Number(low, high, ends), **notes)
+
+
+def numbers(
+    default: tuple[float, ...] | None, low: float, high: float, most: int, **notes: str
+) -> Any:
+    """Returns a dataclass field of 1 to `most` numbers from `low` to `high`."""
+    return field(default, Several(Number(low, high), most), **notes)
+
+
+class Checked:
+    """Base of frozen dataclasses: checks the declared fields of every new instance."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where a value is not allowed."""
+        check(self)
+
+
+def check(instance: Any) -> None:
+    """Checks all declared fields of a dataclass instance; numbers of NumPy become Python's.
+
+    Raises:
+      ValueError: A value is not allowed, for example
+        "epsilon must be a number in [0, 1], got 2".
+    """
+    for one in dataclasses.fields(instance):
+        if "allowed" in one.metadata:
+            value = checked(one, getattr(instance, one.name))
+            object.__setattr__(instance, one.name, value)
+
+
+def checked(one: dataclasses.Field[Any], value: Any) -> Any:
+    """Returns a value of a declared field; a number of NumPy becomes Python's.
+
+    Raises:
+      ValueError: The value is not allowed.
+    """
+    numpy = sys.modules.get("numpy")  # a number of NumPy exists only where NumPy is loaded
+    if numpy is not None and isinstance(value, numpy.generic):
+        value = value.item()
+    if value is None and one.metadata["optional"]:
+        return None
+    if value not in one.metadata["allowed"]:
+        raise _refusal(one, value)
+    return value
+
+
+def described(one: dataclasses.Field[Any]) -> str:
+    """Returns which values a declared field allows: "a number in (0, 10] m/s or none"."""
+    notes = one.metadata
+    words = [str(notes["allowed"]), notes["unit"], "or none" if notes["optional"] else ""]
+    return " ".join(filter(None, words))
+
+
+def field_of(owner: Any, name: str) -> dataclasses.Field[Any]:
+    """Returns a field of a dataclass, or of an instance, by its name.
+
+    Raises:
+      KeyError: There is no such field.
+    """
+    return {one.name: one for one in dataclasses.fields(owner)}[name]
+
+
+def read(one: dataclasses.Field[Any], text: str) -> Any:
+    """Returns the value of a declared field that a text means: "0.1", "true", "none".
+
+    Raises:
+      ValueError: The text is of another kind, or its value is not allowed.
+    """
+    if text in ("none", "null") and one.metadata["optional"]:
+        return None
+    try:
+        value = one.metadata["allowed"].read(text)
+    except ValueError:
+        raise _refusal(one, text) from None
+    return checked(one, value)
+
+
+def with_words(instance: Instance, words: Iterable[str]) -> Instance:
+    """Returns a dataclass instance with some fields replaced.
+
+    Args:
+      instance: Instance to start from.
+      words: Replacements NAME=VALUE; a field of a field that is a dataclass has a dotted name,
+        as in "brain.epsilon=0.1".
+
+    Raises:
+      ValueError: A word has another form, a name is unknown or given twice, or a value is not
+        allowed.
+    """
+    names = names_of(instance)
+    fields: dict[str, Any] = {}
+    inner: dict[str, list[str]] = {}
+    for word in words:
+        name, given, value = word.partition("=")
+        if not given or name not in names:
+            raise ValueError(f"{shown(word)} must be NAME=VALUE, NAME one of {', '.join(names)}")
+        owner, dotted, rest = name.partition(".")
+        if dotted:
+            inner.setdefault(owner, []).append(f"{rest}={value}")
+        elif name in fields:
+            raise ValueError(f"{name} is given twice")
+        else:
+            fields[name] = read(field_of(instance, name), value)
+    for owner, its_words in inner.items():
+        fields[owner] = with_words(getattr(instance, owner), its_words)
+    return dataclasses.replace(instance, **fields)  # type: ignore[type-var]
+
+
+def names_of(instance: Any) -> list[str]:
+    """Returns the names that `with_words` takes, those of inner dataclasses dotted."""
+    names = []
+    for one in dataclasses.fields(instance):
+        value = getattr(instance, one.name)
+        if dataclasses.is_dataclass(value):
+            names += [f"{one.name}.{name}" for name in names_of(value)]
+        elif "allowed" in one.metadata:
+            names.append(one.name)
+    return names
+
+
+class _Short(reprlib.Repr):
+    """A `repr` that reads the beginning of a value only."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 2
+
+    def repr_int(self, x: int, level: int) -> str:
+        return repr(x) if x.bit_length() < 2000 else "a number of too many digits"
+
+    def repr_instance(self, x: Any, level: int) -> str:
+        if isinstance(x, str | bytes | bytearray):
+            return repr(x[:100])
+        small = x is None or isinstance(x, bool | float | complex)
+        return repr(x) if small else f"an object of type {type(x).__name__}"
+
+    repr_str = repr_instance
+
+
+def shown(value: Any) -> str:
+    """Returns a value as an error shows it: at most 60 characters; a huge value is cut first."""
+    brief = _Short().repr(value)
+    return brief if len(brief) <= 60 else f"{brief[:57]}..."
+
+
+def _refusal(one: dataclasses.Field[Any], value: Any) -> ValueError:
+    return ValueError(f"{one.name} must be {described(one)}, got {shown(value)}")

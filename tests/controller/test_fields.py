@@ -1,0 +1,248 @@
+"""Declared fields: every field of a brain accepts exactly the values that its words describe."""
+
+import dataclasses
+import json
+import math
+import re
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musebot.controller import Parameters
+from musebot.controller.fields import (
+    Checked,
+    check,
+    choice,
+    described,
+    field_of,
+    flag,
+    names_of,
+    number,
+    numbers,
+    read,
+    shown,
+    text,
+    whole,
+    with_words,
+)
+
+quick = settings(deadline=None, max_examples=40)
+FIELDS = {field.name: field for field in dataclasses.fields(Parameters)}
+every_field = pytest.mark.parametrize("name", FIELDS)
+
+
+@dataclasses.dataclass(frozen=True)
+class Inner(Checked):
+    share: float = number(0.5, 0, 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sample(Checked):
+    """A field of each kind."""
+
+    speed: float | None = number(None, 0, 10, "(]", unit="m/s", reason="faster it jumps")
+    steps: int | None = whole(None, 1, 9)
+    colour: str = choice("red", Literal["red", "blue"])
+    device: str = text("cpu", "cpu|cuda:[0-9]", "cpu or cuda:N")
+    on: bool = flag(False)
+    shares: tuple[float, ...] = numbers((0.0,), 0, 1, 3)
+    inner: Inner = Inner()
+    undeclared: object = None
+
+
+def number_in(value, words):
+    """Whether a value is in a range such as "a number in (0, 10]", by its words alone."""
+    opening, low, high, closing = re.search(r"([\[(])(\S+), (\S+?)([\])])", words).groups()
+    if type(value) not in (int, float) or value != value:
+        return False
+    above = value > float(low) or opening == "[" and value == float(low)
+    below = value < float(high) or closing == "]" and value == float(high)
+    return above and below
+
+
+def allows(words, value):
+    """Whether a value is allowed, by the words that describe the allowed values."""
+    if words.endswith(" or none"):
+        return value is None or allows(words.removesuffix(" or none"), value)
+    if several := re.match(r"1 to (\d+) values, each (.*)", words):
+        most, each = int(several[1]), several[2]
+        return type(value) is tuple and 1 <= len(value) <= most and all(
+            number_in(one, each) for one in value
+        )  # fmt: skip
+    if limits := re.match(r"a whole number from (\d+) to (\d+)", words):
+        return type(value) is int and int(limits[1]) <= value <= int(limits[2])
+    if words.startswith("a number in"):
+        return number_in(value, words)
+    if words == "true or false":
+        return value is True or value is False
+    return isinstance(value, str) and repr(value) in words.split(" or ")
+
+
+def near(words):
+    """Values at the ends of a range, and beside them."""
+    ends = [float(x) for x in re.findall(r"-?\d+(?:\.\d+)?", words)]
+    beside = [math.nextafter(x, toward) for x in ends for toward in (-math.inf, math.inf)]
+    wholes = [int(x) + step for x in ends for step in (-1, 0, 1)]
+    return [*ends, *beside, *wholes]
+
+
+STRANGE = [
+    *(None, True, False, math.nan, math.inf, -math.inf, 10**400, 10**5000, "", "no", b"sgd"),
+    *((), [], {}, [0.0], (0.1, "a"), (math.nan,), (0.0,) * 100, (0,) * 101, {"a"}, 1j, object()),
+    *("logistic", "tanh", "signal", "difference", "on_policy", "max", "adam", "best", "Tanh"),
+]
+
+
+@every_field
+def test_a_field_accepts_exactly_the_values_that_its_words_describe(name):
+    words = described(FIELDS[name])
+    values = [*STRANGE, *near(words), *[(x,) for x in near(words)]]
+    accepted = 0
+    for value in values:
+        if allows(words, value):
+            accepted += 1
+            assert getattr(Parameters(**{name: value}), name) == value
+        else:
+            with pytest.raises(ValueError) as error:
+                Parameters(**{name: value})
+            assert str(error.value) == f"{name} must be {words}, got {shown(value)}"
+            assert len(str(error.value)) < 200
+    assert 0 < accepted < len(values)
+
+
+@every_field
+@quick
+@given(
+    st.one_of(st.integers(), st.floats(), st.floats(-1, 1), st.text("abz _,\n"), st.integers(0, 30))
+)
+def test_a_text_means_what_it_means_in_json_or_is_refused(name, value):
+    field = FIELDS[name]
+    own = value if isinstance(value, str) else json.dumps(value)
+    several = "values, each" in described(field)
+    wanted = (value,) if several else value
+    if allows(described(field), wanted):
+        assert read(field, own) == wanted
+        assert getattr(with_words(Parameters(), [f"{name}={own}"]), name) == wanted
+    elif own not in ("true", "false", "none", "null"):
+        with pytest.raises(ValueError, match=f"^{name} must be "):
+            read(field, own)
+
+
+def test_the_defaults_are_the_papers_parameters():
+    papers = [*FIELDS][: [*FIELDS].index("activation")]  # those beyond the paper follow
+    assert {name: getattr(Parameters(), name) for name in papers} == {
+        "evaluation_hidden": 7,  # "seven hidden neurons in the evaluation net"
+        "learn_rate": 0.01,  # eta
+        "discount": 0.9,  # gamma
+        "epsilon": 0.01,
+        "test_epsilon": 0.0,
+        "fixed_motors": (-0.5, -0.25, 0.0, 0.25, 0.5),
+        "ideas": 25,  # "the same number of 25 potential actions"
+        "memory_hidden": 5,  # "five in the memory net"
+        "noise": 0.76,  # sigma
+        "noisy_share": 0.25,  # "noise in a quarter of all connections"
+        "noise_steps": 1,
+        "noise_on_biases": False,
+        "keep_main_idea": False,
+        "initial_range": 1.0,  # "from the interval [-1.0, 1.0]"
+    }
+    assert Parameters().activation == "logistic"  # "neurons with logistic activation function"
+    assert Parameters().reward_form == "signal"  # "reward is identical to specific sensor signals"
+    assert Parameters().bootstrap == "on_policy"  # SARSA
+    assert Parameters().memory_target == "selected"  # "trained with the state-action pair selected"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"speed": 0}, "speed must be a number in (0, 10] m/s or none, got 0"),
+        ({"steps": True}, "steps must be a whole number from 1 to 9 or none, got True"),
+        ({"colour": "green"}, "colour must be 'red' or 'blue', got 'green'"),
+        ({"device": "cuda:1\n"}, "device must be cpu or cuda:N, got 'cuda:1\\n'"),
+        ({"on": 1}, "on must be true or false, got 1"),
+        ({"shares": (2,)}, "shares must be 1 to 3 values, each a number in [0, 1], got (2,)"),
+        ({"shares": None}, "shares must be 1 to 3 values, each a number in [0, 1], got None"),
+    ],
+)
+def test_an_error_names_the_field_what_it_allows_and_the_value(changes, message):
+    with pytest.raises(ValueError) as error:
+        Sample(**changes)
+    assert str(error.value) == message
+
+
+def test_a_field_keeps_its_unit_and_the_reason_of_its_range():
+    notes = field_of(Sample, "speed").metadata
+    assert (notes["unit"], notes["reason"]) == ("m/s", "faster it jumps")
+    assert names_of(Sample()) == [
+        *("speed", "steps", "colour", "device", "on", "shares", "inner.share")
+    ]
+    check(Sample(undeclared=object()))
+
+
+def test_numbers_of_numpy_become_pythons():
+    own = Sample(speed=np.float64(0.5), steps=np.int64(3), on=np.bool_(True), colour=np.str_("red"))
+    assert own == Sample(speed=0.5, steps=3, on=True)
+    assert [type(x) for x in (own.speed, own.steps, own.on, own.colour)] == [float, int, bool, str]
+    for value in (np.array(0.5), np.array([0.5, 0.5]), np.nan):
+        with pytest.raises(ValueError, match="^speed must"):
+            Sample(speed=value)
+
+
+def test_words_replace_fields_also_those_of_an_inner_dataclass():
+    words = ["speed=2.5", "steps=none", "colour=blue", "device=cuda:1", "on=true"]
+    changed = with_words(Sample(steps=3), [*words, "shares=[0,0.5]", "inner.share=1"])
+    assert changed == Sample(2.5, None, "blue", "cuda:1", True, (0, 0.5), Inner(1))
+    assert with_words(changed, []) == changed
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        *("speed", "sped=1", "=1", "", "inner=1", "inner.=1", "inner.x=1", "speed.x=1", ".speed=1"),
+        *("undeclared=1", "speed=", "speed=fast", "speed=1e999", "steps=1.0", "steps=1_0", "on=1"),
+        *("shares=", "shares=0,", "shares=[0", "colour=none", "steps=" + "9" * 10**5, "x" * 10**6),
+    ],
+)
+def test_a_word_of_another_form_is_refused_in_one_short_sentence(word):
+    with pytest.raises(ValueError) as error:
+        with_words(Sample(), [word])
+    assert len(str(error.value)) < 200 and "\n" not in str(error.value)
+    with pytest.raises(ValueError, match="steps is given twice"):
+        with_words(Sample(), ["steps=1", "steps=2"])
+
+
+class Endless:
+    """An object whose `repr` must not be computed."""
+
+    def __repr__(self):
+        raise AssertionError
+
+
+class LongText(str):
+    def __repr__(self):
+        raise AssertionError
+
+
+def nested(depth):
+    value = ["x"]
+    for _ in range(depth):
+        value = [value, value]  # 2^depth leaves
+    return value
+
+
+@quick
+@given(st.one_of(st.integers(), st.floats(), st.text(), st.lists(st.text())))
+def test_a_value_is_shown_in_one_short_line(value):
+    assert len(shown(value)) <= 60
+    assert "\n" not in shown(value)
+    if isinstance(value, int | float) and abs(value) < 1e9:
+        assert shown(value) == repr(value)
+
+
+def test_a_huge_value_is_never_computed_whole():
+    huge = [nested(200), [Endless()] * 10**6, {"a": Endless()}, Endless(), 10**5000]
+    for value in (*huge, LongText("x" * 10**6), "x" * 10**8, b"x" * 10**8):
+        assert len(shown(value)) <= 60
