@@ -75,7 +75,7 @@ AREAS = {
         "protocols/playback/rollout.py protocols/playback/scene.py"
     ),
     "reporting": "protocols/reporting/*.py",
-    "bench": "protocols/bench/*.py",
+    "bench": "protocols/cli/bench.py protocols/cli/speed.py",
     "commands": "protocols/commands/*.py protocols/cli.py protocols/config.py protocols/doctor.py",
     "studies": "protocols/studies/*.py protocols/studies/*/*.py",
 }
@@ -121,10 +121,9 @@ MORE_TESTS = {
     "protocols/reporting/tables.py": "reporting/test_html_page.py test_cli.py",
     "protocols/reporting/style.py": "reporting/test_figures.py",
     "protocols/reporting/*": "reporting/test_html_page.py reporting/test_report.py",
-    "protocols/bench/gymnasium.py": "bench/test_gymnasium.py",
-    "protocols/bench/*": "bench/test_measurements.py bench/test_bench.py",
+    "protocols/cli/bench.py": "cli/test_bench.py",
+    "protocols/cli/speed.py": "cli/test_bench.py",
     "protocols/commands/run.py": "test_cli.py",
-    "protocols/commands/bench.py": "bench/test_bench.py",
     "protocols/commands/check_agent.py": "agents/test_agent_check.py test_cli.py",
     "protocols/commands/demo.py": "studies/test_demonstration.py test_cli.py",
     "protocols/commands/doctor.py": "test_doctor.py",
