@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 from ...controller import PROPOSERS
@@ -20,6 +20,7 @@ from ..lives.run import Run
 from .behaviour import Behaviour
 from .hypothesis_tests import (
     ALPHA,
+    Sample,
     Share,
     TestedInequality,
     larger_in_pairs,
@@ -27,7 +28,7 @@ from .hypothesis_tests import (
     larger_share,
     majority,
 )
-from .paper_numbers import PAPER
+from .paper_tables import PAPER
 
 Verdict = Literal["holds", "does not hold", "undecided", "not judged"]
 
@@ -52,11 +53,7 @@ class Evidence:
 
     def summary(self, condition: Condition) -> Summary:
         """Returns a column of table 1 or 2."""
-        if self.run is None:
-            return PAPER[condition]
-        if not self.run.valid_rows(condition):
-            raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
-        return self.run.summary(condition)
+        return self.robots(condition).summary(condition) if self.run else PAPER[condition]
 
     def robots(self, condition: Condition) -> Run:
         """Returns the run, which has data of single valid robots of a condition."""
@@ -71,9 +68,8 @@ class Evidence:
         if self.run is None:
             raise Undecidable("the paper does not measure what the robots do")
         if self.behaviour is None:
-            raise Undecidable(
-                "the brains were not observed in their robots, as `musebot report` does"
-            )
+            missing = "the brains were not observed in their robots, as `musebot report` does"
+            raise Undecidable(missing)
         return self.behaviour
 
 
@@ -110,14 +106,13 @@ def more(
 
     def test(evidence: Evidence) -> list[TestedInequality]:
         own, found = statistic(evidence, condition), []
+        is_mean = isinstance(own, Sample)
+        larger = larger_mean if is_mean else functools.partial(larger_share, times=times)
         for other in others or rest:
             theirs = statistic(evidence, other)
             words = f"{what}{condition.proposer} {own}, {other.proposer} {theirs}"
             pair = (theirs, own) if less else (own, theirs)
-            is_share = isinstance(own, Share)
-            found.append(
-                larger_share(*pair, words, times) if is_share else larger_mean(*pair, words)
-            )
+            found.append(larger(*pair, words))
         return found
 
     return test
@@ -169,10 +164,6 @@ class Claim:
     task: str
     says: str
     tests: tuple[Test, ...]
-
-    def inequalities(self, evidence: Evidence) -> tuple[TestedInequality, ...]:
-        """Tests all inequalities; raises Undecidable where data are missing."""
-        return tuple(one for test in self.tests for one in test(evidence))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -227,25 +218,15 @@ def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
     for either verdict.
     """
     try:
-        inequalities = claim.inequalities(evidence)
+        inequalities = tuple(one for test in claim.tests for one in test(evidence))
     except Undecidable as missing:
         return ClaimResult(claim, "not judged", f"{missing}.")
     verdict: Verdict = "undecided"
-    if all(_p_for(one) < ALPHA for one in inequalities):
+    if all(2 * one.p_for < ALPHA for one in inequalities):
         verdict = "holds"
-    elif any(_p_against(one, inequalities) < ALPHA for one in inequalities):
+    elif any(2 * one.p_against * len(inequalities) < ALPHA for one in inequalities):
         verdict = "does not hold"
     return ClaimResult(claim, verdict, _because(inequalities), inequalities)
-
-
-def _p_for(one: TestedInequality) -> float:
-    """Returns the two-sided p-value in support of an inequality."""
-    return min(1, 2 * one.p_for)
-
-
-def _p_against(one: TestedInequality, inequalities: Sequence[TestedInequality]) -> float:
-    """Returns the two-sided p-value against an inequality, times the number of inequalities."""
-    return min(1, 2 * one.p_against * len(inequalities))
 
 
 def _because(inequalities: tuple[TestedInequality, ...]) -> str:
@@ -256,7 +237,7 @@ def _because(inequalities: tuple[TestedInequality, ...]) -> str:
             parts.append(one.words)
             continue
         supported = one.p_for <= one.p_against
-        p = _p_for(one) if supported else _p_against(one, inequalities)
+        p = min(1, 2 * (one.p_for if supported else one.p_against * len(inequalities)))
         size = "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
         parts.append(f"{one.words} ({size}{'' if supported else ' against it'})")
     tests = ", ".join(dict.fromkeys(one.test for one in inequalities))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -109,12 +108,7 @@ def compare(ours: Run, other: Run, condition: Condition, draws: int = DRAWS) -> 
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
     left out too; and for each cell the pairs in which a robot has no value, such as a genius's L.
-
-    Args:
-      ours: A run.
-      other: The run to compare with; may be `ours` itself.
-      condition: Condition of the robots.
-      draws: Largest number of permutations of each test.
+    Each test has at most so many `draws` of permutations.
     """
     paired = is_paired(ours, other, condition)
     first, second = (_measures(run, condition) for run in (ours, other))
@@ -177,15 +171,6 @@ def _cell(
     return Cell(condition, name, share, paired, robots, incomplete, one, two, interval, p)
 
 
-def corrected(cells: Sequence[Cell]) -> list[Cell]:
-    """Returns the cells with their p-values corrected over all of them, by Holm's method."""
-    values = holm(np.array([cell.p for cell in cells]))
-    return [
-        dataclasses.replace(cell, corrected=float(value))
-        for cell, value in zip(cells, values, strict=True)
-    ]
-
-
 def compare_runs(ours: Run, other: Run) -> list[Cell]:
     """Compares all cells of both tables that both runs have, corrected together.
 
@@ -202,4 +187,8 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
         for condition in conditions:
             found += compare(ours, other, condition, draws)
             progress.advance()
-    return corrected(found)
+    values = holm(np.array([cell.p for cell in found]))
+    return [
+        dataclasses.replace(cell, corrected=float(value))
+        for cell, value in zip(found, values, strict=True)
+    ]

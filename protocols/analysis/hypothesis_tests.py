@@ -64,10 +64,10 @@ class TestedInequality:
     Attributes:
       words: Description of the comparison in words, with its numbers.
       test: Name of the test.
-      p_for: One-sided p-value under the null hypothesis that the inequality is false. Small values
-        support the inequality. NaN where the data do not allow the test.
-      p_against: One-sided p-value under the null hypothesis that the inequality is true. Small
-        values contradict the inequality. NaN where the data do not allow the test.
+      p_for: One-sided p-value under the null hypothesis that the inequality is false: small values
+        support it. NaN where the data do not allow the test.
+      p_against: One-sided p-value under the null hypothesis that it is true: small values
+        contradict it. NaN where the data do not allow the test.
     """
 
     words: str
@@ -82,82 +82,52 @@ def larger_share(first: Share, second: Share, words: str, times: float = 1) -> T
     With `times` = 1 this is Fisher's exact test. Otherwise the first count is tested as binomial,
     given the number of robots with the property in both groups. The test is exact for small shares
     and conservative for large ones, because their count scatters less.
-
-    Args:
-      first: Share of the first group.
-      second: Share of the second group.
-      words: Description of the comparison in words, with its numbers.
-      times: Factor by which the second share is multiplied before the comparison.
     """
     (a, n), (b, m) = first, second
     if times == 1:
         table = [[a, n - a], [b, m - b]]
-        return _both_ways(
-            words, "Fisher's exact test", lambda side: stats.fisher_exact(table, alternative=side)
-        )
+        return _both_ways(words, "Fisher's exact test", stats.fisher_exact, table)
+    name = "Conditional binomial test"
     if a + b == 0:
-        return _untested(words, "Conditional binomial test")
-    border = times * n / (times * n + m)
-    return _both_ways(
-        words,
-        "Conditional binomial test",
-        lambda side: stats.binomtest(a, a + b, border, alternative=side),
-    )
+        return _untested(words, name)
+    return _both_ways(words, name, stats.binomtest, a, a + b, times * n / (times * n + m))
 
 
 def majority(share: Share, words: str, border: float = 0.5) -> TestedInequality:
-    """Tests whether a share is larger than a border.
-
-    Args:
-      share: The share.
-      words: Description of the comparison in words, with its numbers.
-      border: Share in [0, 1] to exceed.
-    """
-    return _both_ways(
-        words,
-        "Binomial test",
-        lambda side: stats.binomtest(*share, border, alternative=side),
-    )
+    """Tests whether a share is larger than a border in [0, 1]."""
+    return _both_ways(words, "Binomial test", stats.binomtest, *share, border)
 
 
 def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) -> TestedInequality:
     """Tests by Welch's t test whether the first mean exceeds the second by more than a margin.
 
-    Args:
-      first: First group.
-      second: Second group.
-      words: Description of the comparison in words, with its numbers.
-      margin: The first mean must exceed the second by more than this; may be negative.
+    The margin may be negative.
     """
+    name = "Welch's t test"
     if (fewest := min(first.size, second.size)) < FEWEST:
-        return _untested(f"{words}: {fewest} measured robots are too few", "Welch's t test")
+        return _untested(f"{words}: {fewest} measured robots are too few", name)
     if max(first.deviation, second.deviation) < _NO_SCATTER:
-        return _untested(f"{words}: all values are equal", "Welch's t test")
-    pair = (first.mean - margin, *first[1:], *second)
-    return _both_ways(
-        words,
-        "Welch's t test",
-        lambda side: stats.ttest_ind_from_stats(*pair, equal_var=False, alternative=side),
-    )
+        return _untested(f"{words}: all values are equal", name)
+    numbers = first.mean - margin, *first[1:], *second
+    return _both_ways(words, name, stats.ttest_ind_from_stats, *numbers, False)
 
 
 def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> TestedInequality:
-    """Tests by Wilcoxon's signed-rank test whether the first value of each robot is larger.
-
-    Args:
-      first: First value of each robot, shape (n,).
-      second: Second value of each robot, shape (n,).
-      words: Description of the comparison in words, with its numbers.
-    """
-    differences = first - second
+    """Tests by Wilcoxon's signed-rank test whether robots' first value is larger, shapes (n,)."""
+    name, differences = "Wilcoxon's signed-rank test", first - second
     differences = differences[differences != 0]
     if len(differences) < FEWEST:
-        return _untested(f"{words}: too few robots", "Wilcoxon's signed-rank test")
-    return _both_ways(
-        words,
-        "Wilcoxon's signed-rank test",
-        lambda side: stats.wilcoxon(differences, alternative=side),
-    )
+        return _untested(f"{words}: too few robots", name)
+    return _both_ways(words, name, stats.wilcoxon, differences)
+
+
+def _both_ways(words: str, name: str, test: Callable[..., Any], *data: Any) -> TestedInequality:
+    greater, less = (float(test(*data, alternative=side).pvalue) for side in ("greater", "less"))
+    return TestedInequality(words, name, greater, less)
+
+
+def _untested(words: str, name: str) -> TestedInequality:
+    return TestedInequality(words, name, float("nan"), float("nan"))
 
 
 def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
@@ -186,11 +156,8 @@ def same_classes(pairs: Sequence[tuple[Sequence[int], Sequence[int]]]) -> float:
     The statistic is the sum of the pairs' chi-squares of homogeneity. Its null distribution is
     simulated: both groups of a pair are drawn from their pooled shares. Small counts need this.
 
-    Args:
-      pairs: Number of robots in each class in the first and in the second group.
-
-    Returns:
-      The p-value; NaN where there is no pair or a group has no robots.
+    `pairs` holds the number of robots in each class in the first and in the second group. The
+    p-value is NaN where there is no pair or a group has no robots.
     """
     if not pairs or any(not sum(group) for pair in pairs for group in pair):
         return float("nan")
@@ -314,10 +281,7 @@ def holm(p_values: np.ndarray) -> np.ndarray:
 
     Args:
       p_values: Uncorrected p-values, shape (m,); NaN for a test that the data do not allow, which
-        counts as a member of the family.
-
-    Returns:
-      Corrected p-values, shape (m,); NaN stays NaN.
+        counts as a member of the family and stays NaN.
     """
     p_values = np.asarray(p_values, dtype=float)
     order = np.argsort(p_values)  # NaN last
@@ -325,12 +289,3 @@ def holm(p_values: np.ndarray) -> np.ndarray:
     corrected = np.empty_like(p_values)
     corrected[order] = np.minimum(np.maximum.accumulate(steps), 1)
     return corrected
-
-
-def _both_ways(words: str, name: str, test: Callable[[str], Any]) -> TestedInequality:
-    greater, less = (float(test(side).pvalue) for side in ("greater", "less"))
-    return TestedInequality(words, name, greater, less)
-
-
-def _untested(words: str, name: str) -> TestedInequality:
-    return TestedInequality(words, name, float("nan"), float("nan"))

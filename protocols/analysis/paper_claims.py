@@ -32,7 +32,7 @@ from .claims import (
     rises,
 )
 from .hypothesis_tests import Sample, Share, TestedInequality, larger_in_pairs, larger_mean
-from .paper_numbers import PAPER
+from .paper_tables import PAPER
 
 _WALLS, _SPOT = "wall_avoidance", "spot_finding"
 _ONES, _POSITIVE, _, _NEGATIVE, _UNMEASURED = CATEGORIES
@@ -43,13 +43,9 @@ _FIXED_S, _RANDOM_S, _CREATIVE_S = _S = [Condition(_SPOT, p) for p in PROPOSERS]
 def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]:
     """Judges every claim, in the paper's order.
 
-    Args:
-      run: The run.
-      behaviour: Behaviour of the run's robots; None if they were not observed.
-
-    Returns:
-      A result for every claim; empty for a run with another protocol, another brain, or none of
-      the paper's conditions, because it neither supports nor contradicts the claims.
+    A run with another protocol, another brain, or none of the paper's conditions neither supports
+    nor contradicts the claims: the list is empty.
+    `behaviour` is that of the run's robots, or None if they were not observed.
     """
     experiment = run.experiment
     comparable = experiment.protocol == "paper" and experiment.brain_name == "paper"
@@ -60,9 +56,6 @@ def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]
         dataclasses.replace(judge(claim, own), paper=judge(claim, paper).verdict)
         for claim in CLAIMS
     ]
-
-
-# ---- Shares of robots ----
 
 
 def in_class(category: str) -> Callable[[Evidence, Condition], Share]:
@@ -89,19 +82,15 @@ def spoiled_without_contact(evidence: Evidence, condition: Condition) -> Share:
     return Share.of(run.shares(condition, "pre")[spoiled] == 0)
 
 
-def settled(evidence: Evidence, condition: Condition) -> np.ndarray:
-    """Returns which robots are in the spot for half of the test before training, shape (n,)."""
-    return evidence.robots(condition).shares(condition, "pre") >= 0.5
-
-
 def settlers(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share of `settled` robots."""
-    return Share.of(settled(evidence, condition))
+    """Returns the share of robots in the spot for half of the test before training."""
+    return Share.of(evidence.robots(condition).shares(condition, "pre") >= 0.5)
 
 
 def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share in the spot for half of training's last quarter, among `settled` robots."""
-    run, chosen = evidence.robots(condition), settled(evidence, condition)
+    """Returns the share in the spot for half of training's last quarter, among `settlers`."""
+    run = evidence.robots(condition)
+    chosen = run.shares(condition, "pre") >= 0.5
     if not chosen.any():
         raise Undecidable(f"no {condition.proposer} robot stays in the spot before training")
     minutes = run.experiment.schedule(condition.task).minutes_of("training")
@@ -162,9 +151,6 @@ def born_spinners_without_contact(evidence: Evidence, condition: Condition) -> D
     return Described(share, f"{share} newborn spinners, against a half")
 
 
-# ---- Means ----
-
-
 def ability(evidence: Evidence, condition: Condition) -> Sample:
     """Returns the Learn Ability L of a condition's measured robots."""
     summary = evidence.summary(condition)
@@ -201,16 +187,12 @@ def alike(evidence: Evidence) -> list[TestedInequality]:
     ]
 
 
-# ---- Two values of the same robots ----
-
-
 def arrival_minutes(
     evidence: Evidence, condition: Condition, part: Literal["pre", "post"]
 ) -> np.ndarray:
-    """Returns the minute of a test in which each robot is first in the spot.
+    """Returns the minute of a test, from 0, in which each robot is first in the spot, shape (n,).
 
-    Returns:
-      Index of the minute, from 0, shape (n,); NaN for robots that never arrive.
+    NaN for robots that never arrive.
     """
     run = evidence.robots(condition)
     minutes = run.experiment.schedule(condition.task).minutes_of(part)
@@ -262,104 +244,95 @@ def contour_then_spin(evidence: Evidence) -> list[TestedInequality]:
 _SPINS = (
     "After training most robots of each kind spin, for more than half of the test's first minutes."
 )
-_TABLE: tuple[tuple[str, str, *tuple[Test, ...]], ...] = (
-    (_WALLS, "Fixed has the most geniuses.", more(in_class(_UNMEASURED), _FIXED_W)),
-    (_WALLS, "Random has the fewest geniuses.", less(in_class(_UNMEASURED), _RANDOM_W)),
-    (_WALLS, "Creative has most robots with L = 1.", more(in_class(_ONES), _CREATIVE_W)),
-    (_WALLS, "Creative has most robots with L < 0.", more(in_class(_NEGATIVE), _CREATIVE_W)),
+_Row = tuple[str, *tuple[Test, ...]]
+_OF_WALLS: tuple[_Row, ...] = (
+    ("Fixed has the most geniuses.", more(in_class(_UNMEASURED), _FIXED_W)),
+    ("Random has the fewest geniuses.", less(in_class(_UNMEASURED), _RANDOM_W)),
+    ("Creative has most robots with L = 1.", more(in_class(_ONES), _CREATIVE_W)),
+    ("Creative has most robots with L < 0.", more(in_class(_NEGATIVE), _CREATIVE_W)),
     (
-        _WALLS,
         "Random's contact after training is the lowest.",
         less(post_share, _RANDOM_W, what="share of the time "),
     ),
-    (_WALLS, "Fixed has the best mean L.", more(ability, _FIXED_W, what="mean L ")),
-    (_WALLS, "Random has the most robots with 0 < L < 1.", more(in_class(_POSITIVE), _RANDOM_W)),
+    ("Fixed has the best mean L.", more(ability, _FIXED_W, what="mean L ")),
+    ("Random has the most robots with 0 < L < 1.", more(in_class(_POSITIVE), _RANDOM_W)),
     (
-        _WALLS,
         "Many creative robots with L < 0, more than half, had no contact before training.",
         most(spoiled_without_contact, _CREATIVE_W),
     ),
     (
-        _WALLS,
         "Creative has more geniuses than random, and more robots with L = 1.",
         less(in_class(_UNMEASURED), _RANDOM_W, _CREATIVE_W),
         less(in_class(_ONES), _RANDOM_W, _CREATIVE_W),
     ),
     (
-        _WALLS,
         "After training fixed has the most robots that do not leave the wall: in contact for 95 % "
         "of the test or more.",
         more(stuck, _FIXED_W),
     ),
-    (_WALLS, _SPINS, most(spinners, *_W)),
+    (_SPINS, most(spinners, *_W)),
     (
-        _WALLS,
         "Spinning often comes with a slow movement towards the arena's centre: most trained "
         "spinners come nearer to it.",
         most(spinners_to_the_centre, _CREATIVE_W),
     ),
     (
-        _WALLS,
         "A fixed robot that spins from birth is never punished: most of them have no contact.",
         most(born_spinners_without_contact, _FIXED_W),
     ),
-    (_SPOT, "All mean L are far below those of wall avoidance, by more than 0.5.", far_below),
-    (_SPOT, "Creative's mean L is about Fixed's, within 0.2.", alike),
+)
+_OF_SPOT: tuple[_Row, ...] = (
+    ("All mean L are far below those of wall avoidance, by more than 0.5.", far_below),
+    ("Creative's mean L is about Fixed's, within 0.2.", alike),
     (
-        _SPOT,
         "Fewer creative than random robots have L < 0.",
         less(in_class(_NEGATIVE), _CREATIVE_S, _RANDOM_S),
     ),
-    (_SPOT, "Fixed robots are mostly ignorant.", most(in_class(_UNMEASURED), _FIXED_S)),
-    (_SPOT, "Random robots mostly have L < 0.", most(in_class(_NEGATIVE), _RANDOM_S)),
+    ("Fixed robots are mostly ignorant.", most(in_class(_UNMEASURED), _FIXED_S)),
+    ("Random robots mostly have L < 0.", most(in_class(_NEGATIVE), _RANDOM_S)),
     (
-        _SPOT,
         "Creative has by far the most robots with L = 1, more than twice any other.",
         more(in_class(_ONES), _CREATIVE_S, times=2),
     ),
     (
-        _SPOT,
         "Creative has the highest time in the spot after training.",
         more(post_share, _CREATIVE_S, what="share of the time "),
     ),
     (
-        _SPOT,
         "Before training quite a few creative robots, more than 5 %, stay in the spot, for half of "
         "the test or more.",
         most(settlers, _CREATIVE_S, border=0.05),
     ),
     (
-        _SPOT,
         "Most of these are easily trained: in the spot for half of training's last quarter.",
         most(trained_settlers, _CREATIVE_S),
     ),
     (
-        _SPOT,
         "Creative robots with L < 0 that arrive in both tests arrive later after training.",
         rises(arrivals, _CREATIVE_S),
     ),
-    (_SPOT, _SPINS, most(spinners, *_S)),
+    (_SPINS, most(spinners, *_S)),
     (
-        _SPOT,
         "After training fixed robots spin the most: their mean share of the time is the highest.",
         more(spun, _FIXED_S, what="time spinning "),
     ),
     (
-        _SPOT,
         "Spinning is reinforced: fixed robots spin more after training than before.",
         rises(spun_twice, _FIXED_S),
     ),
     (
-        _SPOT,
         "Robots of all kinds together first follow the spot's contour and later spin inside it, "
         "comparing the first and the last third of their time there in 20 minutes of learning.",
         contour_then_spin,
     ),
     (
-        _SPOT,
         "In the test many creative robots take 20 to 30 minutes to arrive: more than a quarter of "
         "those that arrive need 20 or more.",
         most(late, _CREATIVE_S, border=0.25),
     ),
 )
-CLAIMS = tuple(Claim(task, says, tuple(tests)) for task, says, *tests in _TABLE)
+CLAIMS = tuple(
+    Claim(task, says, tuple(tests))
+    for task, rows in ((_WALLS, _OF_WALLS), (_SPOT, _OF_SPOT))
+    for says, *tests in rows
+)

@@ -88,8 +88,8 @@ def _left_out(cells: Sequence[Cell]) -> str:
     if not found:
         return ""
     return (
-        " Mean and deviation of L are those of pairs in which both robots have an L; pairs left out "
-        f"because only one has it: {', '.join(found)}."
+        " Mean and deviation of L are those of pairs in which both robots have an L. Pairs left "
+        f"out because only one has it: {', '.join(found)}."
     )
 
 
