@@ -167,8 +167,8 @@ def _cell(
         p = same_mean(first, second, paired, draws)
     fewest = 2 if statistic is _deviation else 1
     one, two = (float(statistic(x)) if len(x) >= fewest else float("nan") for x in (first, second))
-    robots = len(first), len(second)
-    return Cell(condition, name, share, paired, robots, incomplete, one, two, interval, p)
+    sizes = len(first), len(second)
+    return Cell(condition, name, share, paired, sizes, incomplete, one, two, interval, p)
 
 
 def compare_runs(ours: Run, other: Run) -> list[Cell]:
