@@ -44,12 +44,10 @@ AREAS = {
     ),
     "schedules": "protocols/experiment/schedules.py protocols/simulation/placement.py",
     "statistics": (
-        "protocols/analysis/behaviour.py protocols/analysis/claim_tests.py "
-        "protocols/analysis/claims.py "
+        "protocols/analysis/behaviour.py protocols/analysis/claims.py "
         "protocols/analysis/comparison.py protocols/analysis/hypothesis_tests.py "
         "protocols/analysis/intervals.py protocols/analysis/paper_claims.py "
-        "protocols/analysis/paper_tables.py protocols/analysis/regret.py "
-        "protocols/analysis/scores.py"
+        "protocols/analysis/paper_tables.py"
     ),
     "learning rules": "controller/extensions/*.py controller/novelty/*.py",
     "resume": (
@@ -89,7 +87,6 @@ MORE_TESTS = {
         "controller/test_creative_memory.py controller/novelty experiment/test_overrides.py"
     ),
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
-    "protocols/analysis/claim_tests.py": "analysis/test_claims.py",
     "protocols/simulation/checkpoints.py": (
         "simulation/test_cohort.py simulation/test_tensorboard_log.py"
     ),
