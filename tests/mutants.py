@@ -44,12 +44,10 @@ AREAS = {
     ),
     "schedules": "protocols/experiment/schedules.py protocols/simulation/placement.py",
     "statistics": (
-        "protocols/analysis/behaviour.py protocols/analysis/claim_tests.py "
-        "protocols/analysis/claims.py "
+        "protocols/analysis/behaviour.py protocols/analysis/claims.py "
         "protocols/analysis/comparison.py protocols/analysis/hypothesis_tests.py "
         "protocols/analysis/intervals.py protocols/analysis/paper_claims.py "
-        "protocols/analysis/paper_tables.py protocols/analysis/regret.py "
-        "protocols/analysis/scores.py"
+        "protocols/analysis/paper_tables.py"
     ),
     "resume": (
         "protocols/simulation/checkpoints.py protocols/simulation/cohort.py "
@@ -74,7 +72,7 @@ AREAS = {
         "protocols/playback/rollout.py protocols/playback/scene.py"
     ),
     "reporting": "protocols/reporting/*.py",
-    "bench": "protocols/bench/*.py",
+    "bench": "protocols/cli/bench.py protocols/cli/speed.py",
     "commands": "protocols/commands/*.py protocols/cli.py protocols/config.py protocols/doctor.py",
     "studies": "protocols/studies/*.py protocols/studies/*/*.py",
 }
@@ -87,7 +85,6 @@ MORE_TESTS = {
         "controller/test_creative_memory.py experiment/test_overrides.py"
     ),
     "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
-    "protocols/analysis/claim_tests.py": "analysis/test_claims.py",
     "protocols/simulation/checkpoints.py": (
         "simulation/test_cohort.py simulation/test_tensorboard_log.py"
     ),
@@ -118,10 +115,9 @@ MORE_TESTS = {
     "protocols/reporting/tables.py": "reporting/test_html_page.py test_cli.py",
     "protocols/reporting/style.py": "reporting/test_figures.py",
     "protocols/reporting/*": "reporting/test_html_page.py reporting/test_report.py",
-    "protocols/bench/gymnasium.py": "bench/test_gymnasium.py",
-    "protocols/bench/*": "bench/test_measurements.py bench/test_bench.py",
+    "protocols/cli/bench.py": "cli/test_bench.py",
+    "protocols/cli/speed.py": "cli/test_bench.py",
     "protocols/commands/run.py": "test_cli.py",
-    "protocols/commands/bench.py": "bench/test_bench.py",
     "protocols/commands/check_agent.py": "agents/test_agent_check.py test_cli.py",
     "protocols/commands/demo.py": "studies/test_demonstration.py test_cli.py",
     "protocols/commands/doctor.py": "test_doctor.py",

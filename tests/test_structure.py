@@ -18,7 +18,7 @@ LAYERS = (
     "analysis",
     "pages",
     "compare",
-    "cli bench",
+    "cli",
 )
 # What each package of the root may import: models <- tasks <- protocols -> controller.
 ROOT_LAYERS = {

@@ -41,12 +41,9 @@ class Stay:
 
     Attributes:
       staying: Whether each robot spent at least a tenth of the time at the spot, shape (n,).
-      following: Share of time in which each robot followed the contour, in the first third (first
-        column) and in the last third (second column) of its time at the spot, shape (n, 2); NaN for
-        a robot that left at once.
-      spinning: Share of time in which each robot spun inside the spot, in the first third (first
-        column) and in the last third (second column) of its time at the spot, shape (n, 2); NaN for
-        a robot that left at once.
+      following: Share of time in which each robot followed the contour, in the first and in the
+        last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
+      spinning: The same for spinning inside the spot, shape (n, 2).
       minutes: One row per minute with three numbers, shape (M, 3): the minute's index, the share of
         following, the share of spinning. Both are shares of the time that the staying robots spent
         at the spot in this minute; NaN if no robot was there.
@@ -82,8 +79,7 @@ def spins(poses: np.ndarray) -> np.ndarray:
       poses: x, y in [m] and heading in [rad] at every control step, shape (T + 1, B, 3).
 
     Returns:
-      Whether each robot spins in each whole second, shape (T // 10, B); a track shorter than a
-      second counts as one second.
+      A Boolean for each whole second, shape (T // 10, B); a shorter track counts as one second.
     """
     distance, turn = _seconds(poses)
     return (distance < _STATIONARY) & (turn > _TURNING)
@@ -94,10 +90,7 @@ def stay_of(track: Track, spot_radius: float) -> Stay:
 
     In a second a robot follows the contour if its nose stays within 2 cm of the spot's rim and
     the robot moves more than 2 cm. It spins inside if it spins and its nose stays in the spot.
-
-    Args:
-      track: Track of the robots.
-      spot_radius: Radius of the spot in [m].
+    `spot_radius` is in [m].
     """
     moved, turn = _seconds(track.poses)
     seconds = len(moved)
@@ -135,9 +128,7 @@ def _seconds(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _thirds(kind: np.ndarray, near: np.ndarray) -> tuple[float, float]:
     """Returns the share of a behaviour in the first and last third of a robot's time at the spot.
 
-    Args:
-      kind: Whether the robot shows the behaviour, in each of T seconds, shape (T,).
-      near: Whether the robot is at the spot, in each second, shape (T,).
+    `kind` is whether it shows the behaviour, `near` whether it is there, in each second, (T,).
     """
     there = np.flatnonzero(near)
     third = -(-len(there) // 3)

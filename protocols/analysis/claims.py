@@ -1,24 +1,34 @@
 """Judging claims: whether the evidence supports a sentence of the paper or contradicts it.
 
-A claim needs one or several inequalities, each tested in both directions.
+A claim consists of inequalities, each tested in both directions. An inequality compares a statistic
+of a condition with that of another (`more`, `less`), with a border (`most`), or with another value
+of the same robots (`rises`).
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
-import numpy as np
-
+from ...controller import PROPOSERS
 from ..lives.conditions import Condition
-from ..lives.learn_ability import CATEGORIES, Summary
-from ..lives.results import Robot
+from ..lives.learn_ability import Summary
 from ..lives.run import Run
 from .behaviour import Behaviour
-from .hypothesis_tests import ALPHA, Sample, TestedInequality
-from .paper_numbers import PAPER
+from .hypothesis_tests import (
+    ALPHA,
+    Sample,
+    Share,
+    TestedInequality,
+    larger_in_pairs,
+    larger_mean,
+    larger_share,
+    majority,
+)
+from .paper_tables import PAPER
 
 Verdict = Literal["holds", "does not hold", "undecided", "not judged"]
 
@@ -43,16 +53,14 @@ class Evidence:
 
     def summary(self, condition: Condition) -> Summary:
         """Returns a column of table 1 or 2."""
-        if self.run is None:
-            return PAPER[condition]
-        if not self.run.valid(condition):
-            raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
-        return self.run.summary(condition)
+        return self.robots(condition).summary(condition) if self.run else PAPER[condition]
 
-    def single_robots(self) -> Run:
-        """Returns the run that has the data of single robots."""
+    def robots(self, condition: Condition) -> Run:
+        """Returns the run, which has data of single valid robots of a condition."""
         if self.run is None:
             raise Undecidable("the paper has no data of single robots")
+        if not self.run.valid_rows(condition):
+            raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
         return self.run
 
     def observed(self) -> Behaviour:
@@ -60,65 +68,87 @@ class Evidence:
         if self.run is None:
             raise Undecidable("the paper does not measure what the robots do")
         if self.behaviour is None:
-            raise Undecidable(
-                "the brains were not observed in their robots, as `musebot report` does"
-            )
+            missing = "the brains were not observed in their robots, as `musebot report` does"
+            raise Undecidable(missing)
         return self.behaviour
 
 
-def robots(evidence: Evidence, condition: Condition) -> list[Robot]:
-    """Returns the valid robots of a condition.
-
-    Raises:
-      Undecidable: the condition has no valid robots.
-    """
-    rows = evidence.single_robots().valid(condition)
-    if not rows:
-        raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
-    return rows
+Test = Callable[[Evidence], list[TestedInequality]]
+"""A function that tests inequalities; raises Undecidable where data are missing."""
 
 
-def count(evidence: Evidence, condition: Condition, category: str) -> tuple[int, int]:
-    """Returns the number of a condition's robots in a category, and of all its robots."""
-    summary = evidence.summary(condition)
-    return summary.counts[CATEGORIES.index(category)], summary.robots
+class Described(NamedTuple):
+    """A statistic of robots, with its own description: a share, or two values of each robot."""
+
+    value: Any
+    words: str
 
 
-def ability(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the Learn Ability L of a condition's measured robots."""
-    summary = evidence.summary(condition)
-    return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
-
-
-def post_share(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the share of the test after training in contact (or in the spot)."""
-    robots(evidence, condition)  # refuses a condition without robots
-    return Sample.of(evidence.single_robots().shares(condition, "post"))
-
-
-def arrival_minutes(
-    evidence: Evidence, condition: Condition, part: Literal["pre", "post"] = "post"
-) -> np.ndarray:
-    """Returns the minute of a test in which each robot is first in the spot.
+def more(
+    statistic: Callable[[Evidence, Condition], Any],
+    condition: Condition,
+    *others: Condition,
+    what: str = "",
+    times: float = 1,
+    less: bool = False,
+) -> Test:
+    """Returns the test that a share or a mean of a condition is larger than that of others.
 
     Args:
-      evidence: Data of single robots.
-      condition: Condition of the robots.
-      part: The test before or after training.
-
-    Returns:
-      Index of the minute, from 0, shape (n,); NaN for robots that never arrive.
-
-    Raises:
-      Undecidable: there are no robots, or no data of the test.
+      statistic: Function that returns a condition's `Share` of robots, or its `Sample`.
+      condition: The condition.
+      *others: Conditions to compare with; none for the paper's other conditions of the task.
+      what: Name of the statistic in words.
+      times: Factor by which the smaller of two shares is multiplied before the comparison.
+      less: Whether the condition's statistic should be smaller instead.
     """
-    robots(evidence, condition)
-    run = evidence.single_robots()
-    minutes = run.experiment.schedule(condition.task).minutes_of(part)
-    test = run.curves(condition)[:, minutes] > 0
-    if not test.shape[1]:
-        raise Undecidable("the curves end before the test")
-    return np.where(test.any(axis=1), test.argmax(axis=1).astype(float), np.nan)
+    rest = [Condition(condition.task, p) for p in PROPOSERS if p != condition.proposer]
+
+    def test(evidence: Evidence) -> list[TestedInequality]:
+        own, found = statistic(evidence, condition), []
+        is_mean = isinstance(own, Sample)
+        larger = larger_mean if is_mean else functools.partial(larger_share, times=times)
+        for other in others or rest:
+            theirs = statistic(evidence, other)
+            words = f"{what}{condition.proposer} {own}, {other.proposer} {theirs}"
+            pair = (theirs, own) if less else (own, theirs)
+            found.append(larger(*pair, words))
+        return found
+
+    return test
+
+
+less = functools.partial(more, less=True)
+
+
+def most(
+    statistic: Callable[[Evidence, Condition], Share | Described],
+    *conditions: Condition,
+    border: float = 0.5,
+) -> Test:
+    """Returns the test that in each condition a share of the robots is larger than a border."""
+
+    def test(evidence: Evidence) -> list[TestedInequality]:
+        found = []
+        for condition in conditions:
+            share = statistic(evidence, condition)
+            if isinstance(share, Share):
+                limit = "a half" if border == 0.5 else f"{border:.0%}"
+                share = Described(share, f"{share}, against {limit}")
+            found.append(majority(*share, border))
+        return found
+
+    return test
+
+
+def rises(statistic: Callable[[Evidence, Condition], Described], condition: Condition) -> Test:
+    """Returns the test that the second of two values of the same robots, (2, n), is larger."""
+
+    def test(evidence: Evidence) -> list[TestedInequality]:
+        (before, after), words = statistic(evidence, condition)
+        return [larger_in_pairs(after, before, words)]
+
+    return test
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,12 +158,12 @@ class Claim:
     Attributes:
       task: Task of the table that the sentence is about.
       says: The sentence.
-      compare: Function that tests all inequalities that the claim needs; may raise Undecidable.
+      tests: Tests of the inequalities that the claim needs.
     """
 
     task: str
     says: str
-    compare: Callable[[Evidence], list[TestedInequality]]
+    tests: tuple[Test, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,25 +218,15 @@ def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
     for either verdict.
     """
     try:
-        inequalities = tuple(claim.compare(evidence))
+        inequalities = tuple(one for test in claim.tests for one in test(evidence))
     except Undecidable as missing:
         return ClaimResult(claim, "not judged", f"{missing}.")
     verdict: Verdict = "undecided"
-    if all(_p_for(one) < ALPHA for one in inequalities):
+    if all(2 * one.p_for < ALPHA for one in inequalities):
         verdict = "holds"
-    elif any(_p_against(one, inequalities) < ALPHA for one in inequalities):
+    elif any(2 * one.p_against * len(inequalities) < ALPHA for one in inequalities):
         verdict = "does not hold"
     return ClaimResult(claim, verdict, _because(inequalities), inequalities)
-
-
-def _p_for(one: TestedInequality) -> float:
-    """Returns the two-sided p-value in support of an inequality."""
-    return min(1, 2 * one.p_for)
-
-
-def _p_against(one: TestedInequality, inequalities: Sequence[TestedInequality]) -> float:
-    """Returns the two-sided p-value against an inequality, times the number of inequalities."""
-    return min(1, 2 * one.p_against * len(inequalities))
 
 
 def _because(inequalities: tuple[TestedInequality, ...]) -> str:
@@ -217,7 +237,7 @@ def _because(inequalities: tuple[TestedInequality, ...]) -> str:
             parts.append(one.words)
             continue
         supported = one.p_for <= one.p_against
-        p = _p_for(one) if supported else _p_against(one, inequalities)
+        p = min(1, 2 * (one.p_for if supported else one.p_against * len(inequalities)))
         size = "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
         parts.append(f"{one.words} ({size}{'' if supported else ' against it'})")
     tests = ", ".join(dict.fromkeys(one.test for one in inequalities))

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
 from ..errors import InputError
 from ..lives.conditions import Condition
-from ..lives.learn_ability import CATEGORIES, classes
-from ..lives.results import Robot
-from ..lives.run import Run, abilities, shares
-from ..lives.schedules import SCHEDULES
+from ..lives.learn_ability import CATEGORIES
+from ..lives.run import Run
 from ..terminal import StepProgress
 from . import intervals
 from .hypothesis_tests import ALPHA, DRAWS, holm, same_deviation, same_mean, same_share
@@ -26,35 +23,6 @@ _deviation = functools.partial(np.nanstd, ddof=1)
 
 
 @dataclasses.dataclass(frozen=True)
-class Match:
-    """Two groups of robots to compare.
-
-    Attributes:
-      ours: A run.
-      other: The run to compare with; may be `ours` itself.
-      condition: Condition of the robots of our run.
-      against: Condition of the robots of the other run, with the same task; None means `condition`.
-        Robots of two different conditions are independent groups.
-    """
-
-    ours: Run
-    other: Run
-    condition: Condition
-    against: Condition | None = None
-
-    def is_paired(self) -> bool:
-        """Returns whether robots with the same number have the same initial brain in both runs."""
-        if self.against is not None:
-            return False
-        first, second = (run.networks(self.condition, "before") for run in (self.ours, self.other))
-        shared = first.keys() & second.keys()  # one brain may have state that the other lacks
-        both = min((len(side[name]) for side in (first, second) for name in shared), default=0)
-        return bool(shared) and all(
-            np.array_equal(first[name][:both], second[name][:both]) for name in shared
-        )
-
-
-@dataclasses.dataclass(frozen=True)
 class Cell:
     """A cell of table 1 or 2 in two runs.
 
@@ -63,7 +31,8 @@ class Cell:
       name: Row of the table.
       share: Whether the value is a share of the robots.
       paired: Whether the robots of the two runs are pairs with the same initial brain.
-      robots: Two numbers of robots that have a value: in our run, and in the other run.
+      robots: Two numbers of compared robots: in our run, and in the other run.
+      incomplete: Number of pairs that are left out because only one robot has a value.
       ours: Value in our run.
       other: Value in the other run.
       interval: 95 % confidence interval of the difference `ours` - `other`.
@@ -76,6 +45,7 @@ class Cell:
     share: bool
     paired: bool
     robots: tuple[int, int]
+    incomplete: int
     ours: float
     other: float
     interval: Interval
@@ -123,49 +93,48 @@ def shared_conditions(ours: Run, other: Run) -> list[Condition]:
     return both
 
 
-def compare(match: Match, only: Collection[str] | None = None, draws: int = DRAWS) -> list[Cell]:
+def is_paired(ours: Run, other: Run, condition: Condition) -> bool:
+    """Returns whether robots with the same number have the same initial brain in both runs."""
+    first, second = (run.networks(condition, "before") for run in (ours, other))
+    shared = first.keys() & second.keys()  # one brain may have state that the other lacks
+    both = min((len(side[name]) for side in (first, second) for name in shared), default=0)
+    return bool(shared) and all(
+        np.array_equal(first[name][:both], second[name][:both]) for name in shared
+    )
+
+
+def compare(ours: Run, other: Run, condition: Condition, draws: int = DRAWS) -> list[Cell]:
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
-    left out too.
-
-    Args:
-      match: Robots to compare.
-      only: Names of the wanted cells; None for all.
-      draws: Largest number of permutations of each test.
+    left out too; and for each cell the pairs in which a robot has no value, such as a genius's L.
+    Each test has at most so many `draws` of permutations.
     """
-    paired, condition = match.is_paired(), match.condition
-    rows = [match.ours.robots(condition), match.other.robots(match.against or condition)]
+    paired = is_paired(ours, other, condition)
+    first, second = (_measures(run, condition) for run in (ours, other))
     if paired:
-        rows = [side[: min(map(len, rows))] for side in rows]
-    valid = [np.array([row.valid for row in side]) for side in rows]
-    if paired:
-        valid = [valid[0] & valid[1]] * 2
-    first, second = (
-        _measures(run, condition.task, [row for row, ok in zip(own, keep, strict=True) if ok])
-        for run, own, keep in zip((match.ours, match.other), rows, valid, strict=True)
-    )
+        rows = [run.valid_rows(condition) for run in (ours, other)]
+        _, *both = np.intersect1d(*rows, assume_unique=True, return_indices=True)
+        first, second = (
+            {name: values[chosen] for name, values in side.items()}
+            for side, chosen in zip((first, second), both, strict=True)
+        )
     return [
         _cell(condition, name, (values, second[name]), paired, draws)
         for name, values in first.items()
-        if only is None or name in only
     ]
 
 
-def _measures(run: Run, task: str, rows: Sequence[Robot]) -> dict[str, np.ndarray]:
-    """Returns each robot's value by name of the cell, shape (robots,); bool for categories."""
-    rows = [*rows]
-    found = abilities(rows)
-    kinds = np.array(classes(found, run.exact_classes), dtype=object)
-    *names, _, _, post = row_names(task)[1:]
-    seconds = run.test_seconds(task)
-    members = {n: kinds == kind for n, kind in zip(names, CATEGORIES, strict=True)}
+def _measures(run: Run, condition: Condition) -> dict[str, np.ndarray]:
+    """Returns each valid robot's value by name of the cell, shape (n,); bool for categories."""
+    kinds = np.array(run.classes(condition), dtype=object)
+    *names, _, _, post = row_names(condition.task)[1:]
     return {
-        **members,
-        "mean L": found,
-        "sd of L": found,
-        post.replace("post", "pre"): shares(rows, seconds, "pre"),
-        post: shares(rows, seconds, "post"),
+        **{name: kinds == kind for name, kind in zip(names, CATEGORIES, strict=True)},
+        "mean L": run.abilities(condition),
+        "sd of L": run.abilities(condition),
+        post.replace("post", "pre"): run.shares(condition, "pre"),
+        post: run.shares(condition, "post"),
     }
 
 
@@ -176,92 +145,50 @@ def _cell(
     paired: bool,
     draws: int,
 ) -> Cell:
-    share = pair[0].dtype == bool
-    statistic = _deviation if name == "sd of L" else np.mean if share else np.nanmean
+    known = [~np.isnan(values.astype(float)) for values in pair]
+    first, second = (values[own] for values, own in zip(pair, known, strict=True))
+    incomplete = 0
+    if paired:
+        both = known[0] & known[1]
+        first, second = pair = pair[0][both], pair[1][both]
+        incomplete = int((known[0] ^ known[1]).sum())
+    share = first.dtype == bool
+    statistic = np.mean
     if share:
-        interval = intervals.difference_of_shares(*pair, paired)
-        p = same_share(*pair, paired)
-    elif statistic is _deviation:
-        interval = intervals.difference(*pair, statistic, paired)
-        p = same_deviation(*pair, paired, draws)
+        interval = intervals.difference_of_shares(first, second, paired)
+        p = same_share(first, second, paired)
+    elif name == "sd of L":
+        statistic = _deviation
+        interval = intervals.difference(*pair, _deviation, paired)
+        p = same_deviation(first, second, paired, draws)
     else:
         span = intervals.ABILITY if name == "mean L" else intervals.SHARE
         interval = intervals.difference_of_means(*pair, paired, span)
-        p = same_mean(*pair, paired, draws)
-    robots = _count(pair[0]), _count(pair[1])
-    ours, other = (_value(values, statistic) for values in pair)
-    return Cell(condition, name, share, paired, robots, ours, other, interval, p)
-
-
-def _count(values: np.ndarray) -> int:
-    return int((~np.isnan(values.astype(float))).sum())
-
-
-def _value(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> float:
-    measured = values[~np.isnan(values)]
-    few = 2 if statistic is _deviation else 1
-    return float(statistic(measured)) if len(measured) >= few else float("nan")
-
-
-def corrected(cells: Sequence[Cell]) -> list[Cell]:
-    """Returns the cells with their p-values corrected over all of them, by Holm's method."""
-    values = holm(np.array([cell.p for cell in cells]))
-    return [
-        dataclasses.replace(cell, corrected=float(value))
-        for cell, value in zip(cells, values, strict=True)
-    ]
+        p = same_mean(first, second, paired, draws)
+    fewest = 2 if statistic is _deviation else 1
+    one, two = (float(statistic(x)) if len(x) >= fewest else float("nan") for x in (first, second))
+    sizes = len(first), len(second)
+    return Cell(condition, name, share, paired, sizes, incomplete, one, two, interval, p)
 
 
 def compare_runs(ours: Run, other: Run) -> list[Cell]:
     """Compares all cells of both tables that both runs have, corrected together.
 
+    Shows the progress.
+
     Raises:
       InputError: the runs share no condition, or their schedules differ.
     """
-    matches = [Match(ours, other, condition) for condition in shared_conditions(ours, other)]
-    return compare_all(matches)
-
-
-def compare_all(
-    matches: Sequence[Match],
-    only: Callable[[Match], Collection[str] | None] = lambda match: None,
-) -> list[Cell]:
-    """Compares the cells of all matches, corrected together, and shows the progress.
-
-    Args:
-      matches: Robots to compare.
-      only: Function that returns the names of a match's cells to compare, or None for all.
-    """
-    wanted = [only(match) for match in matches]
-    family = sum(CELLS if names is None else len(names) for names in wanted)
+    conditions = shared_conditions(ours, other)
     # Holm's smallest threshold is ALPHA / family: 50 permutations beyond it, or more.
-    draws = max(DRAWS, 1000 * family)
+    draws = max(DRAWS, 1000 * CELLS * len(conditions))
     found: list[Cell] = []
-    with StepProgress("comparing", len(matches)) as progress:
-        for match, names in zip(matches, wanted, strict=True):
-            found += compare(match, names, draws)
+    with StepProgress("comparing", len(conditions)) as progress:
+        for condition in conditions:
+            found += compare(ours, other, condition, draws)
             progress.advance()
-    return corrected(found)
-
-
-def outcomes(matches: Sequence[Match]) -> list[tuple[Cell, Cell]]:
-    """Compares who performs better: mean L, and the time after training.
-
-    Args:
-      matches: All robots to compare; the p-values of all their cells are corrected together.
-
-    Returns:
-      For each match, two cells: mean L, and the share of time in contact (or in the spot) in the
-      test after training.
-    """
-    cells = compare_all(matches, lambda match: ("mean L", row_names(match.condition.task)[-1]))
-    found = iter(cells)
-    return list(zip(found, found, strict=True))
-
-
-def verdict(cell: Cell) -> str:
-    """Returns whether our run is "better", "worse" or "undecided" in a cell of `outcomes`."""
-    if not cell.differs:
-        return "undecided"
-    higher_is_better = cell.name == "mean L" or SCHEDULES[cell.task].wanted
-    return "better" if (cell.difference > 0) == higher_is_better else "worse"
+    values = holm(np.array([cell.p for cell in found]))
+    return [
+        dataclasses.replace(cell, corrected=float(value))
+        for cell, value in zip(found, values, strict=True)
+    ]

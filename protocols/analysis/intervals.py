@@ -8,6 +8,7 @@ that a sample lacks. Over the kept runs BCa covers 0.3 to 0.8 of nominal 0.95 ne
 
 from __future__ import annotations
 
+import functools
 import warnings
 from collections.abc import Callable
 
@@ -38,15 +39,7 @@ _SEED = 1  # equal data give bit-exact equal intervals
 
 
 def share(count: int, robots: int) -> Interval:
-    """Returns Wilson's interval of a share.
-
-    Args:
-      count: Number of robots that have the property.
-      robots: Number of all robots.
-
-    Returns:
-      Lower and upper end in [0, 1]; unknown without robots.
-    """
+    """Returns Wilson's interval of `count` of so many robots, in [0, 1]; unknown without robots."""
     if not robots:
         return UNKNOWN
     found = stats.binomtest(count, robots).proportion_ci(LEVEL, method="wilson")
@@ -60,9 +53,8 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
       values: One value for each robot, shape (n,).
       span: Lowest and highest value that a robot can have, such as `SHARE`; None if not known.
 
-    Returns:
-      Lower and upper end; unknown for fewer than `FEWEST` robots. Unknown also if all values are
-      equal and not near an end of `span`.
+    Unknown for fewer than `FEWEST` robots, and if all values are equal and not near an end of
+    `span`.
     """
     values = np.asarray(values, dtype=float)
     if len(values) >= FEWEST and span and _is_near_an_end(values, span):
@@ -91,10 +83,6 @@ def _gaffke(values: np.ndarray, span: Interval) -> Interval:
 
     Sources: Gaffke, Mathematical Methods of Statistics 14 (2005); Learned-Miller and Thomas, "A new
     confidence interval for the mean of a bounded random variable", arXiv:1905.06208.
-
-    Args:
-      values: One value for each robot, shape (n,).
-      span: Lowest and highest value that a robot can have.
     """
     random = np.random.default_rng(_SEED)
     ends = []
@@ -105,19 +93,11 @@ def _gaffke(values: np.ndarray, span: Interval) -> Interval:
 
 
 def deviation(values: np.ndarray) -> Interval:
-    """Returns the BCa bootstrap interval of the sample's standard deviation.
+    """Returns the BCa bootstrap interval of the standard deviation of n values, shape (n,).
 
-    Args:
-      values: One value for each robot, shape (n,).
-
-    Returns:
-      Lower and upper end; unknown for fewer than `FEWEST` robots, or if all values are equal.
+    Unknown for fewer than `FEWEST` robots, or if all values are equal.
     """
-
-    def statistic(samples: np.ndarray, axis: int) -> np.ndarray:
-        return np.std(samples, axis=axis, ddof=1)
-
-    return _bootstrap(values, statistic)
+    return _bootstrap(values, functools.partial(np.std, ddof=1))
 
 
 def mean_from(summary: Summary) -> Interval:
@@ -133,12 +113,8 @@ def mean_from(summary: Summary) -> Interval:
 def chance_variation(first: Summary, second: Summary) -> float:
     """Returns the total variation that sampling alone exceeds with a probability of 5 %.
 
-    Both groups are drawn from the pooled shares of the two columns, as if all robots belonged to
-    one population.
-
-    Args:
-      first: A column of table 1 or 2.
-      second: The column to compare with.
+    Both groups are drawn from the pooled shares of two columns of table 1 or 2, as if all robots
+    belonged to one population.
 
     Returns:
       The 95th percentile of the total variation, in [0, 1]; NaN where a column has no robots.
@@ -179,7 +155,7 @@ def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) ->
 def _combined(
     values: tuple[float, float], ends: tuple[Interval, Interval], correlation: float = 0.0
 ) -> Interval:
-    """Returns the interval of a difference from the intervals of its two values.
+    """Returns the interval of a difference from those of its two values.
 
     This is the method of variance estimates recovery (Zou and Donner, Statistics in Medicine 27,
     2008), of which Newcombe's method 10 is the case of two shares.

@@ -1,4 +1,4 @@
-"""The claims of section 4 of the paper, and the inequalities that they consist of.
+"""The claims of section 4 of the paper: sentences, statistics, conditions and directions.
 
 The paper uses words without a number ("mostly", "far", "about", "many"). Each claim here states a
 number for them. All numbers were chosen before any verdict was seen. The same tests judge the
@@ -8,50 +8,44 @@ paper's own tables where these print enough data.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
 
 from ...controller import PROPOSERS
 from ..lives.conditions import Condition
 from ..lives.learn_ability import CATEGORIES
 from ..lives.run import Run
 from .behaviour import Behaviour
-from .claim_tests import (
-    alike,
-    arrive_late,
-    born_spinners_touch_nothing,
-    both,
-    contour_then_spin,
-    far_below,
-    fewer,
-    later,
-    leads,
-    mostly,
-    ranks,
-    settle,
-    settlers_learn,
-    spin,
-    spin_more,
-    spinners_near_the_centre,
-    spoiled_without_contact,
-    spun,
-    stuck,
+from .claims import (
+    Claim,
+    ClaimResult,
+    Described,
+    Evidence,
+    Test,
+    Undecidable,
+    judge,
+    less,
+    more,
+    most,
+    rises,
 )
-from .claims import Claim, ClaimResult, Evidence, ability, judge, post_share
-from .paper_numbers import PAPER
+from .hypothesis_tests import Sample, Share, TestedInequality, larger_in_pairs, larger_mean
+from .paper_tables import PAPER
 
 _WALLS, _SPOT = "wall_avoidance", "spot_finding"
 _ONES, _POSITIVE, _, _NEGATIVE, _UNMEASURED = CATEGORIES
+_FIXED_W, _RANDOM_W, _CREATIVE_W = _W = [Condition(_WALLS, p) for p in PROPOSERS]
+_FIXED_S, _RANDOM_S, _CREATIVE_S = _S = [Condition(_SPOT, p) for p in PROPOSERS]
 
 
 def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]:
     """Judges every claim, in the paper's order.
 
-    Args:
-      run: The run.
-      behaviour: Behaviour of the run's robots; None if they were not observed.
-
-    Returns:
-      A result for every claim; empty for a run with another protocol, another brain, or none of
-      the paper's conditions, because it neither supports nor contradicts the claims.
+    A run with another protocol, another brain, or none of the paper's conditions neither supports
+    nor contradicts the claims: the list is empty.
+    `behaviour` is that of the run's robots, or None if they were not observed.
     """
     experiment = run.experiment
     comparable = experiment.protocol == "paper" and experiment.brain_name == "paper"
@@ -64,129 +58,281 @@ def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]
     ]
 
 
+def in_class(category: str) -> Callable[[Evidence, Condition], Share]:
+    """Returns the statistic "share of robots in a class of the tables", one of `CATEGORIES`."""
+
+    def statistic(evidence: Evidence, condition: Condition) -> Share:
+        summary = evidence.summary(condition)
+        return Share(summary.counts[CATEGORIES.index(category)], summary.robots)
+
+    return statistic
+
+
+def stuck(evidence: Evidence, condition: Condition) -> Share:
+    """Returns the share of robots in contact for 95 % of the test after training or more."""
+    return Share.of(evidence.robots(condition).shares(condition, "post") >= 0.95)
+
+
+def spoiled_without_contact(evidence: Evidence, condition: Condition) -> Share:
+    """Returns the share of robots without contact before training, among those with L < 0."""
+    run = evidence.robots(condition)
+    spoiled = np.array(run.classes(condition)) == _NEGATIVE
+    if not spoiled.any():
+        raise Undecidable(f"no {condition.proposer} robot has L < 0")
+    return Share.of(run.shares(condition, "pre")[spoiled] == 0)
+
+
+def settlers(evidence: Evidence, condition: Condition) -> Share:
+    """Returns the share of robots in the spot for half of the test before training."""
+    return Share.of(evidence.robots(condition).shares(condition, "pre") >= 0.5)
+
+
+def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
+    """Returns the share in the spot for half of training's last quarter, among `settlers`."""
+    run = evidence.robots(condition)
+    chosen = run.shares(condition, "pre") >= 0.5
+    if not chosen.any():
+        raise Undecidable(f"no {condition.proposer} robot stays in the spot before training")
+    minutes = run.experiment.schedule(condition.task).minutes_of("training")
+    training = run.curves(condition)[chosen, minutes]
+    return Share.of(training[:, -(training.shape[1] // 4) :].mean(axis=1) >= 0.5)
+
+
+def late(evidence: Evidence, condition: Condition) -> Described:
+    """Returns the share that needs 20 minutes or more, among robots that arrive in the spot."""
+    if evidence.robots(condition).experiment.time_scale != 1:
+        raise Undecidable("the shortened test does not last that long")
+    minutes = arrival_minutes(evidence, condition, "post")
+    minutes = minutes[~np.isnan(minutes)]
+    if not len(minutes):
+        raise Undecidable(f"no {condition.proposer} robot arrives")
+    share, between = Share.of(minutes >= 20), ((minutes >= 20) & (minutes < 30)).sum()
+    words = (
+        f"of the {condition.proposer} robots that arrive {share} need 20 minutes or more, "
+        f"{between} of these less than 30; the median is {np.median(minutes):g}"
+    )
+    return Described(share, words)
+
+
+def spinning(evidence: Evidence, condition: Condition) -> np.ndarray:
+    """Returns the share of time in which robots spin, before and after training, shape (n, 2)."""
+    shares = evidence.observed().spinning.get(condition)
+    if shares is None or not len(shares):
+        raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
+    return shares
+
+
+def spinners(evidence: Evidence, condition: Condition) -> Described:
+    """Returns the share of trained robots that spin more than half of the time."""
+    share = Share.of(spinning(evidence, condition)[:, 1] > 0.5)
+    return Described(share, f"{condition.proposer} {share}")
+
+
+def spinners_to_the_centre(evidence: Evidence, condition: Condition) -> Described:
+    """Returns the share that come nearer to the centre, among trained spinners of all kinds."""
+    nearer: list[float] = []
+    for one in (Condition(condition.task, proposer) for proposer in PROPOSERS):
+        spins = spinning(evidence, one)[:, 1] > 0.5
+        nearer += evidence.observed().nearer[one][spins, 1].tolist()
+    if not nearer:
+        raise Undecidable("no robot spins")
+    share = Share.of(np.array(nearer) > 0)
+    words = f"{share} spinners, median {np.median(nearer):.3f} m, against a half"
+    return Described(share, words)
+
+
+def born_spinners_without_contact(evidence: Evidence, condition: Condition) -> Described:
+    """Returns the share without contact before training, among newborns that spin."""
+    spins = spinning(evidence, condition)[:, 0] > 0.5
+    contact = evidence.robots(condition).shares(condition, "pre")[: len(spins)]
+    if not spins.any():
+        raise Undecidable(f"no newborn {condition.proposer} robot spins")
+    share = Share.of(contact[spins] == 0)
+    return Described(share, f"{share} newborn spinners, against a half")
+
+
+def ability(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns the Learn Ability L of a condition's measured robots."""
+    summary = evidence.summary(condition)
+    return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
+
+
+def post_share(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns the share of the test after training in contact (or in the spot)."""
+    return Sample.of(evidence.robots(condition).shares(condition, "post"))
+
+
+def spun(evidence: Evidence, condition: Condition) -> Sample:
+    """Returns the share of time in which trained robots spin."""
+    return Sample.of(spinning(evidence, condition)[:, 1])
+
+
+def far_below(evidence: Evidence) -> list[TestedInequality]:
+    """Tests that every mean L of spot finding is below wall avoidance's by more than 0.5."""
+    found = []
+    for pair in zip(_W, _S, strict=True):
+        walls, spot = (ability(evidence, condition) for condition in pair)
+        words = f"{pair[0].proposer} {spot} after {walls}"
+        found.append(larger_mean(walls, spot, words, 0.5))
+    return found
+
+
+def alike(evidence: Evidence) -> list[TestedInequality]:
+    """Tests twice, one-sided, that Creative's and Fixed's mean L differ by less than 0.2."""
+    own, theirs = ability(evidence, _CREATIVE_S), ability(evidence, _FIXED_S)
+    words = f"creative {own} of {own.size}, fixed {theirs} of {theirs.size}, not 0.2 lower"
+    return [
+        larger_mean(own, theirs, words, -0.2),
+        larger_mean(theirs, own, "not 0.2 higher", -0.2),
+    ]
+
+
+def arrival_minutes(
+    evidence: Evidence, condition: Condition, part: Literal["pre", "post"]
+) -> np.ndarray:
+    """Returns the minute of a test, from 0, in which each robot is first in the spot, shape (n,).
+
+    NaN for robots that never arrive.
+    """
+    run = evidence.robots(condition)
+    minutes = run.experiment.schedule(condition.task).minutes_of(part)
+    test = run.curves(condition)[:, minutes] > 0
+    if not test.shape[1]:
+        raise Undecidable("the curves end before the test")
+    return np.where(test.any(axis=1), test.argmax(axis=1).astype(float), np.nan)
+
+
+def arrivals(evidence: Evidence, condition: Condition) -> Described:
+    """Returns when robots with L < 0 arrive, those that arrive in both tests, shape (2, n)."""
+    worse = np.array(evidence.robots(condition).classes(condition)) == _NEGATIVE
+    both = np.array([arrival_minutes(evidence, condition, part) for part in ("pre", "post")])
+    both = both[:, worse & ~np.isnan(both).any(axis=0)]
+    if not both.size:
+        raise Undecidable(f"no {condition.proposer} robot with L < 0 arrives in both tests")
+    before, after = np.median(both, axis=1)
+    words = f"{both.shape[1]} robots: median minute {before:g} before, {after:g} after"
+    return Described(both, words)
+
+
+def spun_twice(evidence: Evidence, condition: Condition) -> Described:
+    """Returns the share of time in which robots spin, before and after training, shape (2, n)."""
+    shares = spinning(evidence, condition)
+    before, after = shares.mean(axis=0)
+    words = f"{len(shares)} robots: {before:.0%} of the time before, {after:.0%} after"
+    return Described(shares.T, words)
+
+
+def contour_then_spin(evidence: Evidence) -> list[TestedInequality]:
+    """Tests that, over time, robots follow the spot's contour less and spin inside it more."""
+    found = {who: stay for who, stay in evidence.observed().stays.items() if stay.staying.any()}
+    if not found:
+        raise Undecidable("no robot stays at the spot")
+    who = ", ".join(f"{int(stay.staying.sum())} {who}" for who, stay in found.items())
+    follows = np.concatenate([stay.following[stay.staying] for stay in found.values()])
+    spins = np.concatenate([stay.spinning[stay.staying] for stay in found.values()])
+    (f_first, f_last), (s_first, s_last) = follows.mean(axis=0), spins.mean(axis=0)
+    contour = f"along the contour {f_first:.0%} of the time at first, {f_last:.0%} at last"
+    inside = f"spinning inside {s_first:.0%} at first, {s_last:.0%} at last"
+    return [
+        larger_in_pairs(follows[:, 0], follows[:, 1], f"{who} robots: {contour}"),
+        larger_in_pairs(spins[:, 1], spins[:, 0], inside),
+    ]
+
+
 # ---- The claims ----
 
-_FIXED_W, _RANDOM_W, _CREATIVE_W = (Condition(_WALLS, p) for p in PROPOSERS)
-_FIXED_S, _RANDOM_S, _CREATIVE_S = (Condition(_SPOT, p) for p in PROPOSERS)
 _SPINS = (
     "After training most robots of each kind spin, for more than half of the test's first minutes."
 )
-
-CLAIMS = (
-    Claim(_WALLS, "Fixed has the most geniuses.", ranks(_FIXED_W, _UNMEASURED, most=True)),
-    Claim(_WALLS, "Random has the fewest geniuses.", ranks(_RANDOM_W, _UNMEASURED, most=False)),
-    Claim(_WALLS, "Creative has most robots with L = 1.", ranks(_CREATIVE_W, _ONES, most=True)),
-    Claim(_WALLS, "Creative has most robots with L < 0.", ranks(_CREATIVE_W, _NEGATIVE, most=True)),
-    Claim(
-        _WALLS,
+_Row = tuple[str, *tuple[Test, ...]]
+_OF_WALLS: tuple[_Row, ...] = (
+    ("Fixed has the most geniuses.", more(in_class(_UNMEASURED), _FIXED_W)),
+    ("Random has the fewest geniuses.", less(in_class(_UNMEASURED), _RANDOM_W)),
+    ("Creative has most robots with L = 1.", more(in_class(_ONES), _CREATIVE_W)),
+    ("Creative has most robots with L < 0.", more(in_class(_NEGATIVE), _CREATIVE_W)),
+    (
         "Random's contact after training is the lowest.",
-        leads(post_share, _RANDOM_W, "share of the time", highest=False),
+        less(post_share, _RANDOM_W, what="share of the time "),
     ),
-    Claim(
-        _WALLS,
-        "Fixed has the best mean L.",
-        leads(ability, _FIXED_W, "mean L", highest=True),
-    ),
-    Claim(
-        _WALLS,
-        "Random has the most robots with 0 < L < 1.",
-        ranks(_RANDOM_W, _POSITIVE, most=True),
-    ),
-    Claim(
-        _WALLS,
+    ("Fixed has the best mean L.", more(ability, _FIXED_W, what="mean L ")),
+    ("Random has the most robots with 0 < L < 1.", more(in_class(_POSITIVE), _RANDOM_W)),
+    (
         "Many creative robots with L < 0, more than half, had no contact before training.",
-        spoiled_without_contact(_CREATIVE_W),
+        most(spoiled_without_contact, _CREATIVE_W),
     ),
-    Claim(
-        _WALLS,
+    (
         "Creative has more geniuses than random, and more robots with L = 1.",
-        both(
-            fewer(_RANDOM_W, _CREATIVE_W, _UNMEASURED),
-            fewer(_RANDOM_W, _CREATIVE_W, _ONES),
-        ),
+        less(in_class(_UNMEASURED), _RANDOM_W, _CREATIVE_W),
+        less(in_class(_ONES), _RANDOM_W, _CREATIVE_W),
     ),
-    Claim(
-        _WALLS,
+    (
         "After training fixed has the most robots that do not leave the wall: in contact for 95 % "
         "of the test or more.",
-        stuck(_FIXED_W, 0.95),
+        more(stuck, _FIXED_W),
     ),
-    Claim(_WALLS, _SPINS, spin(_WALLS)),
-    Claim(
-        _WALLS,
+    (_SPINS, most(spinners, *_W)),
+    (
         "Spinning often comes with a slow movement towards the arena's centre: most trained "
         "spinners come nearer to it.",
-        spinners_near_the_centre(_WALLS),
+        most(spinners_to_the_centre, _CREATIVE_W),
     ),
-    Claim(
-        _WALLS,
+    (
         "A fixed robot that spins from birth is never punished: most of them have no contact.",
-        born_spinners_touch_nothing(_FIXED_W),
+        most(born_spinners_without_contact, _FIXED_W),
     ),
-    Claim(
-        _SPOT,
-        "All mean L are far below those of wall avoidance, by more than 0.5.",
-        far_below(0.5),
-    ),
-    Claim(
-        _SPOT,
-        "Creative's mean L is about Fixed's, within 0.2.",
-        alike(_CREATIVE_S, _FIXED_S, 0.2),
-    ),
-    Claim(
-        _SPOT,
+)
+_OF_SPOT: tuple[_Row, ...] = (
+    ("All mean L are far below those of wall avoidance, by more than 0.5.", far_below),
+    ("Creative's mean L is about Fixed's, within 0.2.", alike),
+    (
         "Fewer creative than random robots have L < 0.",
-        fewer(_CREATIVE_S, _RANDOM_S, _NEGATIVE),
+        less(in_class(_NEGATIVE), _CREATIVE_S, _RANDOM_S),
     ),
-    Claim(_SPOT, "Fixed robots are mostly ignorant.", mostly(_FIXED_S, _UNMEASURED)),
-    Claim(_SPOT, "Random robots mostly have L < 0.", mostly(_RANDOM_S, _NEGATIVE)),
-    Claim(
-        _SPOT,
+    ("Fixed robots are mostly ignorant.", most(in_class(_UNMEASURED), _FIXED_S)),
+    ("Random robots mostly have L < 0.", most(in_class(_NEGATIVE), _RANDOM_S)),
+    (
         "Creative has by far the most robots with L = 1, more than twice any other.",
-        ranks(_CREATIVE_S, _ONES, most=True, times=2),
+        more(in_class(_ONES), _CREATIVE_S, times=2),
     ),
-    Claim(
-        _SPOT,
+    (
         "Creative has the highest time in the spot after training.",
-        leads(post_share, _CREATIVE_S, "share of the time", highest=True),
+        more(post_share, _CREATIVE_S, what="share of the time "),
     ),
-    Claim(
-        _SPOT,
+    (
         "Before training quite a few creative robots, more than 5 %, stay in the spot, for half of "
         "the test or more.",
-        settle(_CREATIVE_S, 0.05),
+        most(settlers, _CREATIVE_S, border=0.05),
     ),
-    Claim(
-        _SPOT,
+    (
         "Most of these are easily trained: in the spot for half of training's last quarter.",
-        settlers_learn(_CREATIVE_S),
+        most(trained_settlers, _CREATIVE_S),
     ),
-    Claim(
-        _SPOT,
+    (
         "Creative robots with L < 0 that arrive in both tests arrive later after training.",
-        later(_CREATIVE_S),
+        rises(arrivals, _CREATIVE_S),
     ),
-    Claim(_SPOT, _SPINS, spin(_SPOT)),
-    Claim(
-        _SPOT,
+    (_SPINS, most(spinners, *_S)),
+    (
         "After training fixed robots spin the most: their mean share of the time is the highest.",
-        leads(spun, _FIXED_S, "time spinning", highest=True),
+        more(spun, _FIXED_S, what="time spinning "),
     ),
-    Claim(
-        _SPOT,
+    (
         "Spinning is reinforced: fixed robots spin more after training than before.",
-        spin_more(_FIXED_S),
+        rises(spun_twice, _FIXED_S),
     ),
-    Claim(
-        _SPOT,
+    (
         "Robots of all kinds together first follow the spot's contour and later spin inside it, "
         "comparing the first and the last third of their time there in 20 minutes of learning.",
         contour_then_spin,
     ),
-    Claim(
-        _SPOT,
+    (
         "In the test many creative robots take 20 to 30 minutes to arrive: more than a quarter of "
         "those that arrive need 20 or more.",
-        arrive_late(_CREATIVE_S, 0.25),
+        most(late, _CREATIVE_S, border=0.25),
     ),
+)
+CLAIMS = tuple(
+    Claim(task, says, tuple(tests))
+    for task, rows in ((_WALLS, _OF_WALLS), (_SPOT, _OF_SPOT))
+    for says, *tests in rows
 )

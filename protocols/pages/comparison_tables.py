@@ -74,7 +74,22 @@ def note(cells: Sequence[Cell]) -> str:
         f"of robots; for the rest {md.MEANS}). *p*: two-sided, "
         f"{' or '.join(filter(None, tests))} exact test for shares, a permutation test for the "
         f"rest. *Holm*: p corrected over {len(cells)} cells, bold below {ALPHA:g}. A dash: too few "
-        "measured robots.\n"
+        f"measured robots.{_left_out(cells)}\n"
+    )
+
+
+def _left_out(cells: Sequence[Cell]) -> str:
+    """Returns in words how many pairs lack a value of one robot, empty if none does."""
+    found = [
+        f"{cell.incomplete} ({cell.task}, {short_name(cell.proposer)})"
+        for cell in cells
+        if cell.name == "mean L" and cell.incomplete
+    ]
+    if not found:
+        return ""
+    return (
+        " Mean and deviation of L are those of pairs in which both robots have an L. Pairs left "
+        f"out because only one has it: {', '.join(found)}."
     )
 
 
@@ -155,6 +170,7 @@ def _plain(cell: Cell) -> dict[str, Any]:
         "share": cell.share,
         "paired": cell.paired,
         "robots": list(cell.robots),
+        "incomplete": cell.incomplete,
         "interval": None if math.isnan(sum(cell.interval)) else list(cell.interval),
         "differs": cell.differs,
         **{name: None if math.isnan(value) else value for name, value in numbers.items()},

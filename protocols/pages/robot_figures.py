@@ -11,13 +11,13 @@ from matplotlib.patches import Circle, Rectangle
 from ...controller import Neurocontroller
 from ...models import Dimensions
 from ..analysis.behaviour import Track
-from ..analysis.regret import GRID, grid, situations
 from ..lives.conditions import Condition
 from ..lives.results import WHEN, When
 from ..lives.run import Run
 from ..lives.schedules import SCHEDULES, TASK_NAMES
 from .example_robots import examples, favourite, proposer_of
 from .rollout import SEED, Tick, evaluate, ticks_of
+from .situations import GRID, grid, situations
 from .stored_brains import stored_brains
 from .style import DARK, EVENT, INK, canvas, colour
 

@@ -9,13 +9,7 @@ import pytest
 
 from musebot.controller import Parameters
 from musebot.models import Kinematics
-from musebot.protocols.analysis.comparison import (
-    CELLS,
-    Match,
-    compare_runs,
-    outcomes,
-    verdict,
-)
+from musebot.protocols.analysis.comparison import CELLS, compare_runs, is_paired
 from musebot.protocols.analysis.paper_tables import column, row_names
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort
@@ -147,34 +141,34 @@ def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
         ({"seed": 2}, False),
         ({"cohort_size": 4}, False),
     ):
-        assert Match(real, newborn(**fields), condition).is_paired() == expected, fields
+        assert is_paired(real, newborn(**fields), condition) == expected, fields
 
 
-def test_robots_of_paired_runs_without_a_partner_are_left_out():
-    ours = run_of("ours", {WALLS_FIXED: times()})
-    longer = Run("longer", Experiment(), {WALLS_FIXED: _twice(times(), times(9))})
-    cells = compare_runs(ours, longer)
-    assert all(cell.paired for cell in cells)
-    assert {cell.difference for cell in cells} == {0.0}
-
-
-def _twice(first, second):
-    """Returns results of twice as many robots: those of the first, then others."""
-    one, two = (condition_results(WALLS_FIXED, t, brains=k) for k, t in enumerate((first, second)))
-    more = [dataclasses.replace(row, robot=row.robot + ROBOTS) for row in two.robots]
-    born = {
-        n: np.concatenate([x, two.networks["before"][n]]) for n, x in one.networks["before"].items()
-    }
-    curves = np.concatenate([one.curves, two.curves])
-    return ConditionResults([*one.robots, *more], curves, {"before": born, "after": born})
-
-
-def test_both_robots_of_a_pair_are_left_out_if_one_is_invalid():
-    first, second = times(1), times(2)
+def test_pairs_without_two_valid_robots_are_left_out():
+    first, second = times(1), times(2)[:50]  # ten robots have no partner
     ours, other = two(first, second, invalid={0, 7})
-    keep = np.delete(np.arange(ROBOTS), [0, 7])
-    expected = compare_runs(*two(first[keep], second[keep]))
-    assert list(map(repr, compare_runs(ours, other))) == list(map(repr, expected))
+    keep = np.delete(np.arange(50), [0, 7])
+    cells, expected = compare_runs(ours, other), compare_runs(*two(first[keep], second[keep]))
+    assert all(cell.paired for cell in cells)
+    assert list(map(repr, cells)) == list(map(repr, expected))
+
+
+def test_pairs_of_which_one_robot_has_no_ability_are_left_out_of_it_and_counted():
+    first, second = times(1), times(2)
+    first[:9] = second[5:20] = 0.0  # geniuses: robots without contact have no L
+    whole = ((first.sum(axis=1) > 0) & (second.sum(axis=1) > 0)).nonzero()[0]
+    only_one = ((first.sum(axis=1) > 0) ^ (second.sum(axis=1) > 0)).sum()
+    ours, other = two(first, second)
+    cells, complete = by_name(compare_runs(ours, other)), two(first[whole], second[whole])
+    expected = by_name(compare_runs(*complete))
+    for name in ("mean L", "sd of L"):
+        left_out = dataclasses.replace(expected[name], incomplete=int(only_one), corrected=0.0)
+        assert repr(dataclasses.replace(cells[name], corrected=0.0)) == repr(left_out)
+        assert cells[name].robots == (len(whole), len(whole)) != (ROBOTS, ROBOTS)
+    assert cells["L = 1"].robots == (ROBOTS, ROBOTS) and cells["L = 1"].incomplete == 0
+    text = comparison_tables.markdown(ours, other, [*cells.values()])
+    assert f"left out because only one has it: {only_one} (wall_avoidance, fixed)." in text
+    assert "left out" not in comparison_tables.markdown(*complete, [*expected.values()])
 
 
 def test_the_fields_in_which_experiments_differ_are_named():
@@ -222,21 +216,3 @@ def test_degenerate_runs_have_dashes_and_plain_json(robots, invalid, recwarn):
     ]
     assert {cell["paired"] for cell in plain["cells"]} == {True}
     assert not recwarn.list
-
-
-def test_less_contact_and_more_time_in_the_spot_are_better():
-    short, long = (np.tile([600.0, post], (ROBOTS, 1)) for post in (60.0, 900.0))
-    for task, expected in ((WA, ["better", "better"]), (SF, ["worse", "worse"])):
-        condition = Condition(task, "creative")
-        ours, other = two(short, long, condition)
-        (cells,) = outcomes([Match(ours, other, condition)])
-        assert [verdict(cell) for cell in cells] == expected
-        (equal,) = outcomes([Match(ours, ours, condition)])
-        assert [verdict(cell) for cell in equal] == ["undecided", "undecided"]
-
-
-def test_robots_of_two_conditions_are_no_pairs():
-    first, second = WALLS_FIXED, Condition(WA, "random")
-    run = run_of("ours", {first: times(), second: times()})
-    assert Match(run, run, first).is_paired()
-    assert not Match(run, run, first, against=second).is_paired()

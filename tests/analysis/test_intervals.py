@@ -35,9 +35,6 @@ def wilson(count, robots):
 @given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
 def test_the_interval_of_a_share_is_that_of_wilson(pair):
     assert intervals.share(*pair) == pytest.approx(wilson(*pair), abs=1e-9)
-
-
-def test_a_share_without_robots_is_unknown():
     assert all(map(math.isnan, intervals.share(0, 0)))
 
 
@@ -65,12 +62,6 @@ def test_the_interval_of_a_mean_equals_bca_over_all_resamples(values):
     expected = bca_of_mean(np.array(values))
     assert (low, high) == pytest.approx(expected, abs=0.05 * np.ptp(values))
     assert low < np.mean(values) < high
-
-
-def test_a_skewed_sample_has_a_skewed_interval():
-    values = np.array([0.0] * 15 + [0.1, 0.2, 0.4, 1.0, 3.0])
-    low, high = intervals.mean(values)
-    assert high - values.mean() > 1.5 * (values.mean() - low) > 0
 
 
 def test_intervals_cover_the_true_value_in_about_95_per_cent():
@@ -158,19 +149,13 @@ def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(othe
     assert width < 0.15
 
 
-@pytest.mark.parametrize("count, robots", [(0, 60), (1, 60), (4, 200), (57, 60), (60, 60), (3, 5)])
+@pytest.mark.parametrize("count, robots", [(0, 200), (1, 60), (4, 200), (57, 60), (60, 60), (3, 5)])
 def test_gaffkes_bounds_of_zeros_and_ones_are_those_of_clopper_and_pearson(count, robots):
     low, high = intervals.mean(marks(count, robots).astype(float), SHARE)
     exact = stats.binomtest(count, robots).proportion_ci(0.95, method="exact")
     assert (low, high) == pytest.approx(
         (exact.low, exact.high), abs=0.04 * (exact.high - exact.low)
     )
-
-
-def test_robots_without_contact_do_not_prove_that_there_is_none():
-    low, high = intervals.mean(np.zeros(200), SHARE)
-    assert low == 0
-    assert high == pytest.approx(1 - 0.025 ** (1 / 200), rel=0.05)
 
 
 def test_gaffkes_bounds_move_with_the_values():
@@ -205,18 +190,11 @@ def test_a_difference_is_that_of_groups_if_one_mean_is_near_an_end():
     )
     low = means - math.hypot(usual.mean() - a, d - rare.mean())
     high = means + math.hypot(b - usual.mean(), rare.mean() - c)
-    for first in (usual, np.append(usual, NAN)):
-        second = rare if len(first) == 60 else np.append(NAN, rare)
-        found = intervals.difference_of_means(first, second, True, SHARE)
-        assert found == pytest.approx((low, high), abs=1e-12)
+    found = intervals.difference_of_means(np.append(usual, NAN), np.append(NAN, rare), False, SHARE)
+    assert found == pytest.approx((low, high), abs=1e-12)
+    assert intervals.difference_of_means(usual, rare, True, SHARE) == found
     few = np.append(np.zeros(4), np.full(56, NAN))
     assert all(map(math.isnan, intervals.difference_of_means(few, rare, True, SHARE)))
-
-
-def test_an_interval_is_reproducible():
-    values = np.random.default_rng(0).random(30)
-    assert intervals.mean(values) == intervals.mean(values.copy())
-    assert intervals.mean(values / 9, SHARE) == intervals.mean(values / 9, SHARE)
 
 
 def test_the_papers_mean_has_the_interval_of_student():
@@ -227,19 +205,16 @@ def test_the_papers_mean_has_the_interval_of_student():
     assert all(map(math.isnan, intervals.mean_from(nobody)))
 
 
-def test_variation_by_chance_is_smaller_between_larger_groups():
-    paper = PAPER[Condition("wall_avoidance", "creative")]
-    few = Summary((3, 3, 1, 2, 1), 0, 0, 0)
-    many = Summary((300, 300, 100, 200, 100), 0, 0, 0)
-    assert intervals.chance_variation(few, paper) > 3 * intervals.chance_variation(many, paper) > 0
-    assert math.isnan(intervals.chance_variation(Summary((0, 0, 0, 0, 0), 0, 0, 0), paper))
-
-
 def test_variation_by_chance_is_that_of_two_samples_of_one_population():
     # Of two categories: |a / n - b / n|, about normal, with variance 2 p (1 - p) / n.
     pair = Summary((250, 0, 0, 250, 0), 0, 0, 0), Summary((250, 0, 0, 250, 0), 0, 0, 0)
     expected = Z * math.sqrt(2 * 0.25 / 500)
     assert intervals.chance_variation(*pair) == pytest.approx(expected, abs=0.004)
+    nobody = Summary((0, 0, 0, 0, 0), 0, 0, 0)
+    assert all(
+        math.isnan(intervals.chance_variation(*two))
+        for two in ((nobody, pair[0]), (pair[0], nobody))
+    )
 
 
 def marks(count, robots):
@@ -280,12 +255,6 @@ def test_pairs_of_which_one_side_never_differs_are_as_if_independent():
     first, second = marks(60, 60), marks(33, 60)
     paired, independent = (intervals.difference_of_shares(first, second, p) for p in (True, False))
     assert paired == pytest.approx(independent)
-
-
-def test_correlated_pairs_narrow_the_interval_of_a_difference_of_shares():
-    first, second = marks(30, 60), marks(33, 60)
-    (a, b), (c, d) = (intervals.difference_of_shares(first, second, p) for p in (True, False))
-    assert d - c > 2 * (b - a) > 0
 
 
 @pytest.mark.parametrize("paired", [False, True])

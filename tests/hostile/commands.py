@@ -9,9 +9,9 @@ import numpy as np
 from hostile import files, oracle
 from hostile.mutations import one
 
-from musebot.protocols.bench import bench
 from musebot.protocols.cli import diagnosis as doctor
 from musebot.protocols.cli import parser as cli
+from musebot.protocols.cli import speed
 from musebot.protocols.compare import STUDIES, continual, creativity
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.lives import local
@@ -102,8 +102,7 @@ VERBS = {
     "bench": (
         ["--quick"],
         {
-            "--json": _PLACES, "--figure": _PLACES, "--car-xml": _PLACES, "--interfaces": ("",),
-            "--quick": ("", "1"), "--device": TEXTS,
+            "--json": _PLACES, "--quick": ("", "1"), "--device": TEXTS,
         },
     ),
     "doctor": ([], {"--x": TEXTS}),
@@ -301,9 +300,8 @@ def begun_only(patch):
     patch.setattr(typical_robots, "draw", _begin)
     for name in ("architecture", "robot"):
         patch.setattr(paper_figures, name, _begin)
-    patch.setattr(bench, "_measure", _begin)
-    patch.setattr(bench, "_measure_interfaces", _begin)
-    patch.setattr(bench, "_measure_population", _begin)
+    for measurement in ("lives", "interfaces", "processes", "populations"):
+        patch.setattr(speed, measurement, _begin)
     patch.setattr(doctor, "report", lambda: 0)
     for study in (continual, creativity):
         patch.setattr(study, "draw", _begin)

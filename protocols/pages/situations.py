@@ -1,11 +1,10 @@
-"""Regret: value of the best of all actions minus value of a brain's best idea."""
+"""Typical situations of a robot, and a grid of all actions, for figures of values."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 
-from ...controller import Neurocontroller
 from ...tasks import Robots
 from ..lives.schedules import UPPER_LEFT, UPPER_RIGHT
 
@@ -20,24 +19,6 @@ def grid() -> torch.Tensor:
     """
     line = torch.linspace(-0.5, 0.5, GRID)
     return torch.cartesian_prod(line, line)[None]
-
-
-@torch.inference_mode()
-def regret(brain: Neurocontroller, sensed: torch.Tensor, ideas: torch.Tensor) -> torch.Tensor:
-    """Returns the regret of ideas: the value of the best action minus that of the best idea.
-
-    Args:
-      brain: Brains of B robots, whose evaluation networks give the values.
-      sensed: Sensor signals, shape (B, S).
-      ideas: D draws of A ideas each for every robot, as motor values, shape (B, D, A, 2).
-
-    Returns:
-      Regret of each draw as a share of the range of all actions' values, in [0, 1], shape (B, D).
-    """
-    values = brain.values(sensed, grid().expand(len(sensed), -1, -1))
-    best = brain.values(sensed, ideas.flatten(1, 2)).unflatten(1, ideas.shape[1:3]).amax(dim=2)
-    most, least = values.amax(dim=1, keepdim=True), values.amin(dim=1, keepdim=True)
-    return (most - best).clamp(min=0) / (most - least).clamp(min=1e-12)  # 0 if all are equal
 
 
 def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:

@@ -1,1 +1,0 @@
-"""Measures speed and memory, compared with bare physics (`musebot bench`)."""

@@ -1,0 +1,122 @@
+"""The benchmark: ratios, equal work on both sides, complete numbers. No speed is asserted."""
+
+import json
+import math
+import re
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.cli import speed
+from musebot.protocols.errors import RunError
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
+
+TIMES = st.lists(st.tuples(*[st.floats(1e-6, 1e3)] * 2), min_size=1, max_size=9)
+
+
+@given(TIMES, st.integers(1, 10**6))
+def test_a_ratio_is_the_rate_of_the_work_relative_to_the_reference(times, robot_steps):
+    work, reference = zip(*times, strict=True)
+    found = speed.Paired(robot_steps, work, reference).numbers()
+    assert found["rate"] == pytest.approx(robot_steps / np.median(work))
+    assert found["rate_alone"] == pytest.approx(robot_steps / np.median(reference))
+    ratios = sorted(b / a for a, b in times)
+    assert (found["lowest"], found["highest"]) == pytest.approx((ratios[0], ratios[-1]))
+    assert found["ratio"] == pytest.approx(np.median(ratios))
+
+
+def test_the_first_repetition_warms_up():
+    times = iter([(100.0, 100.0), (1.0, 2.0), (3.0, 4.0)])
+    assert speed.Paired.of(5, 2, lambda: next(times)) == speed.Paired(5, (1.0, 3.0), (2.0, 4.0))
+
+
+@pytest.mark.parametrize("body", ["mujoco", "kinematic"])
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+def test_timing_changes_no_life_and_the_timed_robots_learn(body, task):
+    experiment, condition = Experiment(body=body, cohort_size=3), Condition(task, "creative")
+    timed, plain = (speed.cohort_in_training(experiment, condition) for _ in range(2))
+    before = {name: array.copy() for name, array in plain.agent.weights().items()}
+    speed.life(timed, 10, repetitions=2)
+    plain.advance(30)
+    for own, other in ((timed.batch.arrays(), plain.batch.arrays()),
+                       (timed.agent.state(), plain.agent.state())):  # fmt: skip
+        for name in own:
+            np.testing.assert_array_equal(own[name], other[name])
+    after = timed.agent.weights()
+    assert all(not np.array_equal(before[name], after[name]) for name in before)
+
+
+@pytest.mark.parametrize("robots", [1, 3])
+def test_a_replay_of_other_motor_values_is_refused(robots):
+    condition = Condition("spot_finding", "creative")
+    cohort = speed.cohort_in_training(Experiment(cohort_size=robots), condition)
+    bare = speed.BareMujoco(cohort.batch.model, robots)
+
+    def work():
+        motors = []
+        for command in cohort.stepping(5):
+            cohort.batch.step(command)
+            motors.append(-command if len(motors) == 3 else command.copy())
+        return np.array(motors)
+
+    with pytest.raises(RunError, match="did not end in the states"):
+        speed.over_bare(work, cohort.batch.arrays, bare.replay)
+
+
+def test_no_robot_is_placed_again_while_it_is_timed():
+    for robots in (1, *speed.FULL.cohorts):
+        assert speed.FULL.steps(robots) * (speed.FULL.repetitions + 1) < 3000
+
+
+TABLES = {"lives": 16, "interfaces": 4, "processes": 1}  # rows
+
+
+@pytest.mark.parametrize(
+    ("words", "tables"), [([], TABLES), (["--device", "cpu"], {"populations": 4})]
+)
+def test_a_quick_run_keeps_every_number_that_it_prints(
+    words, tables, tmp_path, capsys, monkeypatch
+):
+    pytest.importorskip("mujoco_warp" if words else "gymnasium")
+    monkeypatch.setattr("musebot.protocols.machine.cores", lambda: 2)
+    assert cli.main(["bench", "--quick", "--json", str(tmp_path / "b.json"), *words]) == 0
+    text = capsys.readouterr().out
+    found = json.loads((tmp_path / "b.json").read_text())
+    assert "too short to be quoted" in text and found["machine"]["quick"] is True
+    assert {name: len(rows) for name, rows in found.items() if name != "machine"} == tables
+    kept = []
+    for name in tables:
+        for row in found[name]:
+            kept += [value for value in row.values() if not isinstance(value, str)]
+            assert row["lowest"] <= row["ratio"] <= row["highest"]
+    printed = re.findall(r"(?<=\| )[\d,.]+(?= \|)", text[text.index(next(iter(tables)).title()) :])
+    assert len(printed) == len(kept)
+    for cell, value in zip(printed, kept, strict=True):
+        assert 0 < value < math.inf
+        assert float(cell.replace(",", "")) == pytest.approx(value, abs=0.51 if value > 9 else 6e-4)
+
+
+def test_a_population_without_memory_leaves_its_numbers_empty(monkeypatch):
+    full = RuntimeError("CUDA out of memory. Tried to allocate 2 GiB.")
+    monkeypatch.setattr(speed, "_population", Mock(side_effect=full))
+    rows = list(speed.populations(speed.QUICK, "cpu"))
+    assert [row.keys() for row in rows] == [{"simulator", "robots"}] * 4
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--json", "{}"], "is a folder"),
+        (["--device", "gpu"], "the device must be cpu, cuda or cuda:N, got 'gpu'"),
+        (["--device", "cuda:42"], "there is no device cuda:42"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_one_sentence(words, sentence, tmp_path, capsys):
+    assert cli.main(["bench", "--quick", *(word.format(tmp_path) for word in words)]) == 2
+    out, message = capsys.readouterr()
+    assert out == "" and sentence in message and message.count("\n") == 1
