@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,10 +68,7 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
     """Returns a different look for each proposer or agent of a run, by name.
 
     Agents share a few distinguishable colours: each further round of them has one more dot between
-    its dashes.
-
-    Args:
-      names: Proposers and agents, each at its first place; an agent's look depends on its place.
+    its dashes. So an agent's look depends on its place among the names.
     """
     found = {}
     for name in dict.fromkeys(names):
@@ -83,9 +81,13 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
     return found
 
 
-def styled() -> Any:
-    """Returns a context manager that sets the style; draw and save figures within it."""
-    return matplotlib.rc_context(_STYLE)
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """Sets the style, whatever a matplotlibrc says; draw and save figures within it."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        yield
 
 
 def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figure, np.ndarray]:
@@ -94,23 +96,16 @@ def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figu
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Writes a figure in every format; returns the paths.
-
-    Raises:
-      OSError: a file cannot be written.
-    """
-    paths = [folder / f"{name}.{suffix}" for suffix in FORMATS]
-    for path in paths:
-        write(figure, path)
-    return paths
+def save(figure: Figure, folder: Path, name: str) -> None:
+    """Writes a figure in every format; raises OSError where a file cannot be written."""
+    for suffix in FORMATS:
+        write(figure, folder / f"{name}.{suffix}")
 
 
 def write(figure: Figure, path: Path) -> None:
-    """Writes a figure, in the format of the path's suffix.
+    """Writes a figure, in the format of the path's suffix; raises OSError where it cannot.
 
-    Raises:
-      OSError: the file cannot be written; an existing file stays as it was.
+    An existing file then stays as it was.
     """
     suffix, buffer = path.suffix[1:].lower(), io.BytesIO()
     metadata = {"Date": None} if suffix == "svg" else None
