@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import ImageDraw
 
-from musebot.protocols.pages import film, scene
-from musebot.protocols.pages.episode import Episode
+from musebot.protocols.pages import scene
 from musebot.protocols.pages.panel import HEIGHT, WIDTH, Panel
+from musebot.protocols.pages.replay import Episode
 from musebot.tasks.suite import TASKS
 
 IMAGE = np.zeros((scene.HEIGHT, scene.WIDTH, 3), dtype=np.uint8)
@@ -21,7 +21,7 @@ def shown(request, newborn):
     """A panel of a task, a shot of a robot at rest, and the frame of it."""
     task = request.param
     episode = Episode.of_policy(newborn(task), 0, "post", 0)
-    (shot,) = film.shots_at([0.0], episode.moments(), episode.batch.rules, speed=1)
+    shot = next(episode.moments())
     panel = Panel(task, "nobody", True, speed=1, seconds=1)
     return panel, shot, panel.frame(IMAGE, shot)
 
@@ -88,7 +88,7 @@ def test_the_panel_writes_each_number_beside_its_name(monkeypatch, newborn):
         return rectangle(self, box, *rest, **more)
 
     episode = Episode.of_policy(newborn("wall_avoidance"), 0, "post", 0)
-    (shot,) = film.shots_at([0.0], episode.moments(), episode.batch.rules, speed=1)
+    shot = next(episode.moments())
     distances = np.array([0.11, 0.22, 0.33, 0.44])
     shot = dataclasses.replace(
         shot, time=72.3, event_seconds=18.1, motors=np.array([0.25, -0.4]),

@@ -77,7 +77,7 @@ def test_brain_drives_the_task_and_is_the_same_in_every_episode(stored, task):
 
 def test_random_motors_hold_each_value_for_some_steps():
     environment = tasks.load("arena", "wall_avoidance", {"random": 0})
-    policy = viewer.RandomMotors(seed=0, steps=3)
+    policy = viewer.random_motors(seed=0, steps=3)
     timestep = environment.reset()
     actions = []
     for _ in range(6):
