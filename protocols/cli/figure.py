@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from ..errors import InputError
 from ..terminal import say
 from .shared_options import TASK_CHOICES, option
 
@@ -44,6 +45,8 @@ class FigureCommand:
 
         style.check_output(self.output)
         run = None
+        if (self.name == "typical") != (self.out is not None):
+            raise InputError("typical needs the folder of a run, and only typical takes one")
         if self.out is not None:
             run = read_run(self.out, replay=True)
             prepare_process()

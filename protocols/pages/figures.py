@@ -41,7 +41,7 @@ def learning_curves(run: Run) -> Figure:
         axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
         axis.set_ylim(0, None)
-        in_per_cent(axis.yaxis)
+        in_per_cent(axis)
     handles = [
         Line2D([], [], color=one.colour, ls=one.dashes, label=short_name(name))
         for name, one in look.items()
@@ -178,7 +178,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
         axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8)
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
     axis.set(yticks=[0, 0.5, 1], ylim=(0, 1.15))
-    in_per_cent(axis.yaxis)
+    in_per_cent(axis)
     mean = f", mean {values.mean():z.2f}" if len(values) else ""
     return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
 
@@ -209,7 +209,7 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
         axis.set_ylim(0, 1)
-        in_per_cent(axis.yaxis)
+        in_per_cent(axis)
         axis.set_title(TASK_NAMES[task], pad=10)
     axes[0, 0].set_ylabel("share of the time spinning")
     handles = [
@@ -231,7 +231,7 @@ def stays(found: Mapping[str, Stay]) -> Figure:
         axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots")
         axis.set_xlabel("simulated minutes")
         axis.set_ylim(0, 1)
-        in_per_cent(axis.yaxis)
+        in_per_cent(axis)
     axes[0, 0].set_ylabel("share of the time at the spot")
     handles = [Line2D([], [], color=INK, linestyle=s, label=name) for name, s in styles.items()]
     _legend(figure, handles, 2)

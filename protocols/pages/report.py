@@ -64,7 +64,7 @@ def draw(name: str, path: Path, run: Run | None = None, task: str | None = None)
     if name not in FIGURES:
         raise InputError(f"the figure must be one of {', '.join(FIGURES)}, got {name!r}")
     if (name == "typical") != (run is not None):
-        raise InputError("typical needs the folder of a run, and only typical takes one")
+        raise InputError(f"typical needs a run, and only typical takes one, got {name}")
     if task is not None and name != "architecture":
         raise InputError(f"--task chooses the architecture, not {name}")
     if task not in (None, *PAPER_TASKS):
@@ -113,8 +113,8 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
                     style.save(figure, out / "figures", name)
                     drawn[name] = out / "figures" / f"{name}.png"
         missing = _film(run, out / "films")
-        filmed = {path.stem.replace("_", " "): path for path in _kept(out / "films")}
-        write_text(page_file, page(run, judge_all(run, behaviour), drawn, filmed, missing))
+        results, filmed = judge_all(run, behaviour), _kept(out / "films")
+        write_text(page_file, page(run, results, drawn, filmed, missing))
     return output
 
 
@@ -180,7 +180,7 @@ def page(
     run: Run,
     results: Sequence[ClaimResult],
     drawn: Mapping[str, Path],
-    filmed: Mapping[str, Path],
+    filmed: Sequence[Path],
     missing: str,
 ) -> str:
     """Returns the report as HTML that needs no other file.
@@ -189,7 +189,7 @@ def page(
       run: The run.
       results: Verdicts on the claims; if empty, the page has no section of claims.
       drawn: Figures, each a .png, by the name of the figure.
-      filmed: Films, each an .mp4, by caption.
+      filmed: Films, each an .mp4 whose name is its caption.
       missing: Sentence about missing films; empty for none.
     """
     environment = jinja2.Environment(
@@ -211,7 +211,7 @@ def page(
         not_judged=tables.not_judged(results),
         claims_note=tables.claims_note(experiment) if results else "",
         figures={name: _uri(path, "image/png") for name, path in drawn.items()},
-        films={name: _uri(path, "video/mp4") for name, path in filmed.items()},
+        films=[(path.stem.replace("_", " "), _uri(path, "video/mp4")) for path in filmed],
         missing=missing,
         tasks=[_words(run, task) for task in run.tasks()],
         sample=measured_behaviour.SAMPLE,
@@ -225,14 +225,12 @@ def _uri(path: Path, kind: str) -> str:
 
 def _words(run: Run, task: str) -> dict[str, Any]:
     """Returns what the captions of a task's figures say about it."""
-    kinds = [one.kind for one in robot_figures.examples(run, task)]
     return {
         "name": task,
         "title": TASK_NAMES[task].lower(),
         "event": SCHEDULES[task].event,
         "minutes": f"{robot_figures.MINUTES[task] * run.experiment.time_scale:g}",
-        "kinds": kinds,
-        "gains": robot_figures.gains(kinds),
+        "kinds": [one.kind for one in robot_figures.examples(run, task)],
     }
 
 

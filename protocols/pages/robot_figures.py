@@ -68,27 +68,15 @@ def examples(run: Run, task: str) -> list[Example]:
         return []
     schedule, rows = SCHEDULES[task], run.robots(condition)
     sign = 1 if schedule.wanted else -1
-    gains = {
-        index: sign * (row.t_post_s - row.t_pre_s)
-        for index, row in enumerate(rows)
-        if row.valid and row.category != schedule.unmeasured
-    }
-    found = {}
-    for index, row in enumerate(rows):
-        if row.category == schedule.unmeasured:
-            found.setdefault(schedule.unmeasured, index)
-    if gains:
-        best, worst = (pick(gains, key=gains.__getitem__) for pick in (max, min))
-        found |= {"learner": best} if gains[best] > 0 else {}
-        found |= {"spoiled": worst} if gains[worst] < 0 else {}
-    return [Example(kind, condition, i, rows[i].robot) for kind, i in found.items()]
-
-
-def gains(kinds: Collection[str]) -> str:
-    """Returns a sentence, and a space, on those of the kinds that gained or lost; or empty text."""
-    words = {"learner": "the learner gained most", "spoiled": "the spoiled robot lost most"}
-    found = ", ".join(text for kind, text in words.items() if kind in kinds)
-    return f"{found[0].upper()}{found[1:]} between the two tests. " if found else ""
+    unmeasured = [i for i, row in enumerate(rows) if row.category == schedule.unmeasured]
+    gains = {i: sign * (rows[i].t_post_s - rows[i].t_pre_s) for i in run.valid_rows(condition)}
+    measured = [i for i in gains if i not in unmeasured]
+    found = [(schedule.unmeasured, i) for i in unmeasured[:1]]
+    if measured and gains[best := max(measured, key=gains.__getitem__)] > 0:
+        found.append(("learner", best))
+    if measured and gains[worst := min(measured, key=gains.__getitem__)] < 0:
+        found.append(("spoiled", worst))
+    return [Example(kind, condition, i, rows[i].robot) for kind, i in found]
 
 
 def favourite(run: Run, task: str) -> Example | None:
@@ -308,13 +296,8 @@ def _follower(run: Run, condition: Condition) -> Iterator[Typical]:
     near = np.abs(np.linalg.norm(track.nose[:, index], axis=-1) - radius) < RIM
     steps = control_steps(DRAWN_MINUTES * run.experiment.time_scale)
     first = int(np.convolve(near, np.ones(steps), "valid").argmax())
-    drawn = Track(
-        track.poses[first : first + steps + 1],
-        track.events[first : first + steps],
-        track.spot,
-        track.nose[first : first + steps],
-    )
-    window = track.spot, 2 * radius
+    poses, events = track.poses[first : first + steps + 1], track.events[first : first + steps]
+    drawn, window = dataclasses.replace(track, poses=poses, events=events), (track.spot, 2 * radius)
     yield Typical("contour follower", condition, rows[index], drawn, index, words, window)
 
 

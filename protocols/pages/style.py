@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 
 from ..errors import InputError
 from ..storage import check_place, write_atomically
@@ -81,13 +80,9 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
     return found
 
 
-@contextlib.contextmanager
-def styled() -> Iterator[None]:
-    """Sets the style, whatever a matplotlibrc says; draw and save figures within it."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_STYLE)
-        yield
+def styled() -> Any:
+    """Returns a context of our style, whatever a matplotlibrc says: draw and save figures in it."""
+    return matplotlib.style.context(_STYLE, after_reset=True)
 
 
 def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figure, np.ndarray]:
@@ -131,7 +126,7 @@ def label_ends(
       ends: Height of the end and colour of the line, by name.
       gap: Smallest distance of two labels; low axes need a larger one.
     """
-    heights = _apart([height for height, _ in ends.values()], gap)
+    heights = _apart(np.array([height for height, _ in ends.values()]), gap)
     for (name, (_, shade)), height in zip(ends.items(), heights, strict=True):
         axis.annotate(
             name, (x, height), (5, 0), textcoords="offset points", color=shade, fontsize=7,
@@ -139,20 +134,16 @@ def label_ends(
         )  # fmt: skip
 
 
-def _apart(heights: Sequence[float], gap: float) -> np.ndarray:
+def _apart(heights: np.ndarray, gap: float) -> np.ndarray:
     """Returns heights of labels with at least a gap between two, close to those wanted."""
-    order = np.argsort(heights)
-    placed = np.array(heights, dtype=float)
+    order, placed = np.argsort(heights), heights.astype(float)
     for _ in range(200):
-        gaps = np.diff(placed[order])
-        short = np.maximum(gap - gaps, 0) / 2
-        if not short.any():
-            break
+        short = np.maximum(gap - np.diff(placed[order]), 0) / 2
         placed[order[:-1]] -= short
         placed[order[1:]] += short
     return placed
 
 
-def in_per_cent(axis: Axis) -> None:
-    """Labels an axis of shares with per cent."""
-    axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1))  # type: ignore[attr-defined]
+def in_per_cent(axis: Axes) -> None:
+    """Labels shares along y with per cent."""
+    axis.yaxis.set_major_formatter(PercentFormatter(1))

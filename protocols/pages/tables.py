@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..agents.names import short_name
 from ..analysis import comparison, intervals
@@ -22,6 +22,7 @@ from . import markdown as md
 from .markdown import Cell
 
 VARIATION = "total variation"
+_NUMBERS = ("mean", "deviation", "post_share")  # of a column, behind its shares
 _NOTE = (
     "In brackets: 95 % intervals (Wilson for shares; for means and deviations "
     f"{md.MEANS}; Student's t for the paper's means, from its table). *By chance*: the total "
@@ -34,15 +35,8 @@ _ROUNDED = " L is rounded to two decimals before it is classed (`--exact-classes
 # ---- A run beside the paper ----
 
 
-@dataclasses.dataclass(frozen=True)
-class TableColumn:
-    """A column of a table, and the paper's column beside it.
-
-    Attributes:
-      proposer: Recorded name of the proposer or agent.
-      ours: Cells, in the order of `names`.
-      paper: The paper's cells, in the same order; None if the paper has no such column.
-    """
+class TableColumn(NamedTuple):
+    """Cells of a proposer or agent, in the order of `names`, and the paper's, if it has them."""
 
     proposer: str
     ours: list[Cell]
@@ -72,11 +66,7 @@ def _cells(column: Column) -> list[Cell]:
     summary = column.summary
     invalid = f" (and {summary.invalid} invalid)" if summary.invalid else ""
     shares = zip(summary.counts, summary.shares, column.shares, strict=True)
-    numbers = (
-        (summary.mean, column.mean),
-        (summary.deviation, column.deviation),
-        (summary.post_share, column.post_share),
-    )
+    numbers = [(getattr(summary, name), getattr(column, name)) for name in _NUMBERS]
     return [
         Cell(f"{summary.robots}{invalid}"),
         *(Cell(f"{n} ({share:.0%})", md.bracket(ends, ".0%")) for n, share, ends in shares),
@@ -85,10 +75,7 @@ def _cells(column: Column) -> list[Cell]:
 
 
 def _variation(first: Column, second: Column | None) -> tuple[float, float]:
-    """Returns the total variation of two columns, and its 95th percentile under chance alone.
-
-    Both are NaN without a second column, or without robots.
-    """
+    """Returns the total variation of two columns, and its 95th percentile by chance, or NaN."""
     if second is None or not first.summary.robots:
         return math.nan, math.nan
     summaries = first.summary, second.summary
@@ -168,15 +155,14 @@ def as_json(run: Run) -> dict[str, Any]:
 
 
 def _plain(column: Column) -> dict[str, Any]:
-    numbers = ("mean", "deviation", "post_share")
     return {
         "robots": column.summary.robots,
         "invalid": column.summary.invalid,
         "counts": dict(zip(CATEGORIES, column.summary.counts, strict=True)),
-        **{name: getattr(column.summary, name) for name in numbers},
+        **{name: getattr(column.summary, name) for name in _NUMBERS},
         "intervals": {
             "shares": dict(zip(CATEGORIES, column.shares, strict=True)),
-            **{name: getattr(column, name) for name in numbers},
+            **{name: getattr(column, name) for name in _NUMBERS},
         },
     }
 
@@ -238,13 +224,7 @@ def claims_note(experiment: Experiment) -> str:
 
 
 def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell]) -> str:
-    """Returns how two runs differ: fields of their experiments, differing cells, and all cells.
-
-    Args:
-      ours: A run.
-      other: The run that it was compared with.
-      cells: Compared cells (`comparison.compare_runs`).
-    """
+    """Returns how two runs differ, with their cells as `comparison.compare_runs` returns them."""
     names = md.escape(ours.name), md.escape(other.name)
     found = [cell for cell in cells if cell.differs]
     verdict = f"After Holm's correction {len(found)} of {len(cells)} cells differ"
@@ -316,13 +296,12 @@ def _comparison_note(cells: Sequence[comparison.Cell]) -> str:
 
 def comparison_json(ours: Run, other: Run, cells: Sequence[comparison.Cell]) -> dict[str, Any]:
     """Returns a comparison as plain data for JSON, with None for NaN; see `comparison_markdown`."""
-    derived = ("task", "proposer", "difference", "differs")
-    found = []
-    for cell in cells:
-        fields = {one.name: getattr(cell, one.name) for one in dataclasses.fields(cell)}
-        fields |= {name: getattr(cell, name) for name in derived}
-        del fields["condition"]
-        found.append(fields)
+    found = [
+        {**dataclasses.asdict(cell), "difference": cell.difference, "differs": cell.differs}
+        for cell in cells
+    ]
+    for fields in found:
+        fields |= fields.pop("condition")  # task and proposer
     return {
         "ours": ours.name,
         "other": other.name,

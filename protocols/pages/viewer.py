@@ -54,13 +54,13 @@ class Driver:
         """
         experiment, condition = robot.run.experiment, robot.condition
         speed, scale, place = experiment.motor_speed, experiment.arena_scale, experiment.nose_place
-        for differs, sentence in (
-            (experiment.body != "mujoco", f"the body mujoco, got a run of {experiment.body}"),
-            (speed, f"the robot's own motor speed, got {speed} m/s"),
-            (scale != 1, f"the ordinary arena, got one {scale:g} times as large"),
-            (place != "front", f"the nose at the front, got one at the {place}"),
+        for ordinary, sentence in (
+            (experiment.body == "mujoco", f"the body mujoco, got a run of {experiment.body}"),
+            (speed is None, f"the robot's own motor speed, got {speed} m/s"),
+            (scale == 1, f"the ordinary arena, got one {scale:g} times as large"),
+            (place == "front", f"the nose at the front, got one at the {place}"),
         ):
-            if differs:
+            if not ordinary:
                 raise InputError(f"the window shows {sentence}")
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
         return cls(name, sensing(robot.act), experiment.nose, experiment.arena_task(condition.task))
@@ -129,8 +129,7 @@ def random_motors(seed: int, steps: int = 10) -> Policy:
 class ArrowKeys:
     """A policy by arrow keys: while they are held, up and down drive, left and right turn.
 
-    The right arrow is also the viewer's key for a single step. In a paused window it therefore
-    simulates one step, in which the robot turns.
+    In a paused window the right arrow, the viewer's key for a single step, simulates one.
     """
 
     def __init__(self) -> None:

@@ -48,33 +48,33 @@ def invented():
 
 
 def test_the_page_is_escaped_and_says_what_it_shows(invented):
-    text = page(invented, judge_all(invented), {}, {}, "No <film>.")
+    text = page(invented, judge_all(invented), {}, [], "No <film>.")
     assert "0 &lt; L &lt; 1" in text and "0 < L < 1" not in text
     assert "No &lt;film&gt;." in text
     for tag in ("title", "h1"):
         assert f"<{tag}>a &amp; b - Musebot report</{tag}>" in text
     assert f"musebot {__version__}<" in text and "12 robots, seed 1" in text
-    assert "1 robot, seed 1" in page(run_of("fixed", robots=1), [], {}, {}, "")
+    assert "1 robot, seed 1" in page(run_of("fixed", robots=1), [], {}, [], "")
     assert "<em>By chance</em>" in text and "<em>The paper&#39;s own numbers</em>" in text
     assert "The claims of section 4" in text
-    assert "The claims of section 4" not in page(invented, [], {}, {}, "")
+    assert "The claims of section 4" not in page(invented, [], {}, [], "")
 
 
 def test_a_table_has_captions_heads_and_cells_with_the_papers_values(invented):
-    text = page(invented, [], {}, {}, "")
+    text = page(invented, [], {}, [], "")
     assert '<td>6<small class="paper">500</small></td>' in text
     assert '<td>6 (100%)<small>[61%, 100%]</small><small class="paper">12 (2%)</small></td>' in text
     assert "<caption>Wall avoidance (table 1): ours, its interval, and <span" in text
     assert text.count('<th scope="col"') == 2
     assert text.count('<th scope="row">') == text.count("<tr>") - 1
     assert text.count("<th") == text.count("<th scope")
-    without = page(run_of("agents:mine"), [], {}, {}, "")
+    without = page(run_of("agents:mine"), [], {}, [], "")
     assert "<caption>Wall avoidance (table 1): ours, its interval.</caption>" in without
 
 
 def test_many_agents_are_several_tables_with_short_names_and_colours_of_their_own():
     agents = [RECORDED_NAMES[name] for name in ("dqn", "hand_coded", "avg", "stream_q")]
-    text = page(run_of("fixed", *agents), [], {}, {}, "")
+    text = page(run_of("fixed", *agents), [], {}, [], "")
     assert text.count("<table>") == 2
     heads = re.findall(r'<th scope="col" style="border-color:(#\w+)">(.*?)</th>', text)
     assert [name for _, name in heads] == ["fixed", "dqn", "hand_coded", "avg", "stream_q"]
@@ -84,7 +84,7 @@ def test_many_agents_are_several_tables_with_short_names_and_colours_of_their_ow
 @pytest.mark.parametrize("exact", [False, True])
 def test_the_page_says_under_its_tables_what_the_markdown_says(invented, exact):
     run = dataclasses.replace(invented, exact_classes=exact)
-    text = page(run, [], {}, {}, "")
+    text = page(run, [], {}, [], "")
     text = html.unescape(re.sub("</?em>", "*", re.sub("</?code>", "`", text)))
     found = tables.notes(run)
     assert len(found) == 2 and "Joint test" in found[0]
@@ -98,7 +98,7 @@ def test_claims_that_a_run_cannot_judge_are_one_line():
     results = judge_all(run)
     judged = [one for one in results if one.verdict != "not judged"]
     assert 0 < len(judged) < len(results)
-    for text in (page(run, results, {}, {}, ""), tables.markdown(run)):
+    for text in (page(run, results, {}, [], ""), tables.markdown(run)):
         assert text.count("are not judged") == text.count("not judged") == 1
         assert f"{len(results) - len(judged)} of {len(results)} claims are not judged" in text
         assert text.count("no robots of spot_finding, fixed") == 1
@@ -107,11 +107,10 @@ def test_claims_that_a_run_cannot_judge_are_one_line():
 
 def test_figures_and_films_are_part_of_the_page_in_their_order(invented, tmp_path):
     names = ["stays", "spinning", "categories", "learning_curves", "values_wall_avoidance"]
-    paths = {name: tmp_path / name for name in [*names, "my robot"]}
-    for path in paths.values():
+    paths, film = {name: tmp_path / name for name in names}, tmp_path / "my_robot.mp4"
+    for path in (*paths.values(), film):
         path.write_bytes(b"figure")
-    films = {"my robot": paths.pop("my robot")}
-    text = page(invented, judge_all(invented), paths, films, "No film.")
+    text = page(invented, judge_all(invented), paths, [film], "No film.")
     assert text.count('<img src="data:image/png;base64,ZmlndXJl" alt="') == 5
     assert '<video aria-label="Film: my robot" ' in text
     assert text.count('src="data:video/mp4;base64,ZmlndXJl"') == 1

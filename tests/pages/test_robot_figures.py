@@ -57,16 +57,6 @@ def test_examples_are_creative_and_of_every_kind(examples, task, unmeasured):
     assert robot_figures.favourite(examples, task).condition == Condition(task, "creative")
 
 
-def test_words_on_gains_are_of_the_examples_that_are_shown():
-    assert robot_figures.gains(["genius"]) == ""
-    assert robot_figures.gains(["ignorant", "spoiled"]) == (
-        "The spoiled robot lost most between the two tests. "
-    )
-    assert robot_figures.gains(["learner", "spoiled"]) == (
-        "The learner gained most, the spoiled robot lost most between the two tests. "
-    )
-
-
 @pytest.mark.parametrize("name", ["fixed", "agents:mine"])
 def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
     kinds = KINDS if name == "agents:mine" else {task: [INVALID] for task in KINDS}
