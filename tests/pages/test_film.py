@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from musebot.protocols.agents import ppo
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import film
@@ -254,38 +255,42 @@ def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened
     np.testing.assert_allclose(trail.ages, np.array([0.25, 0.15, 0.05, 0]) / 8)
 
 
+WALLS, SPOT = "--task spot_finding_walls", "--task spot_finding"
+
+
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("source", "words", "sentence"),
     [
-        ("--task dancing", "holds policies for spot_finding_walls, not for dancing"),
-        ("--task spot_finding", "holds policies for spot_finding_walls, not for spot_finding"),
-        ("--task spot_finding_walls --proposer creative", "policies, which have no proposer"),
-        ("--task spot_finding_walls --robot 2", "the policies are 0 to 1, got 2"),
-        ("--task spot_finding_walls --seed -1", "the seed must lie in"),
-        ("--task spot_finding_walls --speed 0", "speed must be positive"),
+        (
+            "p.safetensors",
+            "--task dancing",
+            "holds policies for spot_finding_walls, not for dancing",
+        ),
+        ("p.safetensors", f"{WALLS} --proposer creative", "policies, which have no proposer"),
+        ("p.safetensors", f"{WALLS} --robot 2", "the policies are 0 to 1, got 2"),
+        ("p.safetensors", f"{WALLS} --seed -1", "the seed must lie in"),
+        ("p.safetensors", f"{WALLS} --speed 0", "speed must be positive"),
+        ("q.safetensors", SPOT, "there is no file"),
+        (".", SPOT, "holds no experiment"),
+        ("nothing", SPOT, "there is no folder"),
+        ("text.csv", SPOT, "is neither a run's folder nor a .safetensors file"),
     ],
 )
-def test_policy_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
-    policy_file, tmp_path, capsys, words, sentence
+def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
+    policy_file, tmp_path, capsys, source, words, sentence
 ):
-    policies = policy_file("spot_finding_walls", tmp_path / "p.safetensors")
+    policy_file("spot_finding_walls", tmp_path / "p.safetensors")
+    (tmp_path / "text.csv").write_text("text")
     output = ["--output", str(tmp_path / "film.mp4")]
-    assert cli.main(["film", str(policies), *words.split(), *output]) == 2
-    assert sentence in capsys.readouterr().err
-    assert os.listdir(tmp_path) == ["p.safetensors"]
+    assert cli.main(["film", str(tmp_path / source), *words.split(), *output]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said and said.count("\n") == 1
+    assert {*os.listdir(tmp_path)} == {"p.safetensors", "text.csv"}
 
 
-def test_file_without_policies_is_one_sentence(directory, tmp_path, capsys):
-    words = ["--task", "spot_finding", "--output", str(tmp_path / "film.mp4")]
-    for path, sentence in (
-        (tmp_path / "p.safetensors", "there is no file"),
-        (directory / "brains.safetensors", "holds no policies"),
-        (tmp_path, "holds no experiment"),
-        (tmp_path / "nothing", "there is no folder"),
-        (directory / "robots.csv", "is neither a run's folder nor a .safetensors file"),
-    ):
-        assert cli.main(["film", str(path), *words]) == 2
-        assert sentence in capsys.readouterr().err
+def test_a_file_of_brains_holds_no_policies(directory, tmp_path):
+    with pytest.raises(InputError, match="holds no policies"):
+        ppo.Policies.load(directory / "brains.safetensors", "spot_finding")
 
 
 def test_film_of_a_policy_can_be_a_gif_of_half_the_size(egl, policy_file, tmp_path):
