@@ -8,7 +8,7 @@ from tables import table
 
 from musebot.protocols.agents.names import short_name
 from musebot.protocols.lives.run_files import read_so_far
-from musebot.protocols.pages.labels import particulars
+from musebot.protocols.pages.markdown import particulars
 
 
 def pages(docs: Path) -> dict[str, str]:

@@ -242,7 +242,7 @@ def _requirements() -> list[str] | None:
 def _egl() -> str:
     if sys.platform != "linux":
         raise Missing(f"no EGL on {sys.platform}", "make films on Linux")
-    done = _child(["-m", f"{__package__}.playback.offscreen"])
+    done = _child(["-m", "musebot.protocols.pages.offscreen"])
     if done.returncode < 0:
         raise Missing(f"the driver crashed (signal {-done.returncode})", EGL_REMEDY)
     if done.returncode:

@@ -56,7 +56,7 @@ class ExploreCommand:
         """Returns the driver; None for random motor values."""
         from ..agents.ppo import Policies, policy_file
         from ..lives.run_files import read_run
-        from ..pages.stored_brains import StoredRobot, robots_named
+        from ..pages.replay import StoredRobot, robots_named
         from ..pages.viewer import ArrowKeys, Driver
 
         if self.random:

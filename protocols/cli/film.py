@@ -13,7 +13,7 @@ from ..terminal import say
 from .shared_options import PROPOSER_CHOICES, option
 
 if TYPE_CHECKING:
-    from ..pages.episode import Episode
+    from ..pages.replay import Episode
 
 
 @dataclasses.dataclass
@@ -53,8 +53,7 @@ class FilmCommand:
     def _episode(self) -> Episode:
         from ..agents.ppo import Policies, policy_file
         from ..lives.run_files import read_run
-        from ..pages.episode import Episode
-        from ..pages.stored_brains import StoredRobot, robots_named
+        from ..pages.replay import Episode, StoredRobot, robots_named
 
         source = self.out or policy_file(self.task)
         if source.is_file() and source.suffix != ".safetensors":

@@ -30,18 +30,19 @@ class TablesCommand:
 
         if self.compare:
             from ..analysis.comparison import compare_runs
-            from ..pages import comparison_tables as reporting
+            from ..pages.tables import comparison_json as as_json
+            from ..pages.tables import comparison_markdown as markdown
 
             names = run_names((self.out, self.compare))
             runs = [read_run(*pair) for pair in zip((self.out, self.compare), names, strict=True)]
             runs = [dataclasses.replace(run, exact_classes=self.exact_classes) for run in runs]
             shown: tuple[Any, ...] = (*runs, compare_runs(*runs))
         else:
-            from ..pages import tables as reporting
+            from ..pages.tables import as_json, markdown
 
             run = read_run(self.out, needs="curves")  # it may be kept without its brains
             shown = (dataclasses.replace(run, exact_classes=self.exact_classes),)
         if self.json:
-            print(json.dumps(reporting.as_json(*shown), indent=2))
+            print(json.dumps(as_json(*shown), indent=2))
         else:
-            show_markdown(reporting.markdown(*shown))
+            show_markdown(markdown(*shown))

@@ -21,7 +21,7 @@ from ..lives.run_files import read_run
 from ..lives.schedules import SCHEDULES, TASK_NAMES
 from ..pages.film import film
 from ..pages.markdown import table
-from ..pages.stored_brains import StoredRobot
+from ..pages.replay import StoredRobot
 from ..terminal import notice
 from .study import Page
 from .variants import VariantStudy

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ...controller.brains import BRAINS
 from ..agents.names import MOVED, TRAINED_BEFORE, name_in_track
@@ -23,6 +22,8 @@ from .study import Page
 from .summary import placed, score_cell, summary
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .tune import Effort
 
 BOARDS_HEADING = "## Boards"
@@ -167,7 +168,7 @@ def _contacts(ranking: Ranking) -> list[str]:
     entries = [one.entry for one in ranking]
     for entry in sorted(entries, key=lambda entry: entry.touching / len(entry.after)):
         share = intervals.share(entry.touching, len(entry.after))
-        touching = with_interval(str(entry.touching), share, percent=True)
+        touching = with_interval(str(entry.touching), share, ".0%")
         rows.append([*_name(entry), touching, *_times(entry), _mean_ability(entry)])
     return [
         *table(rows),

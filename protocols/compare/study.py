@@ -8,9 +8,7 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError, Interrupted, RunError
@@ -33,6 +31,9 @@ from ..storage import (
     write_json,
     write_text,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STUDY_FILE = "study.json"
 CHECKPOINT = ".checkpoint"  # ending of a job's file from which it continues

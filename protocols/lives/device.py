@@ -62,9 +62,9 @@ def on_tensors(batch: Robots) -> TensorRobots:
 class StepWork:
     """What a cohort does in a control step besides the physics: it decides, and counts events."""
 
-    def __init__(self, cohort: Cohort) -> None:
-        """Takes the cohort."""
-        self._cohort = cohort
+    def __init__(self, agent: Agent, batch: Any) -> None:
+        """Takes an agent, and the robots that it drives, of any kind."""
+        self._agent, self._batch = agent, batch
         self._tally: Any = 0
 
     def decide(self, learning: bool) -> Any:
@@ -73,7 +73,7 @@ class StepWork:
         Args:
           learning: Whether the agent explores and learns.
         """
-        agent, batch = self._cohort.agent, self._cohort.batch
+        agent, batch = self._agent, self._batch
         motors = agent.act(_single(batch.rules.state(batch.sensordata)), learning)
         if learning:
             agent.learn(_single(batch.rules.reward(batch.sensordata)))
@@ -81,8 +81,7 @@ class StepWork:
 
     def count(self) -> None:
         """Counts the events after a step of the physics."""
-        batch = self._cohort.batch
-        self._tally = self._tally + batch.rules.event(batch.sensordata)
+        self._tally = self._tally + self._batch.rules.event(self._batch.sensordata)
 
     def counted(self) -> np.ndarray:
         """Returns how many events were counted since the last call, shape (B,)."""
@@ -97,12 +96,11 @@ class CapturedWork(StepWork):
     alternate steps.
     """
 
-    def __init__(self, cohort: Cohort) -> None:
-        """Takes the cohort, whose agent is a brain and whose robots are tensors."""
-        super().__init__(cohort)
-        assert isinstance(cohort.agent, NeurocontrollerAgent)
-        self._brain = cohort.agent.controller
-        self._batch: Any = cohort.batch
+    def __init__(self, agent: Agent, batch: Any) -> None:
+        """Takes an agent that is a brain, and robots that are tensors."""
+        super().__init__(agent, batch)
+        assert isinstance(agent, NeurocontrollerAgent)
+        self._brain = agent.controller
         device, robots = self._batch.sensordata.device, self._batch.robots
         self._motors = torch.zeros(robots, 2, device=device)
         self._tally = torch.zeros(robots, dtype=torch.int32, device=device)
@@ -149,8 +147,8 @@ def step_work(cohort: Cohort) -> StepWork:
     on_tensors = isinstance(batch, TensorRobots | Part)
     is_brain = type(cohort.agent) is NeurocontrollerAgent  # a subclass may act otherwise
     if on_tensors and is_brain and capture.captures(batch.sensordata.device):
-        return CapturedWork(cohort)
-    return StepWork(cohort)
+        return CapturedWork(cohort.agent, batch)
+    return StepWork(cohort.agent, batch)
 
 
 def _single(values: Any) -> Any:

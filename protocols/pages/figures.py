@@ -41,12 +41,12 @@ def learning_curves(run: Run) -> Figure:
         axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
         axis.set_ylim(0, None)
-        in_per_cent(axis.yaxis)
+        in_per_cent(axis)
     handles = [
         Line2D([], [], color=one.colour, ls=one.dashes, label=short_name(name))
         for name, one in look.items()
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    _legend(figure, handles, 3)
     return figure
 
 
@@ -56,13 +56,9 @@ def looks_of(run: Run) -> dict[str, Look]:
 
 
 def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> None:
-    """Draws the curve of a condition's n robots; no point mixes minutes of a test and of training.
+    """Draws the curve of n robots from their shares of each of M minutes, shape (n, M).
 
-    Args:
-      axis: Axis to draw on.
-      curves: Share of each of M minutes, shape (n, M).
-      schedule: Schedule of the robots' lives.
-      look: Look of the curve.
+    No point mixes minutes of a test and of training.
     """
     minutes = curves.shape[1]
     steps = schedule.steps_of_minutes()[:minutes]
@@ -97,6 +93,12 @@ def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     upper.set_xticks(ends - np.array(hours) / 2, ["test", "training", "test"], fontsize=8)
     upper.tick_params(length=0, pad=1)
     upper.spines[:].set_visible(False)
+
+
+def _legend(figure: Figure, handles: list[Line2D], columns: int) -> None:
+    """Draws a legend below a figure."""
+    where = "outside lower center"
+    figure.legend(handles=handles, loc=where, ncols=columns, frameon=False, fontsize=8)
 
 
 # ---- Categories ----
@@ -176,7 +178,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
         axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8)
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
     axis.set(yticks=[0, 0.5, 1], ylim=(0, 1.15))
-    in_per_cent(axis.yaxis)
+    in_per_cent(axis)
     mean = f", mean {values.mean():z.2f}" if len(values) else ""
     return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
 
@@ -187,9 +189,9 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
 def spinning(behaviour: Behaviour) -> Figure:
     """Draws the share of time that each robot spins before and after training, and the means."""
     tasks = [t for t in PAPER_TASKS if any(c.task == t for c in behaviour.spinning)]
-    figure, axes = canvas(2.9, 1, max(len(tasks), 1), sharey=True)
+    figure, axes = canvas(2.9, 1, len(tasks), sharey=True)
     jitter = np.random.default_rng(0)
-    for task, axis in zip(tasks, axes[0], strict=False):
+    for task, axis in zip(tasks, axes[0], strict=True):
         names = [condition.proposer for condition in behaviour.spinning if condition.task == task]
         for place, proposer in enumerate(names):
             shares, shade = behaviour.spinning[Condition(task, proposer)], colour(proposer)
@@ -207,30 +209,30 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
         axis.set_ylim(0, 1)
-        in_per_cent(axis.yaxis)
+        in_per_cent(axis)
         axis.set_title(TASK_NAMES[task], pad=10)
     axes[0, 0].set_ylabel("share of the time spinning")
     handles = [
         Line2D([], [], marker="o", ls="", ms=3.5, color=INK, mfc=face, label=f"{when} training")
         for when, face in (("before", "none"), ("after", INK))
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    _legend(figure, handles, 2)
     return figure
 
 
 def stays(found: Mapping[str, Stay]) -> Figure:
     """Draws how much learning robots follow the spot's contour and spin inside it, by minute."""
-    figure, axes = canvas(2.6, 1, max(len(found), 1), sharey=True)
+    figure, axes = canvas(2.6, 1, len(found), sharey=True)
     styles = {"along the contour": (0, (3, 1.5)), "spinning inside": "-"}
-    for axis, (proposer, stay) in zip(axes[0], found.items(), strict=False):
+    for axis, (proposer, stay) in zip(axes[0], found.items(), strict=True):
         minutes, following, inside = stay.minutes.T
         for values, style in zip((following, inside), styles.values(), strict=True):
             axis.plot(minutes + 0.5, values, color=colour(proposer), linestyle=style)
         axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots")
         axis.set_xlabel("simulated minutes")
         axis.set_ylim(0, 1)
-        in_per_cent(axis.yaxis)
+        in_per_cent(axis)
     axes[0, 0].set_ylabel("share of the time at the spot")
     handles = [Line2D([], [], color=INK, linestyle=s, label=name) for name, s in styles.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    _legend(figure, handles, 2)
     return figure

@@ -15,14 +15,13 @@ import imageio.v2 as imageio
 import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP
-from ...tasks.rules import Rules
 from ..errors import InputError
 from ..lives.stop_requests import handling
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import StepProgress, notice
-from .episode import Episode, Moment
 from .panel import Panel
-from .scene import Scene, Shot
+from .replay import Episode, Moment
+from .scene import Scene, Trail
 
 _ROUNDING = 1e-6  # [s], of the times of frames and of control steps
 _TRAIL = 8.0  # [s] of the film, after which the robot's trail has faded
@@ -34,38 +33,16 @@ _GIF = (
     "scale=iw/2:-2:flags=area,split[one][other];[one]palettegen=max_colors=48[palette];"
     "[other][palette]paletteuse=dither=none:diff_mode=rectangle"
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class Format:
-    """File format of a film.
-
-    Attributes:
-      fps: Frames per second of the film.
-      encoder: Options for imageio's FFMPEG writer.
-    """
-
-    fps: int
-    encoder: dict[str, Any]
-
-
-FORMATS = {
-    ".mp4": Format(
-        25,
-        {
-            "codec": "libx264",
-            "pixelformat": "yuv420p",
-            "output_params": ["-crf", "18", "-movflags", "+faststart"],
-        },
-    ),
-    ".gif": Format(
-        8,
-        {
-            "codec": "gif",
-            "pixelformat": "pal8",
-            "output_params": ["-f", "gif", "-filter_complex", _GIF],
-        },
-    ),
+_H264 = ["-crf", "18", "-movflags", "+faststart"]
+_FPS = {".mp4": 25, ".gif": 8}
+# Options for imageio's FFMPEG writer.
+_ENCODERS: dict[str, dict[str, Any]] = {
+    ".mp4": {"codec": "libx264", "pixelformat": "yuv420p", "output_params": _H264},
+    ".gif": {
+        "codec": "gif",
+        "pixelformat": "pal8",
+        "output_params": ["-f", "gif", "-filter_complex", _GIF],
+    },
 }
 
 
@@ -89,7 +66,10 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
     if seconds > _LONGEST:
         raise InputError(f"the film must last at most {_LONGEST} s, got {seconds:g}")
     output = resolved_file(output)
-    fps = _check_output(output).fps
+    if (suffix := output.suffix.lower()) not in _FPS:
+        raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
+    check_place(output)
+    fps = _FPS[suffix]
     count = frame_count(seconds, speed, episode.seconds, fps)
     with contextlib.closing(Scene(episode.task, episode.batch.dimensions)) as scene:
         notice(f"drawing with {scene.renderer}")
@@ -99,35 +79,29 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
             episode.task, episode.driver, episode.trained, speed, seconds=count * speed / fps
         )
         times = (number * speed / fps for number in range(count))
-        shots = shots_at(times, episode.moments(), episode.batch.rules, speed)
-        written = write(output, (panel.frame(scene.draw(shot), shot) for shot in shots), count)
+        shots = shots_at(times, episode.moments(), speed)
+        frames = (panel.frame(scene.draw(shot, trail), shot) for shot, trail in shots)
+        written = write(output, frames, count)
     if written < count:
         notice(f"the simulation became unstable: the film ends there, after {written / fps:g} s")
 
 
 def frame_count(seconds: float, speed: float, episode_seconds: float, fps: int) -> int:
-    """Returns the number of frames of a film that ends with the episode at the latest.
-
-    Args:
-      seconds: Requested length of the film in [s].
-      speed: Simulated seconds per second of the film.
-      episode_seconds: Simulated duration of the episode in [s].
-      fps: Frames per second of the film.
-    """
+    """Returns the number of frames of a film that ends with the episode at the latest."""
     return max(1, round(min(seconds, episode_seconds / speed) * fps))
 
 
 def shots_at(
-    times: Iterable[float], moments: Iterator[Moment], rules: Rules, speed: float
-) -> Iterator[Shot]:
-    """Yields the content of the frame at each time; poses are interpolated between control steps.
+    times: Iterable[float], moments: Iterator[Moment], speed: float
+) -> Iterator[tuple[Moment, Trail]]:
+    """Yields what the frame at each time shows; poses are interpolated between control steps.
 
-    It ends at the first time after the last moment, from which on nothing was simulated.
+    A frame also shows the contact and the events since the frame before. It ends at the first time
+    after the last moment, from which on nothing was simulated.
 
     Args:
       times: Simulated times in [s], ascending.
       moments: Moments of the episode, in order.
-      rules: Rules of the episode's task.
       speed: Simulated seconds per second of the film.
     """
     past = [next(moments)]
@@ -140,31 +114,28 @@ def shots_at(
         now = max(0, len(past) - 2)
         if past[-1].time <= time:  # the episode is over
             now = len(past) - 1
-        yield _shot(past, now, shown, time, rules, speed)
+        moment, after = past[now], past[min(now + 1, len(past) - 1)]
+        span = after.time - moment.time
+        pose = between(moment.pose, after.pose, (time - moment.time) / span if span else 0.0)
+        unseen = past[min(shown + 1, now) : now + 1]
+        shot = dataclasses.replace(
+            moment,
+            time=time,
+            pose=pose,
+            contact=any(m.contact for m in unseen),
+            event=any(m.event for m in unseen),
+        )
+        yield shot, _trail(past[: now + 1], pose, after.event, time, speed)
         shown = now
 
 
-def _shot(
-    past: list[Moment], now: int, shown: int, time: float, rules: Rules, speed: float
-) -> Shot:
-    moment, after = past[now], past[min(now + 1, len(past) - 1)]
-    span = after.time - moment.time
-    pose = between(moment.pose, after.pose, (time - moment.time) / span if span else 0.0)
+def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed: float) -> Trail:
+    """Returns the trail at a time, from the moments so far to a pose with or without an event."""
     reach = min(_TRAIL * speed, _TRAIL_LIMIT)
-    points = past[max(0, math.ceil((time - reach) / CONTROL_TIMESTEP)) : now + 1]
-    # A frame also shows the events since the frame before.
-    unseen = past[min(shown + 1, now) : now + 1]
-    return Shot(
-        time,
-        pose,
-        moment.spot,
-        rules.observations(moment.sensordata),
-        moment.motors,
-        any(m.sensordata[rules.layout.touch] > 0 for m in unseen),
-        any(m.event for m in unseen),
-        moment.event_seconds,
+    points = past[max(0, math.ceil((time - reach) / CONTROL_TIMESTEP)) :]
+    return Trail(
         np.array([*(m.pose[:2] for m in points), pose[:2]]),
-        np.array([*(m.event for m in points), after.event]),
+        np.array([*(m.event for m in points), event]),
         np.clip([*((time - m.time) / reach for m in points), 0.0], 0, 1),
     )
 
@@ -186,7 +157,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     """Writes frames into a film; an existing file is replaced when the film is complete.
 
     Args:
-      output: File to write; its suffix is one of `FORMATS`.
+      output: File to write, an .mp4 or .gif.
       frames: Pixels of each frame, uint8, shape (height, width, 3), with even height and width.
       count: Number of frames, at most, for the display of progress.
 
@@ -206,16 +177,18 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
         writer: Any = imageio.get_writer(
             draft,
             "FFMPEG",
-            fps=FORMATS[suffix].fps,
+            fps=_FPS[suffix],
             macro_block_size=2,
             ffmpeg_log_level="fatal",  # the number of frames shows a failure, see below
-            **FORMATS[suffix].encoder,
+            **_ENCODERS[suffix],
         )
         given = 0
         with StepProgress(output.name, count) as progress, writer:
             for frame in frames:
                 given += 1
-                if not _append(writer, frame):
+                try:
+                    writer.append_data(frame)
+                except OSError:  # ffmpeg has ended, for example because the disk is full
                     break
                 progress.advance()
         # imageio does not check whether ffmpeg could write everything.
@@ -228,17 +201,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
 
 def _interrupt(number: int, frame: object) -> None:
     """Turns a signal into Ctrl-C, after which nothing is left."""
-    del number, frame
     raise KeyboardInterrupt
-
-
-def _append(writer: Any, frame: np.ndarray) -> bool:
-    """Appends a frame; returns False if ffmpeg has ended, for example because the disk is full."""
-    try:
-        writer.append_data(frame)
-    except OSError:
-        return False
-    return True
 
 
 def _frames_in(path: Path) -> int:
@@ -249,10 +212,3 @@ def _frames_in(path: Path) -> int:
             return reader.count_frames()
     except (OSError, RuntimeError):
         return 0
-
-
-def _check_output(output: Path) -> Format:
-    if output.suffix.lower() not in FORMATS:
-        raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
-    check_place(output)
-    return FORMATS[output.suffix.lower()]

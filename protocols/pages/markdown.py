@@ -1,25 +1,42 @@
-"""Markdown: tables, and numbers with their intervals as text."""
+"""Markdown: tables, numbers with their intervals, and experiments in a few words."""
 
 from __future__ import annotations
 
+import html
 import math
+import re
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..analysis import intervals
 from ..analysis.intervals import Interval
+from ..lives.experiment import Experiment, differing
+from ..lives.schedules import TASK_NAMES
 
 MEANS = "BCa bootstrap over robots; Gaffke's bounds for a mean near an end of its range"
 """How the intervals of means are computed."""
 
+TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
+# Seed and cohort size are stated nowhere, the other two in words of their own.
+_STATED_APART = ("seed", "cohort_size", "time_scale", "protocol")
 
-def line(row: Sequence[str]) -> str:
-    """Returns a row of a table as a line of Markdown."""
-    return "| " + " | ".join(row) + " |"
+
+class Cell(NamedTuple):
+    """A cell of a table: a value, and what stands in brackets behind it; either can be empty."""
+
+    value: str
+    bracket: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.value} {self.bracket}".strip()
 
 
-def table(rows: Sequence[Sequence[str]], align: str = "") -> list[str]:
+# ---- Tables ----
+
+
+def table(rows: Sequence[Sequence[object]], align: str = "") -> list[str]:
     """Returns the lines of a table.
 
     Args:
@@ -29,43 +46,42 @@ def table(rows: Sequence[Sequence[str]], align: str = "") -> list[str]:
     """
     align = align or "l" + "r" * (len(rows[0]) - 1)
     rule = ["---:" if letter == "r" else "---" for letter in align]
-    return [line(rows[0]), line(rule), *map(line, rows[1:])]
+    return [f"| {' | '.join(map(str, row))} |" for row in (rows[0], rule, *rows[1:])]
 
 
 def section(title: str, text: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Returns a heading, a paragraph and a table as Markdown.
-
-    Args:
-      title: Heading.
-      text: Paragraph.
-      head: Names of the table's columns.
-      rows: Rows of the table, a text for each cell.
-    """
+    """Returns a heading, a paragraph and a table with a head and rows as Markdown."""
     lines = "\n".join(table([head, *rows]))
     return f"### {title}\n\n{text}\n\n{lines}\n"
 
 
-def number(value: float) -> str:
-    """Returns a number as text with four decimals; a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.4f}"
+def escape(text: str) -> str:
+    """Returns Markdown that shows a text, such as a folder's name, as it is, in a table too."""
+    return re.sub(r"([\\`*\[\]|])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
-def bracket(interval: Interval, percent: bool = False) -> str:
-    """Returns an interval as text in brackets; empty text if the interval is unknown."""
-    low, high = interval
-    if math.isnan(low) or math.isnan(high):
-        return ""
-    return f"[{low:.0%}, {high:.0%}]" if percent else f"[{low:.3f}, {high:.3f}]"
+# ---- Numbers ----
 
 
-def with_interval(value: str, interval: Interval, percent: bool = False) -> str:
-    """Returns a value with its interval in brackets, if the interval is known."""
-    return f"{value} {bracket(interval, percent)}".strip()
+def number(value: float, form: str = ".4f") -> str:
+    """Returns a number in a format; a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:{form}}"
 
 
 def probability(value: float) -> str:
     """Returns a p-value as text; a dash for NaN."""
     return "< 0.0001" if value < 1e-4 else number(value)
+
+
+def bracket(interval: Interval, form: str = ".3f") -> str:
+    """Returns an interval in brackets, its ends in a format; empty text if it is unknown."""
+    low, high = interval
+    return "" if math.isnan(low + high) else f"[{low:{form}}, {high:{form}}]"
+
+
+def with_interval(value: str, interval: Interval, form: str = ".3f") -> str:
+    """Returns a value with its interval in brackets, if the interval is known."""
+    return str(Cell(value, bracket(interval, form)))
 
 
 def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
@@ -76,3 +92,35 @@ def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
       span: Lowest and highest value that a robot can have; None if not known.
     """
     return with_interval(f"{values.mean():.3f}", intervals.mean(values, span))
+
+
+# ---- Experiments ----
+
+
+def title(task: str, experiment: Experiment, *others: Experiment) -> str:
+    """Returns the title of a task's table, with the non-default fields that all its runs share."""
+    name = TITLES[task] if experiment.protocol == "paper" else TASK_NAMES[task]
+    theirs = [particulars(other) for other in others]
+    facts = [fact for fact in particulars(experiment) if all(fact in other for other in theirs)]
+    return ", ".join([name, *facts])
+
+
+def particulars(experiment: Experiment) -> list[str]:
+    """Returns the non-default fields of an experiment, without seed and cohort size, as text."""
+    found = [f"protocol: {experiment.protocol}"] if experiment.protocol != "paper" else []
+    if experiment.brain_name != "paper":
+        found.append(f"brain: {experiment.brain_name}")
+    others = differing(experiment, Experiment(brain=experiment.brain))
+    found += [
+        f"{name.removeprefix('kinematics.').replace('_', ' ')}: {field_text(name, own)}"
+        for name, (own, _) in others.items()
+        if name not in _STATED_APART
+    ]
+    return [*found, experiment.rehearsal] if experiment.rehearsal else found
+
+
+def field_text(name: str, value: Any) -> str:
+    """Returns the value of an experiment's field as text, that of a motor speed with its unit."""
+    if isinstance(value, tuple):
+        return " ".join(map(str, value)) or "none"  # as on the command line
+    return f"{value:g} m/s" if name == "motor_speed" and value is not None else str(value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -54,66 +54,54 @@ def architecture(task: str) -> Figure:
     axis.set(xlim=(0, 10), ylim=(0, 8), xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
 
-    count = memory.networks.hidden_weights.shape[1]
-    title = f"creative memory: {len(sensors)}-{count}-2"
-    noisy = memory.patterns.noisy
-    _box(axis, (0.1, 4.35, 4.9, 3.5), title)
-    _network(
-        axis, memory.networks, (1.55, 3.0, 4.15), (4.75, 7.3), sensors, ("left", "right"), pattern
-    )
-    axis.text(
-        0.25, 4.45, f"an idea: noise of {parameters.noise:g} in {noisy} of {len(pattern)} weights",
-        fontsize=7.5, color=_NOISE,
-    )  # fmt: skip
-
-    inset = figure.add_axes((0.63, 0.63, 0.2, 0.25))
-    best = int(values.argmax())
-    inset.plot(*ideas.T, "o", ms=3, color=colour("creative"), mew=0)
-    inset.plot(*ideas[best], "o", ms=8, mfc="none", mec=INK, mew=1.3)
-    inset.set(xlim=(-0.55, 0.55), ylim=(-0.55, 0.55), xticks=[-0.5, 0, 0.5], yticks=[-0.5, 0, 0.5])
-    inset.set_title(f"{len(ideas)} ideas of one step", fontsize=8, loc="center")
-    inset.set_xlabel("left motor", fontsize=7.5, labelpad=1)
-    inset.set_ylabel("right motor", fontsize=7.5, labelpad=-3)
-    inset.tick_params(labelsize=7)
-
-    hidden = evaluation.hidden_weights.shape[1]
-    title = f"evaluation network: {evaluation.hidden_weights.shape[2]}-{hidden}-1"
-    _box(axis, (0.1, 0.15, 4.9, 3.95), title)
+    _box(axis, (0.1, 4.35, 4.9, 3.5), f"creative memory: {_sizes(memory.networks)}")
+    motors = ("left", "right")
+    _network(axis, memory.networks, (1.55, 3.0, 4.15), (4.75, 7.3), sensors, motors, pattern)
+    noise = f"noise of {parameters.noise:g} in {memory.patterns.noisy} of {len(pattern)} weights"
+    _write(axis, 0.25, 4.45, f"an idea: {noise}", _NOISE, fontsize=7.5)
+    _draw_ideas(figure.add_axes((0.63, 0.63, 0.2, 0.25)), ideas, int(values.argmax()))
+    _box(axis, (0.1, 0.15, 4.9, 3.95), f"evaluation network: {_sizes(evaluation)}")
     names = (*sensors, "left motor", "right motor")
     _network(axis, evaluation, (1.55, 3.0, 4.15), (0.45, 3.55), names, ("value",), None)
 
-    _arrow(axis, (5.0, 6.3), (5.5, 6.3), INK)
-    _arrow(axis, (6.6, 4.25), (5.05, 3.3), INK)
-    axis.text(6.1, 3.55, "each idea is evaluated", fontsize=8, color=INK)
+    _arrow(axis, (5.0, 6.3), (5.5, 6.3))
+    _arrow(axis, (6.6, 4.25), (5.05, 3.3))
+    _write(axis, 6.1, 3.55, "each idea is evaluated")
     _box(axis, (6.3, 1.5, 1.85, 1.25), "")
-    axis.text(
-        7.22, 2.12, f"highest value,\nor with \u03b5 = {parameters.epsilon:g}\nany idea",
-        ha="center", va="center", fontsize=8, color=INK,
-    )  # fmt: skip
-    _arrow(axis, (5.05, 2.12), (6.25, 2.12), INK, "values", (5.62, 2.27))
-    _arrow(axis, (8.2, 2.12), (8.75, 2.12), INK)
-    axis.text(8.85, 2.12, "motors", va="center", fontsize=8.5, color=INK)
-    axis.text(8.85, 0.75, "reward r", va="center", fontsize=8.5, color=_RED)
+    choice = f"highest value,\nor with \u03b5 = {parameters.epsilon:g}\nany idea"
+    _write(axis, 7.22, 2.12, choice, ha="center", va="center")
+    _arrow(axis, (5.05, 2.12), (6.25, 2.12))
+    _write(axis, 5.62, 2.27, "values", ha="center", fontsize=7.5)
+    _arrow(axis, (8.2, 2.12), (8.75, 2.12))
+    _write(axis, 8.85, 2.12, "motors", va="center", fontsize=8.5)
+    _write(axis, 8.85, 0.75, "reward r", _RED, va="center", fontsize=8.5)
     _arrow(axis, (8.75, 0.75), (5.05, 0.75), _RED)
-    axis.text(
-        6.9,
-        0.87,
-        "TD error \u03b4 = r + \u03b3V(t+1) \u2212 V(t)",
-        ha="center",
-        fontsize=8,
-        color=_RED,
-    )
-    axis.text(
-        6.9, 0.42, f"\u03b3 = {parameters.discount:g}, learn rate {parameters.learn_rate:g}",
-        ha="center", fontsize=7.5, color=_RED,
-    )  # fmt: skip
+    error = "TD error \u03b4 = r + \u03b3V(t+1) \u2212 V(t)"
+    _write(axis, 6.9, 0.87, error, _RED, ha="center")
+    rates = f"\u03b3 = {parameters.discount:g}, learn rate {parameters.learn_rate:g}"
+    _write(axis, 6.9, 0.42, rates, _RED, ha="center", fontsize=7.5)
     axis.plot([8.6, 8.6, 9.85, 9.85, 8.25], [0.75, 0.2, 0.2, 7.75, 7.75], color=_RED, lw=1.1)
     _arrow(axis, (8.3, 7.75), (5.05, 7.75), _RED)
-    axis.text(
-        9.75, 4.9, "\u03b4 is the memory's learn rate", rotation=90, ha="right", va="center",
-        fontsize=8, color=_RED,
-    )  # fmt: skip
+    lesson = "\u03b4 is the memory's learn rate"
+    _write(axis, 9.75, 4.9, lesson, _RED, rotation=90, ha="right", va="center")
     return figure
+
+
+def _sizes(networks: Networks) -> str:
+    """Returns the numbers of inputs, hidden neurons and outputs as text."""
+    _, hidden, inputs = networks.hidden_weights.shape
+    return f"{inputs}-{hidden}-{networks.output_weights.shape[1]}"
+
+
+def _draw_ideas(axis: Axes, ideas: np.ndarray, best: int) -> None:
+    ticks, limits = [-0.5, 0, 0.5], (-0.55, 0.55)
+    axis.plot(*ideas.T, "o", ms=3, color=colour("creative"), mew=0)
+    axis.plot(*ideas[best], "o", ms=8, mfc="none", mec=INK, mew=1.3)
+    axis.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks)
+    axis.set_title(f"{len(ideas)} ideas of one step", fontsize=8, loc="center")
+    axis.set_xlabel("left motor", fontsize=7.5, labelpad=1)
+    axis.set_ylabel("right motor", fontsize=7.5, labelpad=-3)
+    axis.tick_params(labelsize=7)
 
 
 def _sensors(task: str) -> tuple[str, ...]:
@@ -167,35 +155,21 @@ def _box(axis: Axes, place: tuple[float, float, float, float], title: str) -> No
     axis.text(x + 0.12, y + height - 0.12, title, va="top", fontsize=9, weight="bold", color=INK)
 
 
+def _write(axis: Axes, x: float, y: float, words: str, paint: str = INK, **options: Any) -> None:
+    axis.text(x, y, words, **{"color": paint, "fontsize": 8, **options})
+
+
 def _arrow(
-    axis: Axes,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    paint: str,
-    words: str = "",
-    at: tuple[float, float] = (0, 0),
+    axis: Axes, start: tuple[float, float], end: tuple[float, float], paint: str = INK
 ) -> None:
-    axis.add_patch(
-        FancyArrowPatch(
-            start,
-            end,
-            arrowstyle="-|>",
-            mutation_scale=9,
-            lw=1.1,
-            color=paint,
-            shrinkA=0,
-            shrinkB=0,
-        )
-    )
-    if words:
-        axis.text(*at, words, ha="center", fontsize=7.5, color=paint)
+    style: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "lw": 1.1}
+    axis.add_patch(FancyArrowPatch(start, end, color=paint, shrinkA=0, shrinkB=0, **style))
 
 
 # ---- Figure 2: the robot ----
 
 
-@dataclasses.dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """A part of the robot that the figure names.
 
     Attributes:
@@ -266,24 +240,22 @@ def robot() -> Figure:
     for part in PARTS:
         places = [getattr(data, part.kind)(name).xpos for name in part.names]
         if part.rim:  # the point of the rim towards the camera, a little to its right
-            places = [places[0] + _rim_of(model) * (right + 0.9 * np.array([*-ahead[:2], 0]))]
+            aside = right + 0.9 * np.array([*-ahead[:2], 0])
+            places = [places[0] + model.geom("bumper").size[0] / np.sqrt(1 + 0.9**2) * aside]
         anchors.append(seen(min(places, key=lambda place: float(np.sum((place - _EYE) ** 2)))))
-    for side in (0, 1):
+    for side, (edge, align) in enumerate(((0.03, "left"), (0.97, "right"))):
         own = [k for k, anchor in enumerate(anchors) if (anchor[0] > _WIDTH / 2) == bool(side)]
         own.sort(key=lambda k: anchors[k][1])
         for place, k in enumerate(own):
-            at = (0.03, 0.97)[side] * _WIDTH, (0.22 + 0.56 * (place + 0.5) / len(own)) * _HEIGHT
-            axis.annotate(
-                PARTS[k].words, anchors[k], at, ha=("left", "right")[side], va="center", fontsize=9,
-                color=_DARK, arrowprops={
-                    "arrowstyle": "-", "color": _DARK, "lw": 0.9, "shrinkB": 0,
-                    "path_effects": [withStroke(linewidth=2.2, foreground="white")],
-                },
-            )  # fmt: skip
-            axis.plot(*anchors[k], "o", ms=3.6, color=_DARK, mec="white", mew=0.6)
+            at = edge * _WIDTH, (0.22 + 0.56 * (place + 0.5) / len(own)) * _HEIGHT
+            _label(axis, PARTS[k].words, anchors[k], at, align)
     return figure
 
 
-def _rim_of(model: mujoco.MjModel) -> float:
-    """Returns a share of the bumper's radius in [m], so that two unit vectors lead to the rim."""
-    return float(model.geom("bumper").size[0]) / np.sqrt(1 + 0.9**2)
+def _label(axis: Axes, words: str, anchor: Any, at: tuple[float, float], align: str) -> None:
+    halo = [withStroke(linewidth=2.2, foreground="white")]
+    line = {"arrowstyle": "-", "color": _DARK, "lw": 0.9, "shrinkB": 0, "path_effects": halo}
+    axis.annotate(
+        words, anchor, at, ha=align, va="center", fontsize=9, color=_DARK, arrowprops=line
+    )
+    axis.plot(*anchor, "o", ms=3.6, color=_DARK, mec="white", mew=0.6)

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
+import base64
 import os
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import jinja2
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from ... import __version__
+from ..agents.names import short_name
 from ..analysis.behaviour import Behaviour
+from ..analysis.claims import ClaimResult
 from ..analysis.paper_claims import judge_all
 from ..errors import InputError
-from ..lives.conditions import Condition
+from ..lives.conditions import PAPER_TASKS
 from ..lives.run import Run
 from ..lives.schedules import SCHEDULES, TASK_NAMES
 from ..storage import (
@@ -24,35 +31,56 @@ from ..storage import (
     resolved_file,
     write_text,
 )
-from ..terminal import StepProgress
-from . import example_robots, figures, html_page, measured_behaviour, robot_figures, style
+from ..terminal import printable
+from . import figures, markdown, measured_behaviour, paper_figures, robot_figures, style, tables
 from . import film as films
-from .html_page import Medium
-from .rollout import SEED, Tick
-from .stored_brains import StoredRobot
+from .replay import SEED, StoredRobot
 
 PAGE = "report.html"
+FIGURES = ("architecture", "robot", "typical")
+"""Names of the figures that `draw` draws."""
+
+_TEMPLATE = Path(__file__).with_name("report.html.jinja")
+_COLUMNS = 3  # conditions next to each other, on the screen of a telephone
 _FILM_SECONDS = 10.0
 _FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
 
 
-@dataclasses.dataclass(frozen=True)
-class PlannedFigure:
-    """A figure of the page that is still to be drawn.
+def draw(name: str, path: Path, run: Run | None = None, task: str | None = None) -> None:
+    """Draws a figure of the paper, or typical robots of a run, into a file.
 
-    Attributes:
-      name: Name of the figure's files, without a suffix.
-      title: Heading above the figure.
-      caption: Text of a few sentences that says what the figure shows.
-      alt: Sentence that replaces the figure for readers who cannot see it.
-      draw: Function that draws the figure; it returns None if there is nothing to show.
+    Args:
+      name: One of `FIGURES`: the two networks, the robot, or a run's typical robots.
+      path: File to write, an .svg or .png.
+      run: Run of the typical robots; only for "typical".
+      task: Task of the networks; only for "architecture". None for "wall_avoidance".
+
+    Raises:
+      InputError: a value is invalid, there is no EGL, or the run has no typical robots; nothing
+        was written.
+      OSError: the file could not be written.
     """
-
-    name: str
-    title: str
-    caption: str
-    alt: str
-    draw: Callable[[], Figure | None]
+    style.check_output(path)
+    if name not in FIGURES:
+        raise InputError(f"the figure must be one of {', '.join(FIGURES)}, got {name!r}")
+    if (name == "typical") != (run is not None):
+        raise InputError(f"typical needs a run, and only typical takes one, got {name}")
+    if task is not None and name != "architecture":
+        raise InputError(f"--task chooses the architecture, not {name}")
+    if task not in (None, *PAPER_TASKS):
+        raise InputError(f"the task must be one of {', '.join(PAPER_TASKS)}, got {task!r}")
+    with style.styled():
+        if run is not None:
+            figure = robot_figures.typical(run)
+            if figure is None:
+                raise InputError(
+                    f"{run.name} has no typical robots: no stored brain spins or arrives"
+                )
+        elif name == "robot":
+            figure = paper_figures.robot()
+        else:
+            figure = paper_figures.architecture(task or "wall_avoidance")
+        style.write(figure, path)
 
 
 def report(run: Run, out: Path, output: Path | None) -> Path:
@@ -78,23 +106,16 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
         for folder in (out / "figures", out / "films"):
             remove_drafts(folder)
         remove_drafts(page_file.parent, page_file.name)
-        _write(run, out, page_file)
+        behaviour, drawn = measured_behaviour.observe(run), {}
+        with style.styled():
+            for name, figure in _figures(run, behaviour):
+                if figure is not None:
+                    style.save(figure, out / "figures", name)
+                    drawn[name] = out / "figures" / f"{name}.png"
+        missing = _film(run, out / "films")
+        results, filmed = judge_all(run, behaviour), _kept(out / "films")
+        write_text(page_file, page(run, results, drawn, filmed, missing))
     return output
-
-
-def _write(run: Run, out: Path, page_file: Path) -> None:
-    drawn: list[Medium] = []
-    total = measured_behaviour.ticks(run) + robot_figures.ticks(run)
-    with StepProgress("observing robots", total) as progress, style.styled():
-        behaviour = measured_behaviour.observe(run, progress.advance)
-        for planned in _figures(run, behaviour, progress.advance):
-            if (figure := planned.draw()) is not None:
-                paths = style.save(figure, out / "figures", planned.name)
-                png = next(path for path in paths if path.suffix == ".png")
-                drawn.append(Medium(png, planned.title, planned.caption, planned.alt))
-    shown, missing = _films(run, out / "films")
-    page = html_page.page(run, judge_all(run, behaviour), drawn, shown, missing)
-    write_text(page_file, page)
 
 
 def _check(out: Path, output: Path) -> None:
@@ -107,110 +128,30 @@ def _check(out: Path, output: Path) -> None:
         check_own_folder(folder)
 
 
-# ---- Figures ----
-
-
-def _figures(run: Run, behaviour: Behaviour, tick: Tick) -> Iterator[PlannedFigure]:
-    yield PlannedFigure(
-        "learning_curves",
-        "Learning curves",
-        "Means over all valid robots of a condition, with bands of 95 %.",
-        "Lines of the mean share of the time with the event over the simulated hours of a life, "
-        "one for each condition.",
-        lambda: figures.learning_curves(run),
-    )
-    yield PlannedFigure(
-        "categories",
-        "Categories",
-        "The rows of tables 1 and 2, here and in the paper.",
-        "Stacked bars of the per cent of the robots in each category, one for each condition here "
-        "and in the paper.",
-        lambda: figures.categories(run),
-    )
-    yield PlannedFigure(
-        "learn_ability",
-        "Learn Ability",
-        "Share of the measured robots. The solid bars at the ends are L = -1 and L = 1 themselves; "
-        "the light bars are the values between.",
-        "Histograms of Learn Ability from -1 to 1, one for each condition.",
-        lambda: figures.abilities(run),
-    )
+def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | None]]:
+    """Yields the names of the figures' files and the figures; None if there is nothing to show."""
+    yield "learning_curves", figures.learning_curves(run)
+    yield "categories", figures.categories(run)
+    yield "learn_ability", figures.abilities(run)
     for task in run.tasks():
-        yield _trajectories(run, task, tick)
-        yield _values(run, task)
-    scale = run.experiment.time_scale
+        yield f"trajectories_{task}", robot_figures.trajectories(run, task)
+        yield f"values_{task}", robot_figures.values(run, task)
     if behaviour.spinning:
-        yield PlannedFigure(
-            "spinning",
-            "Spinning",
-            f"A dot is a robot (the first {measured_behaviour.SAMPLE} of each condition); the line "
-            "is their mean. In a second of spinning a robot turns by more than 1 rad and moves "
-            f"less than 2 cm. First {measured_behaviour.SPIN_MINUTES * scale:g} minutes of the "
-            "test, replayed with the stored brains.",
-            "Dots of the share of time that each robot spins before and after training, one group "
-            "for each condition.",
-            lambda: figures.spinning(behaviour),
-        )
+        yield "spinning", figures.spinning(behaviour)
     if behaviour.stays:
-        yield PlannedFigure(
-            "stays",
-            "At the spot",
-            "Robots that found the spot in training (there for at least a tenth of it) start again "
-            "with their newborn brains, at the rim of the spot, and learn. Shares of their time at "
-            "the spot in which they follow its contour (nose within 2 cm of the rim) or spin "
-            "inside it. The titles count the robots that spent a tenth of the time there.",
-            "Lines of the shares of following the contour and of spinning inside the spot, by "
-            "simulated minute.",
-            lambda: figures.stays(behaviour.stays),
-        )
+        yield "stays", figures.stays(behaviour.stays)
 
 
-def _trajectories(run: Run, task: str, tick: Tick) -> PlannedFigure:
-    minutes = robot_figures.MINUTES[task] * run.experiment.time_scale
-    kinds = [one.kind for one in example_robots.examples(run, task)]
-    found = example_robots.gains(kinds)
-    return PlannedFigure(
-        f"trajectories_{task}",
-        f"Single robots, {TASK_NAMES[task].lower()}",
-        f"First {minutes:g} minutes of the test, from the ring to the dot; violet is "
-        f"{SCHEDULES[task].event}. {found}Replayed with the stored brains, whose noise is drawn "
-        "anew.",
-        f"Paths in the arena before and after training, seen from above: {', '.join(kinds)}.",
-        lambda: robot_figures.trajectories(run, task, tick),
-    )
-
-
-def _values(run: Run, task: str) -> PlannedFigure:
-    return PlannedFigure(
-        f"values_{task}",
-        f"Values of actions, {TASK_NAMES[task].lower()}",
-        "Value of every action in three situations, from blue, the lowest in its panel, to yellow, "
-        "the highest (the two numbers). White dots are the ideas of one step, the ring is the "
-        "chosen one.",
-        "Maps of the value of each pair of motor values before and after training, one for each "
-        "situation.",
-        lambda: robot_figures.values(run, task),
-    )
-
-
-# ---- Films ----
-
-
-def _films(run: Run, folder: Path) -> tuple[list[Medium], str]:
-    """Renders a film of each task's example robot, unless the folder has it.
-
-    Returns:
-      Two values: all films of the folder, each with its name as caption, and a sentence about
-      missing films.
-    """
+def _film(run: Run, folder: Path) -> str:
+    """Films each task's example robot, unless the folder has it; returns which cannot be filmed."""
     missing: list[str] = []
     for task in run.tasks():
-        example = example_robots.favourite(run, task)
+        example = robot_figures.favourite(run, task)
         if example is None:
             missing.append(f"{TASK_NAMES[task]} has no robot with a brain to film.")
             continue
-        condition = Condition(task, example_robots.proposer_of(run, task))
-        speed, kind = _FILM_SPEEDS[task], f"{example.kind}_{condition.proposer}_{example.robot}"
+        condition, speed = example.condition, _FILM_SPEEDS[task]
+        kind = f"{example.kind}_{condition.proposer}_{example.robot}"
         path = folder / f"{task}_{kind}_after_training_x{speed:g}.mp4"
         if path in _kept(folder):
             continue
@@ -223,11 +164,98 @@ def _films(run: Run, folder: Path) -> tuple[list[Medium], str]:
             if not existed:
                 folder.rmdir()
             missing.append(f"{TASK_NAMES[task]} has no film: {error}.")
-    named = [(path, path.stem.replace("_", " ")) for path in _kept(folder)]
-    return [Medium(p, "", name, f"Film: {name}") for p, name in named], " ".join(missing)
+    return " ".join(missing)
 
 
 def _kept(folder: Path) -> list[Path]:
     """Returns the films of a folder; a link could lead to any file of the reader's."""
     found = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
     return sorted(path for path in found if path.is_file() and not path.is_symlink())
+
+
+# ---- The page ----
+
+
+def page(
+    run: Run,
+    results: Sequence[ClaimResult],
+    drawn: Mapping[str, Path],
+    filmed: Sequence[Path],
+    missing: str,
+) -> str:
+    """Returns the report as HTML that needs no other file.
+
+    Args:
+      run: The run.
+      results: Verdicts on the claims; if empty, the page has no section of claims.
+      drawn: Figures, each a .png, by the name of the figure.
+      filmed: Films, each an .mp4 whose name is its caption.
+      missing: Sentence about missing films; empty for none.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATE.parent),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["emphasis"] = _emphasis
+    experiment = run.experiment
+    return environment.get_template(_TEMPLATE.name).render(
+        name=printable(run.name),
+        facts=_facts(run),
+        made=f"musebot {__version__}",
+        tables={markdown.title(t, experiment): [*_tables(run, t)] for t in run.tasks()},
+        tables_notes=tables.notes(run),
+        claims=tables.judged_claims(results),
+        not_judged=tables.not_judged(results),
+        claims_note=tables.claims_note(experiment) if results else "",
+        figures={name: _uri(path, "image/png") for name, path in drawn.items()},
+        films=[(path.stem.replace("_", " "), _uri(path, "video/mp4")) for path in filmed],
+        missing=missing,
+        tasks=[_words(run, task) for task in run.tasks()],
+        sample=measured_behaviour.SAMPLE,
+        spin_minutes=f"{measured_behaviour.SPIN_MINUTES * experiment.time_scale:g}",
+    )
+
+
+def _uri(path: Path, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def _words(run: Run, task: str) -> dict[str, Any]:
+    """Returns what the captions of a task's figures say about it."""
+    return {
+        "name": task,
+        "title": TASK_NAMES[task].lower(),
+        "event": SCHEDULES[task].event,
+        "minutes": f"{robot_figures.MINUTES[task] * run.experiment.time_scale:g}",
+        "kinds": [one.kind for one in robot_figures.examples(run, task)],
+    }
+
+
+def _facts(run: Run) -> list[str]:
+    simulators = {"mujoco": "in MuJoCo", "kinematic": "in the kinematic simulator"}
+    robots = sum(len(run.robots(condition)) for condition in run.conditions())
+    count = f"{robots} robot" if robots == 1 else f"{robots} robots"
+    facts = [simulators[run.experiment.body], count, f"seed {run.experiment.seed}"]
+    return [*facts, *markdown.particulars(run.experiment)]
+
+
+def _tables(run: Run, task: str) -> Iterator[dict[str, Any]]:
+    """Yields the tables of a task: one, or several if the task has many conditions."""
+    columns, look, names = tables.columns(run, task), figures.looks_of(run), tables.names(task)
+    for first in range(0, len(columns), _COLUMNS):
+        group = columns[first : first + _COLUMNS]
+        cells = [zip(one.ours, one.paper or [None] * len(names), strict=True) for one in group]
+        yield {
+            "heads": [(short_name(one.proposer), look[one.proposer].colour) for one in group],
+            "rows": [*zip(names, zip(*cells, strict=True), strict=True)],
+            "has_paper": any(one.paper for one in group),
+        }
+
+
+def _emphasis(text: str) -> Markup:
+    """Returns the text, escaped for HTML, with *words* emphasised and `words` as code."""
+    marked = re.sub(r"\*(.+?)\*", r"<em>\1</em>", str(escape(text)))
+    return Markup(re.sub(r"`(.+?)`", r"<code>\1</code>", marked))

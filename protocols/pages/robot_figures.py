@@ -1,6 +1,12 @@
-"""Figures of single robots before and after training: their paths, and the values of actions."""
+"""Figures of single robots: examples before and after training, and typical robots (section 4).
+
+What was measured chooses the robots; stored brains are put back into them.
+"""
 
 from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterator
 
 import numpy as np
 import torch
@@ -10,54 +16,99 @@ from matplotlib.patches import Circle, Rectangle
 
 from ...controller import Neurocontroller
 from ...models import Dimensions
-from ..analysis.behaviour import Track
+from ...tasks import CONTROL_TIMESTEP
+from ..agents.neurocontroller import NeurocontrollerAgent
+from ..analysis.behaviour import RIM, Track, spins, stay_of
 from ..lives.conditions import Condition
 from ..lives.results import WHEN, When
 from ..lives.run import Run
-from ..lives.schedules import SCHEDULES, TASK_NAMES
-from .example_robots import examples, favourite, proposer_of
-from .rollout import SEED, Tick, evaluate, ticks_of
+from ..lives.schedules import SCHEDULES, TASK_NAMES, control_steps
+from .measured_behaviour import SAMPLE, SPIN_MINUTES, finders, from_the_rim
+from .replay import evaluate, stored_brains
 from .situations import GRID, grid, situations
-from .stored_brains import stored_brains
 from .style import DARK, EVENT, INK, canvas, colour
 
 MINUTES = {"wall_avoidance": 4.0, "spot_finding": 15.0}  # of the test that trajectories show
+APPROACH_MINUTES = 40.0  # of the test after training in which approachers are looked for
+SPINS = 0.1  # least share of time: a robot that spins less only turns away from walls
+SLOW = 25.0  # [min]: the paper's slow robots arrive after 20 to 30 minutes
+DRAWN_MINUTES = 3.0  # of the follower's path, where it follows most; more would fill the spot
+_APPROACHERS = 30  # robots among which the slow one is looked for
 _LIMITS = (-0.56, 0.56)  # of motor values: marks at the edge of the image stay whole
 
 
-def ticks(run: Run) -> int:
-    """Returns how often `trajectories` calls `tick`, over all tasks of a run."""
-    scale = run.experiment.time_scale
-    return sum(ticks_of(MINUTES[task] * scale) for task in run.tasks() if examples(run, task))
+# ---- Examples ----
+
+
+@dataclasses.dataclass(frozen=True)
+class Example:
+    """A robot that is an example of a kind.
+
+    Attributes:
+      kind: Kind of example: "genius" or "ignorant", "learner", or "spoiled".
+      condition: Condition of the robot.
+      row: Index of the robot among all robots of its condition, from 0.
+      robot: Number of the robot, unique within its condition.
+    """
+
+    kind: str
+    condition: Condition
+    row: int
+    robot: int
+
+
+def examples(run: Run, task: str) -> list[Example]:
+    """Returns an unmeasured robot, and the robots that gained and lost most in training.
+
+    They are creative if the run has creative robots. The gain is the change of the time in contact
+    (or in the spot) from the test before training to the test after it, positive for an
+    improvement. A kind without a robot is left out.
+    """
+    if (condition := _condition(run, task, ("creative",))) is None:
+        return []
+    schedule, rows = SCHEDULES[task], run.robots(condition)
+    sign = 1 if schedule.wanted else -1
+    unmeasured = [i for i, row in enumerate(rows) if row.category == schedule.unmeasured]
+    gains = {i: sign * (rows[i].t_post_s - rows[i].t_pre_s) for i in run.valid_rows(condition)}
+    measured = [i for i in gains if i not in unmeasured]
+    found = [(schedule.unmeasured, i) for i in unmeasured[:1]]
+    if measured and gains[best := max(measured, key=gains.__getitem__)] > 0:
+        found.append(("learner", best))
+    if measured and gains[worst := min(measured, key=gains.__getitem__)] < 0:
+        found.append(("spoiled", worst))
+    return [Example(kind, condition, i, rows[i].robot) for kind, i in found]
+
+
+def favourite(run: Run, task: str) -> Example | None:
+    """Returns the learner; the first example if there is no learner; None without examples."""
+    found = examples(run, task)
+    return next((one for one in found if one.kind == "learner"), found[0] if found else None)
+
+
+def _condition(run: Run, task: str, preferred: Collection[str]) -> Condition | None:
+    """Returns the first condition of a task with brains, preferred proposers first, or None."""
+    found = [c for c in run.conditions() if c.task == task and c.has_brain]
+    wanted = [c for name in preferred for c in found if c.proposer == name]
+    return next(iter(wanted + found), None)
 
 
 # ---- Trajectories ----
 
 
-def trajectories(run: Run, task: str, tick: Tick = lambda: None) -> Figure | None:
-    """Draws the example robots' paths in the first minutes of both tests.
-
-    Args:
-      run: The run.
-      task: Task of the robots.
-      tick: Function called after every simulated minute.
-
-    Returns:
-      The figure; None if the task has no example robots.
-    """
+def trajectories(run: Run, task: str) -> Figure | None:
+    """Draws the example robots' paths in the first minutes of both tests; None without examples."""
     found = examples(run, task)
     if not found:
         return None
-    condition = Condition(task, proposer_of(run, task))
-    minutes = MINUTES[task] * run.experiment.time_scale
+    condition = found[0].condition
     which: list[tuple[int, When]] = [(one.row, when) for one in found for when in WHEN]
-    track = evaluate(run, condition, which, minutes, tick)
+    track = evaluate(run, condition, which, MINUTES[task] * run.experiment.time_scale)
     size = run.experiment.batch(task, 1).dimensions
     figure, axes = canvas(2.9, 2, len(found))
     for column, example in enumerate(found):
         for row, when in enumerate(WHEN):
             axis, index = axes[row, column], 2 * column + row
-            draw_arena(axis, track, task, size)
+            _draw_arena(axis, track, task, size)
             draw_path(axis, track, index, colour(condition.proposer))
             if row == 0:
                 axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
@@ -66,7 +117,7 @@ def trajectories(run: Run, task: str, tick: Tick = lambda: None) -> Figure | Non
     return figure
 
 
-def draw_arena(axis: Axes, track: Track, task: str, size: Dimensions) -> None:
+def _draw_arena(axis: Axes, track: Track, task: str, size: Dimensions) -> None:
     """Draws the walls from above, and the spot in a task with a spot."""
     length, width = size.half_length, size.half_width
     axis.add_patch(Rectangle((-length, -width), 2 * length, 2 * width, fill=False, ec=INK, lw=1.0))
@@ -95,26 +146,20 @@ def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
 def values(run: Run, task: str) -> Figure | None:
     """Draws all actions' values and the ideas in three situations, before and after training.
 
-    The robot is the `favourite`. In each panel, the colours span the range of its values, dots are
-    the ideas of one step, and a ring marks the chosen idea.
-
-    Args:
-      run: The run.
-      task: Task of the robot.
-
-    Returns:
-      The figure; None if the task has no example robot.
+    The robot is the `favourite`; None without one. In each panel, the colours span the range of its
+    values, dots are the ideas of one step, and a ring marks the chosen idea.
     """
     example = favourite(run, task)
     if example is None:
         return None
-    condition = Condition(task, proposer_of(run, task))
+    condition = example.condition
     states = situations(run.experiment.batch(task, 1), task)
     figure, axes = canvas(4.1, 2, 3, sharex=True, sharey=True)
     for row, when in enumerate(WHEN):
-        brain = stored_brains(run, condition, [(example.row, when)], SEED).controller
+        agent = stored_brains(run, condition, [(example.row, when)])
+        assert isinstance(agent, NeurocontrollerAgent)  # of a proposer, not of a user's factory
         for column, (name, state) in enumerate(states.items()):
-            draw_values(axes[row, column], brain, state)
+            draw_values(axes[row, column], agent.controller, state)
             if row == 0:
                 axes[row, column].set_title(name)
         axes[row, 0].set_ylabel(f"{when} training\nright motor")
@@ -152,3 +197,121 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
     above.set_xticks([])
     above.spines[:].set_visible(False)
     above.set_xlabel(f"{value.min():z.2f} to {value.max():z.2f}", fontsize=7, labelpad=1)
+
+
+# ---- Typical robots ----
+
+
+@dataclasses.dataclass(frozen=True)
+class Typical:
+    """A robot that is typical of a behaviour.
+
+    Attributes:
+      kind: Name of the behaviour.
+      condition: Condition of the robot.
+      row: Row of the robot within its condition.
+      track: Track of a batch with the robot; the part of it that is drawn.
+      index: Index of the robot in the track.
+      words: What was measured.
+      window: Middle, shape (2,), and half of the height of the part of the arena that is drawn, in
+        [m]; None for all of it.
+    """
+
+    kind: str
+    condition: Condition
+    row: int
+    track: Track
+    index: int
+    words: str
+    window: tuple[np.ndarray, float] | None = None
+
+
+def typical(run: Run) -> Figure | None:
+    """Draws the typical robots' paths side by side; None if the run has none."""
+    found = [*typical_robots(run)]
+    if not found:
+        return None
+    figure, axes = canvas(2.1, 1, len(found))
+    for axis, one in zip(axes[0], found, strict=True):
+        task = one.condition.task
+        _draw_arena(axis, one.track, task, run.experiment.batch(task, 1).dimensions)
+        draw_path(axis, one.track, one.index, colour(one.condition.proposer))
+        if one.window:
+            (x, y), half = one.window
+            axis.set(xlim=(x - 1.5 * half, x + 1.5 * half), ylim=(y - half, y + half))
+        number = run.robots(one.condition)[one.row].robot
+        axis.set_title(f"{one.kind}\n{one.condition.proposer} {number}")
+        axis.set_xlabel(one.words, fontsize=8)
+    return figure
+
+
+def typical_robots(run: Run) -> Iterator[Typical]:
+    """Yields the typical robots of a run; a kind without a robot is left out."""
+    if walls := _condition(run, "wall_avoidance", ("fixed", "creative", "random")):
+        yield from _spinner(run, walls)
+    spot = Condition("spot_finding", "creative")
+    if spot in run.results:
+        yield from _follower(run, spot)
+        yield from _slow_approacher(run, spot)
+
+
+def _spinner(run: Run, condition: Condition) -> Iterator[Typical]:
+    """Yields the robot that spins most at the start of the test, for at least `SPINS` of it."""
+    if not (rows := run.valid_rows(condition)[:SAMPLE]):
+        return
+    minutes = SPIN_MINUTES * run.experiment.time_scale
+    track = evaluate(run, condition, [(row, "after") for row in rows], minutes)
+    shares = spins(track.poses).mean(axis=0)
+    best = int(shares.argmax())
+    if shares[best] < SPINS:
+        return
+    # The path of the robots' fronts, which move while a robot spins.
+    poses, heading = track.poses.copy(), track.poses[..., 2]
+    radius = run.experiment.batch(condition.task, 1).dimensions.radius
+    poses[..., :2] += radius * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    track, middle = dataclasses.replace(track, poses=poses), poses[:, best, :2].mean(axis=0)
+    words = f"spins in {shares[best]:.0%} of\nthe first {minutes:g} minutes"
+    yield Typical("spinner", condition, rows[best], track, best, words, (middle, 0.06))
+
+
+def _follower(run: Run, condition: Condition) -> Iterator[Typical]:
+    """Yields the newborn that starts at the rim, learns, and changes from following to spinning.
+
+    Its share of following the spot's contour in the first third of its time there, plus its share
+    of spinning inside in the last third, is the largest.
+    """
+    if not (rows := finders(run, condition)):
+        return
+    track, radius = from_the_rim(run, condition, rows)
+    stay = stay_of(track, radius)
+    change = np.where(stay.staying, stay.following[:, 0] + stay.spinning[:, 1], np.nan)
+    if np.isnan(change).all():
+        return
+    index = int(np.nanargmax(change))
+    words = (
+        f"follows the rim {stay.following[index, 0]:.0%},\n"
+        f"at last spins {stay.spinning[index, 1]:.0%}"
+    )
+    # Drawn is the stretch in which its nose is at the rim for longest.
+    near = np.abs(np.linalg.norm(track.nose[:, index], axis=-1) - radius) < RIM
+    steps = control_steps(DRAWN_MINUTES * run.experiment.time_scale)
+    first = int(np.convolve(near, np.ones(steps), "valid").argmax())
+    poses, events = track.poses[first : first + steps + 1], track.events[first : first + steps]
+    drawn, window = dataclasses.replace(track, poses=poses, events=events), (track.spot, 2 * radius)
+    yield Typical("contour follower", condition, rows[index], drawn, index, words, window)
+
+
+def _slow_approacher(run: Run, condition: Condition) -> Iterator[Typical]:
+    """Yields the robot that arrives at the spot nearest to `SLOW` minutes after the test began."""
+    robots, scale = run.robots(condition), run.experiment.time_scale
+    rows = [row for row in run.valid_rows(condition) if robots[row].t_post_s > 0][:_APPROACHERS]
+    if not rows:
+        return
+    which: list[tuple[int, When]] = [(row, "after") for row in rows]
+    track = evaluate(run, condition, which, APPROACH_MINUTES * scale)
+    arrived = np.flatnonzero(track.events.any(axis=0) & ~track.events[0])
+    if len(arrived):
+        times = track.events.argmax(axis=0) * CONTROL_TIMESTEP / 60
+        index = int(arrived[np.abs(times[arrived] - SLOW * scale).argmin()])
+        words = f"reaches the spot after\n{times[index]:.3g} minutes"
+        yield Typical("slow approacher", condition, rows[index], track, index, words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -12,6 +12,7 @@ from ...tasks.rules import RANGEFINDERS
 from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from .offscreen import Canvas
+from .replay import Moment
 
 WIDTH, HEIGHT = 720, 496  # [pixels]
 
@@ -23,55 +24,29 @@ RED, GREEN, _MOSS = (0.89, 0.20, 0.16), (0.16, 0.66, 0.27), (0.04, 0.34, 0.12)
 _REACH, _SLICES = 0.24, 12  # of the sector in which a nose smells, in [m], and its triangles
 
 
-@dataclasses.dataclass(frozen=True)
-class Shot:
-    """Content of a frame.
+class Trail(NamedTuple):
+    """Earlier positions of the robot, the latest last.
 
     Attributes:
-      time: Simulated time since the start of the episode in [s].
-      pose: x, y in [m] and heading in [rad], shape (3,).
-      spot: x, y of the spot's centre in [m], shape (2,).
-      signals: Sensor signals by name, each of shape (number of signals,).
-      motors: Motor values in [-0.5, 0.5], left motor first, shape (2,).
-      contact: Whether the robot is in contact.
-      event: Whether the event of the task happens: the robot is in contact, or in the spot.
-      event_seconds: Time with the event since the start of the episode in [s].
-      trail: x, y of earlier positions in [m], the latest last, shape (n, 2).
-      trail_events: Whether the event happened at each position of the trail, shape (n,).
-      trail_ages: Age of each position of the trail in [0, 1], shape (n,): 0 is now, 1 is the age at
-        which a position disappears.
+      points: x, y in [m], shape (n, 2).
+      events: Whether the event happened at each position, shape (n,).
+      ages: Age of each position in [0, 1], shape (n,): 0 is now, at 1 a position disappears.
     """
 
-    time: float
-    pose: np.ndarray
-    spot: np.ndarray
-    signals: dict[str, np.ndarray]
-    motors: np.ndarray
-    contact: bool
-    event: bool
-    event_seconds: float
-    trail: np.ndarray
-    trail_events: np.ndarray
-    trail_ages: np.ndarray
+    points: np.ndarray
+    events: np.ndarray
+    ages: np.ndarray
 
 
 class Scene:
-    """Draws the arena from above, with the robot's trail and sensor signals.
+    """Draws the arena of a task, or one of other dimensions, with the robot's trail and signals.
 
     Attributes:
       renderer: Name that OpenGL reports for its renderer.
     """
 
     def __init__(self, task: str, dimensions: Dimensions | None = None) -> None:
-        """Compiles the arena of a task.
-
-        Args:
-          task: Task of the domain "arena".
-          dimensions: Dimensions of the robots' model; None for the task's own.
-
-        Raises:
-          InputError: there is no EGL.
-        """
+        """Compiles the arena; raises InputError where there is no EGL."""
         spec = TASKS[task].spec()
         if dimensions and (factor := dimensions.half_length / half_size(spec)[0]) > 1:
             enlarge(spec, factor)
@@ -83,13 +58,13 @@ class Scene:
         self._canvas = Canvas(self._model, "overhead", WIDTH, HEIGHT)
         self.renderer = self._canvas.renderer
 
-    def draw(self, shot: Shot) -> np.ndarray:
-        """Returns the image, shape (HEIGHT, WIDTH, 3); the next call overwrites it."""
+    def draw(self, shot: Moment, trail: Trail) -> np.ndarray:
+        """Returns the image, uint8, shape (HEIGHT, WIDTH, 3); the next call overwrites it."""
         self._data.qpos[:] = robot_qpos(shot.pose)
         self._data.mocap_pos[0, :2] = shot.spot
         mujoco.mj_forward(self._model, self._data)
         self._canvas.look(self._data)
-        self._trail(shot)
+        self._trail(trail)
         if isinstance(self._rules, SpotFindingRules):
             self._odours(shot, self._rules.nose.frustum)
         if "distances" in shot.signals:
@@ -100,14 +75,14 @@ class Scene:
         """Frees the resources of OpenGL."""
         self._canvas.close()
 
-    def _trail(self, shot: Shot) -> None:
+    def _trail(self, trail: Trail) -> None:
         event = _MOSS if isinstance(self._rules, SpotFindingRules) else RED
-        points = np.column_stack([shot.trail, np.full(len(shot.trail), 0.0015)])
+        points = np.column_stack([trail.points, np.full(len(trail.points), 0.0015)])
         for k in range(len(points) - 1):
-            colour = event if shot.trail_events[k + 1] else BLUE
-            self._line(points[k], points[k + 1], 4, colour, 0.85 * (1 - shot.trail_ages[k]))
+            colour = event if trail.events[k + 1] else BLUE
+            self._line(points[k], points[k + 1], 4, colour, 0.85 * (1 - trail.ages[k]))
 
-    def _distances(self, shot: Shot) -> None:
+    def _distances(self, shot: Moment) -> None:
         if shot.contact:
             self._ring(shot.pose, 0.034, 0.031, 5, RED)
         # Measured in the pose that is drawn, which may lie between two control steps.
@@ -123,7 +98,7 @@ class Scene:
             self._line(site.xpos, end, 3, colour, 0.55 + 0.45 * signal)
             self._add(mujoco.mjtGeom.mjGEOM_SPHERE, [0.004] * 3, end, np.eye(3), colour, 1)
 
-    def _odours(self, shot: Shot, frustum: float) -> None:
+    def _odours(self, shot: Moment, frustum: float) -> None:
         if shot.event:
             self._ring(shot.spot, 0.062, 0.002, 5, GREEN)
         for name in _NOSES.keys() & shot.signals.keys():

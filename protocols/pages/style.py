@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 
 from ..errors import InputError
 from ..storage import check_place, write_atomically
@@ -67,10 +67,7 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
     """Returns a different look for each proposer or agent of a run, by name.
 
     Agents share a few distinguishable colours: each further round of them has one more dot between
-    its dashes.
-
-    Args:
-      names: Proposers and agents, each at its first place; an agent's look depends on its place.
+    its dashes. So an agent's look depends on its place among the names.
     """
     found = {}
     for name in dict.fromkeys(names):
@@ -84,8 +81,8 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
 
 
 def styled() -> Any:
-    """Returns a context manager that sets the style; draw and save figures within it."""
-    return matplotlib.rc_context(_STYLE)
+    """Returns a context of our style, whatever a matplotlibrc says: draw and save figures in it."""
+    return matplotlib.style.context(_STYLE, after_reset=True)
 
 
 def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figure, np.ndarray]:
@@ -94,23 +91,16 @@ def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figu
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Writes a figure in every format; returns the paths.
-
-    Raises:
-      OSError: a file cannot be written.
-    """
-    paths = [folder / f"{name}.{suffix}" for suffix in FORMATS]
-    for path in paths:
-        write(figure, path)
-    return paths
+def save(figure: Figure, folder: Path, name: str) -> None:
+    """Writes a figure in every format; raises OSError where a file cannot be written."""
+    for suffix in FORMATS:
+        write(figure, folder / f"{name}.{suffix}")
 
 
 def write(figure: Figure, path: Path) -> None:
-    """Writes a figure, in the format of the path's suffix.
+    """Writes a figure, in the format of the path's suffix; raises OSError where it cannot.
 
-    Raises:
-      OSError: the file cannot be written; an existing file stays as it was.
+    An existing file then stays as it was.
     """
     suffix, buffer = path.suffix[1:].lower(), io.BytesIO()
     metadata = {"Date": None} if suffix == "svg" else None
@@ -136,7 +126,7 @@ def label_ends(
       ends: Height of the end and colour of the line, by name.
       gap: Smallest distance of two labels; low axes need a larger one.
     """
-    heights = _apart([height for height, _ in ends.values()], gap)
+    heights = _apart(np.array([height for height, _ in ends.values()]), gap)
     for (name, (_, shade)), height in zip(ends.items(), heights, strict=True):
         axis.annotate(
             name, (x, height), (5, 0), textcoords="offset points", color=shade, fontsize=7,
@@ -144,20 +134,16 @@ def label_ends(
         )  # fmt: skip
 
 
-def _apart(heights: Sequence[float], gap: float) -> np.ndarray:
+def _apart(heights: np.ndarray, gap: float) -> np.ndarray:
     """Returns heights of labels with at least a gap between two, close to those wanted."""
-    order = np.argsort(heights)
-    placed = np.array(heights, dtype=float)
+    order, placed = np.argsort(heights), heights.astype(float)
     for _ in range(200):
-        gaps = np.diff(placed[order])
-        short = np.maximum(gap - gaps, 0) / 2
-        if not short.any():
-            break
+        short = np.maximum(gap - np.diff(placed[order]), 0) / 2
         placed[order[:-1]] -= short
         placed[order[1:]] += short
     return placed
 
 
-def in_per_cent(axis: Axis) -> None:
-    """Labels an axis of shares with per cent."""
-    axis.set_major_formatter(matplotlib.ticker.PercentFormatter(1))  # type: ignore[attr-defined]
+def in_per_cent(axis: Axes) -> None:
+    """Labels shares along y with per cent."""
+    axis.yaxis.set_major_formatter(PercentFormatter(1))

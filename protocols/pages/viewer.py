@@ -16,8 +16,7 @@ from ...tasks.sensors import NoseForm
 from ...tasks.suite import TASKS
 from ..agents.names import short_name
 from ..errors import InputError
-from .episode import Act, policy_act
-from .stored_brains import StoredRobot
+from .replay import Act, StoredRobot, policy_act
 
 if TYPE_CHECKING:
     from ..agents.ppo import Policies
@@ -26,6 +25,9 @@ if TYPE_CHECKING:
 UP, DOWN, LEFT, RIGHT = 265, 264, 263, 262
 RELEASE = 0
 
+Policy = Callable[[dm_env.TimeStep], np.ndarray]
+"""Returns left and right motor value in [-0.5, 0.5], shape (2,), for a time step of a task."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Driver:
@@ -33,14 +35,13 @@ class Driver:
 
     Attributes:
       name: Description of the driver.
-      policy: Function that maps a time step of the task to motor values in [-0.5, 0.5], left motor
-        first, shape (2,).
+      policy: Policy that drives.
       nose: Form of Eq. 3 by which the robot's nose computes the smell.
       task: Task of the domain "arena" that the driver has learned; None if it can drive in any.
     """
 
     name: str
-    policy: Callable[[dm_env.TimeStep], np.ndarray]
+    policy: Policy
     nose: NoseForm = "inverse"
     task: str | None = None
 
@@ -52,48 +53,36 @@ class Driver:
           InputError: there is no such robot, or its body or arena is not that in the window.
         """
         experiment, condition = robot.run.experiment, robot.condition
-        if experiment.body != "mujoco":
-            raise InputError(f"the window shows the body mujoco, got a run of {experiment.body}")
-        if experiment.motor_speed:
-            speed = experiment.motor_speed
-            raise InputError(f"the window shows the robot's own motor speed, got {speed:g} m/s")
-        if experiment.arena_scale != 1:
-            scale = experiment.arena_scale
-            raise InputError(
-                f"the window shows the ordinary arena, got one {scale:g} times as large"
-            )
-        if experiment.nose_place != "front":
-            raise InputError(
-                f"the window shows the nose at the front, got one at the {experiment.nose_place}"
-            )
+        speed, scale, place = experiment.motor_speed, experiment.arena_scale, experiment.nose_place
+        for ordinary, sentence in (
+            (experiment.body == "mujoco", f"the body mujoco, got a run of {experiment.body}"),
+            (speed is None, f"the robot's own motor speed, got {speed} m/s"),
+            (scale == 1, f"the ordinary arena, got one {scale:g} times as large"),
+            (place == "front", f"the nose at the front, got one at the {place}"),
+        ):
+            if not ordinary:
+                raise InputError(f"the window shows {sentence}")
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
-        task = experiment.arena_task(condition.task)
-        return cls(name, Sensing(robot.act), experiment.nose, task)
+        return cls(name, sensing(robot.act), experiment.nose, experiment.arena_task(condition.task))
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str) -> Driver:
-        """Returns a policy trained by PPO as a driver.
-
-        Raises:
-          InputError: there is no such policy.
-        """
+        """Returns a policy trained by PPO as a driver; see `replay.policy_act`."""
         act = policy_act(policies, robot, phase)
-        return cls(f"PPO, policy {robot}, {phase}-training", Sensing(lambda: act))
+        return cls(f"PPO, policy {robot}, {phase}-training", sensing(lambda: act))
 
 
 def explore(task: str, driver: Driver | None = None) -> None:
-    """Opens a window on a task; Backspace starts again with random places of robot and spot.
+    """Opens a window on a task of the domain "arena"; without a driver, motors are random.
 
-    Args:
-      task: Name of a task of the domain "arena".
-      driver: Driver of the robot; None for random motors.
+    Backspace starts again with random places of robot and spot.
 
     Raises:
       InputError: there is no such task, or no display.
     """
     if task not in TASKS:
         raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
-    driver = driver or Driver("random motors", RandomMotors(seed=0))
+    driver = driver or Driver("random motors", random_motors(seed=0))
     task = driver.task or task
     check_display()
     # The nose must have the same form as in the run.
@@ -122,44 +111,32 @@ def check_display() -> None:
         raise InputError(f"a window needs GLFW, but MUJOCO_GL is {backend!r}: unset it; {remedy}")
 
 
-class RandomMotors:
-    """A policy that draws uniform motor values and holds them for some control steps."""
+def random_motors(seed: int, steps: int = 10) -> Policy:
+    """Returns a policy that draws uniform motor values and holds each for some control steps."""
+    random, step, motors = np.random.default_rng(seed), 0, np.zeros(2)
 
-    def __init__(self, seed: int, steps: int = 10) -> None:
-        """Creates the random stream.
+    def policy(timestep: dm_env.TimeStep) -> np.ndarray:
+        nonlocal step, motors
+        step = 0 if timestep.first() else step
+        if step % steps == 0:
+            motors = random.uniform(-0.5, 0.5, 2)
+        step += 1
+        return motors
 
-        Args:
-          seed: Seed of the random stream.
-          steps: Number of control steps for which each draw of motor values is held.
-        """
-        self._random = np.random.default_rng(seed)
-        self._steps = steps
-        self._step = 0
-        self._motors = np.zeros(2)
-
-    def __call__(self, timestep: dm_env.TimeStep) -> np.ndarray:
-        """Returns left and right motor value, shape (2,)."""
-        if timestep.first() or self._step % self._steps == 0:
-            self._step = 0
-            self._motors = self._random.uniform(-0.5, 0.5, 2)
-        self._step += 1
-        return self._motors
+    return policy
 
 
 class ArrowKeys:
     """A policy by arrow keys: while they are held, up and down drive, left and right turn.
 
-    The right arrow is also the viewer's key for a single step. In a paused window it therefore
-    simulates one step, in which the robot turns.
+    In a paused window the right arrow, the viewer's key for a single step, simulates one.
     """
 
     def __init__(self) -> None:
-        """Starts with no key held."""
         self._held: set[int] = set()
 
     def on_key(self, key: int, activity: int, modifiers: int) -> None:
         """Records that a key was pressed or released; dm_control's viewer calls it."""
-        del modifiers
         if activity == RELEASE:
             self._held.discard(key)
         else:
@@ -167,23 +144,19 @@ class ArrowKeys:
 
     def __call__(self, timestep: dm_env.TimeStep) -> np.ndarray:
         """Returns left and right motor value, shape (2,)."""
-        del timestep
         up, down, left, right = (key in self._held for key in (UP, DOWN, LEFT, RIGHT))
         ahead, turn = 0.5 * (up - down), 0.25 * (right - left)
         return np.clip([ahead + turn, ahead - turn], -0.5, 0.5)
 
 
-class Sensing:
-    """A policy that acts on the robot's sensor signals."""
+def sensing(make: Callable[[], Act]) -> Policy:
+    """Returns a policy that acts on sensor signals by what `make` returns for each episode."""
+    act = make()  # raises InputError before a window opens
 
-    def __init__(self, make: Callable[[], Act]) -> None:
-        """Stores `make`, which is called at the start of each episode and returns the driver."""
-        self._make = make
-        self._act = make()
-
-    def __call__(self, timestep: dm_env.TimeStep) -> np.ndarray:
-        """Returns left and right motor value, shape (2,), for a task's observation."""
-        if timestep.first():
-            self._act = self._make()
+    def policy(timestep: dm_env.TimeStep) -> np.ndarray:
+        nonlocal act
+        act = make() if timestep.first() else act
         state = np.concatenate(list(timestep.observation.values())).astype(np.float32)
-        return self._act(state[None])[0]
+        return act(state[None])[0]
+
+    return policy

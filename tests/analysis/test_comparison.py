@@ -19,7 +19,7 @@ from musebot.protocols.lives.learn_ability import CATEGORIES, category, learn_ab
 from musebot.protocols.lives.results import ConditionResults, Robot
 from musebot.protocols.lives.run import Run
 from musebot.protocols.lives.schedules import SCHEDULES
-from musebot.protocols.pages import comparison_tables
+from musebot.protocols.pages import tables
 
 WA, SF = "wall_avoidance", "spot_finding"
 WALLS_FIXED = Condition(WA, "fixed")
@@ -104,7 +104,7 @@ def test_only_the_cells_that_differ_are_reported():
         assert low < cells[name].difference < high
         assert low > 0 or high < 0
     assert cells[pre].corrected == 1
-    text = comparison_tables.markdown(ours, other, list(cells.values()))
+    text = tables.comparison_markdown(ours, other, list(cells.values()))
     assert f"After Holm's correction 5 of {CELLS} cells differ:" in text
     assert "- wall_avoidance, fixed: L < 0 50.8% against 0.0%, +50.8% [" in text
 
@@ -118,9 +118,9 @@ def test_robots_with_the_same_newborn_brain_are_compared_in_pairs_and_others_are
     name = "share of time in contact, pre"
     assert pairs[name].difference == others[name].difference < 0
     assert pairs[name].differs and not others[name].differs
-    paired = comparison_tables.markdown(*two(first, second), list(pairs.values()))
+    paired = tables.comparison_markdown(*two(first, second), list(pairs.values()))
     assert "McNemar's exact" in paired
-    unpaired = comparison_tables.markdown(*two(first, second, brains=1), list(others.values()))
+    unpaired = tables.comparison_markdown(*two(first, second, brains=1), list(others.values()))
     assert "The robots are independent groups" in unpaired and "Fisher's exact" in unpaired
 
 
@@ -176,7 +176,7 @@ def test_the_fields_in_which_experiments_differ_are_named():
     other = dataclasses.replace(ours, kinematics=Kinematics(), brain=Parameters(epsilon=0.0))
     seconds = {WALLS_FIXED: times()}
     same, one, both = (
-        comparison_tables.markdown(
+        tables.comparison_markdown(
             run_of("a", seconds, experiment=ours), run_of("b", seconds, experiment=b), []
         )
         for b in (ours, dataclasses.replace(ours, seed=4), other)
@@ -207,9 +207,9 @@ def test_degenerate_runs_have_dashes_and_plain_json(robots, invalid, recwarn):
     never = np.zeros((robots, 2))
     ours, other = two(never, never + 1, invalid=invalid)
     cells = compare_runs(ours, other)
-    text = comparison_tables.markdown(ours, other, cells)
+    text = tables.comparison_markdown(ours, other, cells)
     assert "nan" not in text
-    plain = json.loads(json.dumps(comparison_tables.as_json(ours, other, cells), allow_nan=False))
+    plain = json.loads(json.dumps(tables.comparison_json(ours, other, cells), allow_nan=False))
     assert [cell["name"] for cell in plain["cells"]][: len(CATEGORIES)] == [
         *CATEGORIES[:-1],
         "(genius)",

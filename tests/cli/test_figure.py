@@ -9,7 +9,7 @@ from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.results import Robot
 from musebot.protocols.lives.run_files import write_results
-from musebot.protocols.pages import typical_robots
+from musebot.protocols.pages import robot_figures
 
 
 def test_the_architecture_is_written_as_an_svg(tmp_path, capsys):
@@ -51,7 +51,7 @@ def test_a_run_without_typical_robots_is_one_sentence_and_writes_nothing(
     row = Robot("wall_avoidance", "fixed", 1, 0, 0, 12.5, 0.0, 1.0, "L = 1")
     write_manifest(tmp_path / "run", Plan(experiment, {condition: 1}))
     write_results(tmp_path / "run", {condition: invented(experiment, [row])})
-    monkeypatch.setattr(typical_robots, "draw", lambda run, advance: None)
+    monkeypatch.setattr(robot_figures, "typical", lambda run: None)
     assert cli.main(["figure", "typical", str(tmp_path / "new.png"), str(tmp_path / "run")]) == 2
     assert "has no typical robots: no stored brain spins or arrives" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["run"]

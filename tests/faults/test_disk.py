@@ -198,9 +198,9 @@ def film(episode, output, *, seconds, speed):
     write_atomically(output, b"film")
 
 
-def figures(run, behaviour, tick):
+def figures(run, behaviour):
     for name in ("first", "second"):
-        yield report.PlannedFigure(name, name, name, name, Figure)
+        yield name, Figure()
 
 
 @pytest.fixture
@@ -208,8 +208,8 @@ def quick(monkeypatch, commands_in_process):
     """Checkpoints after four steps, empty figures, robots observed and tables made once."""
     seen = []
 
-    def observe(run, tick):
-        seen.extend([] if seen else [real(run, tick)])
+    def observe(run):
+        seen.extend([] if seen else [real(run)])
         return seen[0]
 
     def markdown(run, *args):

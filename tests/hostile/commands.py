@@ -18,7 +18,7 @@ from musebot.protocols.lives import local
 from musebot.protocols.lives.budget import cohort_bytes
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.jobs import CohortJob
-from musebot.protocols.pages import film, paper_figures, report, typical_robots
+from musebot.protocols.pages import film, measured_behaviour, paper_figures, robot_figures
 
 SEED = 20041
 WORK_BEGINS = 130  # the exit status where the work would begin, which the tests interrupt
@@ -267,8 +267,8 @@ class _Stage:
     def __init__(self, task, half_length):
         del task, half_length
 
-    def draw(self, shot):
-        del shot
+    def draw(self, shot, trail):
+        del shot, trail
         return np.zeros((496, 720, 3), np.uint8)
 
     def close(self):
@@ -296,8 +296,8 @@ def begun_only(patch):
     patch.setattr(local, "Local", lambda processes: Trial())
     patch.setattr(film, "Scene", _Stage)
     patch.setattr(film, "write", _two_frames)
-    patch.setattr(report, "StepProgress", _begin)
-    patch.setattr(typical_robots, "draw", _begin)
+    patch.setattr(measured_behaviour, "observe", _begin)
+    patch.setattr(robot_figures, "typical", _begin)
     for name in ("architecture", "robot"):
         patch.setattr(paper_figures, name, _begin)
     for measurement in ("lives", "interfaces", "processes", "populations"):

@@ -27,7 +27,7 @@ from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.results import Robot
 from musebot.protocols.lives.run_files import read_run, write_results
-from musebot.protocols.pages.stored_brains import StoredRobot
+from musebot.protocols.pages.replay import StoredRobot
 from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.protocols.studies.learning_progress.frozen_brains import evaluation
 from musebot.protocols.studies.learning_progress.study import LearningProgress

@@ -135,9 +135,9 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     printed = capsys.readouterr().err
     assert "\x1b[2J" not in printed and "set aside" in printed
     behaviour = measured_behaviour.Behaviour({}, {})
-    monkeypatch.setattr(measured_behaviour, "observe", lambda run, tick: behaviour)
+    monkeypatch.setattr(measured_behaviour, "observe", lambda run: behaviour)
     monkeypatch.setattr(report, "_figures", lambda *_: iter(()))
-    monkeypatch.setattr(report, "_films", lambda *_: ([], "no film"))
+    monkeypatch.setattr(report, "_film", lambda *_: "no film")
     monkeypatch.setattr(report, "judge_all", lambda *_: [])
     assert cli.main(["report", str(out)]) == 0
     page = (out / "report.html").read_text()

@@ -9,7 +9,7 @@ from musebot.protocols.lives.experiment import BODIES, Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
 from musebot.protocols.lives.schedules import PROTOCOLS, SPOT_FINDING, WALLS_SENSED
-from musebot.protocols.pages.stored_brains import StoredRobot
+from musebot.protocols.pages.replay import StoredRobot
 from musebot.protocols.pages.viewer import Driver
 from musebot.protocols.studies.robustness import (
     PERTURBATIONS,

@@ -20,7 +20,8 @@ from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.results import collect
 from musebot.protocols.lives.run import Run
 from musebot.protocols.lives.run_files import write_results
-from musebot.protocols.pages.stored_brains import StoredRobot
+from musebot.protocols.pages import style
+from musebot.protocols.pages.replay import StoredRobot
 from musebot.protocols.storage import save_arrays
 from musebot.tasks.suite import TASKS
 
@@ -110,13 +111,13 @@ def policy_file(newborn: Callable[[str], ppo.Policies]) -> Callable[[str, Path],
 
 
 @pytest.fixture
-def check_files():
-    """Checks that a figure was written as .svg and .png, transparent and not empty."""
+def check_figure(tmp_path):
+    """Checks that a figure is written as .svg and .png, transparent and not empty."""
 
-    def check(paths):
-        assert [path.suffix for path in paths] == [".svg", ".png"]
-        assert ElementTree.parse(paths[0]).getroot().tag.endswith("svg")
-        picture = np.asarray(Image.open(paths[1]).convert("RGBA"))
+    def check(figure):
+        style.save(figure, tmp_path, "figure")
+        assert ElementTree.parse(tmp_path / "figure.svg").getroot().tag.endswith("svg")
+        picture = np.asarray(Image.open(tmp_path / "figure.png").convert("RGBA"))
         assert (picture[..., 3] == 0).mean() > 0.05  # the background is transparent
         assert (picture[..., 3] > 200).mean() > 0.005  # and something is drawn
 

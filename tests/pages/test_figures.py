@@ -48,33 +48,20 @@ def run_of(*conditions, robots=6, minutes=160):
     ],
 )
 def test_populations_are_drawn_for_any_conditions(
-    conditions, robots, minutes, check_files, tmp_path, recwarn
+    conditions, robots, minutes, check_figure, recwarn
 ):
     run = run_of(*conditions, robots=robots, minutes=minutes)
     with style.styled():
         for draw in (figures.learning_curves, figures.categories, figures.abilities):
-            check_files(style.save(draw(run), tmp_path / "figures", draw.__name__))
+            check_figure(draw(run))
     assert not recwarn.list
 
 
-def test_a_curve_is_drawn_where_its_means_are():
-    run = run_of(WALLS_FIXED, minutes=160)
-    run.results[WALLS_FIXED].curves[:] = np.repeat([0.8, 0.1, 0.3], [20, 120, 20])
-    with style.styled():
-        axis = figures.learning_curves(run).axes[0]
-    hours, means = axis.lines[0].get_data()
-    assert set(np.round(means, 6)) == {0.8, 0.1, 0.3}
-    assert (hours[means > 0.5] < 20 / 60).all()
-    borders = [line.get_xdata()[0] for line in axis.lines[1:]]
-    assert borders == pytest.approx([20 / 60, 140 / 60])
-    (upper,) = axis.child_axes
-    assert [text.get_text() for text in upper.get_xticklabels()] == ["test", "training", "test"]
-    assert upper.get_xticks() == pytest.approx([10 / 60, 80 / 60, 150 / 60])
-
-
-def test_the_band_of_a_curve_is_the_interval_of_the_mean():
-    run, shares = run_of(WALLS_FIXED), np.array([0.1, 0.2, 0.2, 0.3, 0.4, 0.6])
-    run.results[WALLS_FIXED].curves[:] = shares[:, None]
+def test_the_band_of_a_curve_is_the_interval_of_the_mean_of_valid_robots():
+    run, shares = run_of(WALLS_FIXED, robots=7), np.array([0.1, 0.2, 0.2, 0.3, 0.4, 0.6])
+    run.results[WALLS_FIXED].curves[:6] = shares[:, None]
+    rows = run.results[WALLS_FIXED].robots
+    rows[6] = dataclasses.replace(rows[6], category="invalid")  # is not in the mean
     with style.styled():
         (band,) = figures.learning_curves(run).axes[0].collections
     low, high = intervals.mean(shares, intervals.SHARE)
@@ -86,8 +73,9 @@ def test_the_band_of_a_curve_is_the_interval_of_the_mean():
 @pytest.mark.parametrize(
     ("task", "experiment"),
     [
+        (WA, Experiment()),
         (WA, Experiment(time_scale=0.5)),
-        (SF, Experiment(protocol="continual")),
+        (SF, Experiment(protocol="walls")),
         (WA, Experiment(time_scale=0.07)),  # the first test and training share a minute
     ],
 )
@@ -97,12 +85,20 @@ def test_no_point_of_a_curve_mixes_a_test_and_training(task, experiment):
     minutes = schedule.minutes_of("post").stop
     condition = Condition(task, "fixed")
     run = dataclasses.replace(run_of(condition, minutes=minutes), experiment=experiment)
-    values = np.repeat([0.8, 0.1, 0.3], np.diff([0, *borders, minutes]))
-    run.results[condition].curves[:] = values
+    run.results[condition].curves[:] = np.repeat([0.8, 0.1, 0.3], np.diff([0, *borders, minutes]))
     with style.styled():
-        means = figures.learning_curves(run).axes[0].lines[0].get_ydata()
+        axis = figures.learning_curves(run).axes[0]
+    hours, means = axis.lines[0].get_data()
     assert {*np.round(means, 6)} == {0.8, 0.1, 0.3}
     assert len(means) >= min(minutes, 20)
+    # The marks are where the parts begin and end, and the curve's values lie between them.
+    ends = np.cumsum([schedule.steps_of(part) for part in ("pre", "training", "post")]) / 36000
+    assert [line.get_xdata()[0] for line in axis.lines[1:]] == pytest.approx(ends[:2])
+    assert (hours[means > 0.5] < ends[0] + 1 / 60).all()
+    assert (hours[means < 0.5] > ends[0]).all()
+    (upper,) = axis.child_axes
+    assert [text.get_text() for text in upper.get_xticklabels()] == ["test", "training", "test"]
+    assert upper.get_xticks() == pytest.approx((np.array([0, *ends[:2]]) + ends) / 2)
 
 
 def test_lines_and_legend_tell_agents_apart():
@@ -163,16 +159,6 @@ def test_numbers_in_bars_contrast_with_them():
         assert contrast(text.get_color(), bar.get_facecolor()) >= 4.5
 
 
-def test_an_invalid_robot_is_in_no_curve():
-    run = run_of(WALLS_FIXED, robots=2)
-    rows = run.results[WALLS_FIXED].robots
-    rows[1] = dataclasses.replace(rows[1], category="invalid")
-    run.results[WALLS_FIXED].curves[:] = [[0.25], [1.0]]
-    with style.styled():
-        axis = figures.learning_curves(run).axes[0]
-    assert axis.lines[0].get_ydata() == pytest.approx(0.25)
-
-
 def test_stacked_categories_are_the_counts_of_the_robots():
     with style.styled():
         axis = figures.categories(run_of(WALLS_FIXED)).axes[0]
@@ -186,13 +172,11 @@ def test_stacked_categories_are_the_counts_of_the_robots():
     assert names == ["fixed, here", "fixed, paper"]
 
 
-def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(
-    check_files, tmp_path
-):
+def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(check_figure):
     shares = np.array([[0.1, 0.9], [0.3, 0.7], [0.2, 0.5]])
     with style.styled():
         figure = figures.spinning(Behaviour({WALLS_FIXED: shares}, {}))
-        check_files(style.save(figure, tmp_path, "spinning"))
+        check_figure(figure)
     before, first, after, second = figure.axes[0].lines
     assert before.get_ydata() == pytest.approx(shares[:, 0])
     assert after.get_ydata() == pytest.approx(shares[:, 1])
@@ -206,12 +190,12 @@ def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(
     assert words == ["before training", "after training"]
 
 
-def test_following_the_contour_is_dashed_and_spinning_inside_is_solid(check_files, tmp_path):
+def test_following_the_contour_is_dashed_and_spinning_inside_is_solid(check_figure):
     minutes = np.array([[0, 0.5, 0.1], [1, 0.4, 0.2]])
     stay = Stay(np.array([True, True, False]), np.ones((3, 2)), np.zeros((3, 2)), minutes)
     with style.styled():
         figure = figures.stays({"random": stay})
-        check_files(style.save(figure, tmp_path, "stays"))
+        check_figure(figure)
     drawn = {line.get_linestyle(): [*line.get_ydata()] for line in figure.axes[0].lines}
     assert drawn == {"--": [0.5, 0.4], "-": [0.1, 0.2]}
     assert all([*line.get_xdata()] == [0.5, 1.5] for line in figure.axes[0].lines)

@@ -1,41 +1,72 @@
-"""Markdown: tables, numbers and intervals as text."""
+"""Markdown: tables, numbers with intervals, escaped text, and experiments in a few words."""
+
+import html
+import re
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from musebot.controller import BRAINS
+from musebot.models import Kinematics
 from musebot.protocols.analysis.intervals import UNKNOWN
+from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.pages import markdown
+
+OTHER = Experiment(
+    seed=7, body="kinematic", kinematics=Kinematics(wheel_base=0.055), brain=BRAINS["steady"]
+)
 
 
 def test_a_table_has_a_head_a_rule_and_rows():
-    assert markdown.table([["", "a"], ["one", "1"]]) == [
-        "|  | a |",
-        "| --- | ---: |",
-        "| one | 1 |",
-    ]
-
-
-def test_the_columns_of_a_table_are_aligned_as_given():
+    lines = ["|  | a |", "| --- | ---: |", "| one | 1 [2] |"]
+    rows = [("one", markdown.Cell("1", "[2]"))]
+    assert markdown.table([["", "a"], *rows]) == lines
+    section = markdown.section("A", "Text.", ("", "a"), rows)
+    assert section == "\n".join(["### A", "", "Text.", "", *lines, ""])
     assert markdown.table([["a", "b", "c"]], "rlr")[1] == "| ---: | --- | ---: |"
 
 
-def test_a_section_is_a_heading_a_paragraph_and_a_table():
-    assert markdown.section("A", "Text.", ("", "a"), [("one", "1")]) == (
-        "### A\n\nText.\n\n|  | a |\n| --- | ---: |\n| one | 1 |\n"
-    )
+@given(st.text())
+def test_escaped_text_is_shown_as_it_is_and_is_no_markup(text):
+    found = markdown.escape(text)
+    assert not re.search(r"[<>\n]", found)
+    assert not re.search(r"(?<!\\)(\\\\)*[|*`\[\]]", found)  # each is behind an odd number of \
+    shown = html.unescape(re.sub(r"\\([\\`*\[\]|])", r"\1", found))
+    assert shown == html.unescape(html.escape(" ".join(text.split())))
 
 
-@pytest.mark.parametrize(("value", "text"), [(0.25, "0.2500"), (float("nan"), "-")])
-def test_a_number_has_four_decimals_or_is_a_dash(value, text):
-    assert markdown.number(value) == text
-
-
-def test_an_interval_stands_in_brackets_unless_it_is_unknown():
-    assert markdown.bracket((0.125, 0.25)) == "[0.125, 0.250]"
-    assert markdown.bracket((0.125, 0.25), percent=True) == "[12%, 25%]"
-    assert markdown.bracket(UNKNOWN) == ""
-
-
-def test_a_mean_without_interval_stands_alone():
+def test_numbers_and_intervals_are_written_in_a_format_or_not_at_all():
+    assert markdown.number(0.25) == "0.2500" and markdown.number(float("nan")) == "-"
+    assert markdown.probability(0.00009) == "< 0.0001" and markdown.probability(0.0001) == "0.0001"
+    assert markdown.with_interval("1", (0.125, 0.25)) == "1 [0.125, 0.250]"
+    assert markdown.with_interval("1", (0.125, 0.25), ".0%") == "1 [12%, 25%]"
+    assert markdown.with_interval("1", UNKNOWN) == "1"
     assert markdown.mean_cell(np.array([0.5, 0.5])) == "0.500"
     assert markdown.mean_cell(np.linspace(0, 1, 9)).startswith("0.500 [0.")
+
+
+@pytest.mark.parametrize(
+    ("experiment", "facts"),
+    [
+        (Experiment(seed=7, cohort_size=3), []),
+        (Experiment(time_scale=0.5), ["all durations times 0.5"]),
+        (OTHER, ["brain: steady", "body: kinematic", "wheel base: 0.055"]),
+        (
+            Experiment(settings=("rate=0.1", "discount=0.9"), motor_speed=0.4),
+            ["motor speed: 0.4 m/s", "settings: rate=0.1 discount=0.9"],
+        ),
+    ],
+)
+def test_particulars_and_titles_have_all_fields_that_are_not_the_default(experiment, facts):
+    assert markdown.particulars(experiment) == facts
+    title = ", ".join(["Spot finding (table 2)", *facts])
+    assert markdown.title("spot_finding", experiment) == title
+
+
+def test_the_title_of_several_runs_has_what_they_share():
+    found = markdown.title("spot_finding", OTHER, Experiment(body="kinematic"))
+    assert found == "Spot finding (table 2), body: kinematic"
+    found = markdown.title("spot_finding", Experiment(protocol="walls"))
+    assert found == "Spot finding, protocol: walls"

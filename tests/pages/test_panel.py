@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import ImageDraw
 
-from musebot.protocols.pages import film, scene
-from musebot.protocols.pages.episode import Episode
+from musebot.protocols.pages import scene
 from musebot.protocols.pages.panel import HEIGHT, WIDTH, Panel
+from musebot.protocols.pages.replay import Episode
 from musebot.tasks.suite import TASKS
 
 IMAGE = np.zeros((scene.HEIGHT, scene.WIDTH, 3), dtype=np.uint8)
@@ -21,7 +21,7 @@ def shown(request, newborn):
     """A panel of a task, a shot of a robot at rest, and the frame of it."""
     task = request.param
     episode = Episode.of_policy(newborn(task), 0, "post", 0)
-    (shot,) = film.shots_at([0.0], episode.moments(), episode.batch.rules, speed=1)
+    shot = next(episode.moments())
     panel = Panel(task, "nobody", True, speed=1, seconds=1)
     return panel, shot, panel.frame(IMAGE, shot)
 
@@ -53,62 +53,53 @@ def test_an_event_that_goes_on_is_one_interval_of_the_timeline(shown):
     assert first[1] == 0.4 and second == (0.5, 0.6)
 
 
-@pytest.mark.parametrize("shown", TASKS, indirect=True)
-def test_everything_on_the_panel_is_inside_the_frame(shown, monkeypatch):
-    drawn = []
+@pytest.fixture
+def drawn(monkeypatch):
+    """The calls of Pillow's methods: their names, corners, shape (n, 2), and further arguments."""
+    calls = []
 
     def spied(name, real):
         def spy(self, xy, *rest, **more):
-            drawn.append((name, np.reshape(xy, (-1, 2))))
+            calls.append((name, np.reshape(xy, (-1, 2)), rest))
             return real(self, xy, *rest, **more)
 
         return spy
 
     for name in ("rectangle", "line", "ellipse", "text"):
-        real = getattr(ImageDraw.ImageDraw, name)
-        monkeypatch.setattr(ImageDraw.ImageDraw, name, spied(name, real))
+        monkeypatch.setattr(
+            ImageDraw.ImageDraw, name, spied(name, getattr(ImageDraw.ImageDraw, name))
+        )
+    return calls
+
+
+@pytest.mark.parametrize("shown", TASKS, indirect=True)
+def test_everything_on_the_panel_is_inside_the_frame(shown, drawn):
     panel, shot, _ = shown
     panel.frame(IMAGE, dataclasses.replace(shot, event=True, time=1.0))
-    for name, corners in drawn:  # Pillow clips what is outside
+    for name, corners, _ in drawn:  # Pillow clips what is outside
         assert (corners >= 0).all() and (corners <= (WIDTH, HEIGHT)).all(), (name, corners)
-    sizes = [np.ptp(corners, axis=0).tolist() for name, corners in drawn if name == "rectangle"]
+    sizes = [np.ptp(corners, axis=0).tolist() for name, corners, _ in drawn if name == "rectangle"]
     assert [200, 12] in sizes, "there is no timeline"
 
 
-def test_the_panel_writes_each_number_beside_its_name(monkeypatch, newborn):
-    written, boxes = [], []
-    text, rectangle = ImageDraw.ImageDraw.text, ImageDraw.ImageDraw.rectangle
-
-    def spy_text(self, xy, words, *rest, **more):
-        written.append((round(xy[1]), words))
-        return text(self, xy, words, *rest, **more)
-
-    def spy_rectangle(self, box, *rest, **more):
-        boxes.append(tuple(round(x) for x in box))
-        return rectangle(self, box, *rest, **more)
-
-    episode = Episode.of_policy(newborn("wall_avoidance"), 0, "post", 0)
-    (shot,) = film.shots_at([0.0], episode.moments(), episode.batch.rules, speed=1)
+def test_the_panel_writes_each_number_beside_its_name(newborn, drawn):
     distances = np.array([0.11, 0.22, 0.33, 0.44])
+    shot = next(Episode.of_policy(newborn("wall_avoidance"), 0, "post", 0).moments())
     shot = dataclasses.replace(
         shot, time=72.3, event_seconds=18.1, motors=np.array([0.25, -0.4]),
         signals={**shot.signals, "distances": distances},
     )  # fmt: skip
-    monkeypatch.setattr(ImageDraw.ImageDraw, "text", spy_text)
-    monkeypatch.setattr(ImageDraw.ImageDraw, "rectangle", spy_rectangle)
     Panel("wall_avoidance", "nobody", False, speed=1, seconds=100).frame(IMAGE, shot)
     rows = {}
-    for y, words in written:
-        rows.setdefault(y, []).append(words)
-    pairs = [words for words in rows.values() if len(words) == 2]
-    for name, value in zip(("front", "back", "left", "right"), distances, strict=True):
-        assert [name, f"{value:.3f}"] in pairs
-    assert ["left", "+0.25"] in pairs and ["right", "-0.40"] in pairs
-    words = [words for _, words in written]
+    for name, ((_, y), *_), rest in drawn:
+        if name == "text":
+            rows.setdefault(round(y), []).append(rest[0])
+    words = [word for row in rows.values() for word in row]
     assert {"before training", "01:12.3", "18.1 s", "25.0%"} <= {*words}
-    bars = {}  # right of zero for a positive motor value, left of it for a negative one
-    for name, value in (("left", "+0.25"), ("right", "-0.40")):
+    for name, value in zip(("front", "back", "left", "right"), distances, strict=True):
+        assert [name, f"{value:.3f}"] in rows.values()
+    boxes = [corners for name, corners, _ in drawn if name == "rectangle"]
+    for name, value, side in (("left", "+0.25", 1), ("right", "-0.40", -1)):
         (y,) = [y for y, found in rows.items() if found == [name, value]]
-        groove, bar = [box for box in boxes if box[1] == y - 4]
-        bars[name] = np.sign(sum(bar[::2]) - sum(groove[::2]))
-    assert bars == {"left": 1, "right": -1}
+        groove, bar = [box for box in boxes if round(box[0, 1]) == y - 4]
+        assert np.sign(bar[:, 0].sum() - groove[:, 0].sum()) == side  # of zero

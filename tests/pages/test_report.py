@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import html
 import json
 import re
@@ -10,25 +11,120 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from musebot import __version__
+from musebot.protocols.agents.names import RECORDED_NAMES
+from musebot.protocols.analysis.paper_claims import judge_all
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
+from musebot.protocols.lives.results import ConditionResults, Robot
+from musebot.protocols.lives.run import Run
 from musebot.protocols.lives.run_files import read_run
 from musebot.protocols.lives.runs import simulate
-from musebot.protocols.pages import film
-from musebot.protocols.pages.report import report
+from musebot.protocols.pages import film, report, tables
+from musebot.protocols.pages.report import page
 
-pytestmark = pytest.mark.slow
+# ---- The page, without a simulation ----
 
-CONDITIONS = (
-    Condition("wall_avoidance", "creative"),
-    Condition("wall_avoidance", "fixed"),
-    Condition("spot_finding", "creative"),
-)
+
+def run_of(*proposers, task="wall_avoidance", robots=6):
+    results = {}
+    for proposer in proposers:
+        rows = [Robot(task, proposer, 1, 0, i, 6.0, 2.0, 0.5, "0 < L < 1") for i in range(robots)]
+        results[Condition(task, proposer)] = ConditionResults(
+            rows, np.zeros((robots, 1)), {"before": {}, "after": {}}
+        )
+    return Run("a & b", Experiment(), results)
+
+
+@pytest.fixture(scope="module")
+def invented():
+    return run_of("fixed", "creative")
+
+
+def test_the_page_is_escaped_and_says_what_it_shows(invented):
+    text = page(invented, judge_all(invented), {}, [], "No <film>.")
+    assert "0 &lt; L &lt; 1" in text and "0 < L < 1" not in text
+    assert "No &lt;film&gt;." in text
+    for tag in ("title", "h1"):
+        assert f"<{tag}>a &amp; b - Musebot report</{tag}>" in text
+    assert f"musebot {__version__}<" in text and "12 robots, seed 1" in text
+    assert "1 robot, seed 1" in page(run_of("fixed", robots=1), [], {}, [], "")
+    assert "<em>By chance</em>" in text and "<em>The paper&#39;s own numbers</em>" in text
+    assert "The claims of section 4" in text
+    assert "The claims of section 4" not in page(invented, [], {}, [], "")
+
+
+def test_a_table_has_captions_heads_and_cells_with_the_papers_values(invented):
+    text = page(invented, [], {}, [], "")
+    assert '<td>6<small class="paper">500</small></td>' in text
+    assert '<td>6 (100%)<small>[61%, 100%]</small><small class="paper">12 (2%)</small></td>' in text
+    assert "<caption>Wall avoidance (table 1): ours, its interval, and <span" in text
+    assert text.count('<th scope="col"') == 2
+    assert text.count('<th scope="row">') == text.count("<tr>") - 1
+    assert text.count("<th") == text.count("<th scope")
+    without = page(run_of("agents:mine"), [], {}, [], "")
+    assert "<caption>Wall avoidance (table 1): ours, its interval.</caption>" in without
+
+
+def test_many_agents_are_several_tables_with_short_names_and_colours_of_their_own():
+    agents = [RECORDED_NAMES[name] for name in ("dqn", "hand_coded", "avg", "stream_q")]
+    text = page(run_of("fixed", *agents), [], {}, [], "")
+    assert text.count("<table>") == 2
+    heads = re.findall(r'<th scope="col" style="border-color:(#\w+)">(.*?)</th>', text)
+    assert [name for _, name in heads] == ["fixed", "dqn", "hand_coded", "avg", "stream_q"]
+    assert len({shade for shade, _ in heads}) == 5
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_the_page_says_under_its_tables_what_the_markdown_says(invented, exact):
+    run = dataclasses.replace(invented, exact_classes=exact)
+    text = page(run, [], {}, [], "")
+    text = html.unescape(re.sub("</?em>", "*", re.sub("</?code>", "`", text)))
+    found = tables.notes(run)
+    assert len(found) == 2 and "Joint test" in found[0]
+    for note in found:
+        assert f'<p class="note">{note}</p>' in text and note in tables.markdown(run)
+    assert ("rounded to two decimals" in text) == (not exact)
+
+
+def test_claims_that_a_run_cannot_judge_are_one_line():
+    run = run_of("fixed", "random", "creative")
+    results = judge_all(run)
+    judged = [one for one in results if one.verdict != "not judged"]
+    assert 0 < len(judged) < len(results)
+    for text in (page(run, results, {}, [], ""), tables.markdown(run)):
+        assert text.count("are not judged") == text.count("not judged") == 1
+        assert f"{len(results) - len(judged)} of {len(results)} claims are not judged" in text
+        assert text.count("no robots of spot_finding, fixed") == 1
+        assert "Spot finding (table 2)" not in text  # none of its claims is judged
+
+
+def test_figures_and_films_are_part_of_the_page_in_their_order(invented, tmp_path):
+    names = ["stays", "spinning", "categories", "learning_curves", "values_wall_avoidance"]
+    paths, film = {name: tmp_path / name for name in names}, tmp_path / "my_robot.mp4"
+    for path in (*paths.values(), film):
+        path.write_bytes(b"figure")
+    text = page(invented, judge_all(invented), paths, [film], "No film.")
+    assert text.count('<img src="data:image/png;base64,ZmlndXJl" alt="') == 5
+    assert '<video aria-label="Film: my robot" ' in text
+    assert text.count('src="data:video/mp4;base64,ZmlndXJl"') == 1
+    marks = ["<video", "No film.", ">Learning curves<", "<table>", "The claims", ">Categories<"]
+    marks += [">Values of actions, wall avoidance<", ">Spinning<", ">At the spot<"]
+    places = [text.index(mark) for mark in marks]
+    assert places == sorted(places)
+
+
+# ---- The files of a report ----
+
+CONDITIONS = [Condition(*name.split("/")) for name in (
+    "wall_avoidance/creative", "wall_avoidance/fixed", "spot_finding/creative"
+)]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -40,110 +136,95 @@ def out(tmp_path_factory, in_process):
 
 
 @pytest.fixture(scope="module")
-def page(out):
+def written(out):
     assert cli.main(["report", str(out)]) == 0
     return out / "report.html"
 
 
-@pytest.fixture(scope="module")
-def draws():
-    command = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
-    return subprocess.run(command, capture_output=True).returncode == 0
+@pytest.fixture
+def copy(out, written, tmp_path):
+    """A copy of the run without films."""
+    shutil.copytree(out, tmp_path / "copy")
+    shutil.rmtree(tmp_path / "copy" / "films", ignore_errors=True)
+    return tmp_path / "copy"
 
 
-def test_the_page_holds_tables_claims_and_every_figure(page, out):
-    text = page.read_text()
+@pytest.mark.slow
+def test_the_page_holds_every_figure_and_film_and_needs_no_other_file(written, out):
+    text = written.read_text()
     assert "Wall avoidance (table 1), all durations times 0.004" in text
-    assert "260 (52%)" in text  # the paper's
     claims = text.count('class="verdict ')
     assert f"{28 - claims} of 28 claims are not judged: no robots of " in text and claims > 0
-    places = [
-        text.index(part) for part in ("<h2>Films", "<h2>Learning curves", "<table>", "<h2>Cat")
-    ]
-    assert places == sorted(places)
-    assert text.count("<img ") == len(list((out / "figures").glob("*.png"))) >= 7
-    assert {p.stem for p in (out / "figures").glob("*.svg")} == {
-        p.stem for p in (out / "figures").glob("*.png")
-    }
-
-
-def test_the_page_needs_no_other_file(page):
-    text = page.read_text()
+    figures = {path.stem for path in (out / "figures").glob("*.png")}
+    assert text.count("<img ") == len(figures) >= 7
+    assert {path.stem for path in (out / "figures").glob("*.svg")} == figures
     assert not re.findall(r"(?:src|href)=['\"]?(?!data:)[^'\" >]+", text)
     assert "url(" not in text and "@import" not in text
-
-
-def test_films_are_in_the_page_or_the_page_says_why_not(page, out, draws):
-    films = list((out / "films").glob("*.mp4"))
-    assert page.read_text().count("<video ") == len(films)
-    assert bool(films) == draws
-    if not draws:
-        assert "has no film: there is no headless OpenGL (EGL)" in page.read_text()
-
-
-def test_existing_films_are_kept_and_captioned_by_their_names(out, page, tmp_path, monkeypatch):
-    copy = tmp_path / "copy"
-    shutil.copytree(out, copy)
-    shutil.rmtree(copy / "films", ignore_errors=True)
-    (copy / "films").mkdir()
-    names = ["my_robot.mp4", "spot_finding.mp4", "wall_avoidance_learner.mp4"]
-    for name in names:
-        (copy / "films" / name).write_bytes(b"film")
-    output = tmp_path / "elsewhere.html"
-    monkeypatch.setattr(film, "film", without_egl)
-    report(read_run(copy), copy, output)
-    text = output.read_text()
-    assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 3
-    assert "my robot" in text and "wall avoidance learner" in text
-    assert sorted(p.name for p in (copy / "films").iterdir()) == names
-
-
-def test_an_example_robot_without_a_film_gets_one_or_the_page_says_why(
-    out, page, tmp_path, monkeypatch
-):
-    copy = tmp_path / "copy"
-    shutil.copytree(out, copy)
-    shutil.rmtree(copy / "films", ignore_errors=True)
-    made, speeds = [], []
-
-    def write(_, path, *, seconds, speed):
-        made.append(path)
-        speeds.append(speed)
-        path.write_bytes(b"film")
-
-    run = read_run(copy)
-    monkeypatch.setattr(film, "film", write)
-    report(run, copy, None)
-    walls, spot = made
-    assert speeds == [6, 60]  # a spot is found in minutes, a wall in seconds
-    assert walls.name.startswith("wall_avoidance_") and spot.name.startswith("spot_finding_")
-    report(run, copy, None)
-    assert len(made) == 2
-    spot.rename(
-        spot.with_name(f"spot_finding_learner_creative_99{spot.suffix}")
-    )  # of another robot
-    report(run, copy, None)
-    assert made[2:] == [spot]
-    spot.unlink()
-    monkeypatch.setattr(film, "film", without_egl)
-    report(run, copy, None)
-    text = (copy / "report.html").read_text()
-    assert "Spot finding has no film: there is no headless OpenGL" in text
-    assert text.count("<video ") == 2
+    films = [*(out / "films").glob("*.mp4")]
+    command = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
+    draws = subprocess.run(command, capture_output=True).returncode == 0
+    assert text.count("<video ") == len(films) and bool(films) == draws
 
 
 def without_egl(*_, **__):
     raise InputError("there is no headless OpenGL (EGL) on this machine")
 
 
-def test_without_egl_the_page_says_so_and_no_folder_is_left(out, page, tmp_path, monkeypatch):
-    copy = tmp_path / "copy"
-    shutil.copytree(out, copy)
-    shutil.rmtree(copy / "films", ignore_errors=True)
+@pytest.mark.slow
+def test_without_egl_the_page_says_so_shows_kept_films_and_leaves_no_folder(copy, monkeypatch):
     monkeypatch.setattr(film, "film", without_egl)
-    report(read_run(copy), copy, None)
-    assert "has no film: there is no headless OpenGL" in (copy / "report.html").read_text()
+    run, output = read_run(copy), copy / "elsewhere.html"
+    report.report(run, copy, output)
+    assert "has no film: there is no headless OpenGL" in output.read_text()
     assert not (copy / "films").exists()
+    (copy / "films").mkdir()
+    for name in ("my_robot.mp4", "spot_finding.mp4"):
+        (copy / "films" / name).write_bytes(b"film")
+    report.report(run, copy, output)
+    text = output.read_text()
+    assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 2
+    assert "my robot" in text and "Spot finding has no film" in text
+
+
+@pytest.mark.slow
+def test_an_example_robot_without_a_film_gets_one(copy, monkeypatch):
+    made = []
+
+    def write(_, path, *, seconds, speed):
+        made.append((path, speed))
+        path.write_bytes(b"film")
+
+    run = read_run(copy)
+    monkeypatch.setattr(film, "film", write)
+    report.report(run, copy, None)
+    (walls, fast), (spot, faster) = made
+    assert (fast, faster) == (6, 60)  # a spot is found in minutes, a wall in seconds
+    assert walls.name.startswith("wall_avoidance_") and spot.name.startswith("spot_finding_")
+    report.report(run, copy, None)
+    assert len(made) == 2
+    spot.rename(spot.with_name("spot_finding_learner_creative_99.mp4"))  # of another robot
+    report.report(run, copy, None)
+    assert made[2:] == [(spot, 60)]
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        ("page.pdf", "must be an .html file"),
+        ("nowhere/page.html", "there is no folder"),
+        ("folder.html", "is a folder"),
+    ],
+)
+def test_an_impossible_output_is_refused_and_nothing_is_written(
+    directory, tmp_path, capsys, output, words
+):
+    (tmp_path / "folder.html").mkdir()
+    folders = directory, tmp_path
+    before = [sorted(folder.rglob("*")) for folder in folders]
+    assert cli.main(["report", str(directory), "--output", str(tmp_path / output)]) == 2
+    message = capsys.readouterr().err
+    assert words in message and message.count("\n") == 1
+    assert [sorted(folder.rglob("*")) for folder in folders] == before
 
 
 # ---- In a browser ----
@@ -159,7 +240,6 @@ window.onload = () => {
       ['auto', 'scroll'].includes(getComputedStyle(e).overflowX);
   });
   const found = {
-    frame: frame.clientWidth,
     width: page.documentElement.scrollWidth,
     wide: wide.map(e => e.tagName + ' ' + e.textContent.slice(0, 40)),
     images: [...page.images].map(i => i.naturalWidth),
@@ -174,12 +254,12 @@ frame.srcdoc = SOURCE;
 """
 
 
-def browse(page: Path, folder: Path, width: int) -> dict:
+def browse(text: str, folder: Path, width: int) -> dict:
     """Returns how Chromium lays out a page in a frame of some width in pixels."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         pytest.skip("there is no chromium here: apt-get install chromium")
-    source = json.dumps(page.read_text()).replace("</", "<\\/")
+    source = json.dumps(text).replace("</", "<\\/")
     outer = folder / "outer.html"
     outer.write_text(
         f"<body style='margin:0'><iframe style='border:0;width:{width}px;height:844px'></iframe>"
@@ -197,54 +277,17 @@ def browse(page: Path, folder: Path, width: int) -> dict:
     return json.loads(html.unescape(found[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [390, 900])
 def test_a_browser_shows_every_picture_and_film_without_scrolling_sideways(
-    page, out, tmp_path, width
+    written, out, tmp_path, width
 ):
-    found = browse(page, tmp_path, width)
-    assert found["frame"] == width
+    text = written.read_text()
+    found = browse(text, tmp_path, width)
     assert found["width"] <= width and found["wide"] == []
-    assert len(found["images"]) == len(list((out / "figures").glob("*.png")))
+    assert len(found["images"]) == len([*(out / "figures").glob("*.png")])
     assert all(pixels > 1000 for pixels in found["images"])
-    assert found["videos"] == [960] * len(list((out / "films").glob("*.mp4")))
-
-
-def test_the_browser_detects_what_is_too_wide_or_missing(page, tmp_path):
-    text = page.read_text().replace("<h1>", "<p style='width:500px'>wide</p><img src='data:,'><h1>")
-    broken = tmp_path / "broken.html"
-    broken.write_text(text)
-    found = browse(broken, tmp_path, 390)
-    assert found["width"] > 390 and found["wide"]
-    assert 0 in found["images"]
-
-
-# ---- Bad input ----
-
-
-def listing(folder):
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
-
-
-@pytest.mark.parametrize(
-    ("output", "words"),
-    [
-        ("page.pdf", "must be an .html file"),
-        ("nowhere/page.html", "there is no folder"),
-        ("folder.html", "is a folder"),
-    ],
-)
-def test_an_impossible_output_is_refused_in_one_sentence_and_nothing_is_written(
-    out, tmp_path, capsys, output, words
-):
-    (tmp_path / "folder.html").mkdir()
-    before = listing(out), listing(tmp_path)
-    assert cli.main(["report", str(out), "--output", str(tmp_path / output)]) == 2
-    message = capsys.readouterr().err
-    assert words in message and message.count("\n") == 1
-    assert (listing(out), listing(tmp_path)) == before
-
-
-def test_a_report_of_an_empty_folder_is_refused_and_nothing_is_written(tmp_path, capsys):
-    assert cli.main(["report", str(tmp_path)]) == 2
-    assert "holds no experiment of musebot's" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    assert found["videos"] == [960] * len([*(out / "films").glob("*.mp4")])
+    broken = text.replace("<h1>", "<p style='width:950px'>wide</p><img src='data:,'><h1>")
+    found = browse(broken, tmp_path, width)
+    assert found["width"] > width and found["wide"] and 0 in found["images"]

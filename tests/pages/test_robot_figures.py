@@ -1,26 +1,22 @@
-"""Figures of single robots: an example of every kind, before and after training."""
+"""Figures of single robots: examples of every kind, and typical robots."""
 
 from __future__ import annotations
 
 import dataclasses
-import types
 
 import numpy as np
 import pytest
 import torch
 from matplotlib.figure import Figure
 
-from musebot.protocols.analysis.behaviour import Track
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.analysis.behaviour import Stay, Track
+from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import collect
+from musebot.protocols.lives.results import ConditionResults, Robot
 from musebot.protocols.lives.run import Run
-from musebot.protocols.pages import example_robots, robot_figures, style
-from musebot.protocols.pages.stored_brains import stored_brains
+from musebot.protocols.pages import robot_figures, style
 
 WA, SF = "wall_avoidance", "spot_finding"
-EXPERIMENT = Experiment(time_scale=0.002, cohort_size=4)
 NAN = float("nan")
 INVALID = ("invalid", 1, 1, NAN)
 KINDS = {
@@ -29,61 +25,63 @@ KINDS = {
 }
 
 
-@pytest.fixture(scope="module")
-def run() -> Run:
-    """Simulated robots whose rows are replaced by an example of every kind."""
-    lives = []
-    for task in (WA, SF):
-        key = CohortKey(Condition(task, "creative"), 0)
-        cohort = Cohort(EXPERIMENT, key)
-        cohort.advance(cohort.steps)
-        lives.append((key, cohort.lives()))
+def invented(conditions, kinds, first=0, scale=0.1):
+    """Returns a run of robots of the given kinds, without networks."""
     results = {}
-    for condition, part in collect(EXPERIMENT, lives).items():
+    for condition in conditions:
         rows = [
-            dataclasses.replace(
-                row, category=name, t_pre_s=pre, t_post_s=post, learn_ability=ability
-            )
-            for row, (name, pre, post, ability) in zip(
-                part.robots, KINDS[condition.task], strict=True
-            )
+            Robot(condition.task, condition.proposer, 1, 0, first + k, pre, post, ability, kind)
+            for k, (kind, pre, post, ability) in enumerate(kinds[condition.task])
         ]
-        results[condition] = dataclasses.replace(part, robots=rows)
-    return Run("run", EXPERIMENT, results)
+        curves = np.zeros((len(rows), 99))
+        results[condition] = ConditionResults(rows, curves, {"before": {}, "after": {}})
+    experiment = Experiment(body="kinematic", time_scale=scale, cohort_size=len(rows))
+    return Run("run", experiment, results)
 
 
-class LeftIsGood:
-    """A brain that values the left motor alone, and has two ideas."""
-
-    def __init__(self, offset=0.0):
-        self.offset = offset
-
-    def values(self, _, actions):
-        return self.offset + actions[..., 0]
-
-    def propose(self, _):
-        return torch.tensor([[[-0.3, 0.2], [0.4, -0.1]]])
+# ---- Examples ----
 
 
-def above(axis):
-    return axis.child_axes[0].get_xlabel()
+@pytest.fixture
+def examples():
+    return invented(
+        [Condition(task, name) for task in (WA, SF) for name in ("fixed", "creative")], KINDS
+    )
 
 
-def test_examples_cover_every_kind(run):
-    kinds = {e.kind: e.robot for e in example_robots.examples(run, WA)}
-    assert kinds == {"genius": 0, "learner": 1, "spoiled": 2}
-    kinds = {e.kind: e.robot for e in example_robots.examples(run, SF)}
-    assert kinds == {"ignorant": 0, "learner": 1, "spoiled": 2}
+@pytest.mark.parametrize(("task", "unmeasured"), [(WA, "genius"), (SF, "ignorant")])
+def test_examples_are_creative_and_of_every_kind(examples, task, unmeasured):
+    found = {one.kind: one.robot for one in robot_figures.examples(examples, task)}
+    assert found == {unmeasured: 0, "learner": 1, "spoiled": 2}
+    assert robot_figures.favourite(examples, task).kind == "learner"
+    assert robot_figures.favourite(examples, task).condition == Condition(task, "creative")
+
+
+@pytest.mark.parametrize("name", ["fixed", "agents:mine"])
+def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
+    kinds = KINDS if name == "agents:mine" else {task: [INVALID] for task in KINDS}
+    run = invented([Condition(task, name) for task in (WA, SF)], kinds)
+    for task in (WA, SF):
+        assert robot_figures.examples(run, task) == []
+        assert robot_figures.favourite(run, task) is None
+        assert robot_figures.trajectories(run, task) is robot_figures.values(run, task) is None
+    assert robot_figures.typical(run) is None
 
 
 @pytest.mark.parametrize("task", [WA, SF])
-def test_single_robots_are_drawn_before_and_after_training(task, run, check_files, tmp_path):
+def test_single_robots_are_drawn_before_and_after_training(task, run, check_figure):
+    condition = Condition(task, "creative")
+    part = run.results[condition]
+    rows = [
+        dataclasses.replace(row, category=kind, t_pre_s=pre, t_post_s=post)
+        for row, (kind, pre, post, _) in zip(part.robots, KINDS[task], strict=False)
+    ]
+    run = dataclasses.replace(run, results={condition: dataclasses.replace(part, robots=rows)})
     with style.styled():
         for draw in (robot_figures.trajectories, robot_figures.values):
             figure = draw(run, task)
-            assert isinstance(figure, Figure)
             assert len(figure.axes) == 6
-            check_files(style.save(figure, tmp_path, draw.__name__))
+            check_figure(figure)
 
 
 def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
@@ -100,10 +98,10 @@ def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
     assert (ring.get_xydata().tolist(), dot.get_xydata().tolist()) == ([[0, 7]], [[4, 7]])
 
 
-def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(run, monkeypatch):
+def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(examples, monkeypatch):
     asked = []
 
-    def evaluated(run, condition, which, minutes, tick):
+    def evaluated(run, condition, which, minutes):
         """Robot k is at k / 100, and has an event in k + 1 of 10 steps."""
         asked.extend(which)
         poses = np.zeros((11, 6, 3))
@@ -113,7 +111,7 @@ def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(run, monke
 
     monkeypatch.setattr(robot_figures, "evaluate", evaluated)
     with style.styled():
-        axes = robot_figures.trajectories(run, SF).axes
+        axes = robot_figures.trajectories(examples, SF).axes
     assert asked == [(row, when) for row in range(3) for when in ("before", "after")]
     assert [axis.get_xlabel().partition(" in ")[0] for axis in axes] == [
         "before: 10%", "before: 30%", "before: 50%", "after: 20%", "after: 40%", "after: 60%"
@@ -124,9 +122,26 @@ def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(run, monke
     assert titles[:3] == ["ignorant, creative 0", "learner, creative 1", "spoiled, creative 2"]
 
 
+class LeftIsGood:
+    """A brain that values the left motor alone, and has two ideas."""
+
+    def __init__(self, offset=0.0, slope=1.0):
+        self.offset, self.slope = offset, slope
+
+    def values(self, _, actions):
+        return self.offset + self.slope * actions[..., 0]
+
+    def propose(self, _):
+        return torch.tensor([[[-0.3, 0.2], [0.4, -0.1]]])
+
+
+def above(axis):
+    return axis.child_axes[0].get_xlabel()
+
+
 def test_the_left_motor_is_along_x_and_the_ring_is_around_the_best_idea():
     axis = Figure().subplots()
-    robot_figures.draw_values(axis, LeftIsGood(), np.zeros(5))
+    robot_figures.draw_values(axis, LeftIsGood(-0.001, 0.002), np.zeros(5))
     (image,) = axis.images
     pixels = image.get_array()
     assert image.origin == "lower" and (np.diff(pixels, axis=1) > 0).all()
@@ -136,63 +151,96 @@ def test_the_left_motor_is_along_x_and_the_ring_is_around_the_best_idea():
     assert len(rings) == 2
     for ring in rings:
         assert ring.get_xydata() == pytest.approx(np.array([[0.4, -0.1]]))
+    # Marks at the edge of the image stay whole, and the numbers are above it.
+    assert max(image.get_extent()) == 0.5 < min(axis.get_xlim()[1], axis.get_ylim()[1])
+    assert not any(line.get_clip_on() for line in axis.lines)
+    assert not axis.texts and above(axis) == "0.00 to 0.00"
 
 
-def test_values_are_of_the_favourites_brain_before_and_after_training(run, monkeypatch):
-    def stored(run, condition, which, seed):
+def test_values_are_of_the_favourites_brain_before_and_after_training(examples, monkeypatch):
+    def stored(run, condition, which):
         ((row, when),) = which
-        return types.SimpleNamespace(controller=LeftIsGood(10 * row + 5 * (when == "after")))
+        agent = robot_figures.NeurocontrollerAgent.__new__(robot_figures.NeurocontrollerAgent)
+        agent.controller = LeftIsGood(10 * row + 5 * (when == "after"))
+        return agent
 
     monkeypatch.setattr(robot_figures, "stored_brains", stored)
-    figure = robot_figures.values(run, WA)
-    assert example_robots.favourite(run, WA).row == 1
+    figure = robot_figures.values(examples, WA)
     assert [above(axis) for axis in figure.axes] == ["9.50 to 10.50"] * 3 + ["14.50 to 15.50"] * 3
     assert figure.axes[0].get_ylabel() == "before training\nright motor"
     assert figure.axes[3].get_ylabel() == "after training\nright motor"
     assert figure.get_suptitle() == "Wall avoidance, learner: creative 1"
 
 
-def test_the_numbers_are_above_the_image_and_marks_at_its_edge_stay_whole(run):
-    condition = Condition(WA, "creative")
-    brain = stored_brains(run, condition, [(1, "after")], seed=0).controller
-    brain.values = lambda _, actions: -0.002 * (actions[..., 0] + 0.5)
-    with style.styled():
-        figure = Figure()
-        axis = figure.subplots()
-        robot_figures.draw_values(axis, brain, np.zeros(5, np.float32))
-    assert not axis.texts
-    assert above(axis) == "0.00 to 0.00"
-    assert max(axis.images[0].get_extent()) == 0.5 < min(axis.get_xlim()[1], axis.get_ylim()[1])
-    assert not any(line.get_clip_on() for line in axis.lines) and len(axis.lines) == 3
+# ---- Typical robots ----
+
+WALLS, SPOT = Condition(WA, "fixed"), Condition(SF, "creative")
+SPINNING = [0, 6, 9, 3]  # of 12 seconds
+ARRIVALS = (0, 600, 1440, 2000)  # steps; 1500 are `SLOW` minutes
+FIVE = {task: [INVALID, *[("0 < L < 1", 1.0, 2.0, 0.5)] * 4] for task in KINDS}
 
 
-def test_words_on_gains_are_of_the_examples_that_are_shown():
-    assert example_robots.gains(["genius"]) == ""
-    assert example_robots.gains(["ignorant", "spoiled"]) == (
-        "The spoiled robot lost most between the two tests. "
-    )
-    assert example_robots.gains(["learner", "spoiled"]) == (
-        "The learner gained most, the spoiled robot lost most between the two tests. "
-    )
+@pytest.fixture
+def five(monkeypatch):
+    """A run of five robots in each condition, the first invalid; the others spin or arrive."""
 
-
-def test_without_valid_robots_there_is_no_figure(run):
-    results = {
-        condition: dataclasses.replace(
-            part, robots=[dataclasses.replace(row, category="invalid") for row in part.robots]
+    def evaluated(run, condition, which, minutes):
+        assert which == [(row, "after") for row in (1, 2, 3, 4)]
+        number = np.arange(round(600 * minutes))[:, None]
+        spinning = number < 10 * np.array(SPINNING if condition == WALLS else 4 * [0])
+        poses = np.zeros((len(number) + 1, 4, 3))
+        poses[1:, :, 2] = 0.2 * spinning.cumsum(axis=0)
+        return Track(
+            poses, number >= np.array(ARRIVALS), np.zeros(2), np.zeros((len(number), 4, 2))
         )
-        for condition, part in run.results.items()
-    }
-    empty = dataclasses.replace(run, results=results)
-    assert example_robots.examples(empty, WA) == []
-    assert example_robots.favourite(empty, WA) is None
-    assert robot_figures.trajectories(empty, WA) is None
-    assert robot_figures.values(empty, SF) is None
-    assert robot_figures.ticks(empty) == 0
+
+    monkeypatch.setattr(robot_figures, "evaluate", evaluated)
+    return invented([WALLS, SPOT], FIVE, first=7)
 
 
-def test_trajectories_tick_as_often_as_announced(run):
-    ticks = []
-    for task in (WA, SF):
-        robot_figures.trajectories(run, task, lambda: ticks.append(1))
-    assert len(ticks) == robot_figures.ticks(run) > 0
+def test_each_typical_robot_is_the_one_that_its_words_describe(five):
+    spinner, slow = robot_figures.typical_robots(five)
+    assert (spinner.kind, spinner.index, spinner.row, spinner.condition) == ("spinner", 2, 3, WALLS)
+    assert spinner.words == "spins in 75% of\nthe first 0.2 minutes"
+    front = spinner.track.poses[:, spinner.index, :2]
+    assert np.linalg.norm(front, axis=1) == pytest.approx(0.0275)  # it moves on a circle
+    assert (slow.kind, slow.index, slow.row, slow.condition) == ("slow approacher", 2, 3, SPOT)
+    assert slow.words == "reaches the spot after\n2.4 minutes"
+    with style.styled():
+        axes = robot_figures.typical(five).axes
+    titles = [axis.get_title(loc="left") for axis in axes]
+    assert titles == ["spinner\nfixed 10", "slow approacher\ncreative 10"]
+    assert [axis.get_xlabel() for axis in axes] == [spinner.words, slow.words]
+    assert axes[0].get_xlim() == pytest.approx(front[:, 0].mean() + np.array([-0.09, 0.09]))
+
+
+def test_a_run_whose_robots_hardly_spin_has_no_spinner(five, monkeypatch):
+    monkeypatch.setitem(globals(), "SPINNING", [1, 0, 1, 0])  # 8 % of the time
+    only = dataclasses.replace(five, results={WALLS: five.results[WALLS]})
+    assert robot_figures.typical(only) is None
+
+
+def test_the_follower_is_the_robot_that_its_words_describe(monkeypatch):
+    """The first robot of three does not stay; the last one follows most."""
+    numbers = Stay(
+        np.array([False, True, True]),
+        np.array([[0.9, 0.9], [0.2, 0.3], [0.8, 0.1]]),
+        np.array([[0.9, 0.9], [0.1, 0.3], [0.0, 0.4]]),
+        np.zeros((1, 3)),
+    )
+    nose = np.full((60, 3, 2), 0.2)
+    nose[20:50, 2] = 0.06, 0.0  # at the rim
+    poses = np.zeros((61, 3, 3))
+    poses[:, 2, 0] = np.arange(61)
+    track = Track(poses, np.zeros((60, 3), bool), np.zeros(2), nose)
+    monkeypatch.setattr(robot_figures, "finders", lambda *_: [5, 6, 7])
+    monkeypatch.setattr(robot_figures, "from_the_rim", lambda *_: (track, 0.06))
+    monkeypatch.setattr(robot_figures, "stay_of", lambda *_: numbers)
+    lost = {SF: [("L < 0", 1.0, 0.0, -0.5)] * 8}  # none is in the spot after training
+    (follower,) = robot_figures.typical_robots(invented([SPOT], lost, scale=0.02))
+    assert (follower.kind, follower.row, follower.index) == ("contour follower", 7, 2)
+    assert follower.words == "follows the rim 80%,\nat last spins 40%"
+    steps = round(robot_figures.DRAWN_MINUTES * 600 * 0.02)
+    assert steps == 36 and len(follower.track.events) == steps
+    # The 30 steps at the rim are in the path that is drawn.
+    assert follower.track.poses[:, 2, 0].tolist() == [*range(14, 15 + steps)]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
+from musebot.models import Dimensions, half_size
 from musebot.models.obstacles import OBSTACLES
 from musebot.protocols.pages import scene
 from musebot.tasks.suite import TASKS
@@ -15,10 +18,11 @@ from musebot.tasks.suite import TASKS
 DRAW = """
 import sys
 import numpy as np
-from musebot.protocols.pages.scene import Scene, Shot
+from musebot.protocols.pages.replay import Moment
+from musebot.protocols.pages.scene import Scene, Trail
 from musebot.tasks.suite import TASKS
 
-pose, trail, nobody = np.array([0.0, -0.2, 0.0]), np.zeros((1, 2)), np.zeros(1)
+pose, trail = np.array([0.0, -0.2, 0.0]), Trail(np.zeros((1, 2)), np.zeros(1), np.zeros(1))
 images = {}
 for task, row in TASKS.items():
     scene = Scene(task)
@@ -29,8 +33,8 @@ for task, row in TASKS.items():
         ("contact", (-0.4, 0.2), 0.0, True),
     ):
         signals = {name: np.full(n, signal) for name, (n, *_) in row.rules.shapes.items()}
-        shot = (signals, np.zeros(2), contact, False, 0.0, trail, nobody, nobody)
-        images[f"{task}/{name}"] = scene.draw(Shot(0.0, pose, np.array(spot), *shot)).copy()
+        shot = Moment(0.0, pose, np.array(spot), signals, np.zeros(2), contact, False, 0.0)
+        images[f"{task}/{name}"] = scene.draw(shot, trail).copy()
     scene.close()
 np.savez(sys.argv[1], **images)
 """
@@ -80,25 +84,21 @@ def test_signal_is_grey_at_0_and_hot_at_1():
     assert scene.heat(0.5, hot) == scene.AMBER
 
 
-def test_the_walls_of_a_larger_arena_and_a_nose_at_the_centre_are_drawn_where_they_are(
-    egl: None,
-) -> None:
-    command = (
-        "from musebot.protocols.pages.scene import Scene\n"
-        "import dataclasses\n"
-        "from musebot.models import Dimensions, half_size\n"
-        "from musebot.tasks.suite import TASKS\n"
-        "own = Dimensions.of(TASKS['spot_finding'].spec().compile())\n"
-        "larger = dataclasses.replace(own, half_length=0.7)\n"
-        "for dimensions in (None, own, larger, dataclasses.replace(own, nose=0.0)):\n"
-        "    scene = Scene('spot_finding', dimensions)\n"
-        "    print(*half_size(scene._model), scene._model.site('nose').pos[0])\n"
-        "    scene.close()\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", command], capture_output=True, text=True, check=True
-    )
-    sizes = [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
-    assert sizes[0] == sizes[1] == pytest.approx([0.525, 0.35, 0.0275])
-    assert sizes[2] == pytest.approx([0.7, 0.35 * 4 / 3, 0.0275])
-    assert sizes[3] == pytest.approx([0.525, 0.35, 0.0])
+def test_the_walls_of_a_larger_arena_and_a_nose_at_the_centre_are_drawn_where_they_are(egl: None):
+    own = Dimensions.of(TASKS["spot_finding"].spec().compile())
+    for changes, expected in (
+        ({}, [0.525, 0.35, 0.0275]),
+        ({"half_length": 0.7}, [0.7, 0.35 * 4 / 3, 0.0275]),
+        ({"nose": 0.0}, [0.525, 0.35, 0.0]),
+    ):
+        drawn = scene.Scene("spot_finding", dataclasses.replace(own, **changes))
+        model = drawn._model
+        drawn.close()
+        assert [*half_size(model), model.site("nose").pos[0]] == pytest.approx(expected)
+
+
+def test_module_prints_the_renderer_and_the_time_of_an_image(egl: None):
+    command = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert found["renderer"] and found["ms"] > 0

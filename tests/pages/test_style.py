@@ -1,8 +1,11 @@
-"""The style of figures: legible on light and on dark, and for colour-blind readers."""
+"""The style of figures: legible to all readers, and independent of Matplotlib's settings."""
 
 import itertools
 import math
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,8 @@ from helpers import contrast
 from matplotlib.colors import to_rgb
 
 from musebot.protocols.pages import style
+
+PROPOSERS = ("fixed", "random", "creative")
 
 
 @pytest.mark.parametrize("background", ["#ffffff", "#14171c"])
@@ -41,18 +46,12 @@ def seen_without_red_or_green(shade, kind):
     return 1.055 * mixed ** (1 / 2.4) - 0.055
 
 
-PROPOSERS = ("fixed", "random", "creative")
-# Solid lines of one figure, and a path with its events.
-TOGETHER = {*itertools.combinations(style.PALETTE, 2)} | {
-    (style.EVENT, style.colour(proposer)) for proposer in PROPOSERS
-}
-
-
 @pytest.mark.parametrize("kind", ["protanopia", "deuteranopia"])
-@pytest.mark.parametrize(("first", "second"), sorted(TOGETHER))
-def test_colours_drawn_together_look_different_to_colour_blind_readers(first, second, kind):
-    seen = [seen_without_red_or_green(shade, kind) for shade in (first, second)]
-    assert math.dist(*seen) > 0.2
+def test_colours_drawn_together_look_different_to_colour_blind_readers(kind):
+    lines = itertools.combinations(style.PALETTE, 2)  # solid lines of one figure
+    paths = ((style.EVENT, style.colour(proposer)) for proposer in PROPOSERS)
+    for pair in (*lines, *paths):
+        assert math.dist(*(seen_without_red_or_green(shade, kind) for shade in pair)) > 0.2, pair
 
 
 def test_each_agent_of_a_run_has_its_own_look_and_proposers_keep_their_colours():
@@ -63,3 +62,36 @@ def test_each_agent_of_a_run_has_its_own_look_and_proposers_keep_their_colours()
     assert all(looks[name] == (style.colour(name), "-") for name in PROPOSERS)
     solid = [look for look in looks.values() if look.dashes == "-"]
     assert len({look.colour for look in solid}) == len(solid) == 7
+
+
+DRAW = """
+import sys
+from pathlib import Path
+from musebot.protocols.pages.report import draw
+import matplotlib
+draw("architecture", Path(sys.argv[1]))
+print(matplotlib.rcParams["font.size"], matplotlib.rcParams["backend"])
+"""
+
+
+def test_a_figure_has_the_same_bytes_whatever_matplotlib_is_told(tmp_path):
+    """A backend that Matplotlib does not know stops its import; TeX may not be installed."""
+    (tmp_path / "with").mkdir()
+    settings = "font.size: 20\ntext.usetex: True\naxes.facecolor: red\nsvg.fonttype: none\n"
+    (tmp_path / "with" / "matplotlibrc").write_text(settings)
+    printed = []
+    for folder, backend in ((".", "svg"), ("with", "pdf"), (".", "foo"), ("with", "foo")):
+        path = tmp_path / f"{len(printed)}.svg"
+        done = subprocess.run(
+            [sys.executable, "-c", DRAW, str(path)],
+            cwd=tmp_path / folder,
+            env=os.environ | {"MPLBACKEND": backend},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        printed.append(done.stdout.split())
+    # What the user has set holds outside of our figures, if Matplotlib knows it.
+    assert printed[:2] == [["10.0", "svg"], ["20.0", "pdf"]]
+    first, *others = [(tmp_path / f"{k}.svg").read_bytes() for k in range(4)]
+    assert all(other == first for other in others)

@@ -16,7 +16,7 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.results import ConditionResults, Robot
 from musebot.protocols.lives.run import Run
-from musebot.protocols.pages import comparison_tables, tables
+from musebot.protocols.pages import tables
 
 WA = "wall_avoidance"
 
@@ -70,13 +70,23 @@ def test_every_number_and_interval_of_a_column_is_in_the_data():
     assert len({low for low, _ in found.values()}) == 3
 
 
+def test_names_of_folders_are_no_markup():
+    run = run_of("fixed", "0 < L < 1", 0.5)
+    ours, other = (dataclasses.replace(run, name=name) for name in ("<script>a</script>", "b | c"))
+    text = tables.comparison_markdown(ours, other, compare_runs(ours, other))
+    assert "<script>" not in text and "&lt;script&gt;a&lt;/script&gt;" in text
+    (head,) = [line for line in text.splitlines() if line.startswith("|  |  |")]
+    assert len(head.replace(r"\|", "").split("|")) == 9  # seven columns
+    assert tables.comparison_json(ours, other, [])["ours"] == ours.name
+
+
 def test_a_comparison_has_short_names_and_settings_as_on_the_command_line():
     name = RECORDED_NAMES["sarsa_lambda"]
     ours = run_of(name, "0 < L < 1", 0.5)
     theirs = run_of(
         name, "L < 0", -0.5, post=600.0, experiment=Experiment(settings=("trace=0.5", "tiles=6"))
     )
-    text = comparison_tables.markdown(ours, theirs, compare_runs(ours, theirs))
+    text = tables.comparison_markdown(ours, theirs, compare_runs(ours, theirs))
     assert "- wall_avoidance, sarsa_lambda: " in text and "| sarsa_lambda | L < 0 |" in text
     assert name not in text
     assert "settings (none, trace=0.5 tiles=6)" in text

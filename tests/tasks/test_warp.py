@@ -12,8 +12,7 @@ pytest.importorskip("mujoco_warp")
 
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.run_files import read_run
-from musebot.protocols.pages.rollout import watch
-from musebot.protocols.pages.stored_brains import stored_brains
+from musebot.protocols.pages.replay import stored_brains, watch
 from musebot.tasks import make_batch
 from musebot.tasks.batch import CapacityError
 from musebot.tasks.tensors import warp as engine
@@ -115,7 +114,7 @@ def test_trained_brains_are_as_long_in_the_spot_or_in_contact_as_in_c_mujoco(kep
     times = []
     for batch in (ours, warp):
         agent = stored_brains(run, condition, [(row, "after") for row in range(robots)], 0)
-        track = watch(batch, agent, 6000, learning=False, tick=lambda: None)
+        track = watch(batch, agent, 6000)
         times.append(track.events.mean(axis=0))
     pairs = times[1] - times[0]
     print(f"{kept}, {task}: {times[0].mean():.3f}, {pairs.mean():+.4f}, {pairs.std(ddof=1):.4f}")

@@ -1,0 +1,337 @@
+"""Puts stored brains and policies back into robots: one in an episode, or many in a batch.
+
+A run does not store the random streams of its robots. Their motion therefore differs from that in
+the run, unless nothing is random.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...tasks import CONTROL_TIMESTEP, Robots, make_batch
+from ...tasks.starts import Start, random_spots
+from ...tasks.suite import TASKS
+from ..agents.base import Agent
+from ..agents.names import recorded_name, short_name
+from ..agents.trust import trust
+from ..analysis.behaviour import Track
+from ..errors import InputError
+from ..lives.agent import make_agent
+from ..lives.conditions import Condition
+from ..lives.device import StepWork
+from ..lives.placement import place
+from ..lives.results import When
+from ..lives.run import Run
+from ..lives.schedules import control_steps
+from ..terminal import StepProgress
+
+if TYPE_CHECKING:
+    from ..agents.ppo import Policies
+
+SEED = 0  # of the random streams that a run does not store
+
+Act = Callable[[np.ndarray], np.ndarray]
+"""Returns motor values in [-0.5, 0.5], shape (B, 2), for observations, float32, shape (B, S)."""
+
+# The two tests, before and after training, and which of the two stored brains drove the robot.
+_BRAINS: dict[str, When] = {"pre": "before", "post": "after"}
+_ALONE = np.array([0])  # the robot of a batch of one
+
+
+# ---- One robot in an episode ----
+
+
+@dataclasses.dataclass(frozen=True)
+class Moment:
+    """A robot at the start of a control step.
+
+    Attributes:
+      time: Simulated time since the start of the episode in [s].
+      pose: x, y in [m] and heading in [rad], shape (3,).
+      spot: x, y of the spot's centre in [m], shape (2,).
+      signals: Latest sensor signals by name, each of shape (number of signals,).
+      motors: Motor values that the driver commands, left motor first, shape (2,).
+      contact: Whether the robot is in contact.
+      event: Whether the task's event, contact or being in the spot, happens; False at the start.
+      event_seconds: Time with the event since the start of the episode in [s].
+    """
+
+    time: float
+    pose: np.ndarray
+    spot: np.ndarray
+    signals: dict[str, np.ndarray]
+    motors: np.ndarray
+    contact: bool
+    event: bool
+    event_seconds: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Episode:
+    """A robot at its start pose, and the driver that acts from there.
+
+    Attributes:
+      task: Name of a task of the domain "arena".
+      driver: Description of the driver in a few words.
+      trained: Whether the driver has been trained.
+      batch: Batch of one robot.
+      act: Function that returns the driver's motor values for the sensor signals.
+      steps: Number of control steps in the episode; infinity for an episode without end.
+      random: Random stream of the spot's places, for tasks in which it jumps.
+    """
+
+    task: str
+    driver: str
+    trained: bool
+    batch: Robots
+    act: Act
+    steps: float
+    random: np.random.Generator
+
+    @classmethod
+    def of_policy(cls, policies: Policies, robot: int, phase: str, seed: int) -> Episode:
+        """Returns the episode that Gymnasium's `reset(seed=seed)` starts in the policies' task.
+
+        Raises:
+          InputError: there is no such policy, or a value is invalid; see `policy_act`.
+        """
+        _check_seed(seed)
+        act, task = policy_act(policies, robot, phase), policies.task
+        batch, random = make_batch(task, 1), np.random.default_rng(seed)
+        pose, spot = Start().draw(random, batch.dimensions)
+        batch.place_spot(_ALONE, spot[None])
+        batch.place(_ALONE, pose[None])
+        steps = TASKS[task].time_limit / CONTROL_TIMESTEP
+        return cls(task, f"PPO, policy {robot}", phase == "post", batch, act, steps, random)
+
+    @property
+    def seconds(self) -> float:
+        """Duration in simulated seconds."""
+        return self.steps * CONTROL_TIMESTEP
+
+    def moments(self) -> Iterator[Moment]:
+        """Simulates the episode and yields its moments; ends early if the simulation is unstable.
+
+        An episode can be simulated only once.
+        """
+        batch, rules, events, event = self.batch, self.batch.rules, 0, False
+        spot_steps = TASKS[self.task].spot_steps
+        for step in itertools.count():
+            sensed = batch.sensordata
+            motors = self.act(rules.state(sensed).astype(np.float32))
+            yield Moment(
+                step * CONTROL_TIMESTEP,
+                batch.pose[0],
+                batch.spot[0],
+                rules.observations(sensed[0].copy()),
+                motors[0],
+                bool((sensed[0, rules.layout.touch] > 0).any()),
+                event,
+                events * CONTROL_TIMESTEP,
+            )
+            if step >= self.steps:
+                return
+            if spot_steps and step and step % spot_steps == 0:
+                batch.place_spot(_ALONE, random_spots(self.random, batch.dimensions, 1))
+            batch.step(motors)
+            if not batch.valid.all():
+                return
+            event = bool(rules.event(batch.sensordata)[0])
+            events += event
+
+
+def policy_act(policies: Policies, robot: int, phase: str) -> Act:
+    """Returns the function that acts by one policy, before ("pre") or after ("post") training.
+
+    Raises:
+      InputError: there is no policy of this index, or no such phase.
+    """
+    return functools.partial(policies.one(robot).act, trained=_when(phase) == "after")
+
+
+def _when(phase: str) -> When:
+    if phase not in _BRAINS:
+        raise InputError(f"the phase must be one of {', '.join(_BRAINS)}, got {phase!r}")
+    return _BRAINS[phase]
+
+
+def _check_seed(seed: int) -> None:
+    if not 0 <= seed < 2**63:
+        raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
+
+
+@dataclasses.dataclass(frozen=True)
+class StoredRobot:
+    """A robot of a run that repeats a test with its stored brain.
+
+    Attributes:
+      run: Run of the robot.
+      condition: Condition of the robot.
+      robot: Number of the robot within its condition.
+      phase: Test to repeat: "pre" before training, or "post" after training.
+      seed: Seed of the brain's noise.
+    """
+
+    run: Run
+    condition: Condition
+    robot: int
+    phase: str
+    seed: int = SEED
+
+    def agent(self) -> Agent:
+        """Returns the robot's brain, or its agent, at the time of the test, as a batch of one.
+
+        Raises:
+          InputError: there is no such robot, its simulation was invalid, its agent is not trusted
+            or cannot take over kept weights, or a value is invalid.
+        """
+        when = _when(self.phase)
+        _check_seed(self.seed)
+        return stored_brains(self.run, self.condition, [(self._row(), when)], self.seed)
+
+    def act(self) -> Act:
+        """Returns the function that drives the robot with frozen weights; see `agent`."""
+        agent = self.agent()
+        agent.reset()
+        return functools.partial(agent.act, learning=False)
+
+    def episode(self) -> Episode:
+        """Returns the first phase of the test, with robot and spot at their start places.
+
+        Raises:
+          InputError: see `agent`; or the robot has other dimensions than the one that is drawn.
+        """
+        act, experiment, task = self.act(), self.run.experiment, self.condition.task
+        for name in ("radius", "wheel_base"):
+            if (value := getattr(experiment.kinematics, name)) is not None:
+                raise InputError(f"films draw the ordinary robot; this run has {name}={value:g}")
+        start = next(p for p in experiment.schedule(task).phases if p.part == self.phase)
+        batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
+        place(batch, start, random)
+        kind = " proposer" if self.condition.has_brain else ""
+        return Episode(
+            experiment.arena_task(task),
+            f"{short_name(self.condition.proposer)}{kind}, robot {self.robot}",
+            self.phase == "post",
+            batch,
+            act,
+            control_steps(start.minutes),
+            random,
+        )
+
+    def _row(self) -> int:
+        """Returns the robot's index among the rows of its condition."""
+        robots = self.run.robots(self.condition)
+        if not robots:
+            every = self.run.conditions()
+            known = [one for one in every if one.task == self.condition.task]
+            names = ", ".join(map(str, known or every)) or "none"
+            more = ": --proposer or --agent chooses" if known else ""
+            raise InputError(f"the run has no robots of {self.condition}; it has {names}{more}")
+        numbers = [row.robot for row in robots]
+        if self.robot not in numbers:
+            raise InputError(
+                f"the robots of {self.condition} are {min(numbers)} to {max(numbers)}, "
+                f"got {self.robot}"
+            )
+        row = numbers.index(self.robot)
+        if not robots[row].valid:
+            raise InputError(
+                f"robot {self.robot} of {self.condition} is invalid: it was stopped, because its "
+                "simulation became unstable or its weights were not finite"
+            )
+        return row
+
+
+def robots_named(task: str, proposer: str | None, agent: str | None) -> Condition:
+    """Returns the condition of the robots that a command names, creative ones by default.
+
+    The code of a user's agent, named as `musebot run --agent` takes it, is then trusted.
+
+    Raises:
+      InputError: a name is unknown, or both are given.
+    """
+    if proposer and agent:
+        raise InputError("a robot has a proposer or an agent, not both")
+    if not agent:
+        return Condition(task, proposer or "creative")
+    name = recorded_name(agent)
+    trust(name)
+    return Condition(task, name)
+
+
+# ---- Many robots in a batch ----
+
+
+def stored_brains(
+    run: Run, condition: Condition, which: Sequence[tuple[int, When]], seed: int = SEED
+) -> Agent:
+    """Returns stored brains, or agents with stored weights, of a condition as one batch.
+
+    Args:
+      run: Run of the robots.
+      condition: Condition of the robots.
+      which: For each robot, its row within the condition, and whether with the weights "before" or
+        "after" training.
+      seed: Seed of the batch's random stream.
+
+    Raises:
+      InputError: the agent is not trusted, or cannot take over these weights.
+    """
+    stored = run.results[condition].networks
+    weights = {
+        name: np.stack([stored[when][name][row] for row, when in which]) for name in stored["after"]
+    }
+    agent = make_agent(run.experiment, condition, len(which), seed)
+    try:
+        agent.load_weights(weights)
+    except (ValueError, KeyError, NotImplementedError) as error:
+        name = short_name(condition.proposer)
+        raise InputError(f"{name} cannot take over the weights of {run.name}: {error}") from error
+    return agent
+
+
+def evaluate(
+    run: Run, condition: Condition, which: Sequence[tuple[int, When]], minutes: float
+) -> Track:
+    """Evaluates brains, see `stored_brains`, in the first minutes of the test after training."""
+    agent = stored_brains(run, condition, which)
+    batch = run.experiment.batch(condition.task, len(which))
+    phases = run.experiment.schedule(condition.task).phases
+    start = next(phase for phase in phases if phase.part == "post")
+    place(batch, start, np.random.default_rng(SEED))
+    return watch(batch, agent, control_steps(minutes), what=str(condition))
+
+
+def watch(
+    batch: Robots, agent: Agent, steps: int, *, learning: bool = False, what: str = "robots"
+) -> Track:
+    """Simulates robots from their current poses, shows the progress, and records their track.
+
+    Args:
+      batch: Batch of B robots that have been placed.
+      agent: Agent that drives the robots.
+      steps: Number of control steps.
+      learning: Whether the robots learn and explore.
+      what: The robots in a few words, for the progress.
+    """
+    poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
+    events = np.empty((steps, batch.robots), dtype=bool)
+    nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
+    poses[0] = batch.pose
+    work = StepWork(agent, batch)
+    with StepProgress(f"observing {what}", steps) as progress:
+        for step in range(steps):
+            batch.step(work.decide(learning))
+            work.count()
+            poses[step + 1] = batch.pose
+            events[step] = work.counted()
+            nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
+            progress.advance()
+    return Track(poses, events, batch.spot[0], nose)
