@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal, get_args
 
-from .fields import Checked, choice, flag, number, numbers, whole
-from .fields import shown as shown
+from ..fields import Checked, choice, flag, number, numbers, whole
+from ..fields import shown as shown
 
 ActivationName = Literal["logistic", "tanh"]
 RewardForm = Literal["signal", "difference"]

@@ -10,10 +10,8 @@ EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 # Modules of packages that an extra installs; those of its other requirements are not listed.
 _EXTRAS = {
     "baselines": "stable_baselines3",
-    "brain": "PIL imageio_ffmpeg jinja2 matplotlib packaging rich safetensors scipy torch tyro "
-    "yaml",
+    "brain": "PIL imageio_ffmpeg jinja2 matplotlib rich safetensors scipy torch",
     "cluster": "ray",
-    "evolve": "cmaes",
     "gym": "gymnasium moviepy",
     "tensorboard": "tensorboard",
 }

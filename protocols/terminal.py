@@ -1,23 +1,13 @@
-"""Progress with the remaining time, and notices, on stderr."""
+"""What is printed: texts without control characters, notices, Markdown."""
 
 from __future__ import annotations
 
 import contextlib
-import datetime
-import queue
 import re
 import sys
-import time
-from collections.abc import Callable, Sequence
-from typing import Any, TextIO
-
-from rich.console import Console
-from rich.markdown import Markdown
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.text import Text
+from typing import TextIO
 
 _MOST = 2000  # characters of a sentence
-_FIRST, _MINUTE = 5.0, 60.0  # seconds to the first line of progress in a file; at most later
 # Control characters, those that change the direction of text, and bytes that are no text.
 _UNPRINTABLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
@@ -58,10 +48,10 @@ def say(text: str, stream: TextIO | None = None, *, lines: bool = False) -> None
 
 def notice(sentence: str) -> None:
     """Prints a sentence on stderr."""
-    _say_if_possible(f"musebot: {sentence}")
+    say_if_possible(f"musebot: {sentence}")
 
 
-def _say_if_possible(text: str) -> None:
+def say_if_possible(text: str) -> None:
     """Prints a text on stderr; a full disk or a reader that has left stops no work."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):  # full, without a reader, or closed
@@ -77,189 +67,11 @@ def safe_streams() -> None:
 
 def show_markdown(text: str) -> None:
     """Prints Markdown on stdout, formatted where that is a terminal."""
+    from rich.console import Console  # the plain install has no rich, and prints no Markdown
+    from rich.markdown import Markdown
+
     console = Console()
     if console.is_terminal:
         console.print(Markdown(printable(text, lines=True)))
     else:
         say(text, lines=True)
-
-
-_DESCRIPTION = TextColumn("{task.description}", markup=False)
-
-
-def _draws_bars() -> bool:
-    """Returns whether stderr is a terminal that can draw a bar; else progress is lines of text."""
-    try:
-        terminal = sys.stderr is not None and sys.stderr.isatty()
-    except (AttributeError, ValueError):  # a replacement, or closed
-        return False
-    return terminal and not Console(stderr=True).is_dumb_terminal
-
-
-class _Pace:
-    """Times of the lines of progress in a file: 5, 10, 20, 40 and then 60 seconds apart."""
-
-    def __init__(self) -> None:
-        self._began, self._wait = time.monotonic(), _FIRST
-
-    def due(self) -> bool:
-        """Returns whether it is time for a line, and if so begins to wait for the next."""
-        if (now := time.monotonic()) - self._began < self._wait:
-            return False
-        self._began, self._wait = now, min(2 * self._wait, _MINUTE)
-        return True
-
-
-class StepProgress:
-    """Progress of steps of about equal length, in this process: a bar, or lines in a file."""
-
-    def __init__(self, what: str, steps: int) -> None:
-        """Prepares the display.
-
-        Args:
-          what: Description of the steps.
-          steps: Number of steps; nothing is shown for 0.
-        """
-        self._what, self._steps, self._done = printable(what), steps, 0
-        self._lines = not _draws_bars()
-        self._progress = Progress(
-            _DESCRIPTION,
-            BarColumn(),
-            TextColumn("{task.percentage:5.1f} %"),
-            TextColumn("left"),
-            TimeRemainingColumn(elapsed_when_finished=False),
-            console=Console(stderr=True),
-            disable=self._lines or not steps,
-        )
-        self._bar = self._progress.add_task(self._what, total=steps)
-        self._began, self._pace = time.monotonic(), _Pace()
-
-    def __enter__(self) -> StepProgress:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._progress.stop()
-
-    def advance(self) -> None:
-        """Counts a step."""
-        self._done += 1
-        self._progress.advance(self._bar)
-        if self._lines and self._pace.due():
-            seconds = (time.monotonic() - self._began) * (self._steps / self._done - 1)
-            notice(f"{self._what}: {100 * self._done / self._steps:.1f} %, {remaining(seconds)}")
-
-
-def remaining(seconds: float) -> str:
-    """Returns a remaining time in words."""
-    return f"{datetime.timedelta(seconds=max(round(seconds), 0))} left"
-
-
-class JobProgress:
-    """Progress of several jobs together, with their speed, and the messages they send.
-
-    A job's cost is its amount of work: simulated seconds, added up over the job's robots. On a
-    terminal a bar shows the progress; elsewhere, as in the log of a cluster, lines: the first after
-    five seconds, the next ones at most a minute apart.
-    """
-
-    def __init__(
-        self,
-        what: str,
-        costs: Sequence[float],
-        quiet: bool = False,
-        robots: Sequence[int] = (),
-    ) -> None:
-        """Prepares the display.
-
-        Args:
-          what: Description of the jobs, shown next to the progress.
-          costs: Cost of each job, in simulated seconds.
-          quiet: Whether to show nothing.
-          robots: Number of robots of each job; empty if the jobs are not made of robots' lives.
-        """
-        self._costs, self._robots = costs, robots
-        self._done: dict[int, float] = {}
-        self._first: dict[int, float] = {}  # the speed does not count earlier calls
-        self._lines = not (quiet or _draws_bars())
-        self._progress = Progress(
-            _DESCRIPTION,
-            BarColumn(),
-            TextColumn("{task.percentage:5.1f} %"),
-            TextColumn("{task.fields[speed]}"),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[left]}"),
-            console=Console(stderr=True),
-            disable=quiet or self._lines,
-        )
-        total = sum(costs)
-        hours = total / 3600
-        amount = f"{hours:,.0f}" if hours >= 10 else f"{hours:.2g}"
-        self._what = f"{printable(what)}, {amount} robot-hours"
-        self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
-        self._began, self._pace = time.monotonic(), _Pace()
-        self._shown: float | None = None  # simulated seconds done at the last line
-        self._watcher: Callable[[], None] = lambda: None
-
-    def __enter__(self) -> JobProgress:
-        self._progress.start()
-        if self._lines:
-            notice(self._what)
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._progress.stop()
-        if self._lines and self._shown != sum(self._done.values()):
-            notice(self.line())
-
-    def watch(self, watcher: Callable[[], None]) -> None:
-        """Sets a function that is called whenever reports are shown, several times a second."""
-        self._watcher = watcher
-
-    def tell(self, sentence: str) -> None:
-        """Prints a sentence above the bar."""
-        if self._lines:
-            _say_if_possible(sentence)
-        else:
-            self._progress.console.print(Text(printable(sentence), "yellow"))
-
-    def show(self, reports: Any) -> None:
-        """Shows all reports in a queue: (number of the job, simulated seconds done, message)."""
-        with contextlib.suppress(queue.Empty):
-            while True:
-                number, done, message = reports.get_nowait()
-                if message:
-                    self.tell(message)
-                self._done[number] = done
-                self._first.setdefault(number, done)
-        done, speed, left = self._state()
-        self._progress.update(self._bar, completed=done, speed=speed, left=left)
-        if self._lines and self._pace.due():
-            notice(self.line())
-            self._shown = done
-        self._watcher()
-
-    def line(self) -> str:
-        """Returns the progress in words: share and robots done, speed, remaining time."""
-        done, speed, left = self._state()
-        finished = [n for n, cost in enumerate(self._costs) if self._done.get(n, 0) >= cost]
-        share = f"{100 * done / (sum(self._costs) or 1):.1f} %"
-        jobs = f"{len(finished)} of {len(self._costs)} jobs done"
-        if self._robots:
-            robots = sum(self._robots[number] for number in finished)
-            jobs = f"{robots} of {sum(self._robots)} robots done"
-        return ", ".join(filter(None, [share, jobs, speed, left]))
-
-    def _state(self) -> tuple[float, str, str]:
-        """Returns the simulated seconds done, the speed in words and the remaining time in words.
-
-        Both follow the mean speed of this call.
-        """
-        done = sum(self._done.values())
-        new = done - sum(self._first.values())
-        seconds = time.monotonic() - self._began
-        if not new > 0 or not seconds > 0:
-            return done, "", ""
-        speed = new / seconds
-        left = remaining((sum(self._costs) - done) / speed)
-        return done, f"{speed:,.0f} x real time", left

@@ -9,7 +9,8 @@ import pytest
 
 from musebot.protocols import terminal
 from musebot.protocols.exit_status import exit_status
-from musebot.protocols.terminal import JobProgress, notice, printable, say
+from musebot.protocols.progress import JobProgress
+from musebot.protocols.terminal import notice, printable, say
 
 
 def task_of(progress):

@@ -8,7 +8,7 @@ from typing import Any
 from tables import attributes, table
 
 from musebot.controller import BRAINS, Parameters
-from musebot.controller.fields import described
+from musebot.fields import described
 from musebot.models.kinematic import Kinematics
 from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks.gymnasium_env.common import INFO

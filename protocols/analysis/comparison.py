@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..lives.conditions import Condition
 from ..lives.learn_ability import CATEGORIES
 from ..lives.run import Run
-from ..terminal import StepProgress
+from ..progress import StepProgress
 from . import intervals
 from .hypothesis_tests import ALPHA, DRAWS, holm, same_deviation, same_mean, same_share
 from .intervals import Interval

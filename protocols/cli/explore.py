@@ -4,39 +4,41 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-import tyro
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from .shared_options import PROPOSER_CHOICES, option
+from .options import argument, option
 
 if TYPE_CHECKING:
     from ..pages.viewer import Driver
 
 
 @dataclasses.dataclass
-class ExploreCommand:
+class Explore:
     """Open a window on a task, driven by a policy, a brain, the arrow keys, or at random."""
 
-    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")] = "wall_avoidance"
-    """task of docs/tasks.md; with --out only wall_avoidance or spot_finding"""
-    out: Annotated[Path | None, option("OUT", "none")] = None
-    """folder of a run to take a brain from"""
-    policies: Annotated[Path | None, option("FILE", "the policy that musebot brings")] = None
-    """file of PPO's policies for this task, a .safetensors"""
-    keys: bool = False
-    """drive with the arrow keys"""
-    random: bool = False
-    """drive at random"""
-    proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
-    """proposer of the robot; only for a run"""
-    agent: Annotated[str | None, option("AGENT", "none")] = None
-    """agent of the robot, as `musebot run --agent` takes it; only for a run"""
-    robot: Annotated[int | None, option("INT", "0")] = None
-    """number of the robot within its condition, or of the policy"""
-    phase: Annotated[Literal["pre", "post"] | None, option("{pre,post}", "post")] = None
-    """show the robot before (pre) or after (post) training"""
+    task: str = argument(
+        "task that `musebot list tasks` prints; with --out wall_avoidance or spot_finding "
+        "(wall_avoidance)",
+        "TASK",
+        "wall_avoidance",
+    )
+    out: Path | None = option(None, "folder of a run to take a brain from", "OUT")
+    policies: Path | None = option(
+        None, "file of PPO's policies for this task (the policy that musebot brings)", "FILE"
+    )
+    keys: bool = option(False, "drive with the arrow keys")
+    random: bool = option(False, "drive at random")
+    proposer: str | None = option(
+        None, "proposer of the robot: fixed, random, creative; only for a run (creative)", "NAME"
+    )
+    agent: str | None = option(None, "agent of the robot; only for a run", "AGENT")
+    robot: int | None = option(
+        None, "number of the robot within its condition, or of the policy (0)", "N"
+    )
+    phase: str | None = option(
+        None, "the robot before (pre) or after (post) training (post)", choices=("pre", "post")
+    )
 
     def __call__(self) -> None:
         """Opens the window, which needs a display."""

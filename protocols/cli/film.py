@@ -4,44 +4,47 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-import tyro
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..terminal import say
-from .shared_options import PROPOSER_CHOICES, option
+from .options import argument, option
 
 if TYPE_CHECKING:
     from ..pages.replay import Episode
 
 
 @dataclasses.dataclass
-class FilmCommand:
+class Film:
     """Film a robot in a test, driven by its stored brain or agent, or a policy in an episode."""
 
-    task: Annotated[str, tyro.conf.arg(metavar="TASK")]
-    """task of the run, wall_avoidance or spot_finding; or that of the policies (docs/tasks.md)"""
-    output: Annotated[Path, tyro.conf.arg(metavar="FILE")]
-    """film to write, an .mp4 or a small .gif"""
-    out: Annotated[
-        Path | None, tyro.conf.Positional, option("[OUT]", "the policy that musebot brings")
-    ] = None
-    """folder of a run, or a .safetensors file of policies (`musebot study ppo`)"""
-    proposer: Annotated[str | None, option(PROPOSER_CHOICES, "creative")] = None
-    """proposer of the robot; only for a run"""
-    agent: Annotated[str | None, option("AGENT", "none")] = None
-    """agent of the robot, as `musebot run --agent` takes it; only for a run"""
-    robot: int = 0
-    """number of the robot within its condition, or of the policy"""
-    phase: Literal["pre", "post"] = "post"
-    """show the robot before (pre) or after (post) training"""
-    seconds: float = 30.0
-    """length of the film in seconds"""
-    speed: float = 4.0
-    """simulated seconds per second of the film"""
-    seed: int = 0
-    """seed of the brain's noise, or of the start of a policy's episode"""
+    task: str = option(
+        dataclasses.MISSING,
+        "task of the run, wall_avoidance or spot_finding; or that of the policies",
+        "TASK",
+    )
+    output: Path = option(dataclasses.MISSING, "film to write, an .mp4 or a small .gif", "FILE")
+    out: Path | None = argument(
+        "folder of a run, or a .safetensors file of policies; without it the policy that musebot "
+        "brings",
+        "OUT",
+        None,
+    )
+    proposer: str | None = option(
+        None, "proposer of the robot: fixed, random, creative; only for a run (creative)", "NAME"
+    )
+    agent: str | None = option(
+        None, "agent of the robot, as `musebot run --agent` takes it; only for a run", "AGENT"
+    )
+    robot: int = option(0, "number of the robot within its condition, or of the policy (0)", "N")
+    phase: str = option(
+        "post", "the robot before (pre) or after (post) training (post)", choices=("pre", "post")
+    )
+    seconds: float = option(30.0, "length of the film in seconds (30)", "X")
+    speed: float = option(4.0, "simulated seconds per second of the film (4)", "X")
+    seed: int = option(
+        0, "seed of the brain's noise, or of the start of a policy's episode (0)", "N"
+    )
 
     def __call__(self) -> None:
         """Renders without a display, through EGL."""

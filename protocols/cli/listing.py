@@ -3,40 +3,82 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from types import MappingProxyType
 
-import tyro
-
-from ..compare import STUDIES
-from ..errors import InputError
+from ..errors import InputError, nearest
 from ..terminal import say
+from .options import argument
 
-# A line for each of what the code does not describe in a docstring; a test compares the names.
-_PROTOCOLS = {
-    "paper": "The paper's lives: two hours of wall avoidance, four hours of spot finding.",
-    "walls": "Spot finding in which the robot also senses walls.",
-}
-_BRAINS = {
-    "paper": "The paper's brain.",
-    "steady": "Two larger networks with other inputs and another learning rule.",
-    "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
-}
-_PROPOSERS = {
-    "fixed": "Proposer of a brain: always the same actions.",
-    "random": "Proposer of a brain: new random actions in each step.",
-    "creative": "Proposer of a brain: ideas of its creative memory.",
-}
+# The names are written here too, so that the list needs no heavy import; a test compares them.
+_INGREDIENTS = (
+    "hidden_neurons", "centred_inputs", "raw_signals", "raw_reward", "reward_difference",
+    "max_target", "clipped_bootstrap", "advantage", "adam", "best_action_memory", "random_ideas",
+    "persistent_exploration", "epsilon_decay",
+)  # fmt: skip
+NAMES: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "tasks": {
+            "wall_avoidance": (
+                "The paper's wall avoidance: reward -1 in contact, else 0; endless episodes."
+            ),
+            "spot_finding": (
+                "The paper's spot finding: reward is the nose signal; endless episodes."
+            ),
+            "wall_avoidance_unit": "Wall avoidance with a reward of 0 in contact, else 1.",
+            "wall_avoidance_obstacles": (
+                "Driving among three pillars: reward is the speed ahead, 0 in contact."
+            ),
+            "spot_finding_unit": (
+                "Spot finding with actions in [-1, 1] and episodes of 1,000 steps."
+            ),
+            "spot_finding_two_noses": (
+                "Spot finding with two noses: reward is the mean of their signals."
+            ),
+            "spot_finding_walls": (
+                "Spot finding with wall sensing: reward is the nose signal, 0 in contact."
+            ),
+            "spot_finding_jumping": (
+                "Spot finding with a spot that jumps to a random place every 20 s."
+            ),
+        },
+        "brains": {
+            "paper": "The paper's brain.",
+            "steady": "Two larger networks with other inputs and another learning rule.",
+            **{f"steady-{one}": f"`steady` without its ingredient {one}." for one in _INGREDIENTS},
+            "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
+        },
+        "protocols": {
+            "paper": "The paper's lives: two hours of wall avoidance, four hours of spot finding.",
+            "walls": "Spot finding in which the robot also senses walls.",
+        },
+        "agents": {
+            "fixed": "Proposer of a brain: always the same actions.",
+            "random": "Proposer of a brain: new random actions in each step.",
+            "creative": "Proposer of a brain: ideas of its creative memory.",
+            "q_learner": (
+                "Online Q-learning with 16 hidden neurons, values of the 25 fixed actions."
+            ),
+            "sarsa_lambda": "SARSA(lambda) with tile coding and the paper's 25 fixed actions.",
+            "stream_q": "Stream Q(lambda): Q-learning with traces and bounded steps, no replay.",
+            "stream_ac": "Stream AC(lambda): an actor-critic with traces and bounded steps.",
+            "avg": "Action Value Gradient: an incremental soft actor-critic.",
+            "amortised_q": "Amortised Q-learning: a learned distribution proposes actions.",
+            "dqn": "DQN: Q-learning from a memory of the last 50,000 transitions.",
+            "ppo": "Policies trained by PPO before their life, one a robot.",
+            "hand_coded": "A hand-coded policy, which learns nothing: a bound from above.",
+            "newborn": "An untrained creative robot with the brain `steady`: a bound from below.",
+        },
+    }
+)
 
 
 @dataclasses.dataclass
-class ListCommand:
-    """List tasks, brains, protocols, studies and agents by name, a line each."""
+class List:
+    """List tasks, brains, protocols and agents by name, a line each."""
 
-    kind: Annotated[
-        str, tyro.conf.Positional, tyro.conf.arg(metavar="[KIND]", help_behavior_hint="")
-    ] = ""
-    """tasks, brains, protocols, studies or agents; without it, all of them"""
+    kind: str = argument("tasks, brains, protocols or agents (all of them)", "KIND", "")
 
     def __call__(self) -> None:
         """Prints the lists.
@@ -44,58 +86,18 @@ class ListCommand:
         Raises:
           InputError: there is no such kind.
         """
-        if self.kind and self.kind not in LISTS:
-            raise InputError(f"the list must be one of {', '.join(LISTS)}, got {self.kind!r}")
-        for kind in [self.kind] if self.kind else LISTS:
+        if self.kind and self.kind not in NAMES:
+            raise InputError(f"there is no list {self.kind!r:.60}; {nearest(self.kind, NAMES)}")
+        others = {
+            point.name: f"Another package's: {point.value}."
+            for point in entry_points(group="musebot.agents")
+        }
+        for kind in [self.kind] if self.kind else NAMES:
+            lines = dict(NAMES[kind])
+            if kind == "agents":
+                lines |= {name: line for name, line in others.items() if name not in lines}
             if not self.kind:
                 say(f"{kind}:")
-            lines = LISTS[kind]()
             width = max(map(len, lines))
             for name, line in lines.items():
                 say(f"{'' if self.kind else '  '}{name:{width}}  {line}")
-
-
-def tasks() -> dict[str, str]:
-    """Returns a line for each task of the domain "arena"."""
-    from ...tasks.suite import SUITE, TASKS
-
-    lines = {name: _first_line(SUITE[name]).removeprefix("Returns ") for name in TASKS}
-    return {name: line[:1].upper() + line[1:] for name, line in lines.items()}
-
-
-def brains() -> dict[str, str]:
-    """Returns a line for each named brain."""
-    from ...controller.brains import BRAINS, INGREDIENTS
-
-    less = {f"steady-{one}": f"`steady` without its ingredient {one}." for one in INGREDIENTS}
-    lines = _BRAINS | less
-    return {name: lines[name] for name in BRAINS}
-
-
-def protocols() -> dict[str, str]:
-    """Returns a line for each protocol."""
-    return _PROTOCOLS
-
-
-def studies() -> dict[str, str]:
-    """Returns a line for each study."""
-    return {name: line for name, (_, _, line) in STUDIES.items()}
-
-
-def agents() -> dict[str, str]:
-    """Returns a line for each proposer, for `--proposer`, and for each agent, for `--agent`."""
-    from ..agents.factory import factory_of
-    from ..agents.names import RECORDED_NAMES, registered_names
-
-    own = {name: _first_line(factory_of(name)) for name in RECORDED_NAMES}
-    others = {name: f"Another package's: {value}." for name, value in registered_names().items()}
-    return _PROPOSERS | own | others
-
-
-LISTS: Mapping[str, Callable[[], dict[str, str]]] = {
-    one.__name__: one for one in (tasks, brains, protocols, studies, agents)
-}
-
-
-def _first_line(described: Any) -> str:
-    return (described.__doc__ or "").partition("\n")[0]

@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import os
-import re
+import shutil
 import sys
-from collections.abc import Iterator, Sequence
-from typing import Any, Literal, get_args, get_origin, get_type_hints
-
-import tyro
+import types
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ... import __version__
-from ..compare import STUDIES
 from ..errors import InputError, nearest
 from ..exit_status import exit_status
 from ..terminal import safe_streams, say
-from .verbs import VERBS, study_command, verb_class
+from .verbs import BENCHMARK, VERBS, verb_class
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help appears at once, and MUJOCO_GL
 # can still be chosen.
 
-_DESCRIPTION = (
-    "Creative robots that learn during their lives, in MuJoCo. `musebot VERB --help` explains a "
-    "verb, `musebot --version` prints the version. Completion of words in bash: "
-    'eval "$(musebot --tyro-print-completion bash)"; the same for zsh and tcsh.'
-)
 _UNCHECKED = ("doctor", "list")  # one checks the versions itself, the other simulates nothing
-_CONFIG = (tyro.conf.FlagCreatePairsOff,)
-_HELP = {"-h", "--help"}
-_ONE_DASH = re.compile(r"-(?!(inf|infinity|nan)$)[a-z]", re.IGNORECASE)  # tyro takes no such word
+_HELP = ("-h", "--help")
+_KINDS: Mapping[type, str] = types.MappingProxyType({int: "a whole number", float: "a number"})
+_NARROW, _WIDE = 60, 100  # columns of a help text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,239 +37,190 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     safe_streams()
     words = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]
-    if words == ["--version"]:
-        return exit_status(lambda: say(f"musebot {__version__}"), check=False)
-    verb: Any = None
-    stopped: Any = None
+    command: Any = None
 
     def parse() -> None:
-        nonlocal verb, stopped
-        _check_given(words)
-        try:
-            verb = _parse(words)
-        except SystemExit as stop:  # tyro has printed the help, or what is wrong
-            stopped = stop.code
+        nonlocal command
+        command = _command(words)
 
     status = exit_status(parse, check=False)  # a reader of help may close the pipe early
-    if verb is None:
-        return status or stopped or 0
+    if command is None:
+        return status
     # Before the first import of mujoco: a film opens EGL itself, the other verbs draw nothing.
     if words[0] != "explore":
         os.environ["MUJOCO_GL"] = "off"
-    return exit_status(verb, check=words[0] not in _UNCHECKED and words != ["study"])
+    return exit_status(command, check=words[0] not in _UNCHECKED)
 
 
-def _parse(words: list[str]) -> Any:
-    name = words[0]
-    if name == "study" and len(words) > 1 and not words[1].startswith("-"):
-        study = words[1]
-        if study not in STUDIES:
-            raise InputError(f"there is no study {study!r}; {nearest(study, STUDIES)}")
-        os.environ["MUJOCO_GL"] = "off"  # before the study's import of mujoco, as in `main`
-        return parsed(study_command(study), f"musebot study {study}", words[2:])
-    if name in VERBS:
-        return parsed(verb_class(name), f"musebot {name}", words[1:])
-    if name in STUDIES:
-        raise InputError(f"{name} is a study: musebot study {name} OUT")
-    if name not in _HELP and not name.startswith("--tyro-"):
-        raise InputError(f"there is no verb {name!r}; {nearest(name, VERBS)}")
-    return tyro.extras.subcommand_cli_from_dict(
-        {name: verb_class(name) for name in VERBS},
-        args=words,
-        prog="musebot",
-        description=_DESCRIPTION,
-        config=_CONFIG,
+def _command(words: list[str]) -> Callable[[], None] | None:
+    """Returns the verb with its values; None if help or the version was printed."""
+    if words == ["--version"]:
+        say(f"musebot {__version__}")
+        return None
+    if words[0] in _HELP:
+        say(overview("musebot VERB", VERBS), lines=True)
+        return None
+    verb, rest = words[0], words[1:]
+    if verb == "benchmark":
+        if not rest or rest[0] in _HELP:
+            say(overview("musebot benchmark VERB", BENCHMARK), lines=True)
+            return None
+        verb, rest = f"benchmark {rest[0]}", rest[1:]
+        if verb not in BENCHMARK:
+            raise InputError(f"there is no verb {verb!r}; {nearest(verb, BENCHMARK)}")
+    elif verb not in VERBS:
+        raise InputError(f"there is no verb {verb!r}; {nearest(verb, VERBS)}")
+    return parsed(verb_class(verb), f"musebot {verb}", rest)
+
+
+def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
+    """Returns the help that lists some verbs with a line each."""
+    width = max(map(len, verbs))
+    lines = [f"  {verb:{width}}  {line}" for verb, (_, _, line) in verbs.items()]
+    return "\n".join(
+        [
+            f"usage: {usage} [OPTION ..]",
+            "",
+            "Creative robots that learn during their lives, in MuJoCo.",
+            "",
+            *lines,
+            "",
+            f"`{usage} --help` explains a verb, `musebot --version` prints the version.",
+        ]
     )
 
 
 def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
-    """Returns a command with the values that its words give.
+    """Returns a command with the values that its words give; None if its help was printed.
 
     Args:
-      command: Dataclass of the command.
+      command: Dataclass of the command, whose fields are made by `options.option` and
+        `options.argument`.
       prog: Name of the command.
       words: Options and other words; with --help among them, the help is printed instead.
 
     Raises:
       InputError: an argument is missing, unknown, or has a value that it cannot have.
-      SystemExit: the help was printed, or other words cannot be parsed.
     """
-    known = [*_arguments(command)]
-    options = _before_dashes(words)
-    if _HELP & {*options}:
-        # tyro's usage leaves out given words, and in a long usage all options.
-        required = [one.usage for one in known if one.required and not one.positional]
-        prog, words = " ".join([prog, *required]), ["--help"]
-    elif not any(word.startswith("--tyro-") for word in options):
-        _check_words(known, words, prog)
-    return tyro.cli(command, args=words, prog=prog, config=_CONFIG)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Given:
-    """An option of a command line.
-
-    Attributes:
-      name: Its name; tyro takes _ and - in it.
-      values: Words that follow it.
-      attached: Whether the first of them stands behind = in the same word.
-    """
-
-    name: str
-    values: list[str]
-    attached: bool
-
-
-def _before_dashes(words: Sequence[str]) -> Sequence[str]:
-    """Returns the words before `--`, after which no word is an option."""
-    return words[: words.index("--")] if "--" in words else words
-
-
-def _divided(words: Sequence[str]) -> tuple[list[str], list[_Given], list[str]]:
-    """Returns the words before the first option, the options, and the words after `--`."""
-    ahead = _before_dashes(words)
-    first: list[str] = []
-    given: list[_Given] = []
-    for word in ahead:
-        if word.startswith("--"):
-            name, equals, value = word.partition("=")
-            given.append(_Given(name.replace("_", "-"), [value] if equals else [], bool(equals)))
-        else:
-            (given[-1].values if given else first).append(word)
-    return first, given, [*words[len(ahead) + 1 :]]
-
-
-def _check_given(words: Sequence[str]) -> None:
-    """Raises InputError for an empty word, and for an option that is given twice."""
-    _, given, _ = _divided(words)
-    if "" in words or any("" in one.values for one in given):
+    parser = parser_of(command, prog)
+    if any(word in _HELP for word in words):
+        say(parser.format_help().rstrip(), lines=True)
+        return None
+    if "" in words:
         raise InputError("a word of the command is empty: is a variable of the shell unset?")
-    names = [one.name for one in given]
-    for name in names:
-        if names.count(name) > 1:  # tyro would use the last one only
-            raise InputError(f"{name} is given twice: give it once, followed by all its values")
+    values, left = parser.parse_known_args([*words])
+    if left:
+        if left[0].startswith("-"):
+            known = [name for action in parser._actions for name in action.option_strings]
+            raise InputError(f"there is no option {left[0]}; {nearest(left[0], known)}")
+        raise InputError(f"{left[0]!r} is one word too many")
+    return command(**vars(values))
 
 
-@dataclasses.dataclass(frozen=True)
-class _Argument:
-    """An option of a command, or a word without option, such as OUT.
-
-    Attributes:
-      name: Its name, with dashes if it is an option.
-      hint: Its type.
-      values: Its values as help shows them.
-      required: Whether it must be given.
-      positional: Whether it is a word without option.
-    """
-
-    name: str
-    hint: Any
-    values: str
-    required: bool
-    positional: bool
-
-    @property
-    def types(self) -> set[Any]:
-        """Its type and the types within it."""
-        return {self.hint, *get_args(self.hint)}
-
-    @property
-    def flag(self) -> bool:
-        """Whether it takes no value."""
-        return bool in self.types
-
-    @property
-    def several(self) -> bool:
-        """Whether it takes all words that follow."""
-        return get_origin(self.hint) is tuple
-
-    @property
-    def usage(self) -> str:
-        """How it is given."""
-        return self.name if self.positional else f"{self.name} {self.values}"
-
-    def check(self, values: Sequence[str]) -> None:
-        """Raises InputError for values that tyro would refuse, or take for others."""
-        # tyro would take None for an option that is not given.
-        if values[0] == "None" and type(None) in self.types:
-            raise InputError(f"{self.name} must have a value, got None")
-        for number, what in ((int, "a whole number"), (float, "a number")):
-            if number in self.types:
-                try:
-                    number(values[0])
-                except ValueError as error:
-                    raise InputError(f"{self.name} must be {what}, got {values[0]!r}") from error
-        choices = [
-            name for one in self.types if get_origin(one) is Literal for name in get_args(one)
-        ]
-        for value in values if choices else ():
-            if value not in choices:
-                names = ", ".join(choices)
-                raise InputError(f"{self.name} must be one of {names}, got {value!r}")
-
-
-def _arguments(command: type) -> Iterator[_Argument]:
-    """Yields the arguments of a command, those of its parts included."""
-    hints = get_type_hints(command, include_extras=True)
+def parser_of(command: type, prog: str) -> argparse.ArgumentParser:
+    """Returns the parser of a command's words."""
+    words = [f.metadata["values"] for f in dataclasses.fields(command) if not f.metadata["option"]]
+    parser = _Parser(
+        prog=prog,
+        usage=" ".join([prog, *words, "[OPTION ..]"]),
+        description=command.__doc__,
+        allow_abbrev=False,
+        add_help=False,
+        argument_default=argparse.SUPPRESS,
+        formatter_class=_Formatter,
+    )
+    hints = get_type_hints(command)
+    groups: dict[str, Any] = {}
     for field in dataclasses.fields(command):
-        hint = hints[field.name]
-        notes = getattr(hint, "__metadata__", ())
-        kind = hint.__origin__ if notes else hint
-        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-            yield from _arguments(kind)
-            continue
-        shown = (one.metavar for one in notes if getattr(one, "metavar", None))
-        values, positional = next(shown, field.name.upper()), tyro.conf.Positional in notes
-        yield _Argument(
-            name=values if positional else f"--{field.name.replace('_', '-')}",
-            hint=kind,
-            values=values,
-            required=field.default is field.default_factory is dataclasses.MISSING,
-            positional=positional,
-        )
+        notes = field.metadata
+        group = notes["group"] or ("options" if notes["option"] else "arguments")
+        if group not in groups:
+            groups[group] = parser.add_argument_group(group)
+        _add(groups[group], field, hints[field.name])
+    return parser
 
 
-def _check_words(known: Sequence[_Argument], words: Sequence[str], prog: str) -> None:
-    """Raises InputError, one sentence, for what tyro would refuse with a panel."""
-    options = {one.name: one for one in known if not one.positional}
-    places = [one for one in known if one.positional]
-    alone, given, last = _divided(words)
-    for word in _before_dashes(words):
-        if _ONE_DASH.match(word):
-            near = nearest(word, options)
-            if not near.startswith("did you mean"):
-                near = "a value that begins with a dash stands behind =, as in --output=-f.mp4"
-            raise InputError(f"there is no option {word}; {near}")
-    for one in given:
-        if one.name not in options:
-            raise InputError(f"there is no option {one.name}; {nearest(one.name, options)}")
-        option, values = options[one.name], one.values
-        if option.flag and one.attached:
-            raise InputError(f"{one.name} takes no value, got {values[0]!r}")
-        most = 0 if option.flag else 1
-        if option.several:
-            # tyro leaves the last words of the last option for the places that are still open.
-            open_ = [place for place in places[len(alone) :] if place.required]
-            spare = len(open_) if one is given[-1] and "--" not in words else 0
-            if 0 < len(values) <= spare:
-                raise InputError(f"{one.name} needs a value, or {open_[-1].name} is missing")
-            most = len(values) - spare
-        if not option.flag and not values:  # tyro accepts none where several are allowed
-            raise InputError(f"{one.name} needs a value")
-        if most:
-            option.check(values[:most])
-        alone += values[most:]
-    alone += last
-    for place, word in zip(places, alone, strict=False):
-        place.check([word])
-    if len(alone) > len(places):
-        raise InputError(f"{alone[len(places)]!r} is one word too many")
-    missing = [place for place in places[len(alone) :] if place.required]
-    names = {one.name for one in given}
-    missing += [one for one in options.values() if one.required and one.name not in names]
-    if missing:
-        needs = " ".join([prog, *(one.usage for one in known if one.required)])
-        greedy = [one for one in given[:-1] if len(one.values) > 1 and options[one.name].several]
-        if greedy and missing[0].positional:
-            needs += f" (all words after {greedy[0].name} are its values)"
-        raise InputError(f"{missing[0].name} is missing: {needs}")
+def _add(group: Any, field: dataclasses.Field[Any], hint: Any) -> None:
+    notes = field.metadata
+    name = f"--{field.name.replace('_', '-')}" if notes["option"] else notes["values"]
+    kind, several = _kind(hint)
+    settings: dict[str, Any] = {"help": notes["says"], "action": _Once}
+    if kind is bool:
+        group.add_argument(name, dest=field.name, nargs=0, **settings)
+        return
+    settings["metavar"] = notes["values"]
+    settings["type"] = _reader(name, kind, notes["choices"])
+    if notes["option"]:
+        settings["dest"] = field.name
+        settings["required"] = field.default is dataclasses.MISSING
+        if several:
+            settings["nargs"] = "+"
+        group.add_argument(name, **settings)
+    else:
+        if several:
+            settings["nargs"] = "+"
+        elif field.default is not dataclasses.MISSING:
+            settings["nargs"] = "?"
+        group.add_argument(field.name, **settings)
+
+
+def _kind(hint: Any) -> tuple[type, bool]:
+    """Returns the type of an option's values, and whether it takes several."""
+    if get_origin(hint) is tuple:
+        return get_args(hint)[0], True
+    if get_origin(hint) in (Union, types.UnionType):
+        return next(one for one in get_args(hint) if one is not type(None)), False
+    return hint, False
+
+
+def _reader(name: str, kind: type, choices: Sequence[str]) -> Callable[[str], Any]:
+    """Returns the function that reads a value of an option."""
+
+    def read(word: str) -> Any:
+        if choices and word not in choices:
+            raise InputError(f"{name} must be one of {', '.join(choices)}, got {word!r:.60}")
+        try:
+            return kind(word)
+        except ValueError as error:
+            what = _KINDS.get(kind, "another value")
+            raise InputError(f"{name} must be {what}, got {word!r:.60}") from error
+
+    return read
+
+
+class _Once(argparse.Action):
+    """Stores the values of an option, which may be given once."""
+
+    def __call__(
+        self, parser: Any, namespace: Any, values: Any, option_string: str | None = None
+    ) -> None:
+        if str(values) == argparse.SUPPRESS:  # a word without an option that is not given
+            return
+        if hasattr(namespace, self.dest):
+            raise InputError(
+                f"{option_string} is given twice: give it once, followed by all its values"
+            )
+        if self.nargs == 0:
+            values = True
+        setattr(namespace, self.dest, tuple(values) if isinstance(values, list) else values)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that refuses words in one sentence."""
+
+    def error(self, message: str) -> Any:
+        message = message.removeprefix("argument ")
+        raise InputError(message.replace("the following arguments are required: ", "missing: "))
+
+
+class _Formatter(argparse.HelpFormatter):
+    """Help of at least 60 and at most 100 columns."""
+
+    def __init__(self, prog: str) -> None:
+        columns = shutil.get_terminal_size().columns - 2
+        super().__init__(prog, max_help_position=26, width=max(_NARROW, min(columns, _WIDE)))
+
+    def _format_args(self, action: argparse.Action, default_metavar: str) -> str:
+        if action.nargs == argparse.ONE_OR_MORE:
+            return f"{action.metavar} .."
+        return super()._format_args(action, default_metavar)

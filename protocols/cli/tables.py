@@ -5,24 +5,26 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from ..terminal import show_markdown
-from .shared_options import Out, option
+from .options import argument, option
 
 
 @dataclasses.dataclass
-class TablesCommand:
+class Tables:
     """Print the paper's tables, or another run's, next to those of OUT's robots."""
 
-    out: Out
-    """folder of a run"""
-    compare: Annotated[Path | None, option("OTHER", "the paper")] = None
-    """folder of another run to compare with, cell by cell"""
-    exact_classes: bool = False
-    """class exact L; otherwise L is rounded to two decimals first, as the paper's counts suggest"""
-    json: bool = False
-    """print JSON instead of Markdown"""
+    out: Path = argument("folder of a run", "OUT")
+    compare: Path | None = option(
+        None, "folder of another run to compare with, cell by cell", "OTHER"
+    )
+    exact_classes: bool = option(
+        False,
+        "class robots by their exact L; otherwise L is rounded to two decimals first, as the "
+        "paper's counts suggest",
+    )
+    json: bool = option(False, "print JSON instead of Markdown")
 
     def __call__(self) -> None:
         """Reads and prints; changes nothing."""

@@ -1,4 +1,4 @@
-"""The verbs of the command `musebot`, a module each."""
+"""The verbs of the command `musebot`: module, class, and a line of help."""
 
 from __future__ import annotations
 
@@ -7,39 +7,31 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-# The module and class of each verb. A verb's module is imported when the verb is asked for.
-VERBS: Mapping[str, tuple[str, str]] = MappingProxyType(
+# A verb's module is imported when the verb is asked for.
+VERBS: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {
-        "demo": ("demo", "DemoCommand"),
-        "run": ("run", "RunCommand"),
-        "tables": ("tables", "TablesCommand"),
-        "film": ("film", "FilmCommand"),
-        "report": ("report", "ReportCommand"),
-        "figure": ("figure", "FigureCommand"),
-        "study": ("study", "ListStudies"),
-        "explore": ("explore", "ExploreCommand"),
-        "check-agent": ("check_agent", "CheckAgentCommand"),
-        "list": ("listing", "ListCommand"),
-        "bench": ("bench", "BenchCommand"),
-        "doctor": ("doctor", "DoctorCommand"),
+        "run": ("run", "Run", "simulate robots that learn; can be stopped and continued"),
+        "tables": ("tables", "Tables", "print the paper's tables, or another run's, next to ours"),
+        "report": ("report", "Report", "write one page about a run, or draw a figure"),
+        "film": ("film", "Film", "film a robot of a run, or a trained policy"),
+        "explore": ("explore", "Explore", "open a window on a task"),
+        "benchmark": ("benchmark", "", "tune, simulate and rank learners, yours among ours"),
+        "list": ("listing", "List", "list tasks, brains, protocols and agents by name"),
+        "bench": ("bench", "Bench", "measure the speed compared with the raw physics"),
+        "doctor": ("doctor", "Doctor", "report what is missing here, or check an agent"),
+    }
+)
+BENCHMARK: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+    {
+        "benchmark run": ("benchmark", "Run", "simulate learners on all boards and rank them"),
+        "benchmark tune": ("benchmark", "Tune", "tune an agent's settings, with equal effort"),
+        "benchmark rank": ("benchmark", "Rank", "rank learners in finished runs"),
+        "benchmark ppo": ("benchmark", "PPO", "train policies by PPO"),
     }
 )
 
 
 def verb_class(name: str) -> type[Any]:
-    """Imports and returns the class of a verb.
-
-    Raises:
-      KeyError: there is no verb of that name.
-    """
-    module, cls = VERBS[name]
+    """Imports and returns the class of a verb."""
+    module, cls, _ = BENCHMARK.get(name) or VERBS[name]
     return getattr(importlib.import_module(f".{module}", __package__), cls)
-
-
-def study_command(name: str) -> type[Any]:
-    """Imports a study, and returns the class of the command that conducts it.
-
-    Raises:
-      KeyError: there is no study of that name.
-    """
-    return importlib.import_module(".study", __package__).study_command(name)

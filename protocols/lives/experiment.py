@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
-import numpy as np
-
-from ...controller.parameters import Parameters, shown
+from ...controller.parameters import Parameters
+from ...fields import check, choice, flag, number, shown, text, whole
 from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, scale_torque
 from ...models.arena import FASTEST
 from ...tasks.arena import CONTROL_TIMESTEP
@@ -30,10 +28,6 @@ MotorTorque = Literal["constant", "scaled"]
 Signals = Literal["paper", "raw"]
 Physics = Literal["c", "warp"]
 BODIES: tuple[Body, ...] = get_args(Body)
-MOST_IN_COHORT = 1_000_000
-_SEEDS, _LARGEST_TURN, _LARGEST_ARENA = 2**128, 360, 10  # turn in [deg]
-_MOST_OF_KINEMATICS = {"pieces": 1000, "lag": 1000, "wheel_base": 10}  # number, [s], [m]
-_DEVICE = re.compile(r"cpu|cuda(:[0-9]{1,2})?")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,100 +67,68 @@ class Experiment:
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
     """
 
-    seed: int = 1
-    cohort_size: int = 50
-    time_scale: float = 1.0
-    nose: NoseForm = "inverse"
-    nose_place: NosePlace = "front"
-    learn_across_placement: bool = False
-    turned_start: float = 0.0
-    arena_scale: float = 1.0
-    motor_speed: float | None = None
-    motor_torque: MotorTorque = "constant"
-    body: Body = "mujoco"
+    seed: int = whole(1, 0, 2**128 - 1)
+    cohort_size: int = whole(50, 1, 1_000_000)
+    time_scale: float = number(1.0, 0, 1, "(]")
+    nose: NoseForm = choice("inverse", NoseForm)
+    nose_place: NosePlace = choice("front", NosePlace)
+    learn_across_placement: bool = flag(False)
+    turned_start: float = number(0.0, -360, 360, unit="degrees")
+    arena_scale: float = number(1.0, 1, 10)
+    motor_speed: float | None = number(None, 0, FASTEST, "(]", unit="m/s")
+    motor_torque: MotorTorque = choice("constant", MotorTorque)
+    body: Body = choice("mujoco", Body)
     kinematics: Kinematics = Kinematics()
     brain: Parameters = Parameters()
-    protocol: ProtocolName = "paper"
-    physics: Physics = "c"
-    device: str = "cpu"
-    signals: Signals = "paper"
+    protocol: ProtocolName = choice("paper", ProtocolName)
+    physics: Physics = choice("c", Physics)
+    device: str = text("cpu", "cpu|cuda(:[0-9]{1,2})?", "cpu, cuda or cuda:N")
+    signals: Signals = choice("paper", Signals)
     settings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raises InputError where a value is invalid."""
-        for name in ("seed", "cohort_size"):
-            if type(value := getattr(self, name)) is not int:
-                raise InputError(f"{name} must be a whole number, got {shown(value)}")
-        for name in ("time_scale", "turned_start", "arena_scale", "motor_speed"):
-            value = getattr(self, name)
-            if type(value) not in (int, float) and not (name == "motor_speed" and value is None):
-                raise InputError(f"{name} must be a number, got {shown(value)}")
-        if not isinstance(self.learn_across_placement, bool):
-            value = shown(self.learn_across_placement)
-            raise InputError(f"learn_across_placement must be true or false, got {value}")
-        if self.seed < 0:
-            raise InputError(f"the seed must not be negative, got {shown(self.seed)}")
-        if self.seed >= _SEEDS:
-            raise InputError(f"the seed must be below 2^128, got {shown(self.seed)}")
-        if self.cohort_size < 1:
-            raise InputError(f"the cohort size must be at least 1, got {shown(self.cohort_size)}")
-        if self.cohort_size > MOST_IN_COHORT:
-            raise InputError(
-                f"the cohort size must be at most {MOST_IN_COHORT}, got {shown(self.cohort_size)}"
-            )
-        for name, allowed in (
-            ("protocol", tuple(PROTOCOLS)),
-            ("nose", get_args(NoseForm)),
-            ("nose_place", get_args(NosePlace)),
-            ("motor_torque", get_args(MotorTorque)),
-            ("body", BODIES),
-            ("physics", get_args(Physics)),
-            ("signals", get_args(Signals)),
-        ):
-            if (value := getattr(self, name)) not in allowed:
-                word = name.replace("_", " ")
-                raise InputError(f"the {word} must be one of {', '.join(allowed)}, got {value!r}")
-        if not 0 < self.time_scale <= 1:
-            raise InputError(f"the time scale must lie in (0, 1], got {shown(self.time_scale)}")
-        if self.nose == "printed" and (self.brain.needs_maximal_smell or self.signals == "raw"):
-            what = (
-                "a brain that uses the maximal smell needs"
-                if self.signals == "paper"
-                else "raw signals need"
-            )
-            raise InputError(f"{what} the nose 'inverse'")
-        if (radius := self.kinematics.radius or 0) >= FROM_WALLS:
-            raise InputError(f"the radius must be less than {FROM_WALLS:g} m, got {radius}")
-        for name, most in _MOST_OF_KINEMATICS.items():
-            if (value := getattr(self.kinematics, name)) is not None and value > most:
-                raise InputError(f"{name} must be at most {most}, got {shown(value)}")
-        if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
-            raise InputError(f"the device must be cpu, cuda or cuda:N, got {self.device!r:.60}")
-        if self.device != "cpu" and self.body != "kinematic" and self.physics != "warp":
-            raise InputError(
-                "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU"
-            )
-        if self.physics == "warp" and self.body != "mujoco":
-            raise InputError("the physics 'warp' is one of the body 'mujoco' only")
+        """Raises InputError where a value is out of its range, or excluded by another one."""
+        try:
+            check(self)
+        except ValueError as error:
+            raise InputError(str(error)) from error
         if not isinstance(self.settings, tuple) or not all(
             isinstance(word, str) for word in self.settings
         ):
-            raise InputError(f"settings must be words NAME=VALUE, got {self.settings!r:.60}")
-        if self.body == "mujoco" and self.kinematics != Kinematics():
-            raise InputError("kinematics are parameters of the body 'kinematic' only")
-        if self.body == "kinematic" and self.motor_torque != "constant":
-            raise InputError("the motor torque is a parameter of the body 'mujoco' only")
-        if self.motor_speed is not None and not 0 < self.motor_speed < np.inf:
-            raise InputError(f"the motor speed must be positive, got {shown(self.motor_speed)}")
-        if self.motor_speed is not None and self.motor_speed > FASTEST:
-            value = shown(self.motor_speed)
-            raise InputError(f"the motor speed must be at most {FASTEST} m/s, got {value}")
-        if not 1 <= self.arena_scale <= _LARGEST_ARENA:
-            allowed, value = f"[1, {_LARGEST_ARENA}]", shown(self.arena_scale)
-            raise InputError(f"the arena's scale must lie in {allowed}, got {value}")
-        if not -_LARGEST_TURN <= self.turned_start <= _LARGEST_TURN:
-            allowed, value = f"[-{_LARGEST_TURN}, {_LARGEST_TURN}]", shown(self.turned_start)
-            raise InputError(f"the turn at the start must lie in {allowed}, got {value}")
+            raise InputError(f"settings must be words NAME=VALUE, got {shown(self.settings)}")
+        excluded = [
+            (
+                self.nose == "printed" and self.brain.needs_maximal_smell,
+                "a brain that uses the maximal smell needs the nose 'inverse'",
+            ),
+            (
+                self.nose == "printed" and self.signals == "raw",
+                "raw signals need the nose 'inverse'",
+            ),
+            (
+                (self.kinematics.radius or 0) >= FROM_WALLS,
+                f"the radius must be less than {FROM_WALLS:g} m, got {self.kinematics.radius}",
+            ),
+            (
+                self.device != "cpu" and self.body != "kinematic" and self.physics != "warp",
+                "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU",
+            ),
+            (
+                self.physics == "warp" and self.body != "mujoco",
+                "the physics 'warp' needs the body 'mujoco'",
+            ),
+            (
+                self.body == "mujoco" and self.kinematics != Kinematics(),
+                "kinematics need the body 'kinematic'",
+            ),
+            (
+                self.body == "kinematic" and self.motor_torque != "constant",
+                "the motor torque needs the body 'mujoco'",
+            ),
+        ]
+        for wrong, sentence in excluded:
+            if wrong:
+                raise InputError(sentence)
 
     @property
     def on_tensors(self) -> bool:

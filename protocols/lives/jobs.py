@@ -12,8 +12,8 @@ from ...tasks.batch import CapacityError
 from ..agents.base import sound
 from ..agents.trust import trust
 from ..errors import InputError, RunError
+from ..progress import JobProgress
 from ..storage import remove_files
-from ..terminal import JobProgress
 from .checkpoints import (
     checkpoint_file,
     finished_file,

@@ -13,7 +13,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from ..errors import Interrupted, RunError
-from ..terminal import JobProgress
+from ..progress import JobProgress
 from .jobs import Job, run_job
 from .stop_requests import StopRequest, handling, stop_on_signals
 from .worker import (

@@ -1,4 +1,4 @@
-"""Named brains, and words such as "epsilon=0.1" that override single parameters."""
+"""Named brains and readings of the paper, and words NAME=VALUE that change single values."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from typing import Any, TypeVar
 
 from ...controller.brains import BRAINS
 from ...controller.parameters import Parameters
+from ...fields import shown
 from ...models import Kinematics
-from ..errors import InputError, similar
+from ..errors import InputError, nearest, similar
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
 
@@ -47,7 +48,7 @@ def named_reading(name: str) -> Mapping[str, Any]:
       InputError: there is no reading of that name.
     """
     if name not in READINGS:
-        raise InputError(f"the reading must be one of {', '.join(READINGS)}, got {name!r}")
+        raise InputError(f"the reading must be one of {', '.join(READINGS)}, got {shown(name)}")
     return READINGS[name]
 
 
@@ -59,16 +60,16 @@ def named_brain(name: str) -> Parameters:
     """
     if name not in BRAINS:
         if question := similar(name, BRAINS):
-            raise InputError(f"there is no brain {name!r}: {question}")
-        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {name!r}")
+            raise InputError(f"there is no brain {shown(name)}: {question}")
+        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {shown(name)}")
     return BRAINS[name]
 
 
 def brain_name(brain: Parameters) -> str:
     """Returns the name of the nearest named brain, with the overrides that turn it into `brain`."""
     overrides = {name: overrides_of(brain, named) for name, named in BRAINS.items()}
-    nearest = min(overrides, key=lambda name: len(overrides[name]))
-    return " ".join([nearest, *overrides[nearest]])
+    closest = min(overrides, key=lambda name: len(overrides[name]))
+    return " ".join([closest, *overrides[closest]])
 
 
 def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
@@ -81,22 +82,35 @@ def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
     Raises:
       InputError: a name is unknown or given twice, or a value is invalid.
     """
-    fields: dict[str, Any] = {}
-    known = [field.name for field in dataclasses.fields(numbers)]
-    for word in words:
-        name, given, text = word.partition("=")
-        if given and name not in known and (question := similar(name, known)):
-            raise InputError(f"there is no parameter {name!r:.60}: {question}")
-        if name not in known or not given:
-            names = ", ".join(known)
-            raise InputError(f"a parameter is set as NAME=VALUE, NAME one of {names}, got {word!r}")
-        if name in fields:
-            raise InputError(f"{name} is given twice")
-        fields[name] = _value(text)
+    values = values_of(words, [field.name for field in dataclasses.fields(numbers)])
     try:
-        return dataclasses.replace(numbers, **fields)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{' '.join(words)} is invalid: {error}") from error
+        return dataclasses.replace(numbers, **values)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
+    """Reads words NAME=VALUE.
+
+    Args:
+      words: Words; a value is a number, true, false, null, a list as JSON, or else a text.
+      known: Names that are allowed.
+
+    Raises:
+      InputError: a word has another form, or a name is unknown or given twice.
+    """
+    names = [*known]
+    values: dict[str, Any] = {}
+    for word in words:
+        name, given, value = word.partition("=")
+        if not given:
+            raise InputError(f"a value is set as NAME=VALUE, got {shown(word)}")
+        if name not in names:
+            raise InputError(f"there is no parameter {shown(name)}; {nearest(name, names)}")
+        if name in values:
+            raise InputError(f"{name} is given twice")
+        values[name] = _value(value)
+    return values
 
 
 def overrides_of(numbers: Numbers, reference: Numbers) -> list[str]:

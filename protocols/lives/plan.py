@@ -10,8 +10,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ...controller.parameters import shown
 from ...controller.proposers import PROPOSERS
+from ...fields import shown
 from ..errors import InputError
 from .conditions import PAPER_TASKS, CohortKey, Condition
 from .experiment import Experiment
@@ -47,17 +47,11 @@ class Plan:
                     f"the protocol {self.experiment.protocol} has only "
                     f"{', '.join(self.experiment.tasks)}, got {condition.task}"
                 )
-            if type(robots) is not int:
-                value = shown(robots)
-                raise InputError(f"the number of robots must be a whole number, got {value}")
-            if robots < 1:
-                raise InputError(f"robots must be at least 1, got {shown(robots)}")
-            if robots > MOST_ROBOTS:
-                raise InputError(f"robots must be at most {MOST_ROBOTS}, got {shown(robots)}")
+            check_robots(robots)
             if robots % size:
                 raise InputError(
                     f"robots must be a multiple of the cohort size, {size}, got {robots} "
-                    "(--cohort-size sets it for a new folder)"
+                    "(--set cohort_size=N sets it for a new folder)"
                 )
 
     @property
@@ -88,6 +82,14 @@ class Plan:
         return Plan(self.experiment, robots)
 
 
+def check_robots(robots: Any) -> None:
+    """Raises InputError for a number of robots of a condition that cannot be simulated."""
+    if type(robots) is not int or not 1 <= robots <= MOST_ROBOTS:
+        raise InputError(
+            f"robots must be a whole number from 1 to {MOST_ROBOTS}, got {shown(robots)}"
+        )
+
+
 def default_cohort_size(*robots: int, most: int = 250) -> int:
     """Returns the largest common divisor of numbers of robots that is at most `most`.
 
@@ -108,14 +110,23 @@ def default_cohort_size(*robots: int, most: int = 250) -> int:
 
 
 def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
-    """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part."""
+    """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part.
+
+    Raises:
+      InputError: a value is invalid.
+    """
     fields = {name: value for name, value in values.items() if "." not in name}
+    inner: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
-        part, _, inner = name.partition(".")
-        if inner:
-            own = fields.get(part, getattr(experiment, part))
-            fields[part] = dataclasses.replace(own, **{inner: value})
-    return dataclasses.replace(experiment, **fields)
+        part, dotted, own = name.partition(".")
+        if dotted:
+            inner.setdefault(part, {})[own] = value
+    try:
+        for part, own in inner.items():
+            fields[part] = dataclasses.replace(fields.get(part, getattr(experiment, part)), **own)
+        return dataclasses.replace(experiment, **fields)
+    except ValueError as error:
+        raise InputError(str(error)) from error
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,8 +15,8 @@ from collections.abc import Generator, Iterable, Sequence
 from typing import Any, ClassVar
 
 from ..errors import InputError, Interrupted, RunError
+from ..progress import JobProgress
 from ..storage import create_empty, draft_name, remove_files
-from ..terminal import JobProgress
 from .jobs import Job, run_job
 from .stop_requests import stop_on_signals
 from .worker import prepare_process, stopped_by

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, missing_extra
+from ..progress import JobProgress
 from ..storage import check_own_folder
-from ..terminal import JobProgress, notice
+from ..terminal import notice
 from .conditions import Condition
 from .schedules import SCHEDULES
 

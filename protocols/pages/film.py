@@ -17,8 +17,9 @@ import numpy as np
 from ...tasks import CONTROL_TIMESTEP
 from ..errors import InputError
 from ..lives.stop_requests import handling
+from ..progress import StepProgress
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
-from ..terminal import StepProgress, notice
+from ..terminal import notice
 from .panel import Panel
 from .replay import Episode, Moment
 from .scene import Scene, Trail

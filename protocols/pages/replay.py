@@ -29,7 +29,7 @@ from ..lives.placement import place
 from ..lives.results import When
 from ..lives.run import Run
 from ..lives.schedules import control_steps
-from ..terminal import StepProgress
+from ..progress import StepProgress
 
 if TYPE_CHECKING:
     from ..agents.ppo import Policies

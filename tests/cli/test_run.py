@@ -1,109 +1,209 @@
-"""`musebot.run`: the command's options in Python."""
+"""`musebot run`: what its words, a file and a folder plan, and what is refused."""
 
 import dataclasses
+import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from helpers import files_below
 
 import musebot
 from musebot.controller import BRAINS
+from musebot.models import Kinematics
+from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli import run as module
-from musebot.protocols.cli.run import RunCommand
+from musebot.protocols.cli.run import Run
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.config import Config
 from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.manifest import MANIFEST, read_manifest
+from musebot.protocols.lives.overrides import READINGS
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Run
 
 SHORT = {"time_scale": 0.001, "body": "kinematic", "quiet": True}
+SF = Condition("spot_finding", "creative")
+WA = Condition("wall_avoidance", "fixed")
 
 
-def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
-    options = {"task": "spot_finding", "proposer": ["creative", "random"], "robots": 2}
-    settings = {"set": {"epsilon": 0.1, "fixed_motors": [0.0, 0.5]}, "brain": "steady"}
-    run = musebot.run(tmp_path / "run", **SHORT, **options, **settings)
-    assert isinstance(run, Run)
-    assert run.conditions() == [Condition("spot_finding", name) for name in ("random", "creative")]
-    brain = run.experiment.brain
-    assert (brain.epsilon, brain.fixed_motors) == (0.1, (0.0, 0.5))
-    assert brain.memory_hidden == BRAINS["steady"].memory_hidden
-    again = musebot.run(str(tmp_path / "run"))
-    assert repr(again) == repr(run)  # NaN is unequal to itself
+def planned(held=None, file=None, **options):
+    """Returns the plan of a command without its folder."""
+    command = Run(Path("out"), **options)
+    config = file or Config()
+    return command._plan(command._rows(config), held, config)
 
 
-def test_load_run_reads_the_robots_of_a_folder_and_makes_no_other(tmp_path, commands_in_process):
-    run = musebot.run(tmp_path / "run", **SHORT, task="spot_finding", proposer="fixed", robots=2)
-    before = {path: path.read_bytes() for path in (tmp_path / "run").iterdir()}
-    again = musebot.load_run(str(tmp_path / "run"))
-    assert repr(again) == repr(run) and again.robots(run.conditions()[0])
-    assert {path: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
-
-
-def test_load_run_of_a_folder_without_a_run_is_one_sentence_and_makes_nothing(tmp_path):
-    with pytest.raises(InputError, match="there is no folder .*nowhere"):
-        musebot.load_run(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="holds no experiment"):
-        musebot.load_run(tmp_path)
-    assert [*tmp_path.iterdir()] == []
-
+# What is planned
 
 CHANGED = {
-    "seed": 7, "cohort_size": 2, "protocol": "walls", "time_scale": 0.5, "nose": "printed",
-    "nose_place": "centre", "body": "kinematic", "physics": "warp", "device": "cuda",
-    "signals": "raw", "arena_scale": 1.5, "motor_speed": 0.1, "motor_torque": "scaled",
-    "brain": "steady",
+    "nose": "printed", "nose_place": "centre", "learn_across_placement": True,
+    "turned_start": 5.0, "arena_scale": 1.5, "motor_speed": 0.1, "motor_torque": "scaled",
+    "physics": "warp", "cohort_size": 2, "seed": 7, "time_scale": 0.5, "protocol": "walls",
+    "body": "kinematic",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CHANGED)
-def test_every_option_of_an_experiment_reaches_it(name, tmp_path):
-    more = {"body": "kinematic"} if name == "device" else {}
-    command = RunCommand(tmp_path / "run", robots=2, **more, **{name: CHANGED[name]})
-    found = command._plan(None, Config()).experiment
-    assert getattr(found, "brain_name" if name == "brain" else name) == CHANGED[name]
+def test_every_field_of_an_experiment_is_set_by_a_word(name):
+    value = CHANGED[name]
+    word = f"{name}={value if isinstance(value, str) else json.dumps(value)}"
+    assert getattr(planned(robots=2, set=(word,)).experiment, name) == value
 
 
-def test_the_options_above_are_all_fields_of_an_experiment_that_the_command_has():
-    options = {field.name for field in dataclasses.fields(RunCommand)}
-    fields = {field.name for field in dataclasses.fields(Experiment)}
-    # Parameters are given by words: settings, kinematics; a setting of tests is no option.
-    assert {*CHANGED} == (options & fields) - {"kinematics"} == {*module._FIELDS}
+def test_parts_have_dotted_names_and_parts_that_are_not_set_stay():
+    words = ("brain.epsilon=0.1", "brain.fixed_motors=[0.0,0.5]", "kinematics.lag=.08")
+    found = planned(brain="steady", body="kinematic", set=words).experiment
+    wanted = dataclasses.replace(BRAINS["steady"], epsilon=0.1, fixed_motors=(0.0, 0.5))
+    assert found.brain == wanted
+    assert found.kinematics == Kinematics(lag=0.08)
+    agent = planned(agent=("dqn",), set=("agent.discount=0.9", "signals=raw")).experiment
+    assert (agent.settings, agent.signals) == (("discount=0.9",), "raw")
+
+
+def test_a_reading_sets_its_fields_and_other_words_come_first():
+    plain = planned(reading="plain").experiment
+    assert {name: getattr(plain, name) for name in READINGS["plain"]} == READINGS["plain"]
+    other = planned(reading="plain", set=("nose=inverse", "kinematics.lag=0.1")).experiment
+    assert (other.nose, other.nose_place) == ("inverse", "centre")
+    assert other.kinematics == dataclasses.replace(plain.kinematics, lag=0.1)
+    # In another body the reading's kinematics, those of its own body, have no meaning.
+    assert planned(reading="plain", body="mujoco").experiment.kinematics == Kinematics()
+    assert planned().experiment == planned(reading="body").experiment
 
 
 @pytest.mark.parametrize(
-    ("options", "planned"),
+    ("options", "robots"),
     [
-        ({"task": ("spot_finding",)}, [("spot_finding", "random", 4)]),
-        ({"proposer": ("fixed",)}, [("wall_avoidance", "fixed", 4)]),
-        ({"agent": ("dqn",), "robots": 2}, [("wall_avoidance", "musebot:dqn", 2)]),
-        ({}, [("wall_avoidance", "random", 4)]),
+        ({}, {WA: 4, SF: 6}),
+        ({"robots": 2}, {WA: 2, SF: 2}),
+        ({"task": ("spot_finding",)}, {SF: 6}),
+        ({"proposer": ("fixed",)}, {WA: 4}),
+        ({"agent": ("dqn",), "task": ("spot_finding",)}, {Condition(SF.task, "musebot:dqn"): 6}),
     ],
 )
-def test_tasks_and_proposers_that_are_not_given_are_those_of_the_run(tmp_path, options, planned):
-    held = Plan.of(Experiment(cohort_size=2), [Condition("wall_avoidance", "random")], 4)
-    plan = RunCommand(tmp_path / "run", **options)._plan(held, Config())
-    assert [(c.task, c.proposer, n) for c, n in plan.robots.items()] == planned
+@pytest.mark.parametrize("where", ["held", "file"])
+def test_what_is_not_given_is_that_of_the_folder_or_of_the_file(options, robots, where):
+    known = {WA: 4, SF: 6}
+    if where == "held":
+        plan = planned(Plan(Experiment(cohort_size=2), known), **options)
+    else:
+        file = Config(robots={(c.task, c.proposer): n for c, n in known.items()})
+        if "agent" in options:
+            with pytest.raises(InputError, match="choose among these, got spot_finding/musebot"):
+                planned(file=file, **options)
+            return
+        plan = planned(file=file, **options)
+    assert plan.robots == robots
 
 
-def test_a_task_alone_has_the_proposers_that_the_run_has_in_it(tmp_path):
-    both = [Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")]
-    held = Plan.of(Experiment(cohort_size=2), both, 4)
-    for options, only in (
-        ({"task": ("spot_finding",)}, both[1]),
-        ({"proposer": ("fixed",)}, both[0]),
+def test_the_same_agent_under_two_names_is_planned_once_only():
+    file = Config(robots={("spot_finding", "dqn"): 1, ("spot_finding", "musebot:dqn"): 1})
+    with pytest.raises(InputError, match="spot_finding/musebot:dqn is planned twice"):
+        planned(file=file)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding"),
+        (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
+        (["--robots", "0"], "robots must be a whole number from 1 to 1000000, got 0"),
+        (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
+        (["--processes", "0"], "processes must be a whole number of at least 1, got 0"),
+        (["--time-scale", "nan"], "time_scale must be a number in (0, 1], got nan"),
+        (["--brain", "stedy"], "there is no brain 'stedy': did you mean steady?"),
+        (["--reading", "late"], "the reading must be one of body, plain, got 'late'"),
+        (["--protocol", "night"], "protocol must be 'paper' or 'walls', got 'night'"),
+        (
+            ["--protocol", "walls", "--task", "wall_avoidance"],
+            "the protocol walls has only spot_finding, got wall_avoidance",
+        ),
+        (["--agent", "hand"], "there is no agent 'hand': did you mean hand_coded?"),
+        (["--set", "epsilon=1"], "there is no parameter 'epsilon'; did you mean brain.epsilon"),
+        (["--set", "seed=010"], "seed must be a whole number"),
+        (["--set", "seed=1:30"], "seed must be a whole number"),
+        (["--set", "brain.epsilon=2"], "epsilon must be a number in [0, 1], got 2"),
+        (["--set", "brain.epsilon"], "a value is set as NAME=VALUE, got 'brain.epsilon'"),
+        (["--set", "seed=1", "seed=2"], "seed is given twice"),
+        (["--set", "kinematics.lag=1"], "kinematics need the body 'kinematic'"),
+        (["--set", "signals=raw"], "settings and raw signals change agents only"),
+        (["--save-every", "0"], "save-every must be positive, got 0"),
+        (["--ray", "auto", "--processes", "2"], "--processes and --ray exclude each other"),
+        (["--robots", "251"], "or name a cohort size"),
+        (["--config", "nowhere.toml"], "there is no file nowhere.toml"),
+    ],
+)
+def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(words, sentence, tmp_path, capsys):
+    assert cli.main(["run", str(tmp_path / "new"), *words]) == 2
+    message = capsys.readouterr().err
+    assert sentence in message and message.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+# What is simulated
+
+
+def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
+    options = {"task": "spot_finding", "proposer": ["creative", "random"], "robots": 2}
+    settings = {"set": {"brain.epsilon": 0.1, "brain.fixed_motors": [0.0, 0.5]}, "brain": "steady"}
+    run = musebot.run(tmp_path / "run", **SHORT, **options, **settings)
+    assert run.conditions() == [Condition("spot_finding", name) for name in ("random", "creative")]
+    assert (run.experiment.brain.epsilon, run.experiment.brain.memory_hidden) == (0.1, 10)
+    before = files_below(tmp_path / "run")
+    assert repr(musebot.run(str(tmp_path / "run"))) == repr(run)  # NaN is unequal to itself
+    assert repr(musebot.load_run(tmp_path / "run")) == repr(run)
+    assert files_below(tmp_path / "run") == before
+
+
+def test_a_folder_keeps_its_experiment_and_refuses_another(tmp_path, capsys, commands_in_process):
+    out = str(tmp_path / "run")
+    short = "--robots 2 --time-scale 0.001 --task spot_finding --proposer creative".split()
+    assert cli.main(["run", out, *short, "--brain", "steady", "--body", "kinematic"]) == 0
+    assert "brain: steady, body: kinematic, all durations times 0.001" in capsys.readouterr().out
+    before = files_below(Path(out))
+    for words, sentence in (
+        (["--seed", "7"], "holds an experiment with seed 1, not 7"),
+        (["--brain", "paper"], "holds an experiment with brain."),
+        (["--set", "kinematics.lag=0.1"], "with kinematics.lag 0.0, not 0.1"),
     ):
-        plan = RunCommand(tmp_path / "run", robots=6, **options)._plan(held, Config())
-        assert plan.robots == {only: 6}
+        assert cli.main(["run", out, *words]) == 2
+        assert sentence in capsys.readouterr().err
+    assert files_below(Path(out)) == before
+    assert cli.main(["run", out, "--robots", "4", "--brain", "steady"]) == 0
+    assert read_manifest(Path(out)).robots == {SF: 4}
 
 
-def test_an_unknown_option_is_refused_with_all_names(tmp_path):
-    with pytest.raises(TypeError, match="takes the options address, agent, .*, got robot$"):
+def test_a_run_is_repeated_by_its_own_manifest(tmp_path, commands_in_process):
+    first, again = tmp_path / "first", tmp_path / "again"
+    musebot.run(first, **SHORT, robots=2, proposer="random", brain="steady")
+    musebot.run(again, config=first / MANIFEST, quiet=True)
+    assert read_manifest(again) == read_manifest(first)
+    assert repr(musebot.load_run(again).results) == repr(musebot.load_run(first).results)
+
+
+@pytest.mark.parametrize("name", ["thesis.tex", "experiment.json"])
+def test_a_foreign_folder_is_refused_and_left_alone(name, tmp_path, capsys):
+    (tmp_path / name).write_text('{"lab": "mine"}')
+    assert cli.main(["run", str(tmp_path)]) == 2
+    assert "musebot's" in capsys.readouterr().err
+    assert files_below(tmp_path) == {Path(name): b'{"lab": "mine"}'}
+
+
+def test_an_out_that_is_a_file_or_below_one_is_refused(tmp_path, capsys):
+    (tmp_path / "file").write_text("x")
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        assert cli.main(["run", str(out)]) == 2
+        assert "is not a folder" in capsys.readouterr().err
+
+
+def test_wrong_calls_of_run_are_refused(tmp_path):
+    with pytest.raises(TypeError, match="takes the options agent, .*, got robot$"):
         musebot.run(tmp_path / "run", robot=2)
     with pytest.raises(InputError, match="out must name a folder"):
         musebot.run("")
-    for wrong in ({"robots": "2"}, {"robots": 0}, {"processes": 0}, {"brain": "divine"}):
+    for wrong in ({"robots": "2"}, {"seed": "2"}, {"processes": "1"}, {"brain": "divine"}):
         with pytest.raises(InputError):
             musebot.run(tmp_path / "run", **wrong)
     assert not (tmp_path / "run").exists()

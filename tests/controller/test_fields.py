@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.controller import Parameters
-from musebot.controller.fields import (
+from musebot.fields import (
     Checked,
     check,
     choice,

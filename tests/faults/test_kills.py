@@ -24,7 +24,7 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import MANIFEST
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
-from musebot.protocols.terminal import JobProgress
+from musebot.protocols.progress import JobProgress
 
 # Commands, forked from one process that has imported everything: kills then fall into the work,
 # not into imports. The study has two runs only, and saves checkpoints more often.

@@ -1,5 +1,6 @@
 """What an experiment is: its parameters, its schedules, and its random streams."""
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -20,85 +21,58 @@ from musebot.protocols.lives.schedules import PROTOCOLS, SCHEDULES
 
 # Parameters
 
+DECLARED = [field for field in dataclasses.fields(Experiment) if "allowed" in field.metadata]
+# What makes each value of a field possible that another field excludes.
+WITH = {"device": {"body": "kinematic"}}
+ANYTHING = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5),
+    st.lists(st.integers(), max_size=2), st.sampled_from([0, 1, 1.0, 0.5, 2**128, "raw", "cuda:1"]),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("field", DECLARED, ids=lambda field: field.name)
+@quick
+@given(data=st.data())
+def test_a_field_accepts_exactly_the_values_that_it_declares(field, data):
+    allowed = field.metadata["allowed"]
+    options = getattr(allowed, "options", ())
+    value = data.draw(st.one_of(ANYTHING, st.sampled_from(options)) if options else ANYTHING)
+    may = value in allowed or (value is None and field.metadata["optional"])
+    try:
+        experiment = Experiment(**{field.name: value}, **WITH.get(field.name, {}))
+    except InputError as error:
+        assert "\n" not in str(error)
+        # A sound value may be excluded by the default of another field.
+        assert not may or field.name in ("physics", "motor_torque", "signals", "nose")
+    else:
+        assert may and getattr(experiment, field.name) == value
+
 
 @pytest.mark.parametrize(
     ("fields", "sentence"),
     [
-        ({"seed": -1}, "the seed must not be negative, got -1"),
+        ({"seed": 10**5000}, "got a number of too many digits"),
         ({"settings": ["rate=1"]}, "settings must be words NAME=VALUE, got ['rate=1']"),
         ({"settings": (1,)}, "settings must be words NAME=VALUE, got (1,)"),
-        ({"seed": "one"}, "seed must be a whole number, got 'one'"),
-        ({"seed": True}, "seed must be a whole number, got True"),
-        ({"seed": 2**128}, f"the seed must be below 2^128, got {2**128}"),
-        pytest.param(
-            {"seed": 10**5000},
-            "the seed must be below 2^128, got a number of too many digits",
-            id="digits",
-        ),
-        ({"cohort_size": 10**8}, "the cohort size must be at most 1000000, got 100000000"),
-        ({"time_scale": "1"}, "time_scale must be a number, got '1'"),
-        ({"turned_start": True}, "turned_start must be a number, got True"),
-        ({"turned_start": 1e300}, "the turn at the start must lie in [-360, 360], got 1e+300"),
-        ({"arena_scale": 0.9}, "the arena's scale must lie in [1, 10], got 0.9"),
-        ({"arena_scale": float("nan")}, "the arena's scale must lie in [1, 10], got nan"),
-        ({"arena_scale": "big"}, "arena_scale must be a number, got 'big'"),
-        ({"motor_speed": "fast"}, "motor_speed must be a number, got 'fast'"),
-        ({"motor_speed": 11}, "the motor speed must be at most 10 m/s, got 11"),
-        ({"learn_across_placement": 1}, "learn_across_placement must be true or false, got 1"),
-        ({"cohort_size": 0}, "the cohort size must be at least 1, got 0"),
-        ({"cohort_size": 1.5}, "cohort_size must be a whole number, got 1.5"),
-        ({"time_scale": 0}, "the time scale must lie in (0, 1], got 0"),
-        ({"time_scale": 1.5}, "the time scale must lie in (0, 1], got 1.5"),
-        ({"time_scale": float("nan")}, "the time scale must lie in (0, 1], got nan"),
-        (
-            {"protocol": "night"},
-            "the protocol must be one of paper, continual, walls, got 'night'",
-        ),
-        ({"nose": "big"}, "the nose must be one of inverse, printed, got 'big'"),
-        ({"body": "ghost"}, "the body must be one of mujoco, kinematic, got 'ghost'"),
-        (
-            {"motor_torque": "great"},
-            "the motor torque must be one of constant, scaled, got 'great'",
-        ),
-        (
-            {"motor_torque": "scaled", "body": "kinematic"},
-            "the motor torque is a parameter of the body 'mujoco' only",
-        ),
-        ({"motor_speed": 0}, "the motor speed must be positive, got 0"),
-        ({"motor_speed": float("inf")}, "the motor speed must be positive, got inf"),
-        (
-            {"turned_start": float("nan")},
-            "the turn at the start must lie in [-360, 360], got nan",
-        ),
-        (
-            {"kinematics": Kinematics(wall="slides")},
-            "kinematics are parameters of the body 'kinematic' only",
-        ),
+        ({"motor_torque": "scaled", "body": "kinematic"}, "torque needs the body 'mujoco'"),
+        ({"kinematics": Kinematics(wall="slides")}, "kinematics need the body 'kinematic'"),
         (
             {"body": "kinematic", "kinematics": Kinematics(radius=0.4)},
             "the radius must be less than 0.1 m, got 0.4",
         ),
-        *(
-            (
-                {"body": "kinematic", "kinematics": Kinematics(**{name: 10**9})},
-                f"{name} must be at most {most}, got 1000000000",
-            )
-            for name, most in (("pieces", 1000), ("lag", 1000), ("wheel_base", 10))
-        ),
         ({"nose": "printed", "signals": "raw"}, "raw signals need the nose 'inverse'"),
+        ({"device": "cuda"}, "only the body 'kinematic' or the physics 'warp'"),
+        ({"physics": "warp", "body": "kinematic"}, "the physics 'warp' needs the body 'mujoco'"),
         *(
-            (
-                {"nose": "printed", "brain": BRAINS[name]},
-                "a brain that uses the maximal smell needs the nose 'inverse'",
-            )
+            ({"nose": "printed", "brain": BRAINS[name]}, "uses the maximal smell needs the nose")
             for name in ("steady", "steady-raw_reward", "steady-raw_signals")
         ),
     ],
 )
-def test_an_invalid_experiment_is_refused_in_a_sentence(fields, sentence):
+def test_fields_that_exclude_each_other_are_refused_in_a_sentence(fields, sentence):
     with pytest.raises(InputError) as caught:
         Experiment(**fields)
-    assert str(caught.value) == sentence
+    assert sentence in str(caught.value)
 
 
 def test_the_default_experiment_is_the_papers():

@@ -1,0 +1,149 @@
+"""`musebot benchmark`: tunes, simulates and ranks learners, and trains policies by PPO."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..terminal import show_markdown
+from .options import argument, option
+from .workers import executor
+
+if TYPE_CHECKING:
+    from ..compare.study import Study
+
+_SIGNALS = ("paper", "raw")
+_BODIES = ("mujoco", "kinematic")
+_TASKS = ("wall_avoidance", "spot_finding")
+_OUT = "folder of the files; what is unfinished continues"
+_HOW = "how it is computed"
+_RAW = "paper, or raw: smell and reward before they saturate"
+_TUNED = "folders of `musebot benchmark tune`; other learners have their default settings"
+_SCALE = "factor on every duration, in (0, 1]; below 1 for rehearsals (1)"
+
+
+@dataclasses.dataclass
+class Run:
+    """Simulate learners by the same protocols, each with its tuned settings, and rank them.
+
+    On each board each learner has one run per track. The bounds newborn and hand_coded have one run
+    per board, which counts in both tracks. Learners, tracks and boards can be added later.
+    """
+
+    out: Path = argument(_OUT, "OUT")
+    agent: tuple[str, ...] = option(
+        (), "learners: agents, or a brain, paper or steady (all of ours, without ppo)", "NAME"
+    )
+    tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
+    signals: tuple[str, ...] = option(_SIGNALS, f"tracks: {_RAW} (both)", choices=_SIGNALS)
+    board: tuple[str, ...] = option(
+        ("paper", "walls"),
+        "protocols: paper, both tasks; walls, spot finding with walls sensed (both)",
+        choices=("paper", "walls"),
+    )
+    body: str = option("mujoco", "body of the robot (mujoco)", choices=_BODIES)
+    robots: int = option(
+        60, "robots of each learner: at most 30, or a multiple of 30; kinematic of 60 (60)", "N"
+    )
+    seed: int = option(32010, "seed of all random streams (32010)", "N")
+    time_scale: float = option(1.0, _SCALE, "X")
+    processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
+    ray: str | None = option(None, "Ray cluster instead: HOST:PORT or auto", "ADDRESS", group=_HOW)
+
+    def __call__(self) -> None:
+        """Simulates what is missing, and prints the page."""
+        from ..compare.benchmark import Benchmark
+
+        _conduct(Benchmark, self)
+
+
+@dataclasses.dataclass
+class Tune:
+    """Tune an agent's settings in the kinematic simulator, with equal effort for each.
+
+    The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
+    of each trial are simulated; then the best trials are simulated again, with all robots and on a
+    fresh seed. A robot's value is the mean of two shares of time in the spot, or without contact:
+    in the test after training, and during training.
+    """
+
+    out: Path = argument(_OUT, "OUT")
+    agent: str = option(
+        dataclasses.MISSING, "name of the agent, or package.module:factory", "AGENT"
+    )
+    signals: str = option("paper", f"{_RAW} (paper)", choices=_SIGNALS)
+    task: str = option("spot_finding", "task of all robots (spot_finding)", choices=_TASKS)
+    trials: int = option(16, "number of settings that are tried (16)", "N")
+    kept: int = option(4, "number of settings that are simulated again (4)", "N")
+    robots: int = option(20, "robots of a trial in the second round; half in the first (20)", "N")
+    seed: int = option(32001, "seed of the first round; the second has the next (32001)", "N")
+    time_scale: float = option(1.0, _SCALE, "X")
+    processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
+    ray: str | None = option(None, "Ray cluster instead: HOST:PORT or auto", "ADDRESS", group=_HOW)
+
+    def __call__(self) -> None:
+        """Simulates what is missing, and prints the page."""
+        from ..compare.tune import Tune as Study
+
+        _conduct(Study, self)
+
+
+@dataclasses.dataclass
+class Rank:
+    """Rank learners in finished runs, between a newborn and a hand-coded robot.
+
+    Each track, protocol, task and simulator is a board; its runs must hold the agents `newborn` and
+    `hand_coded`, which are its bounds.
+    """
+
+    out: Path = argument(_OUT, "OUT")
+    runs: tuple[Path, ...] = option(
+        dataclasses.MISSING, "folders of finished runs of `musebot run`", "RUN"
+    )
+    tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
+    processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
+
+    def __call__(self) -> None:
+        """Measures what learners cost, and prints the page."""
+        from ..compare.benchmark import Leaderboard
+
+        _conduct(Leaderboard, self)
+
+
+@dataclasses.dataclass
+class PPO:
+    """Train policies by PPO on any task, one random seed each.
+
+    Writes OUT/policies.safetensors. Its policies can drive robots, in films and in the window.
+    Needs Stable-Baselines3.
+    """
+
+    out: Path = argument(_OUT, "OUT")
+    task: str = option(dataclasses.MISSING, "task that `musebot list tasks` prints", "TASK")
+    policies: int = option(60, "number of policies; more can be added later (60)", "N")
+    steps: int = option(
+        144_000,
+        "control steps of each policy's 16 robots together, a multiple of 4096 (144000)",
+        "N",
+    )
+    seed: int = option(0, "seed of the first policy; each further one has the next (0)", "N")
+    processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
+
+    def __call__(self) -> None:
+        """Trains what is missing, and prints the page."""
+        from ..compare.ppo import PPOTraining
+
+        _conduct(PPOTraining, self)
+
+
+def _conduct(study: type[Study], command: Run | Tune | Rank | PPO) -> None:
+    """Makes a study of the options that it shares with a command, and does what is left of it."""
+    from ..compare.study import conduct
+
+    fields = {field.name for field in dataclasses.fields(study)}  # type: ignore[arg-type]
+    given = {name: value for name, value in vars(command).items() if name in fields}
+    if given.get("agent") == ():
+        del given["agent"]
+    workers = executor(command.processes, getattr(command, "ray", None))
+    show_markdown(conduct(study(**given), command.out, workers).markdown)

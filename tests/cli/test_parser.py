@@ -1,0 +1,172 @@
+"""The command line: from words to a verb, and one sentence for what cannot be read."""
+
+import dataclasses
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+import musebot
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.cli.options import argument, option
+from musebot.protocols.cli.verbs import BENCHMARK, VERBS, verb_class
+from musebot.protocols.errors import InputError
+
+COMMANDS = [name for name in VERBS if name != "benchmark"] + [*BENCHMARK]
+
+
+@dataclasses.dataclass
+class Drive:
+    """Drive somewhere."""
+
+    out: str = argument("where to", "OUT")
+    speed: float = option(1.0, "how fast", "X")
+    wheels: int | None = option(None, "how many", "N")
+    gears: tuple[str, ...] = option((), "which gears", "GEAR")
+    mood: str = option("calm", "how", choices=("calm", "wild"))
+    loud: bool = option(False, "with noise")
+
+
+def drive(*words):
+    return cli.parsed(Drive, "musebot drive", words)
+
+
+@pytest.mark.parametrize(
+    ("words", "given"),
+    [
+        (["a"], {}),
+        (["a", "--speed", "2"], {"speed": 2.0}),
+        (["--speed=2", "a"], {"speed": 2.0}),
+        (["a", "--gears", "1", "2", "--loud"], {"gears": ("1", "2"), "loud": True}),
+        (["a", "--wheels", "-3"], {"wheels": -3}),
+        (["a", "--mood=wild"], {"mood": "wild"}),
+    ],
+)
+def test_words_give_the_fields_of_a_command_wherever_they_stand(words, given):
+    assert drive(*words) == Drive("a", **given)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ([], "missing: OUT"),
+        (["a", "b"], "'b' is one word too many"),
+        (["a", ""], "a word of the command is empty: is a variable of the shell unset?"),
+        (["a", "--sped", "2"], "there is no option --sped; did you mean --speed?"),
+        (["a", "--spee", "2"], "there is no option --spee; did you mean --speed?"),
+        (["a", "--speed", "fast"], "--speed must be a number, got 'fast'"),
+        (["a", "--wheels", "2.5"], "--wheels must be a whole number, got '2.5'"),
+        (["a", "--mood", "bad"], "--mood must be one of calm, wild, got 'bad'"),
+        (["a", "--loud", "--loud"], "--loud is given twice: give it once, followed by all its"),
+        (["a", "--speed"], "--speed: expected one argument"),
+        (["a", "--loud=1"], "--loud: ignored explicit argument '1'"),
+    ],
+)
+def test_words_that_a_command_does_not_take_are_one_sentence(words, sentence):
+    with pytest.raises(InputError) as caught:
+        drive(*words)
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("columns", ["1", "80", "400"])
+@pytest.mark.parametrize("verb", COMMANDS)
+def test_help_of_a_verb_names_every_option_and_fits_on_a_screen(verb, columns, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert cli.main([*verb.split(), "--help"]) == 0
+    text = capsys.readouterr().out
+    fields = dataclasses.fields(verb_class(verb))
+    for field in fields:
+        name = field.metadata["values"]
+        if field.metadata["option"]:
+            name = f"--{field.name.replace('_', '-')}"
+        assert re.search(rf"^  {re.escape(name)}\b", text, re.M), name
+        assert field.metadata["says"]
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 100
+    if columns == "80":
+        assert len(lines) <= 50
+    assert len([f for f in fields if f.metadata["option"]]) <= 18
+
+
+def test_no_word_shows_the_verbs_and_version_the_version(capsys):
+    assert cli.main([]) == 0
+    text = capsys.readouterr().out
+    assert all(re.search(f"^  {verb} ", text, re.M) for verb in VERBS) and len(VERBS) <= 9
+    assert cli.main(["benchmark"]) == 0
+    assert all(verb in capsys.readouterr().out for verb in ["benchmark run"])
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"musebot {musebot.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "nearest"),
+    [(["tabels", "x"], "tables"), (["benchmark", "tun"], "benchmark tune"), (["rn"], "run")],
+)
+def test_an_unknown_verb_gets_the_nearest_one(words, nearest, capsys):
+    assert cli.main(words) == 2
+    err = capsys.readouterr().err
+    assert f"did you mean {nearest}" in err and err.count("\n") == 1
+
+
+def fresh(code, **environment):
+    """Runs code in a new process; returns what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+HEAVY = ("torch", "mujoco", "matplotlib", "scipy", "rich", "safetensors", "jinja2")
+
+
+@pytest.mark.parametrize("words", [["list"], ["run", "--help"], ["--help"], ["--version"]])
+def test_help_and_lists_work_without_the_extra_brain(words):
+    # A module that is None cannot be imported, as if it were not installed.
+    code = f"""
+import sys
+sys.modules.update(dict.fromkeys({HEAVY!r}))
+from musebot.__main__ import main
+sys.argv[1:] = {words!r}
+raise SystemExit(main())
+"""
+    assert fresh(code)
+
+
+def test_a_verb_that_needs_the_extra_brain_says_so_in_one_sentence():
+    code = """
+import sys
+sys.modules["torch"] = None
+from musebot.protocols.cli.parser import main
+assert main(["tables", "nowhere"]) == 2
+"""
+    fresh(code)
+
+
+def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):
+    code = f"""
+import mujoco
+mujoco.__version__ = "4.0.0"
+from musebot.protocols.cli.parser import main
+assert main(["run", {str(tmp_path / "new")!r}]) == 2
+"""
+    fresh(code, MUJOCO_GL="off")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", [["list"], ["run", "--help"]], ids=" ".join)
+def test_a_reader_that_closes_the_pipe_early_sees_no_complaint(words):
+    read, write = os.pipe()
+    os.close(read)
+    with open(write, "wb") as closed:
+        done = subprocess.run(
+            [sys.executable, "-m", "musebot", *words],
+            stdout=closed, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (141, "")

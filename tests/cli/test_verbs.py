@@ -1,0 +1,96 @@
+"""The verbs that read a run, and the lists."""
+
+import json
+import shutil
+
+import pytest
+
+from musebot.controller import BRAINS, PROPOSERS
+from musebot.protocols.agents.names import RECORDED_NAMES
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.cli.listing import NAMES
+from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.plan import Plan
+from musebot.protocols.lives.runs import simulate
+from musebot.protocols.lives.schedules import PROTOCOLS
+from musebot.tasks.suite import TASKS
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, in_process):
+    directory = tmp_path_factory.mktemp("cli") / "run"
+    conditions = (Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative"))
+    plan = Plan.of(Experiment(cohort_size=2, time_scale=0.002), conditions, 2)
+    simulate(directory, plan, in_process(), quiet=True)
+    return directory
+
+
+def test_tables_show_ours_next_to_the_papers_and_name_a_rehearsal(run, capsys):
+    assert cli.main(["tables", str(run)]) == 0
+    text = capsys.readouterr().out
+    assert "Wall avoidance (table 1), all durations times 0.002" in text
+    assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
+    assert cli.main(["run", str(run)]) == 0  # finished: prints the same, and keeps it
+    assert capsys.readouterr().out == text == (run / "tables.md").read_text()
+
+
+def test_tables_as_json_hold_both(run, capsys):
+    assert cli.main(["tables", str(run), "--json"]) == 0
+    tables = json.loads(capsys.readouterr().out)["tables"]
+    assert tables["spot_finding"]["creative"]["paper"]["counts"]["L = 1"] == 109
+    ours = tables["spot_finding"]["creative"]["ours"]
+    assert ours["robots"] == 2 == sum(ours["counts"].values())
+    assert ours["intervals"]["mean"] is None  # two robots are too few for an interval
+
+
+def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_path, capsys):
+    copy = tmp_path / run.name
+    shutil.copytree(run, copy)
+    assert cli.main(["tables", str(run), "--compare", str(copy)]) == 0
+    text = capsys.readouterr().out
+    assert f"{run.parent.name}/{run.name}" in text and f"{tmp_path.name}/{run.name}" in text
+    assert "After Holm's correction 0 of 18 cells differ." in text
+    assert cli.main(["tables", str(run), "--compare", str(copy), "--json"]) == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert plain["differ_in"] == {} and len(plain["cells"]) == 18
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["tables", "nowhere"], "there is no folder"),
+        (["report", "nowhere"], "there is no folder"),
+        (["report"], "need OUT"),
+        (["report", "--figure", "robot"], "--figure needs --output"),
+        (["report", "--figure", "robot", "--output", "x.txt"], "x.txt"),
+        (["film", "--task", "spot_finding", "--output", "x.txt"], "x.txt"),
+        (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
+        (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
+        (["list", "feelings"], "there are tasks, brains, protocols, agents"),
+        (["doctor", "--set", "a=1"], "it needs --agent"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_nothing_is_made(
+    words, sentence, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    message = capsys.readouterr().err
+    assert sentence in message and message.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_everything_with_a_name_is_listed_with_a_line(capsys):
+    names = {
+        "tasks": TASKS, "brains": BRAINS, "protocols": PROTOCOLS,
+        "agents": (*PROPOSERS, *RECORDED_NAMES),
+    }  # fmt: skip
+    assert {kind: {*lines} for kind, lines in NAMES.items()} == {k: {*v} for k, v in names.items()}
+    assert cli.main(["list"]) == 0
+    text = capsys.readouterr().out
+    for kind, lines in NAMES.items():
+        assert cli.main(["list", kind]) == 0
+        own = capsys.readouterr().out.splitlines()
+        assert [line.split()[0] for line in own] == [*lines]
+        assert all(line.endswith(".") and f"  {line}\n" in text for line in own)
