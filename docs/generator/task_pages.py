@@ -76,7 +76,7 @@ def _page(definition: TaskDefinition, earned: dict[str, tuple[str, str]]) -> str
     random, ppo = (value or "not measured" for value in earned[name])
     return f"""# {name}
 
-{listing.tasks()[name]}
+{listing.NAMES["tasks"][name]}
 
 ![The arena of {name}](../../images/{name.removesuffix("_unit")}.png)
 
@@ -177,7 +177,7 @@ def _start(definition: TaskDefinition) -> str:
 
 
 def _gallery(earned: dict[str, tuple[str, str]]) -> str:
-    cells, says = [], listing.tasks()
+    cells, says = [], listing.NAMES["tasks"]
     for name in TASKS:
         random, ppo = (value.partition(" ")[0] or "-" for value in earned[name])
         film = f"[![A trained policy in {name}](../images/{name}.gif)](tasks/{name}.md)"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from .shared_options import option
+from .options import option
 
 _TEXTS = {
     "machine": "Rates are in robot-steps per second. A ratio is the median of the ratios of paired "
@@ -25,15 +25,17 @@ _TEXTS = {
 
 
 @dataclasses.dataclass
-class BenchCommand:
+class Bench:
     """Measure the speed compared with the raw physics, in processor time: about 5 minutes."""
 
-    json: Annotated[Path | None, option("FILE", "none")] = None
-    """file to write all measured numbers to"""
-    quick: bool = False
-    """measure next to nothing, to see that everything works"""
-    device: Annotated[str | None, option("{cpu,cuda,cuda:N}", "none")] = None
-    """measure populations instead, in the kinematic simulator and in MuJoCo Warp on this device"""
+    json: Path | None = option(None, "file to write all measured numbers to", "FILE")
+    quick: bool = option(False, "measure next to nothing, to see that everything works")
+    device: str | None = option(
+        None,
+        "measure populations instead, in the kinematic simulator and in MuJoCo Warp, on cpu, cuda "
+        "or cuda:N",
+        "NAME",
+    )
 
     def __call__(self) -> None:
         """Prints Markdown, each section as soon as it is measured."""

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..progress import StepProgress
 from ..terminal import say
 from .options import argument, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclasses.dataclass
@@ -33,7 +28,7 @@ class Report:
     figure: str | None = option(
         None, "draw only this figure", choices=("architecture", "robot", "typical")
     )
-    task: str = option("wall_avoidance", "task of the architecture (wall_avoidance)", "TASK")
+    task: str | None = option(None, "task of the architecture (wall_avoidance)", "TASK")
 
     def __call__(self) -> None:
         """Puts a sample of the brains back into robots to measure what they do.
@@ -41,44 +36,18 @@ class Report:
         Raises:
           InputError: an option is invalid, or the run has no such robots; nothing was written.
         """
+        from ..lives.local import prepare_process
         from ..lives.run_files import read_run
-        from ..lives.worker import prepare_process
-        from ..pages import report, style
+        from ..pages import report
 
-        if (self.out is None) != (self.figure in ("architecture", "robot")):
-            raise InputError("a page and typical robots need OUT, the folder of a run; others none")
-        if self.figure is None:
-            assert self.out is not None
-            run = read_run(self.out, replay=True)
-            prepare_process()
-            say(str(report.report(run, self.out, self.output)))
-            return
-        if self.output is None:
+        if self.figure is None and self.out is None:
+            raise InputError("a page needs OUT, the folder of a run")
+        if self.figure is not None and self.output is None:
             raise InputError("--figure needs --output, the figure to write")
-        style.check_output(self.output)
-        with style.styled():
-            style.write(self._figure(), self.output)
-        say(str(self.output))
-
-    def _figure(self) -> Figure:
-        from ..lives.conditions import Condition
-        from ..lives.run_files import read_run
-        from ..lives.worker import prepare_process
-        from ..pages import paper_figures, typical_robots
-        from ..pages.measured_behaviour import with_brains
-
-        if self.figure == "architecture":
-            Condition(self.task, "creative")  # refuses another task
-            return paper_figures.architecture(self.task)
-        if self.figure == "robot":
-            return paper_figures.robot()
-        assert self.out is not None
-        run = read_run(self.out, replay=True)
+        run = None if self.out is None else read_run(self.out, replay=True)
         prepare_process()
-        if not with_brains(run):
-            raise InputError(f"{self.out} has no typical robots: it holds no brains")
-        with StepProgress("observing robots", typical_robots.ticks(run)) as progress:
-            figure = typical_robots.draw(run, progress.advance)
-        if figure is None:
-            raise InputError(f"{self.out} has no typical robots: no stored brain spins or arrives")
-        return figure
+        if self.figure is not None and self.output is not None:
+            report.draw(self.figure, self.output, run, self.task)
+            say(str(self.output))
+        elif run is not None and self.out is not None:
+            say(str(report.report(run, self.out, self.output)))

@@ -28,22 +28,23 @@ class Tables:
 
     def __call__(self) -> None:
         """Reads and prints; changes nothing."""
+        from ..analysis.comparison import compare_runs
         from ..lives.run_files import read_run, run_names
+        from ..pages import tables
 
         if self.compare:
-            from ..analysis.comparison import compare_runs
-            from ..pages.tables import comparison_json as as_json
-            from ..pages.tables import comparison_markdown as markdown
-
             names = run_names((self.out, self.compare))
-            runs = [read_run(*pair) for pair in zip((self.out, self.compare), names, strict=True)]
-            runs = [dataclasses.replace(run, exact_classes=self.exact_classes) for run in runs]
-            shown: tuple[Any, ...] = (*runs, compare_runs(*runs))
+            pairs = zip((self.out, self.compare), names, strict=True)
+            ours, other = (
+                dataclasses.replace(read_run(*pair), exact_classes=self.exact_classes)
+                for pair in pairs
+            )
+            shown: tuple[Any, ...] = (ours, other, compare_runs(ours, other))
+            as_json, markdown = tables.comparison_json, tables.comparison_markdown
         else:
-            from ..pages.tables import as_json, markdown
-
             run = read_run(self.out, needs="curves")  # it may be kept without its brains
             shown = (dataclasses.replace(run, exact_classes=self.exact_classes),)
+            as_json, markdown = tables.as_json, tables.markdown
         if self.json:
             print(json.dumps(as_json(*shown), indent=2))
         else:

@@ -166,9 +166,9 @@ def test_pairs_of_which_one_robot_has_no_ability_are_left_out_of_it_and_counted(
         assert repr(dataclasses.replace(cells[name], corrected=0.0)) == repr(left_out)
         assert cells[name].robots == (len(whole), len(whole)) != (ROBOTS, ROBOTS)
     assert cells["L = 1"].robots == (ROBOTS, ROBOTS) and cells["L = 1"].incomplete == 0
-    text = comparison_tables.markdown(ours, other, [*cells.values()])
+    text = tables.comparison_markdown(ours, other, [*cells.values()])
     assert f"left out because only one has it: {only_one} (wall_avoidance, fixed)." in text
-    assert "left out" not in comparison_tables.markdown(*complete, [*expected.values()])
+    assert "left out" not in tables.comparison_markdown(*complete, [*expected.values()])
 
 
 def test_the_fields_in_which_experiments_differ_are_named():
