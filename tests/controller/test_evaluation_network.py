@@ -5,7 +5,7 @@ import math
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from musebot.controller import EvaluationNetwork, Parameters
@@ -123,7 +123,8 @@ def recorded(step, sensed):
     step.record(torch.zeros(2, 1), torch.zeros(2, 2, 2), values, one, one + 1)
 
 
-@quick
+# A life of six steps is short enough to read; to shrink it takes minutes.
+@settings(quick, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(life=lives(), discount=st.floats(0, 1))
 def test_the_target_of_every_combination_equals_its_equation(life, discount):
     for terms in ALL_TARGETS:
