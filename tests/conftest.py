@@ -121,7 +121,7 @@ def invented_results(experiment, rows, seed=0):
     """
     from musebot.protocols.lives.agent import network_shapes
     from musebot.protocols.lives.conditions import Condition
-    from musebot.protocols.lives.results import WHEN, ConditionResults
+    from musebot.protocols.lives.run import WHEN, ConditionResults
 
     draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
     schedule = experiment.schedule(condition.task)

@@ -41,7 +41,7 @@ def same(first, second):
 
 def same_results(first, second):
     """Returns whether two results are equal, NaN equal to NaN."""
-    from musebot.protocols.lives.results import WHEN
+    from musebot.protocols.lives.run import WHEN
 
     return [*first] == [*second] and all(
         repr(one.robots) == repr(other.robots)

@@ -14,8 +14,7 @@ import numpy as np
 
 from ..lives.conditions import Condition
 from ..lives.learn_ability import CATEGORIES, Summary
-from ..lives.results import Robot
-from ..lives.run import Run
+from ..lives.run import Robot, Run
 from .behaviour import Behaviour
 from .hypothesis_tests import ALPHA, Sample, TestedInequality
 from .paper_numbers import PAPER

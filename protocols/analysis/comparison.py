@@ -11,8 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..lives.conditions import Condition
 from ..lives.learn_ability import CATEGORIES, classes
-from ..lives.results import Robot
-from ..lives.run import Run, abilities, shares
+from ..lives.run import Robot, Run, abilities, shares
 from ..lives.schedules import SCHEDULES
 from ..terminal import StepProgress
 from . import intervals

@@ -20,7 +20,7 @@ import torch
 from ...tasks import stop_timers
 from ..errors import InputError
 from ..lives.conditions import PAPER_TASKS
-from ..lives.provenance import machine
+from ..lives.manifest import machine
 from ..machine import cores
 from ..pages import style
 from ..storage import check_place, resolved_file, write_atomically

@@ -33,13 +33,14 @@ class TablesCommand:
             from ..pages import comparison_tables as reporting
 
             names = run_names((self.out, self.compare))
-            runs = [read_run(*pair) for pair in zip((self.out, self.compare), names, strict=True)]
+            pairs = zip((self.out, self.compare), names, strict=True)
+            runs = [read_run(*pair, networks=False) for pair in pairs]
             runs = [dataclasses.replace(run, exact_classes=self.exact_classes) for run in runs]
             shown: tuple[Any, ...] = (*runs, compare_runs(*runs))
         else:
             from ..pages import tables as reporting
 
-            run = read_run(self.out, needs="curves")  # it may be kept without its brains
+            run = read_run(self.out, networks=False)  # it may be kept without its brains
             shown = (dataclasses.replace(run, exact_classes=self.exact_classes),)
         if self.json:
             print(json.dumps(reporting.as_json(*shown), indent=2))

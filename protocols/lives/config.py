@@ -19,7 +19,7 @@ from .overrides import named_brain
 
 _MOST_BYTES = 2**20
 # What a run's manifest holds; only the first two are read.
-_SECTIONS = ("experiment", "plan", "physics", "made_with", "files", "digest")
+_SECTIONS = ("format", "experiment", "plan", "physics", "made_with", "digest")
 _ROW = ("task", "proposer", "robots")
 
 

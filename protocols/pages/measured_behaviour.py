@@ -10,8 +10,7 @@ import numpy as np
 
 from ..analysis.behaviour import Behaviour, Track, spins, stay_of
 from ..lives.conditions import Condition
-from ..lives.results import WHEN, When
-from ..lives.run import Run
+from ..lives.run import WHEN, Run, When
 from ..lives.schedules import control_steps
 from .rollout import SEED, Tick, evaluate, ticks_of, watch
 from .stored_brains import stored_brains

@@ -13,8 +13,7 @@ from ...models import Dimensions
 from ..analysis.behaviour import Track
 from ..analysis.regret import GRID, grid, situations
 from ..lives.conditions import Condition
-from ..lives.results import WHEN, When
-from ..lives.run import Run
+from ..lives.run import WHEN, Run, When
 from ..lives.schedules import SCHEDULES, TASK_NAMES
 from .example_robots import examples, favourite, proposer_of
 from .rollout import SEED, Tick, evaluate, ticks_of

@@ -12,8 +12,7 @@ from ..agents.base import Agent
 from ..analysis.behaviour import Track
 from ..lives.conditions import Condition
 from ..lives.placement import place
-from ..lives.results import When
-from ..lives.run import Run
+from ..lives.run import Run, When
 from ..lives.schedules import Phase, control_steps
 from .stored_brains import stored_brains
 

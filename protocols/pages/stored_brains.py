@@ -16,8 +16,7 @@ from ..errors import InputError
 from ..lives.agent import make_agent
 from ..lives.conditions import Condition
 from ..lives.placement import place
-from ..lives.results import When
-from ..lives.run import Run
+from ..lives.run import Run, When
 from ..lives.schedules import control_steps
 from .episode import Act, Episode, check_phase, check_seed
 

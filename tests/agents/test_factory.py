@@ -34,7 +34,7 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import read_manifest, write_manifest
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.random_streams import random_streams
-from musebot.protocols.lives.results import Robot
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import read_run, write_results
 from musebot.protocols.storage import read_json, write_json
 

@@ -16,8 +16,7 @@ from musebot.protocols.analysis.scores import (
 )
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot, category_in
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run, category_in
 
 WALLS, SPOT = Condition("wall_avoidance", "creative"), Condition("spot_finding", "creative")
 

@@ -7,7 +7,7 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import Robot
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import write_results
 from musebot.protocols.pages import typical_robots
 

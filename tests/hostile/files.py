@@ -25,7 +25,7 @@ from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import Robot
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import read_run, write_results
 from musebot.protocols.pages.stored_brains import StoredRobot
 from musebot.protocols.storage import load_arrays, save_arrays

@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 
 from musebot.protocols.errors import DamagedFileError
-from musebot.protocols.lives.checks import check_events, check_network_shapes
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import MANIFEST, write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import Robot
+from musebot.protocols.lives.run import Robot, check_events, check_network_shapes
 from musebot.protocols.lives.run_files import (
     BRAINS_FILE,
     CURVES_FILE,

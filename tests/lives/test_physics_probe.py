@@ -4,7 +4,7 @@ import numpy as np
 
 from musebot.models import Kinematics, arena_spec, kinematic
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.physics_probe import is_physics_of, physics_probe
+from musebot.protocols.lives.manifest import is_physics_of, physics_probe
 from musebot.tasks import arena
 
 probe = physics_probe.__wrapped__  # without the cache

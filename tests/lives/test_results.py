@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from musebot.protocols.lives.conditions import PAPER_TASKS, CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import (
+from musebot.protocols.lives.run import (
     WHEN,
     ConditionResults,
     Lives,

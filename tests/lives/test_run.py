@@ -9,8 +9,7 @@ import pytest
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run, abilities, shares
+from musebot.protocols.lives.run import ConditionResults, Robot, Run, abilities, shares
 
 NAN = float("nan")
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")

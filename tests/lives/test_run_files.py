@@ -29,7 +29,7 @@ from musebot.protocols.lives.manifest import (
     write_manifest,
 )
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import WHEN, Robot, category_in, merge
+from musebot.protocols.lives.run import WHEN, Robot, category_in, merge
 from musebot.protocols.lives.run_files import (
     BRAINS_FILE,
     CURVES_FILE,

@@ -26,8 +26,7 @@ from musebot.protocols.lives.jobs import CohortJob
 from musebot.protocols.lives.local import Local
 from musebot.protocols.lives.manifest import MANIFEST, write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import collect
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import Run, collect
 from musebot.protocols.lives.run_files import (
     BRAINS_FILE,
     CURVES_FILE,

@@ -17,8 +17,7 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import collect
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import Run, collect
 from musebot.protocols.lives.run_files import write_results
 from musebot.protocols.pages.stored_brains import StoredRobot
 from musebot.protocols.storage import save_arrays

@@ -14,8 +14,7 @@ from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.analysis.paper_claims import judge_all
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.pages import tables
 from musebot.protocols.pages.html_page import Medium, page
 

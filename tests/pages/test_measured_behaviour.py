@@ -8,8 +8,7 @@ import numpy as np
 
 from musebot.protocols.analysis.behaviour import Track
 from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.results import ConditionResults
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Run
 from musebot.protocols.pages import measured_behaviour
 
 

@@ -14,8 +14,7 @@ from musebot.protocols.analysis.behaviour import Track
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import collect
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import Run, collect
 from musebot.protocols.pages import example_robots, robot_figures, style
 from musebot.protocols.pages.stored_brains import stored_brains
 

@@ -13,8 +13,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import collect
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import Run, collect
 from musebot.protocols.lives.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.pages.episode import Moment
 from musebot.protocols.pages.stored_brains import StoredRobot, robots_named, stored_brains

@@ -8,8 +8,7 @@ import pytest
 from musebot.protocols.analysis.behaviour import Stay, Track
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.pages import measured_behaviour, style, typical_robots
 from musebot.protocols.pages.rollout import ticks_of
 
