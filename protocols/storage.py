@@ -63,14 +63,12 @@ def resolved(path: Path) -> Path:
     """Returns the absolute path that a path's links lead to.
 
     Raises:
-      InputError: its links lead in a circle, or the working directory was deleted.
+      InputError: its links lead in a circle.
     """
     try:
         return path.resolve()
     except RuntimeError as error:  # an OSError since Python 3.13
         raise InputError(f"the links of {path} lead in a circle") from error
-    except FileNotFoundError as error:
-        raise InputError(f"{path} names nothing: the working directory was deleted") from error
 
 
 def resolved_file(path: Path) -> Path:
@@ -80,10 +78,7 @@ def resolved_file(path: Path) -> Path:
 
 def check_folder(path: Path) -> None:
     """Raises InputError if a folder can neither be made nor used."""
-    try:
-        path = path.absolute()
-    except FileNotFoundError as error:
-        raise InputError(f"{path} names nothing: the working directory was deleted") from error
+    path = path.absolute()
     if (size := len(os.fsencode(path))) > _MOST_BYTES_OF_PATH:
         raise InputError(f"{path} must have at most {_MOST_BYTES_OF_PATH} bytes, got {size}")
     try:

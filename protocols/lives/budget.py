@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .experiment import Experiment
     from .plan import Plan
 
-_FLOAT = 4  # bytes
+_FLOAT, _COUNT = 4, 2  # bytes of a weight, and of a minute's count
 _ROBOT, _WARP = 8000, 25_000  # bytes of a robot's physics in MuJoCo; more in MuJoCo Warp
 _PROCESS = 190_000_000  # bytes that a process without robots shares with no other
 _COPIES = 3  # of results and of checkpoints, while they are joined and written
@@ -57,7 +57,7 @@ def results_bytes(plan: Plan) -> int:
         shapes = network_shapes(plan.experiment, condition) or {}
         weights = 2 * sum(map(math.prod, shapes.values()))  # before and after training
         minutes = len(plan.experiment.schedule(condition.task).steps_of_minutes())
-        total += robots * _FLOAT * (weights + minutes)
+        total += robots * (_FLOAT * weights + _COUNT * minutes)
     return _COPIES * total
 
 
@@ -70,12 +70,10 @@ def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> Non
       whole: All robots that the results will have; None for those of `plan`.
     """
     size, whole = plan.experiment.cohort_size, whole or plan
-    cohorts = min(at_once, sum(plan.robots.values()) // size)
-    check_fits(f"a cohort of {size} robots", job_bytes(plan))
-    if cohorts > 1:
-        needed = cohorts * (job_bytes(plan) + _PROCESS)
-        check_fits(f"{cohorts} cohorts at a time (--processes)", needed)
-    check_fits(f"{sum(whole.robots.values())} robots", results_bytes(whole))
+    jobs = min(at_once, sum(plan.robots.values()) // size)
+    what = f"{sum(whole.robots.values())} robots in cohorts of {size}, {jobs} at a time"
+    needed = jobs * job_bytes(plan) + (jobs - 1) * _PROCESS + results_bytes(whole)
+    check_fits(what, needed)
 
 
 def check_agent_memory(plan: Plan, condition: Condition, state: int, weights: int) -> None:

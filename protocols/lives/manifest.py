@@ -115,21 +115,28 @@ def check_identity(path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any
       DamagedFileError: a value is missing or differs; the text names it, as "brain.noise".
     """
     plain = json.loads(json.dumps(wanted, default=dataclasses.asdict))  # tuples become lists
-    for name, value in plain.items():
-        if difference := _difference(name, held.get(name), value):
-            field, own, other = difference
-            shown = f"{reprlib.repr(own)}, not {reprlib.repr(other)}"
-            raise DamagedFileError(f"{path} holds an experiment with {field} {shown}")
+    own = {name: value for name, value in held.items() if name in plain}
+    if difference := _difference(own, plain):
+        name, value, other = difference
+        raise DamagedFileError(
+            f"{path} holds an experiment with {name} {_shown(value)}, not {_shown(other)}"
+        )
 
 
-def _difference(name: str, held: Any, wanted: Any) -> tuple[str, Any, Any] | None:
-    """Returns the name and both values of the first field that differs."""
-    if not (isinstance(held, Mapping) and isinstance(wanted, Mapping)):
-        return None if held == wanted else (name, held, wanted)
+def _difference(held: Mapping, wanted: Mapping, group: str = "") -> tuple[str, Any, Any] | None:
+    """Returns the name and both values of the first field that differs; None if all are equal."""
     for key in {**wanted, **held}:
-        if found := _difference(f"{name}.{key}", held.get(key), wanted.get(key)):
-            return found
+        own, other = held.get(key), wanted.get(key)
+        if isinstance(own, Mapping) and isinstance(other, Mapping):
+            if found := _difference(own, other, f"{group}{key}."):
+                return found
+        elif own != other or key not in held or key not in wanted:
+            return f"{group}{key}", own, other
     return None
+
+
+def _shown(value: Any) -> str:
+    return value[:60] if isinstance(value, str) else reprlib.repr(value)
 
 
 def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str, Any]) -> None:

@@ -314,7 +314,7 @@ def agents_of_a_run(tmp_path, monkeypatch, invented, commands_in_process):
         rows = [Robot(WALLS, proposer, 1, 0, robot, *row) for robot, row in enumerate(times)]
         results[Condition(WALLS, proposer)] = invented(experiment, rows)
     write_manifest(tmp_path / "out", Plan(experiment, dict.fromkeys(results, 2)))
-    write_results(tmp_path / "out", results)
+    write_results(tmp_path / "out", experiment, results)
     return tmp_path
 
 

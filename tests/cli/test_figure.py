@@ -50,7 +50,7 @@ def test_a_run_without_typical_robots_is_one_sentence_and_writes_nothing(
     experiment = Experiment(cohort_size=1, time_scale=0.05)
     row = Robot("wall_avoidance", "fixed", 1, 0, 0, 12.5, 0.0, 1.0, "L = 1")
     write_manifest(tmp_path / "run", Plan(experiment, {condition: 1}))
-    write_results(tmp_path / "run", {condition: invented(experiment, [row])})
+    write_results(tmp_path / "run", experiment, {condition: invented(experiment, [row])})
     monkeypatch.setattr(typical_robots, "draw", lambda run, advance: None)
     assert cli.main(["figure", "typical", str(tmp_path / "new.png"), str(tmp_path / "run")]) == 2
     assert "has no typical robots: no stored brain spins or arrives" in capsys.readouterr().err

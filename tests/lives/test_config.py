@@ -79,7 +79,7 @@ def test_the_manifest_of_a_run_gives_the_same_run_again(written, tmp_path, comma
     path = written(json.dumps(content), "experiment.json")
     assert cli.main(["run", str(again), "--config", str(path)]) == 0
     assert read_manifest(again) == read_manifest(first)
-    for name in ("robots.csv", "curves.npz", "brains.safetensors"):
+    for name in ("robots.csv", "results.safetensors"):
         assert (again / name).read_bytes() == (first / name).read_bytes()
 
 

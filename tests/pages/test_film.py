@@ -334,7 +334,7 @@ def test_file_without_policies_is_one_sentence(directory, tmp_path, capsys):
     words = ["--task", "spot_finding", "--output", str(tmp_path / "film.mp4")]
     for path, sentence in (
         (tmp_path / "p.safetensors", "there is no file"),
-        (directory / "brains.safetensors", "holds no policies"),
+        (directory / "results.safetensors", "holds no policies"),
         (tmp_path, "holds no experiment"),
         (tmp_path / "nothing", "there is no folder"),
         (directory / "robots.csv", "is neither a run's folder nor a .safetensors file"),
