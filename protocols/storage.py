@@ -362,19 +362,20 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     write_atomically(path, f"{text}\n".encode())
 
 
-def read_json(path: Path) -> Any:
-    """Reads a file of JSON; one that has a digest must match it.
+def read_json(path: Path) -> dict[str, Any]:
+    """Reads what `write_json` wrote, with the digest.
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, too large, no JSON, or was changed.
+      DamagedFileError: it is no regular file, too large, no such JSON, or was changed.
       OSError: it cannot be read.
     """
     content = parsed(path, read_whole(path))
-    if isinstance(content, dict) and _DIGEST in content:
-        values = {name: value for name, value in content.items() if name != _DIGEST}
-        if content[_DIGEST] != _digest_of_json(values):
-            raise DamagedFileError(f"{path} was changed after musebot had written it")
+    if not isinstance(content, dict) or _DIGEST not in content:
+        raise DamagedFileError(f"{path} is damaged (it has no digest)")
+    values = {name: value for name, value in content.items() if name != _DIGEST}
+    if content[_DIGEST] != _digest_of_json(values):
+        raise DamagedFileError(f"{path} was changed after musebot had written it")
     return content
 
 

@@ -76,7 +76,7 @@ def read_manifest(directory: Path) -> Plan:
     """
     path = directory / MANIFEST
     content = read_json(path)
-    if isinstance(content, dict) and content.get("format", 0) != FORMAT:
+    if content.get("format", 0) != FORMAT:
         raise DamagedFileError(
             f"{path} must have the format {FORMAT}, got "
             f"{reprlib.repr(content.get('format', 'none'))}: the commit {_LAST_COMMIT} is the last "
