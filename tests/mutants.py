@@ -5,8 +5,8 @@
 A mutant is the package with one changed node: an operator, a comparison, a constant, a condition, a
 dropped statement, or a returned argument. It is killed if a test fails, raises or takes four times
 the processor's time that it takes without the mutant. Its module's own tests run first, then those
-that import the module. Each run is a process that is forked from one that has imported the libraries, so
-that it costs the time of its tests. Not part of the suite.
+that import the module. Each run is a process that is forked from one that has imported the
+libraries, so that it costs the time of its tests. Not part of the suite.
 """
 
 from __future__ import annotations
@@ -146,9 +146,10 @@ def tests_of(module: str) -> list[str]:
     parent, _, last = name.rpartition(".")
     imported = re.compile(rf"^(from {name} |from {parent} import .*\b{last}\b)", re.MULTILINE)
     folder = ROOT / "tests"
-    files = sorted(folder.rglob(f"test_{last}.py"))
+    path = Path(module.removeprefix("protocols/"))
+    own = folder / path.with_name(f"test_{path.name}")
     others = [path for path in folder.rglob("test_*.py") if imported.search(path.read_text())]
-    files += sorted(others, key=lambda path: path.stat().st_size)
+    files = [*filter(Path.exists, [own]), *sorted(others, key=lambda path: path.stat().st_size)]
     return [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
 
 
