@@ -153,7 +153,8 @@ def test_a_file_with_any_byte_flipped_cut_or_added_is_damaged(sound):
 @pytest.mark.parametrize(
     "content",
     [b"", b"robots", b"\0" * 100, b"PK\x03\x04", b"\xff" * 64, b"[" * 100_000, b"1" * 5000,
-     b'{"a":' * 100_000, b'{"a": 1, "a": 2}', b'{"a": 1, "digest": "0"}', b'{"a": 1}', b"[]", b"\xed\xa0\x80"],
+     b'{"a":' * 100_000, b'{"a": 1, "a": 2}', b'{"a": 1, "digest": "0"}', b'{"a": 1}', b"[]",
+     b"\xed\xa0\x80"],
     ids=lambda content: ascii(content[:12]),
 )  # fmt: skip
 def test_a_file_of_another_kind_is_damaged(sound, content):
