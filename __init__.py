@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .protocols.lives.run import Run
-    from .protocols.lives.run_files import Needs
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
     from .tasks.arena import Environment
     from .tasks.rules import Rules
@@ -90,20 +89,19 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     return _with_brain("cli.run").run(out, quiet=quiet, **options)
 
 
-def load_run(out: str | Path, needs: Needs = "brains") -> Run:
+def load_run(out: str | Path, networks: bool = True) -> Run:
     """Reads the finished robots of a run; simulates nothing, and changes nothing on disk.
 
     Args:
       out: Folder of the run.
-      needs: What is read: "rows" reads robots.csv, "curves" the learning curves, too, and "brains"
-        everything. Some kept runs in docs/results have rows, or rows and curves, only.
+      networks: Whether the robots' networks are read, too; some kept runs have none.
 
     Raises:
       ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: The folder holds no run, none of its robots is finished, or what
         it holds is damaged.
     """
-    return _with_brain("lives.run_files").read_run(pathlib.Path(out), needs=needs)
+    return _with_brain("lives.run_files").read_run(pathlib.Path(out), networks=networks)
 
 
 def _with_brain(module: str) -> Any:

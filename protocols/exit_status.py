@@ -28,6 +28,10 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
       0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
     """
     try:
+        os.getcwd()
+    except FileNotFoundError:  # without one, torch ends the process where it is imported
+        return complain("the working directory was deleted", 2)
+    try:
         if check:
             from ..models import check_versions
 

@@ -7,7 +7,6 @@ which follow no link below the folder that the user has named; but TensorBoard w
 from __future__ import annotations
 
 import contextlib
-import errno
 import fcntl
 import hashlib
 import json
@@ -24,24 +23,15 @@ import numpy as np
 import safetensors
 from safetensors.numpy import save
 
-from .errors import DamagedFileError, InputError
+from .errors import DamagedFileError, InputError, RunError
 
-# Bytes of OUT's path (the limit for its files is 4,096), and missing folders that are made.
-_MOST_BYTES_OF_PATH, _MOST_MISSING = 3800, 100
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-_NO_FILE = errno.ELOOP, errno.ENOTDIR, errno.ENAMETOOLONG  # errors of a path that names no file
-# Largest files that are read: of arrays or rows, and of JSON.
-MOST_BYTES, MOST_BYTES_OF_JSON = 2**34, 2**24
+_MOST_BYTES_OF_PATH = 1000  # of OUT
+_MOST_BYTES_OF_JSON = 2**24  # a larger file is not read
+_BITS = {"float": (16, 32, 64), "int": (8, 16, 32, 64), "uint": (8, 16, 32, 64)}
 DTYPES: Mapping[np.dtype, str] = MappingProxyType(
-    {
-        np.dtype(name): short
-        for name, short in (
-            ("float16", "F16"), ("float32", "F32"), ("float64", "F64"), ("bool", "BOOL"),
-            ("int8", "I8"), ("int16", "I16"), ("int32", "I32"), ("int64", "I64"),
-            ("uint8", "U8"), ("uint16", "U16"), ("uint32", "U32"), ("uint64", "U64"),
-        )
-    }
-)  # fmt: skip
+    {np.dtype(f"{kind}{n}"): f"{kind[0].upper()}{n}" for kind in _BITS for n in _BITS[kind]}
+    | {np.dtype(bool): "BOOL"}
+)
 """Dtypes that a file can hold, and their names in safetensors."""
 
 Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
@@ -88,16 +78,14 @@ def resolved_file(path: Path) -> Path:
 
 def check_folder(path: Path) -> None:
     """Raises InputError if a folder can neither be made nor used."""
-    if (size := len(os.fsencode(path.absolute()))) > _MOST_BYTES_OF_PATH:
+    path = path.absolute()
+    if (size := len(os.fsencode(path))) > _MOST_BYTES_OF_PATH:
         raise InputError(f"{path} must have at most {_MOST_BYTES_OF_PATH} bytes, got {size}")
-    missing, path = 0, path.absolute()
     try:
         while not path.exists():
-            missing, path = missing + 1, path.parent
+            path = path.parent
     except OSError as error:  # of a folder above that cannot be searched
         raise InputError(f"{path} cannot be used ({error.strerror})") from error
-    if missing > _MOST_MISSING:
-        raise InputError(f"{missing} folders below {path} are missing, at most {_MOST_MISSING} may")
     if not path.is_dir():
         raise InputError(f"{path} is not a folder")
     if not os.access(path, os.R_OK | os.W_OK | os.X_OK):
@@ -115,92 +103,76 @@ def check_own_folder(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _opened(folder: Path) -> Iterator[int]:
-    """Opens a folder that is no link; all that is done in it is done through the descriptor.
-
-    Raises:
-      InputError: it is a link or a file.
-    """
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    except OSError as error:
-        if folder.is_symlink() or error.errno == errno.ENOTDIR:
-            check_own_folder(folder)
-        raise
-    try:
-        yield handle
-    finally:
-        os.close(handle)
-
-
-@contextlib.contextmanager
 def locked(directory: Path) -> Iterator[None]:
     """Makes a folder and keeps other processes of musebot from working in it.
 
     The system releases the lock of a process that has ended, however it ended.
 
     Raises:
-      InputError: another process works in it, or it is a link.
+      InputError: another process works in it, or it is a link or a file.
+      RunError: it was moved or deleted during the work.
     """
-    _make_folder(directory)
-    with _opened(directory) as handle:
+    check_own_folder(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    handle = os.open(directory, os.O_RDONLY)
+    try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            who = "" if (process := _lock_holder(handle)) is None else f" (process {process})"
-            raise InputError(f"another musebot{who} is running in {directory}") from error
-        yield
+            raise InputError(f"another musebot is running in {directory}") from error
+        try:
+            yield
+        except (OSError, InputError, RunError) as error:
+            if directory.exists() and os.path.samestat(directory.stat(), os.fstat(handle)):
+                raise
+            raise RunError(_moved(directory, handle)) from error
+    finally:
+        os.close(handle)
 
 
-def _lock_holder(handle: int) -> int | None:
-    """Returns the process that holds the lock of an open folder; None if the system hides it."""
-    found = os.fstat(handle)
-    device = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}"
-    with contextlib.suppress(OSError, ValueError):
-        for line in Path("/proc/locks").read_text().splitlines():
-            # Such as "1: FLOCK  ADVISORY  WRITE 4711 fe:00:2163747 0 EOF".
-            fields = line.split()
-            if fields[1] == "FLOCK" and fields[5] == f"{device}:{found.st_ino}":
-                return int(fields[4])
-    return None
+def _moved(directory: Path, handle: int) -> str:
+    """Returns a sentence about an open folder that is no longer at its path."""
+    place = Path(f"/proc/self/fd/{handle}")
+    found = place.readlink() if place.is_symlink() else None  # Linux knows
+    if found is None or not found.exists():
+        return f"{directory} was moved or deleted during the work"
+    return f"{directory} was moved during the work; what is done lies in {found}"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes a file so that readers, even after a crash, find the whole old or the whole new file.
 
-    No link is followed: a link at `path` is replaced, and a folder that is a link is refused.
+    A folder is made in an existing one only: one that was moved away is not made again. A link at
+    `path` is replaced.
 
     Raises:
-      InputError: the folder is a link.
+      InputError: the folder is a link or a file.
       OSError: the file cannot be written. The old one is then untouched, unless only the last
         flush failed, after the rename.
     """
+    folder, draft = path.parent, path.with_name(draft_name(path.name))
     try:
-        _write(path, content)
-    except OSError as error:
-        # Calls on descriptors do not name the file, and a rename names a temporary one.
-        raise OSError(error.errno, error.strerror, str(path)) from error
-
-
-def _write(path: Path, content: bytes) -> None:
-    _make_folder(path.parent)
-    with _opened(path.parent) as folder:
-        draft = draft_name(path.name)
-        handle = os.open(draft, _NEW, 0o666, dir_fd=folder)
+        if folder.is_symlink() or not folder.is_dir():
+            check_own_folder(folder)
+            folder.mkdir(exist_ok=True)
         try:
-            try:
-                rest = memoryview(content)
-                while rest:  # a call may write less than it was given
-                    rest = rest[os.write(handle, rest) :]
-                os.fsync(handle)
-            finally:
-                os.close(handle)
-            os.replace(draft, path.name, src_dir_fd=folder, dst_dir_fd=folder)
+            with open(draft, "xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(draft, path)
         finally:
             with contextlib.suppress(FileNotFoundError):
-                os.unlink(draft, dir_fd=folder)
+                os.unlink(draft)
         # The rename too must survive a power failure, before anything older is removed.
-        os.fsync(folder)
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        # A rename names a temporary file, and calls on descriptors name none.
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -213,14 +185,9 @@ def write_text(path: Path, text: str) -> None:
 
 
 def create_empty(path: Path) -> None:
-    """Makes an empty file where there is none.
-
-    Raises:
-      InputError: the folder is a link.
-      OSError: it cannot be made.
-    """
-    with _opened(path.parent) as folder, contextlib.suppress(FileExistsError):
-        os.close(os.open(path.name, _NEW, 0o666, dir_fd=folder))
+    """Makes an empty file where there is none; raises OSError where it cannot be made."""
+    with contextlib.suppress(FileExistsError):
+        open(path, "xb").close()
 
 
 def draft_name(name: str) -> str:
@@ -259,22 +226,13 @@ def remove_files(folder: Path, ours: Callable[[str], bool]) -> None:
       InputError: the folder is a link.
       OSError: a file cannot be removed.
     """
-    try:
-        with _opened(folder) as handle:
-            for name in filter(ours, os.listdir(handle)):
-                with contextlib.suppress(FileNotFoundError):
-                    if stat.S_ISREG(os.lstat(name, dir_fd=handle).st_mode):
-                        os.unlink(name, dir_fd=handle)
-    except FileNotFoundError:
-        return
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
+    if folder.is_symlink():
         check_own_folder(folder)
-        raise
+    with contextlib.suppress(FileNotFoundError):
+        for name in filter(ours, os.listdir(folder)):
+            with contextlib.suppress(FileNotFoundError):
+                if stat.S_ISREG(os.lstat(folder / name).st_mode):
+                    os.unlink(folder / name)
 
 
 # ---- Arrays and notes ----
@@ -291,127 +249,27 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     Raises:
       OSError: the file cannot be written.
     """
-    write_atomically(path, encoded_arrays(arrays, **notes))
-
-
-def encoded_arrays(arrays: Mapping[str, np.ndarray], **notes: Any) -> bytes:
-    """Returns the content of a file of arrays; see `save_arrays`."""
     # Not ascontiguousarray, which would turn an array of shape () into one of shape (1,).
     contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
     text = json.dumps(notes, sort_keys=True)
     # One entry: safetensors writes several in no fixed order, and equal runs must leave equal
     # bytes.
     metadata = {"musebot": json.dumps({"notes": text, "digest": digest(contiguous, text)})}
-    return save(contiguous, metadata=metadata)
-
-
-def read_whole(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Reads a regular file whose size is bounded: a pipe is refused, not waited for.
-
-    Args:
-      path: File to read.
-      most: Largest size in bytes.
-
-    Raises:
-      FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, or is too large.
-      OSError: it cannot be read, which is no damage of it.
-    """
-    check_file(path, most)
-    return path.read_bytes()
-
-
-def check_file(path: Path, most: int = MOST_BYTES) -> None:
-    """Checks a file before it is read; see `read_whole`."""
-    try:
-        found = path.stat()
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"there is no file {path}") from error
-    except (OSError, ValueError) as error:
-        if getattr(error, "errno", errno.ELOOP) not in _NO_FILE:  # may pass, as on a network
-            raise
-        raise DamagedFileError(f"{path} cannot be read ({error})") from error
-    if not stat.S_ISREG(found.st_mode):
-        raise DamagedFileError(f"{path} is not a regular file")
-    if found.st_size > most:
-        raise DamagedFileError(f"{path} must have at most {most} bytes, got {found.st_size}")
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes an object of JSON atomically, with a digest of its other values.
-
-    Raises:
-      InputError, OSError: see `write_atomically`.
-    """
-    values = {name: value for name, value in content.items() if name != _DIGEST}
-    text = json.dumps(values | {_DIGEST: _digest_of_json(values)}, indent=2)
-    write_atomically(path, f"{text}\n".encode())
-
-
-def read_json(path: Path) -> Any:
-    """Reads a file of JSON; one that has a digest must match it, as earlier versions wrote none.
-
-    Raises:
-      FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, too large, no JSON, or was changed.
-    """
-    content = parsed(path, read_whole(path, MOST_BYTES_OF_JSON))
-    if isinstance(content, dict) and _DIGEST in content:
-        values = {name: value for name, value in content.items() if name != _DIGEST}
-        if content[_DIGEST] != _digest_of_json(values):
-            raise DamagedFileError(f"{path} was changed after musebot had written it")
-    return content
-
-
-def _digest_of_json(values: Mapping[str, Any]) -> str:
-    return digest_of(json.dumps(values, sort_keys=True).encode())
-
-
-def digest_of(content: bytes) -> str:
-    """Returns the SHA-256 digest of a file's content, 64 hexadecimal digits."""
-    return hashlib.sha256(content).hexdigest()
-
-
-def digest_of_file(path: Path) -> str:
-    """Returns the SHA-256 digest of a file.
-
-    Raises:
-      FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, or is too large.
-      OSError: it cannot be read.
-    """
-    check_file(path)
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def parsed(path: Path, text: str | bytes) -> Any:
-    """Returns the value of a text of JSON.
-
-    Args:
-      path: File that holds the text.
-      text: JSON, in UTF-8.
-
-    Raises:
-      DamagedFileError: it is no JSON, too deeply nested, or has a number of too many digits.
-    """
-    try:
-        return json.loads(text)
-    except RecursionError as error:
-        raise DamagedFileError(f"{path} is damaged (its JSON is nested too deeply)") from error
-    except ValueError as error:
-        raise DamagedFileError(f"{path} is damaged ({error})") from error
+    write_atomically(path, save(contiguous, metadata=metadata))
 
 
 def load_arrays(
-    path: Path, check: Callable[[Shapes], None] | None = None
+    path: Path,
+    check: Callable[[Shapes], None] | None = None,
+    wanted: Callable[[str], bool] | None = None,
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Reads what `save_arrays` wrote: the arrays and the notes.
+    """Reads what `save_arrays` wrote: the arrays and the notes. The digest is that of all arrays.
 
     Args:
       path: File to read.
       check: Raises ValueError where the file must not be read. It receives the dtype and the
         shape of each array before any array is read.
+      wanted: Returns whether an array of a name is kept in memory; None keeps all.
 
     Raises:
       FileNotFoundError: there is no such file.
@@ -420,6 +278,7 @@ def load_arrays(
     """
     check_file(path)
     path.open("rb").close()  # safetensors calls a file that cannot be opened an invalid one
+    arrays: dict[str, np.ndarray] = {}
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = parsed(path, (file.metadata() or {})["musebot"])
@@ -427,8 +286,13 @@ def load_arrays(
             if check is not None:
                 slices = {name: file.get_slice(name) for name in names}
                 check({k: (x.get_dtype(), tuple(x.get_shape())) for k, x in slices.items()})
-            arrays = {name: file.get_tensor(name) for name in names}
-        sound = metadata["digest"] == digest(arrays, metadata["notes"])
+            content = _digest_of_notes(metadata["notes"])
+            for name in names:
+                array = file.get_tensor(name)
+                _add_array(content, name, array)
+                if wanted is None or wanted(name):
+                    arrays[name] = array
+        sound = metadata["digest"] == content.hexdigest()
         notes = parsed(path, metadata["notes"])
     except DamagedFileError:
         raise
@@ -443,8 +307,99 @@ def load_arrays(
 
 def digest(arrays: Mapping[str, np.ndarray], notes: str = "") -> str:
     """Returns 32 hexadecimal digits that identify arrays and notes."""
-    content = hashlib.blake2b(notes.encode(), digest_size=16)
+    content = _digest_of_notes(notes)
     for name, array in sorted(arrays.items()):
-        content.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        content.update(np.ascontiguousarray(array).data)
+        _add_array(content, name, array)
     return content.hexdigest()
+
+
+def _digest_of_notes(notes: str) -> Any:
+    return hashlib.blake2b(notes.encode(), digest_size=16)
+
+
+def _add_array(content: Any, name: str, array: np.ndarray) -> None:
+    content.update(f"{name} {array.dtype.str} {array.shape}".encode())
+    content.update(np.ascontiguousarray(array).data)
+
+
+# ---- JSON ----
+
+
+def check_file(path: Path) -> None:
+    """Checks that a file can be read: a pipe is refused, not waited for.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: it is no regular file.
+      OSError: it cannot be read, which is no damage of it.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"there is no file {path}") from error
+    if not stat.S_ISREG(mode):
+        raise DamagedFileError(f"{path} is not a regular file")
+
+
+def read_whole(path: Path, most: int = _MOST_BYTES_OF_JSON) -> bytes:
+    """Reads a regular file of at most so many bytes; raises as `check_file`."""
+    check_file(path)
+    with path.open("rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise DamagedFileError(f"{path} must have at most {most} bytes")
+    return content
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes an object of JSON atomically, with a digest of its other values.
+
+    Raises:
+      InputError, OSError: see `write_atomically`.
+    """
+    values = {name: value for name, value in content.items() if name != _DIGEST}
+    text = json.dumps(values | {_DIGEST: _digest_of_json(values)}, indent=2)
+    write_atomically(path, f"{text}\n".encode())
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Reads what `write_json` wrote, with the digest.
+
+    Raises:
+      FileNotFoundError: there is no such file.
+      DamagedFileError: it is no regular file, too large, no such JSON, or was changed.
+      OSError: it cannot be read.
+    """
+    content = parsed(path, read_whole(path))
+    if not isinstance(content, dict) or _DIGEST not in content:
+        raise DamagedFileError(f"{path} is damaged (it has no digest)")
+    values = {name: value for name, value in content.items() if name != _DIGEST}
+    if content[_DIGEST] != _digest_of_json(values):
+        raise DamagedFileError(f"{path} was changed after musebot had written it")
+    return content
+
+
+def _digest_of_json(values: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+
+
+def parsed(path: Path, text: str | bytes) -> Any:
+    """Returns the value of a text of JSON in UTF-8, which a file holds.
+
+    Raises:
+      DamagedFileError: it is no JSON, too deeply nested, has a number of too many digits, or a
+        name twice.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_object)
+    except RecursionError as error:
+        raise DamagedFileError(f"{path} is damaged (its JSON is nested too deeply)") from error
+    except ValueError as error:
+        raise DamagedFileError(f"{path} is damaged ({error})") from error
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a name is given twice")
+    return found

@@ -10,7 +10,6 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
-from helpers import forget_digests
 
 # A busy machine may need longer than hypothesis expects of an example.
 hypothesis.settings.register_profile("musebot", deadline=None)
@@ -90,12 +89,6 @@ def commands_in_process(monkeypatch):
     torch.set_num_threads(threads)
 
 
-@pytest.fixture(scope="session")
-def without_digests():
-    """The function `forget_digests`."""
-    return forget_digests
-
-
 @pytest.fixture
 def stopped():
     """Starts a command, and stops it once a file is there; returns its status and stderr."""
@@ -114,37 +107,38 @@ def stopped():
     return stopped
 
 
-def invented_results(experiment, rows, seed=0):
-    """Returns results of invented rows of one condition, with curves and networks to match.
+def invented_lives(experiment, rows, seed=0):
+    """Returns what was measured of invented robots of one condition: their times, all else random.
 
-    The curves have the rows' times in the tests, at their beginning; all else is random.
+    The minutes have the robots' times in the tests at their beginning.
     """
     from musebot.protocols.lives.agent import network_shapes
     from musebot.protocols.lives.conditions import Condition
-    from musebot.protocols.lives.results import WHEN, ConditionResults
+    from musebot.protocols.lives.run import Lives
 
     draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
     schedule = experiment.schedule(condition.task)
     steps = schedule.steps_of_minutes()
-    counts = draw.integers(0, steps + 1, (len(rows), len(steps)))
-    for part in ("pre", "post"):
-        minutes = schedule.minutes_of(part)
-        for row, own in zip(rows, counts, strict=True):
-            left = round(getattr(row, f"t_{part}_s") * 10)
-            starts = steps[minutes].cumsum() - steps[minutes]
-            own[minutes] = np.clip(left - starts, 0, steps[minutes])
-    shapes = network_shapes(experiment, condition) or {}
-    networks = {
-        when: {
+    minutes = draw.integers(0, steps + 1, (len(rows), len(steps)))
+    tests = np.array([[round(row.t_pre_s * 10), round(row.t_post_s * 10)] for row in rows])
+    for part, times in zip(("pre", "post"), tests.T, strict=True):
+        own = schedule.minutes_of(part)
+        starts = steps[own].cumsum() - steps[own]
+        minutes[:, own] = np.clip(times[:, None] - starts, 0, steps[own])
+    training = minutes.sum(axis=1) - tests.sum(axis=1)
+    before, after = (
+        {
             name: draw.uniform(-1, 1, (len(rows), *shape)).astype(np.float32)
-            for name, shape in shapes.items()
+            for name, shape in (network_shapes(experiment, condition) or {}).items()
         }
-        for when in WHEN
-    }
-    return ConditionResults(rows, (counts / steps).astype(np.float32), networks)
+        for _ in range(2)
+    )
+    events = np.column_stack([tests[:, 0], training, tests[:, 1]]).astype(np.int32)
+    valid = np.array([row.valid for row in rows])
+    return Lives(events, minutes.astype(np.int16), valid, before, after)
 
 
 @pytest.fixture(scope="session")
 def invented():
-    """The function `invented_results`, for tests of what reads a run."""
-    return invented_results
+    """The function `invented_lives`, for tests of what reads a run."""
+    return invented_lives

@@ -1,7 +1,5 @@
 """Small functions that several tests need."""
 
-import json
-
 import numpy as np
 from matplotlib.colors import to_rgb
 
@@ -14,14 +12,6 @@ class Lazy(HandCoded):
     def act(self, state, learning):
         return np.zeros((1, 2))
 """
-
-
-def forget_digests(directory):
-    """Makes a run look as if an earlier version, which recorded no digests, had written it."""
-    path = directory / "experiment.json"
-    content = json.loads(path.read_bytes())
-    del content["files"], content["digest"]
-    path.write_text(json.dumps(content, indent=2) + "\n")
 
 
 def files_below(folder):
@@ -41,7 +31,7 @@ def same(first, second):
 
 def same_results(first, second):
     """Returns whether two results are equal, NaN equal to NaN."""
-    from musebot.protocols.lives.results import WHEN
+    from musebot.protocols.lives.run import WHEN
 
     return [*first] == [*second] and all(
         repr(one.robots) == repr(other.robots)

@@ -5,8 +5,8 @@
 A mutant is the package with one changed node: an operator, a comparison, a constant, a condition, a
 dropped statement, or a returned argument. It is killed if a test fails, raises or takes four times
 the processor's time that it takes without the mutant. Its module's own tests run first, then those
-in `MORE_TESTS`. Each run is a process that is forked from one that has imported the libraries, so
-that it costs the time of its tests. Not part of the suite.
+that import the module. Each run is a process that is forked from one that has imported the
+libraries, so that it costs the time of its tests. Not part of the suite.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import copy
 import importlib
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -30,116 +31,21 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = (
     "torch numpy scipy.stats mujoco dm_control.rl.control hypothesis pytest matplotlib.figure "
-    "tyro rich.progress safetensors.numpy"
+    "rich.progress safetensors.numpy"
 ).split()
 
-# The modules of each area, and the tests of a module that run if its own find nothing.
+# The modules of each area.
 AREAS = {
-    "equations": (
-        "controller/brains.py controller/creative_memory.py controller/evaluation_network.py "
-        "controller/exploration.py controller/networks.py controller/neurocontroller.py "
-        "controller/context.py "
-        "controller/parameters.py controller/proposers.py "
-        "controller/senses.py controller/step.py protocols/results/learn_ability.py"
-    ),
-    "schedules": "protocols/experiment/schedules.py protocols/simulation/placement.py",
-    "statistics": (
-        "protocols/analysis/behaviour.py protocols/analysis/claims.py "
-        "protocols/analysis/comparison.py protocols/analysis/hypothesis_tests.py "
-        "protocols/analysis/intervals.py protocols/analysis/paper_claims.py "
-        "protocols/analysis/paper_tables.py"
-    ),
-    "resume": (
-        "protocols/simulation/checkpoints.py protocols/simulation/cohort.py "
-        "protocols/simulation/jobs.py protocols/simulation/runs.py protocols/results/results.py"
-    ),
-    "readers": (
-        "protocols/results/checks.py protocols/results/run_files.py protocols/storage.py "
-        "protocols/results/run.py"
-    ),
-    "tasks": (
-        "tasks/episode.py tasks/rules.py tasks/sensors.py tasks/spot_finding.py tasks/starts.py "
-        "tasks/wall_avoidance.py models/edits.py models/kinematic.py "
-        "tasks/arena.py tasks/batch.py tasks/kinematic.py tasks/tensors/*.py "
-        "tasks/gymnasium_env/*.py models/physics.py"
-    ),
-    "agents": (
-        "protocols/agents/learners/*.py protocols/agents/bounds.py protocols/agents/ppo.py "
-        "protocols/agents/raw_signals.py"
-    ),
-    "playback": (
-        "protocols/playback/episode.py protocols/playback/film.py protocols/playback/panel.py "
-        "protocols/playback/rollout.py protocols/playback/scene.py"
-    ),
-    "reporting": "protocols/reporting/*.py",
-    "bench": "protocols/cli/bench.py protocols/cli/speed.py",
-    "commands": "protocols/commands/*.py protocols/cli.py protocols/config.py protocols/doctor.py",
-    "studies": "protocols/studies/*.py protocols/studies/*/*.py",
+    "controller": "controller/*.py controller/*/*.py",
+    "tasks": "models/*.py tasks/*.py tasks/*/*.py",
+    "lives": "protocols/lives/*.py protocols/storage.py",
+    "agents": "protocols/agents/*.py protocols/agents/learners/*.py",
+    "analysis": "protocols/analysis/*.py",
+    "pages": "protocols/pages/*.py",
+    "compare": "protocols/compare/*.py",
+    "cli": "protocols/cli/*.py",
 }
-MORE_TESTS = {
-    "controller/brains.py": (
-        "controller/test_brains.py controller/test_neurocontroller.py experiment/test_overrides.py"
-    ),
-    "controller/*": (
-        "controller/test_neurocontroller.py controller/test_brains.py "
-        "controller/test_creative_memory.py experiment/test_overrides.py"
-    ),
-    "protocols/analysis/paper_claims.py": "analysis/test_claims.py",
-    "protocols/simulation/checkpoints.py": (
-        "simulation/test_cohort.py simulation/test_tensorboard_log.py"
-    ),
-    "protocols/simulation/cohort.py": "simulation/test_checkpoints.py",
-    "protocols/simulation/placement.py": "simulation/test_cohort.py",
-    "protocols/experiment/schedules.py": "simulation/test_placement.py simulation/test_cohort.py",
-    "protocols/results/results.py": "results/test_run_files.py",
-    "protocols/results/checks.py": "simulation/test_checkpoints.py results/test_run_files.py",
-    "protocols/results/run_files.py": "results/test_checks.py",
-    "protocols/simulation/jobs.py": "simulation/test_runs.py",
-    "protocols/simulation/runs.py": "simulation/test_tensorboard_log.py simulation/test_jobs.py",
-    "protocols/playback/*": "playback/test_film.py playback/test_panel.py playback/test_scene.py",
-    "tasks/tensors/*": "tasks/test_robots.py simulation/test_device.py",
-    "tasks/gymnasium_env/*": "tasks/test_gymnasium_env.py tasks/test_environments.py",
-    "tasks/*": (
-        "tasks/test_tasks.py tasks/test_robots.py tasks/test_kinematic.py "
-        "tasks/test_environments.py"
-    ),
-    "models/*": (
-        "models/test_edits.py tasks/test_kinematic.py tasks/test_robots.py tasks/test_tasks.py"
-    ),
-    "protocols/agents/learners/*": (
-        "agents/learners/test_published.py agents/learners/test_learners.py "
-        "agents/learners/test_q_learning.py"
-    ),
-    "protocols/reporting/comparison_tables.py": "reporting/test_tables.py",
-    "protocols/reporting/example_robots.py": "reporting/test_robot_figures.py",
-    "protocols/reporting/tables.py": "reporting/test_html_page.py test_cli.py",
-    "protocols/reporting/style.py": "reporting/test_figures.py",
-    "protocols/reporting/*": "reporting/test_html_page.py reporting/test_report.py",
-    "protocols/cli/bench.py": "cli/test_bench.py",
-    "protocols/cli/speed.py": "cli/test_bench.py",
-    "protocols/commands/run.py": "test_cli.py",
-    "protocols/commands/check_agent.py": "agents/test_agent_check.py test_cli.py",
-    "protocols/commands/demo.py": "studies/test_demonstration.py test_cli.py",
-    "protocols/commands/doctor.py": "test_doctor.py",
-    "protocols/commands/explore.py": "playback/test_viewer.py test_cli.py",
-    "protocols/commands/film.py": "playback/test_film.py test_cli.py",
-    "protocols/commands/report.py": "reporting/test_report.py test_cli.py",
-    "protocols/commands/study.py": "test_cli.py studies/test_study.py",
-    "protocols/commands/*": "test_cli.py",
-    "protocols/config.py": "test_cli.py",
-    "protocols/studies/learners/benchmark.py": "studies/test_benchmark.py",
-    "protocols/studies/learners/continued.py": "studies/test_continued.py",
-    "protocols/studies/learners/*": "studies/test_leaderboard.py studies/test_benchmark.py",
-    "protocols/studies/learning_progress/*": (
-        "studies/test_learning_progress.py studies/test_frozen_brains.py"
-    ),
-    "protocols/studies/proposers/*": "studies/test_proposers.py",
-    "protocols/studies/reading/*": "studies/test_reading.py",
-    "protocols/studies/search/tune.py": "studies/test_tune.py",
-    "protocols/studies/search/*": "studies/test_evolve.py studies/test_tune.py",
-    "protocols/studies/wear/*": "studies/test_wear.py",
-    "protocols/studies/*": "studies/test_study.py",
-}
+MOST_TESTS = 6  # files of tests that are tried for a mutant
 
 SWAPS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -232,14 +138,19 @@ def _put(parent: ast.AST, field: str, index: int, node: ast.AST) -> None:
 
 
 def tests_of(module: str) -> list[str]:
-    """Returns the test files of a module, as paths below `tests`, its own first."""
+    """Returns test files that a mutant of a module must pass to survive, as paths below `tests`.
+
+    The module's own come first, then those that import it, the smallest first.
+    """
+    name = ".".join(["musebot", *Path(module).with_suffix("").parts])
+    parent, _, last = name.rpartition(".")
+    imported = re.compile(rf"^(from {name} |from {parent} import .*\b{last}\b)", re.MULTILINE)
+    folder = ROOT / "tests"
     path = Path(module.removeprefix("protocols/"))
-    names = [str(path.with_name(f"test_{path.name}"))]
-    for pattern, more in MORE_TESTS.items():
-        if Path(module).match(pattern):
-            names += more.split()
-            break
-    return [name for name in dict.fromkeys(names) if (ROOT / "tests" / name).exists()]
+    own = folder / path.with_name(f"test_{path.name}")
+    others = [path for path in folder.rglob("test_*.py") if imported.search(path.read_text())]
+    files = [*filter(Path.exists, [own]), *sorted(others, key=lambda path: path.stat().st_size)]
+    return [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
 
 
 def run_tests(copied: Path, test: str, limit: int, log: Path) -> tuple[int, float]:

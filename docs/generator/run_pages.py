@@ -7,7 +7,7 @@ from pathlib import Path
 from tables import table
 
 from musebot.protocols.agents.names import short_name
-from musebot.protocols.lives.run_files import read_so_far
+from musebot.protocols.lives.run_files import read_measured, read_so_far
 from musebot.protocols.pages.markdown import particulars
 
 
@@ -30,7 +30,7 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 [methods.md](../methods.md#files-and-commands) explains the files.
 `musebot tables docs/results/NAME` prints the tables again,
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
-*No brains*: kept without them (some without curves, too), so no robot can be filmed.
+*No brains*: kept without them, so no robot can be filmed.
 The column *experiment* names all that differs from the
 defaults: brain `paper`, body `mujoco`, protocol `paper`.
 
@@ -42,9 +42,10 @@ defaults: brain `paper`, body `mujoco`, protocol `paper`.
 
 
 def _run(folder: Path, results: Path) -> tuple[str, ...]:
-    run, name = read_so_far(folder, "rows"), str(folder.relative_to(results))
+    run, name = read_so_far(folder, networks=False), str(folder.relative_to(results))
     experiment = run.experiment
-    shown = name if (folder / "brains.safetensors").exists() else f"{name} (no brains)"
+    brains = all(lives.after for lives in read_measured(folder, experiment).values())
+    shown = name if brains else f"{name} (no brains)"
     links = (
         [f"[{shown}](../results/{name}/tables.md)"] if (folder / "tables.md").exists() else [shown]
     )

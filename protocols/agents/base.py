@@ -110,7 +110,7 @@ class Agent(abc.ABC):
         """
 
     def weights(self) -> dict[str, np.ndarray]:
-        """Returns all that actions in a test depend on, for brains.safetensors.
+        """Returns all that actions in a test depend on, for results.safetensors.
 
         Both what was learned and what was drawn from the seed: arrays of shape (B, ...). A robot
         with a weight that is not finite is stopped and counted as invalid.

@@ -105,7 +105,7 @@ class CheckedAgent(Agent):
         """See `Agent.weights`.
 
         Raises:
-          InputError: the weights cannot be written into brains.safetensors.
+          InputError: the weights cannot be written into results.safetensors.
           RunError: the agent fails or exits.
         """
         with ending_in_a_sentence(f"{self._name} failed in weights"):

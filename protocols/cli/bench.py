@@ -41,7 +41,7 @@ class Bench:
         """Prints Markdown, each section as soon as it is measured."""
         import json
 
-        from ..lives.provenance import machine
+        from ..lives.manifest import machine
         from ..lives.worker import prepare_process
         from ..machine import cores
         from ..pages import markdown

@@ -36,13 +36,15 @@ class Tables:
             names = run_names((self.out, self.compare))
             pairs = zip((self.out, self.compare), names, strict=True)
             ours, other = (
-                dataclasses.replace(read_run(*pair), exact_classes=self.exact_classes)
+                dataclasses.replace(
+                    read_run(*pair, networks=False), exact_classes=self.exact_classes
+                )
                 for pair in pairs
             )
             shown: tuple[Any, ...] = (ours, other, compare_runs(ours, other))
             as_json, markdown = tables.comparison_json, tables.comparison_markdown
         else:
-            run = read_run(self.out, needs="curves")  # it may be kept without its brains
+            run = read_run(self.out, networks=False)  # it may be kept without its brains
             shown = (dataclasses.replace(run, exact_classes=self.exact_classes),)
             as_json, markdown = tables.as_json, tables.markdown
         if self.json:

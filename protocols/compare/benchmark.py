@@ -28,7 +28,7 @@ from ..lives.experiment import Body, Experiment, Signals
 from ..lives.jobs import Job
 from ..lives.overrides import named_brain, with_overrides
 from ..lives.plan import Variant
-from ..lives.run_files import Needs, has_all_rows, read_runs
+from ..lives.run_files import has_all_robots, read_runs
 from ..terminal import notice
 from .boards import LOWER, UPPER, Board, Entry, boards, saturates
 from .costs import FOLDER, cost_jobs, measured
@@ -64,7 +64,6 @@ class Benchmark(VariantStudy):
     """
 
     name: ClassVar[str] = "benchmark"
-    needs: ClassVar[Needs] = "curves"
 
     tuned: Annotated[tuple[Path, ...], option("OUT ..", "none")] = ()
     """folders of `musebot study tune`; other learners have their default settings"""
@@ -201,7 +200,7 @@ class Benchmark(VariantStudy):
                 if name_in_track(name, signals) not in self._settings:
                     notice(f"{short_name(name)} was not tuned with {signals} signals: its defaults")
         for name, plan in self.plans().items():
-            if not has_all_rows(out / name, plan):
+            if not has_all_robots(out / name, plan):
                 check_agents(plan)
 
     def stages(self, out: Path) -> Iterator[Sequence[Job]]:
@@ -215,5 +214,5 @@ class Benchmark(VariantStudy):
         return page(found, measured(out, found), efforts(self.tuned))
 
     def _boards(self, out: Path) -> dict[Board, list[Entry]]:
-        found = boards(read_runs([out / name for name in self.plans()], needs="curves"))
+        found = boards(read_runs([out / name for name in self.plans()], networks=False))
         return {board: own for board, own in found.items() if board.signals in self.signals}

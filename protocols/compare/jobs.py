@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import DamagedFileError
-from ..lives.checks import check_same_shapes
 from ..lives.cohort import Cohort
 from ..lives.conditions import Condition
 from ..lives.experiment import Experiment, flat
 from ..lives.jobs import Job, Report, Stop
+from ..lives.run import check_same_shapes
 from ..lives.schedules import control_steps
 from ..storage import Shapes, load_arrays, save_arrays
 

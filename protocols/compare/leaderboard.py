@@ -38,7 +38,7 @@ class Leaderboard(Study):
 
     @functools.cached_property
     def _read(self) -> list[Run]:
-        return read_runs(self.runs, needs="curves")
+        return read_runs(self.runs, networks=False)
 
     @functools.cached_property
     def _boards(self) -> dict[Board, list[Entry]]:

@@ -14,10 +14,8 @@ from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError, Interrupted, RunError
 from ..lives.experiment import Experiment, check_same, experiment_from
 from ..lives.jobs import Executor, Job, execute
-from ..lives.manifest import UNREADABLE
-from ..lives.physics_probe import is_physics_of, physics_probe
+from ..lives.manifest import UNREADABLE, is_physics_of, machine, physics_probe
 from ..lives.plan import MOST_ROBOTS
-from ..lives.provenance import machine
 from ..pages import style
 from ..storage import (
     check_folder,

@@ -6,7 +6,6 @@ import abc
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
 
 from ..errors import InputError
 from ..lives.budget import check_memory
@@ -15,7 +14,7 @@ from ..lives.jobs import CohortJob, Job
 from ..lives.manifest import MANIFEST, same_physics
 from ..lives.plan import Plan, Variant
 from ..lives.run import Run
-from ..lives.run_files import Needs, has_all_rows, is_kept_without_brains, planned, read_run
+from ..lives.run_files import has_all_robots, planned, read_run
 from ..lives.runs import UnfinishedRun
 from ..storage import locked, resolved
 from ..terminal import notice
@@ -33,8 +32,6 @@ class VariantStudy(Study):
     """
 
     robots: int
-    # What the page needs of a run; a finished run may be kept without the other files.
-    needs: ClassVar[Needs] = "brains"
 
     @property
     def count(self) -> int:
@@ -84,7 +81,7 @@ class VariantStudy(Study):
             folder = out / name
             if (held := planned(folder)) is not None:
                 self._check_held(folder, held, plan)
-            if not has_all_rows(folder, plan):
+            if not has_all_robots(folder, plan):
                 check_memory(plan)
 
     def _check_held(self, folder: Path, held: Plan, plan: Plan) -> None:
@@ -103,16 +100,7 @@ class VariantStudy(Study):
         yield from self.runs(out, self.plans())
 
     def runs(self, out: Path, plans: Mapping[str, Plan]) -> Iterator[Sequence[Job]]:
-        """Yields one group: the cohorts of some runs, which are given by name.
-
-        A finished run that is kept without its brains needs no cohorts, if the page needs none.
-        """
-        if self.needs != "brains":
-            plans = {
-                name: plan
-                for name, plan in plans.items()
-                if not is_kept_without_brains(out / name, plan, self.needs)
-            }
+        """Yields one group: the cohorts of some runs, which are given by name."""
         with contextlib.ExitStack() as stack:
             for name in plans:
                 stack.enter_context(locked(out / name))

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...tasks.batch import Robots
-from ..errors import DamagedFileError, InputError
+from ..errors import DamagedFileError
 from ..storage import load_arrays, save_arrays
-from .checks import check_lives, check_lives_shapes
 from .cohort import Cohort
 from .conditions import CohortKey
 from .device import robots_on_device
-from .experiment import Experiment, check_same, experiment_from
-from .manifest import UNREADABLE
-from .results import WHEN, Lives
+from .experiment import Experiment
+from .manifest import check_identity
+from .run import Lives, check_lives, check_lives_shapes
 from .schedules import control_steps
 
 CHECKPOINTS = "checkpoints"
@@ -60,7 +59,7 @@ def restored_cohort(
     cohort = Cohort(experiment, key, batch)
     try:
         arrays, notes = load_arrays(path, cohort.check_shapes)
-        _check_identity(path, notes, experiment, key)
+        check_identity(path, notes, _identity(experiment, key))
         cohort.restore(arrays, notes)
     except FileNotFoundError:
         return cohort, ""
@@ -107,7 +106,7 @@ def read_minutes(
     """
     try:
         arrays, notes = load_arrays(path := checkpoint_file(directory, key))
-        _check_identity(path, notes, experiment, key)
+        check_identity(path, notes, _identity(experiment, key))
         return arrays["minutes"][:, : notes["step"] // control_steps(1)], arrays["batch.valid"]
     except (OSError, DamagedFileError, KeyError):  # the job itself says what is wrong with it
         robots = experiment.cohort_size
@@ -126,10 +125,7 @@ def save_lives(path: Path, lives: Lives, experiment: Experiment, key: CohortKey)
     Raises:
       OSError: the file cannot be written.
     """
-    arrays = {"events": lives.events, "minutes": lives.minutes, "valid": lives.valid}
-    for when, networks in (("before", lives.before), ("after", lives.after)):
-        arrays |= {f"{when}/{name}": array for name, array in networks.items()}
-    save_arrays(path, arrays, **_identity(experiment, key))
+    save_arrays(path, lives.arrays(), **_identity(experiment, key))
 
 
 def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
@@ -144,15 +140,12 @@ def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
       FileNotFoundError: there is no such file.
       DamagedFileError: the file is damaged, or of another cohort or experiment.
     """
-    arrays, notes = load_arrays(path, functools.partial(check_lives_shapes, experiment, key))
-    _check_identity(path, notes, experiment, key)
-    before, after = (
-        {k.partition("/")[2]: v for k, v in arrays.items() if k.startswith(f"{when}/")}
-        for when in WHEN
-    )
-    lives = Lives(arrays["events"], arrays["minutes"], arrays["valid"], before, after)
+    check = functools.partial(check_lives_shapes, experiment, key.condition, experiment.cohort_size)
+    arrays, notes = load_arrays(path, check)
+    check_identity(path, notes, _identity(experiment, key))
+    lives = Lives.of(arrays)
     try:
-        check_lives(experiment, key, lives)
+        check_lives(experiment.schedule(key.condition.task), lives)
     except ValueError as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     return lives
@@ -160,24 +153,7 @@ def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
 
 def _identity(experiment: Experiment, key: CohortKey) -> dict[str, Any]:
     """Returns the notes that say whose file it is."""
-    return {"cohort": str(key), "experiment": dataclasses.asdict(experiment)}
-
-
-def _check_identity(
-    path: Path, notes: Mapping[str, Any], experiment: Experiment, key: CohortKey
-) -> None:
-    """Raises DamagedFileError where a file is of another cohort or experiment, or does not say."""
-    if "experiment" not in notes:
-        raise DamagedFileError(f"{path} is of an older version and does not name its experiment")
-    if notes.get("cohort") != str(key):
-        raise DamagedFileError(f"{path} is of the cohort {notes.get('cohort')!r:.100}, not {key}")
-    try:
-        held = experiment_from(notes["experiment"])
-        check_same(f"{path} is of an experiment", held, experiment)
-    except UNREADABLE as error:
-        raise DamagedFileError(f"{path} names no experiment of musebot's ({error!r})") from error
-    except InputError as error:
-        raise DamagedFileError(str(error)) from error
+    return {"cohort": str(key), **dataclasses.asdict(experiment)}
 
 
 def set_aside(path: Path, key: CohortKey, error: Exception) -> str:

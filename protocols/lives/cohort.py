@@ -16,14 +16,13 @@ from ..errors import InputError
 from ..lives.agent import make_agent
 from ..storage import DTYPES, Shapes
 from .budget import check_agent_memory
-from .checks import check_events, check_networks, check_same_shapes
 from .conditions import CohortKey, Condition
 from .device import agent_on_device, on_host, robots_on_device, step_work
 from .experiment import Experiment
 from .placement import legs, place
 from .plan import Plan
 from .random_streams import random_streams
-from .results import Lives, Results
+from .run import Lives, Measured, check_events, check_finite, check_same_shapes
 from .schedules import PARTS, Phase, control_steps
 
 _MINUTE = control_steps(1)
@@ -200,12 +199,8 @@ class Cohort:
     def _check_robots(self, groups: Mapping[str, Mapping[str, np.ndarray]]) -> None:
         """Raises ValueError where a valid robot has a number that is not finite."""
         valid = groups["batch"]["valid"]
-        for name, array in groups["batch"].items():
-            broken = ~np.isfinite(array).reshape(len(array), -1).all(axis=1) & valid
-            if broken.any():
-                raise ValueError(f"batch.{name}, row {broken.argmax()}: must be finite")
-        before = dict(groups["before"])
-        check_networks(self.experiment, self.key.condition, {"before": before}, valid)
+        check_finite(groups["batch"], valid)
+        check_finite(groups["before"], valid)
 
     def _set_random(self, state: Any) -> None:
         """Sets the world's random stream; raises ValueError where a state is not one."""
@@ -272,12 +267,12 @@ def _check_few(plan: Plan, condition: Condition) -> None:
     check_agent_memory(plan, condition, *sizes)
 
 
-def check_agents(plan: Plan, held: Results | None = None) -> None:
+def check_agents(plan: Plan, held: Measured | None = None) -> None:
     """Makes a cohort of every user's agent in a plan and lets the agent act once.
 
     Args:
       plan: Plan with the robots that are missing.
-      held: Results to which they will be added.
+      held: Robots to which they will be added.
 
     Raises:
       InputError: there is no such agent, it needs more memory than the machine has, does not
@@ -295,7 +290,7 @@ def check_agents(plan: Plan, held: Results | None = None) -> None:
         sizes = (sum(array.nbytes for array in some.values()) for some in (state, weights))
         check_agent_memory(plan, condition, *sizes)
         if held and condition in held:
-            check_same_weights(condition, weights, held[condition].networks["after"])
+            check_same_weights(condition, weights, held[condition].after)
 
 
 def check_same_weights(

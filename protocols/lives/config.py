@@ -20,7 +20,7 @@ from .plan import changed
 
 _MOST_BYTES = 2**20
 # What a run's manifest holds; only the first two are read.
-_SECTIONS = ("experiment", "plan", "format", "physics", "made_with", "files", "digest")
+_SECTIONS = ("format", "experiment", "plan", "physics", "made_with", "digest")
 _ROW = ("task", "proposer", "robots")
 
 

@@ -1,26 +1,39 @@
-"""The file `experiment.json`: plan, physics, provenance, digests of a run's other files."""
+"""The file `experiment.json`: what is simulated, in which physics, by which versions.
+
+It also answers whether files and folders are those of an experiment.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Mapping
+import functools
+import json
+import os
+import platform
+import reprlib
+import subprocess
+from collections.abc import Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ... import __version__
 from ...models import Kinematics
 from ..errors import DamagedFileError, InputError
 from ..storage import read_json, write_json
 from .conditions import Condition
-from .experiment import Experiment, experiment_from
-from .overrides import brain_name, overrides_of
-from .physics_probe import is_physics_of, physics_probe
+from .experiment import Body, Experiment, experiment_from
 from .plan import Plan
-from .provenance import machine
 
 MANIFEST = "experiment.json"
-_FILES = "files"
+FORMAT = 1
+_LAST_COMMIT = "9e668f6"  # reads what was written before there were numbers of formats
+_VALUES = {"format", "experiment", "plan", "physics", "made_with", "digest"}
+_REQUIRED = ("mujoco", "dm-control", "numpy", "scipy", "torch")  # those that compute results
+_IDEAL = Kinematics()
 
 # Exceptions of reading JSON whose fields are not those of an experiment.
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
@@ -40,52 +53,18 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     """
     path = directory / MANIFEST
     made_with: list[Any] = []
-    files: dict[str, Any] = {}
-    if path.exists():
-        older = read_json(path)
-        files = {_FILES: older[_FILES]} if _FILES in older else {}
-        made_with = [one for one in older["made_with"] if begun and one != machine()]
+    if begun and path.exists():
+        made_with = [one for one in read_json(path)["made_with"] if one != machine()]
     experiment = plan.experiment
     robots = sorted(plan.robots.items())  # a run that was continued has them in this order
     content = {
+        "format": FORMAT,
         "experiment": dataclasses.asdict(experiment),
         "plan": [{**dataclasses.asdict(condition), "robots": n} for condition, n in robots],
         "physics": physics_probe(experiment.body, experiment.kinematics),
         "made_with": [*made_with, machine()],
     }
-    write_json(path, content | files)
-
-
-def record_files(directory: Path, digests: Mapping[str, str]) -> None:
-    """Adds the digests of files that are about to be written to those of earlier ones.
-
-    A run that is enlarged writes its files one after the other, and may be killed, or read,
-    between two of them: the digests of all earlier states stay.
-
-    Args:
-      directory: Folder of a run.
-      digests: SHA-256 digest of each file's content, by the name of the file.
-
-    Raises:
-      OSError: `experiment.json` cannot be written.
-    """
-    path = directory / MANIFEST
-    content = read_json(path)
-    earlier = [state for state in content.get(_FILES, []) if state != digests]
-    write_json(path, content | {_FILES: [*earlier, dict(digests)]})
-
-
-def recorded_files(directory: Path) -> list[dict[str, str]]:
-    """Returns the digests of a run's files, by name, of each state; empty for an older run's.
-
-    Raises:
-      DamagedFileError: they are no digests.
-    """
-    path = directory / MANIFEST
-    try:
-        return [dict(state) for state in read_json(path).get(_FILES, [])]
-    except UNREADABLE as error:
-        raise DamagedFileError(f"{path} is damaged (its digests are none)") from error
+    write_json(path, content)
 
 
 def read_manifest(directory: Path) -> Plan:
@@ -93,11 +72,19 @@ def read_manifest(directory: Path) -> Plan:
 
     Raises:
       FileNotFoundError: the folder holds no `experiment.json`.
-      DamagedFileError: the file is damaged or foreign, or one of its values is invalid.
+      DamagedFileError: the file is damaged, foreign or of another format.
     """
     path = directory / MANIFEST
     content = read_json(path)
+    if content.get("format", 0) != FORMAT:
+        raise DamagedFileError(
+            f"{path} must have the format {FORMAT}, got "
+            f"{reprlib.repr(content.get('format', 'none'))}: the commit {_LAST_COMMIT} is the last "
+            "that reads runs without a format"
+        )
     try:
+        if {*content} != _VALUES:
+            raise ValueError(f"it must have {', '.join(sorted(_VALUES))}")
         experiment = experiment_from(content["experiment"])
         robots = {Condition(r["task"], r["proposer"]): r["robots"] for r in content["plan"]}
         if len(robots) < len(content["plan"]):
@@ -111,6 +98,53 @@ def read_manifest(directory: Path) -> Plan:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({text})") from error
     except InputError as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
+
+
+# ---- Whether it is of this experiment ----
+
+
+def check_identity(path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """Checks that a file or a folder is of the experiment that is wanted.
+
+    Args:
+      path: File or folder.
+      held: Values that it stores, by name, as plain data.
+      wanted: Values that are wanted of it; it may store others besides. Plain data or dataclasses.
+
+    Raises:
+      DamagedFileError: a value is missing or differs; the text names it, as "brain.noise".
+    """
+    plain = json.loads(json.dumps(wanted, default=dataclasses.asdict))  # tuples become lists
+    own = {name: value for name, value in held.items() if name in plain}
+    if difference := _difference(own, plain):
+        name, value, other = difference
+        raise DamagedFileError(
+            f"{path} holds an experiment with {name} {_shown(value)}, not {_shown(other)}"
+        )
+
+
+def _difference(held: Mapping, wanted: Mapping, group: str = "") -> tuple[str, Any, Any] | None:
+    """Returns the name and both values of the first field that differs; None if all are equal."""
+    for key in {**wanted, **held}:
+        own, other = held.get(key), wanted.get(key)
+        if isinstance(own, Mapping) and isinstance(other, Mapping):
+            if found := _difference(own, other, f"{group}{key}."):
+                return found
+        elif own != other or key not in held or key not in wanted:
+            return f"{group}{key}", own, other
+    return None
+
+
+def _shown(value: Any) -> str:
+    return value[:60] if isinstance(value, str) else reprlib.repr(value)
+
+
+def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str, Any]) -> None:
+    """Refuses to continue a run with other values of its experiment's fields; `check_identity`."""
+    check_identity(directory, json.loads(json.dumps(dataclasses.asdict(held))), wanted)
+
+
+# ---- Physics ----
 
 
 def check_physics(directory: Path) -> None:
@@ -134,27 +168,87 @@ def same_physics(directory: Path) -> bool:
     return is_physics_of(content["physics"], experiment)
 
 
-def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str, Any]) -> None:
-    """Refuses to continue a run with other settings than those it was begun with.
+@functools.cache
+def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tuple[float, ...]:
+    """Drives a robot into a wall and returns its pose and sensor readings there.
+
+    A changed mass, friction or timestep changes these numbers; decoration does not. With
+    non-default kinematics, robots also drive along a wall at several angles.
 
     Args:
-      directory: Folder of the run.
-      held: Experiment that the run's folder stores.
-      wanted: Values that the user asked for; the keys are names of the experiment's fields.
-
-    Raises:
-      InputError: a value differs from the stored one.
+      body: Body of the robot.
+      kinematics: Parameters of the kinematic simulator.
     """
-    for name, value in wanted.items():
-        if value == (own := getattr(held, name)):
-            continue
-        if name == "settings" and sorted(value) == sorted(own):
-            continue
-        if name == "brain":
-            own, value = held.brain_name, brain_name(value)
-        if name == "kinematics":
-            own = overrides_of(held.kinematics, Kinematics())
-            value = overrides_of(wanted["kinematics"], held.kinematics)
-        if name in ("kinematics", "settings"):
-            own, value = " ".join(own) or "none", " ".join(value) or "none"
-        raise InputError(f"{directory} holds an experiment with {name} {own}, not {value}")
+    experiment = Experiment(body=body, kinematics=kinematics)
+    batch = experiment.batch("spot_finding", 1)
+    batch.place(np.array([0]), np.array([[0.42, 0.05, 0.3]]))
+    for motors in ((0.5, 0.4), (0.5, 0.5), (-0.2, 0.5), (0.1, -0.5)):
+        for _ in range(4):
+            batch.step(np.array([motors]))
+    numbers = *batch.pose[0].tolist(), *batch.sensordata[0].tolist()
+    if kinematics == _IDEAL:
+        return numbers
+    angles = np.radians(np.arange(5, 90, 10))
+    grazing = experiment.batch("spot_finding", len(angles))
+    east = np.full(len(angles), grazing.dimensions.half_length - grazing.dimensions.radius)
+    grazing.place(np.arange(len(angles)), np.column_stack([east, 0 * east, angles]))
+    for motor in (0.5, 0.3):
+        for _ in range(4):
+            grazing.step(np.full((len(angles), 2), motor))
+    return (*numbers, *grazing.pose.ravel().tolist())
+
+
+def is_physics_of(probe: Sequence[float], experiment: Experiment) -> bool:
+    """Returns whether a stored probe equals this version's probe of an experiment's body."""
+    ours = physics_probe(experiment.body, experiment.kinematics)
+    return np.shape(ours) == np.shape(probe) and bool(np.allclose(probe, ours, rtol=0, atol=1e-6))
+
+
+# ---- Versions ----
+
+
+def machine() -> dict[str, Any]:
+    """Returns the versions, the processor and the system of this process, for JSON."""
+    return {
+        "python": platform.python_version(),
+        "musebot": __version__,
+        "commit": _commit(),
+        **{name: metadata.version(name) for name in _REQUIRED},
+        **_versions("mujoco-warp", "warp-lang", "cmaes"),
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "platform": platform.platform(),
+    }
+
+
+def _versions(*names: str) -> dict[str, str]:
+    """Returns the versions of those optional packages that are installed."""
+    found = {}
+    for name in names:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
+
+
+@functools.cache
+def _commit() -> str | None:
+    """Returns the commit of this package, with "-dirty" if files differ; None without Git."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():  # an installed copy, perhaps inside another repository
+        return None
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        found = subprocess.run(
+            command, cwd=root, capture_output=True, text=True, check=True, timeout=10
+        )
+        return found.stdout.strip() or None
+    return None
+
+
+def _cpu() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor()

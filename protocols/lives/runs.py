@@ -15,7 +15,7 @@ from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, InputError, RunError
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from ..terminal import notice
-from .budget import check_memory, job_kinds
+from .budget import check_memory, job_bytes
 from .checkpoints import (
     CHECKPOINTS,
     checkpoint_file,
@@ -30,9 +30,16 @@ from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
 from .manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from .plan import Plan
-from .results import Lives, Results, collect, merge
-from .run import Run
-from .run_files import FILES, TABLES_FILE, adopt_files, read_results, write_results
+from .run import Lives, Measured, Run, collect, joined, results_of
+from .run_files import (
+    RESULTS_FILE,
+    ROBOTS_FILE,
+    TABLES_FILE,
+    check_kept_networks,
+    export_robots,
+    read_measured,
+    write_results,
+)
 from .schedules import control_steps
 from .tensorboard_log import FOLDER, TensorBoardLog
 
@@ -73,7 +80,7 @@ def simulate(
         check_device(missing)
         at_once = getattr(executor, "processes", 1)  # a cluster's nodes are not counted
         check_memory(held.remaining, at_once, held.plan)
-        check_agents(missing, held.results)
+        check_agents(missing, held.measured)
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
         messages = run.begin()
@@ -119,7 +126,7 @@ def check_device(plan: Plan) -> None:
         found = f"there are {count}" if count else "there is no GPU that PyTorch can use"
         raise InputError(f"there is no device {device}: {found}")
     free, _ = torch.cuda.mem_get_info(number)
-    needed = max(kind.needed for kind in job_kinds(plan))
+    needed = job_bytes(plan)
     if needed > free:
         raise InputError(
             f"cohorts of {plan.experiment.cohort_size} robots would need about "
@@ -134,14 +141,14 @@ class UnfinishedRun:
     Attributes:
       directory: Folder of the run, an absolute path.
       plan: Plan with all robots that the run will have.
-      results: Results collected so far.
+      measured: What was measured of the robots collected so far.
       left: Cohorts whose results are not read yet.
       lives: Results of finished cohorts, kept until all cohorts are finished.
     """
 
     directory: Path
     plan: Plan
-    results: Results
+    measured: Measured
     left: list[CohortKey]
     lives: dict[CohortKey, Lives]
 
@@ -157,19 +164,22 @@ class UnfinishedRun:
         check_own_folder(directory / CHECKPOINTS)
         if (directory / MANIFEST).exists():
             plan = plan.merged_with(read_manifest(directory))
-        results = read_results(directory)
-        known = {(c, row.cohort) for c, part in results.items() for row in part.robots}
-        left = [key for key in plan.cohorts() if (key.condition, key.index) not in known]
+        measured = read_measured(directory, plan.experiment)
+        size = plan.experiment.cohort_size
+        known = {condition: len(lives.valid) // size for condition, lives in measured.items()}
+        left = [key for key in plan.cohorts() if key.index >= known.get(key.condition, 0)]
         if left and (directory / MANIFEST).exists():
             check_physics(directory)
+            check_kept_networks(directory, measured)
         for key in left:
             check_trusted(key.condition.proposer, directory)
-        return cls(directory, plan, results, left, {})
+        return cls(directory, plan, measured, left, {})
 
     @property
     def run(self) -> Run:
         """The run with the robots collected so far."""
-        return Run(self.directory.name, self.plan.experiment, self.results)
+        experiment = self.plan.experiment
+        return Run(self.directory.name, experiment, results_of(experiment, self.measured))
 
     @property
     def missing(self) -> Plan | None:
@@ -189,11 +199,10 @@ class UnfinishedRun:
 
         It is the share in contact, or in the spot, over the robots that are valid so far.
         """
-        part = self.results.get(condition)
-        collected = {row.cohort for row in part.robots} if part else set()
-        shares = [part.curves[[row.valid for row in part.robots]]] if part else []
+        shares = [self.run.curves(condition)] if condition in self.measured else []
+        collected = len(self.run.robots(condition)) // self.plan.experiment.cohort_size
         for key in self.plan.cohorts():
-            if key.condition != condition or key.index in collected:
+            if key.condition != condition or key.index < collected:
                 continue
             if key in self.lives:
                 found = collect(self.plan.experiment, [(key, self.lives[key])])[condition]
@@ -212,14 +221,15 @@ class UnfinishedRun:
           Messages about damaged files that were set aside.
         """
         checkpoints = self.directory / CHECKPOINTS
-        for name in (MANIFEST, *FILES, TABLES_FILE):
+        for name in (MANIFEST, RESULTS_FILE, ROBOTS_FILE, TABLES_FILE):
             remove_drafts(self.directory, name)
         remove_drafts(checkpoints)
         if not self.left:
-            adopt_files(self.directory)
+            if not (self.directory / ROBOTS_FILE).exists():
+                export_robots(self.directory, self.plan.experiment, self.measured)
             self._clear()
             return []
-        begun = bool(self.results) or checkpoints.exists()
+        begun = bool(self.measured) or checkpoints.exists()
         write_manifest(self.directory, self.plan, begun)
         messages = []
         for key in [*self.left]:
@@ -266,8 +276,8 @@ class UnfinishedRun:
         self.lives[key] = lives
         self.left.remove(key)
         if not self.left:
-            self.results = merge(self.results, collect(self.plan.experiment, self.lives.items()))
-            write_results(self.directory, self.results)
+            self.measured = joined(self.measured, self.lives.items())
+            write_results(self.directory, self.plan.experiment, self.measured)
             self.lives.clear()
             self._clear()
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..analysis.behaviour import Behaviour, Track, spins, stay_of
 from ..lives.conditions import Condition
-from ..lives.results import WHEN, When
-from ..lives.run import Run
+from ..lives.run import WHEN, Run, When
 from ..lives.schedules import control_steps
 from .replay import SEED, evaluate, stored_brains, watch
 

@@ -26,8 +26,7 @@ from ..lives.agent import make_agent
 from ..lives.conditions import Condition
 from ..lives.device import StepWork
 from ..lives.placement import place
-from ..lives.results import When
-from ..lives.run import Run
+from ..lives.run import Run, When
 from ..lives.schedules import control_steps
 from ..progress import StepProgress
 

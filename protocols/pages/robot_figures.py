@@ -20,8 +20,7 @@ from ...tasks import CONTROL_TIMESTEP
 from ..agents.neurocontroller import NeurocontrollerAgent
 from ..analysis.behaviour import RIM, Track, spins, stay_of
 from ..lives.conditions import Condition
-from ..lives.results import WHEN, When
-from ..lives.run import Run
+from ..lives.run import WHEN, Run, When
 from ..lives.schedules import SCHEDULES, TASK_NAMES, control_steps
 from .measured_behaviour import SAMPLE, SPIN_MINUTES, finders, from_the_rim
 from .replay import evaluate, stored_brains

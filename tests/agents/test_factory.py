@@ -34,7 +34,7 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import read_manifest, write_manifest
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.random_streams import random_streams
-from musebot.protocols.lives.results import Robot
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import read_run, write_results
 from musebot.protocols.storage import read_json, write_json
 
@@ -314,7 +314,7 @@ def agents_of_a_run(tmp_path, monkeypatch, invented, commands_in_process):
         rows = [Robot(WALLS, proposer, 1, 0, robot, *row) for robot, row in enumerate(times)]
         results[Condition(WALLS, proposer)] = invented(experiment, rows)
     write_manifest(tmp_path / "out", Plan(experiment, dict.fromkeys(results, 2)))
-    write_results(tmp_path / "out", results)
+    write_results(tmp_path / "out", experiment, results)
     return tmp_path
 
 

@@ -17,8 +17,7 @@ from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.lives.schedules import SCHEDULES
 from musebot.protocols.pages import tables
 

@@ -16,8 +16,7 @@ from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.learn_ability import CATEGORIES, category, learn_ability
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.lives.schedules import SCHEDULES
 from musebot.protocols.pages import tables
 

@@ -7,8 +7,7 @@ from musebot.controller import PROPOSERS
 from musebot.protocols.analysis.paper_tables import PAPER, column, paper_column, row_names
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 
 TABLES = {
     "wall_avoidance": """

@@ -16,8 +16,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.examples import ROBOT
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.lives.run_files import read_run
 
 TEST = {"wall_avoidance": 1200, "spot_finding": 3600}  # [s]

@@ -12,7 +12,7 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import MANIFEST, write_manifest
 from musebot.protocols.lives.plan import Plan, Variant
 from musebot.protocols.lives.run_files import read_run
-from musebot.protocols.storage import locked
+from musebot.protocols.storage import locked, read_json, write_json
 
 WALLS = ("wall_avoidance",)
 SLOW = Variant("slow", {"motor_speed": 0.1}, WALLS, ("fixed",))
@@ -54,7 +54,7 @@ def test_a_study_keeps_every_run_and_continues(tmp_path, here, listing):
     assert page.markdown == "own: 2\nslow: 1\n"
     assert len(here.jobs) == 2 * (2 + 1)  # all runs together
     names = {path.name for path in (tmp_path / "own").iterdir()}
-    assert names == {"experiment.json", "robots.csv", "curves.npz", "brains.safetensors"}
+    assert names == {"experiment.json", "robots.csv", "results.safetensors"}
     assert read_run(tmp_path / "slow").experiment.motor_speed == 0.1
 
     before = listing(tmp_path)
@@ -85,12 +85,11 @@ def test_a_foreign_run_in_the_place_of_one_is_refused(tmp_path, here, listing):
     assert listing(tmp_path) == before
 
 
-def test_a_run_of_another_physics_is_refused(tmp_path, here, listing, without_digests):
+def test_a_run_of_another_physics_is_refused(tmp_path, here, listing):
     conduct(TwoRuns(), tmp_path, here)
     path = tmp_path / "own" / MANIFEST
-    without_digests(path.parent)
-    first = path.read_text().split('"physics": [')[1].split(",")[0].strip()
-    path.write_text(path.read_text().replace(first, "0.1234"))
+    content = read_json(path)
+    write_json(path, content | {"physics": [0.1234, *content["physics"][1:]]})
     before = listing(tmp_path)
     with pytest.raises(InputError, match="own was simulated in another physics"):
         conduct(TwoRuns(), tmp_path, here)

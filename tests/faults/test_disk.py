@@ -6,33 +6,25 @@ import contextlib
 import errno
 import fcntl
 import io
-import itertools
 import math
 import os
 import random
 import re
 import shutil
-from unittest import mock
 
 import pytest
 from matplotlib.figure import Figure
 
-from musebot.protocols.cli.run import RunCommand
-from musebot.protocols.cli.tables import TablesCommand
-from musebot.protocols.compare.study import conduct
-from musebot.protocols.exit_status import exit_status
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.cli.verbs import VERBS
 from musebot.protocols.lives import jobs
-from musebot.protocols.lives.run_files import ROBOTS_FILE, read_results, read_run
-from musebot.protocols.pages import film as films
-from musebot.protocols.pages import measured_behaviour, report, tables
-from musebot.protocols.storage import write_atomically
-from musebot.protocols.studies.ablation import Ablation
+from musebot.protocols.lives.run_files import RESULTS_FILE, read_so_far
+from musebot.protocols.pages import film, measured_behaviour, report
 
-ERRORS = (errno.ENOSPC, errno.EIO, errno.EACCES)
 GROWING = {"mkdir", "create", "write", "fsync", "replace"}  # what a full disk refuses
+MODES = (errno.ENOSPC, errno.EIO, errno.EACCES, "full", "dead")
 PROGRESS = re.compile(r"robot-hours$|^musebot: [\d.]+ %, ")  # where stderr is no terminal
 SHARE = float(os.environ.get("MUSEBOT_NIGHT_SHARE", "1"))  # of all failures, drawn at random
-MODES = (*ERRORS, "full", "short", "dead")
 
 
 class Dead(BaseException):
@@ -52,7 +44,6 @@ class Disk:
     def __init__(self, folder, fails_at=10**9, mode=errno.EIO):
         self.calls, self.left = [], None
         self._folder, self._fails_at, self._mode = folder, fails_at, mode
-        self._handles = set()
 
     @contextlib.contextmanager
     def mounted(self):
@@ -60,171 +51,103 @@ class Disk:
             for name in self.PATHS:
                 patch.setattr(os, name, self._call(name, getattr(os, name)))
             patch.setattr(os, "open", self._call("open", os.open))
-            patch.setattr(os, "write", self._call("write", os.write))
-            patch.setattr(os, "fsync", self._call("fsync", lambda handle: None))  # for speed
-            patch.setattr(fcntl, "flock", self._call("flock", fcntl.flock))
-            patch.setattr(os, "close", self._closed(os.close))
-            reading = self._call("read", io.open)
-            patch.setattr(io, "open", reading)
-            patch.setattr(builtins, "open", reading)
+            patch.setattr(os, "fsync", lambda handle: self._count("fsync"))  # for speed
+            patch.setattr(fcntl, "flock", self._call("flock", fcntl.flock, always=True))
+            for place in (io, builtins):
+                patch.setattr(place, "open", self._opened(io.open))
             yield self
 
-    def _ours(self, args, kwargs):
-        if kwargs.keys() & {"dir_fd", "src_dir_fd"}:
-            return True
-        first = args[0]
-        if isinstance(first, int):
-            return first in self._handles
-        return str(first).startswith(str(self._folder))
-
-    def _closed(self, real):
-        def close(handle):
-            self._handles.discard(handle)
-            real(handle)
-
-        return close
-
-    def _call(self, name, real):
+    def _call(self, name, real, always=False):
         def call(*args, **kwargs):
-            if not self._ours(args, kwargs):
-                return real(*args, **kwargs)
-            own = "create" if name == "open" and args[1] & os.O_CREAT else name
-            number = len(self.calls)
-            self.calls.append(own)
-            if number >= self._fails_at and (done := self._fail(own, number, args, real)):
-                return done
-            result = real(*args, **kwargs)
-            if name == "open":
-                self._handles.add(result)
-            return result
+            if always or str(args[0]).startswith(str(self._folder)):
+                self._count(name)
+            return real(*args, **kwargs)
 
         return call
 
-    def _fail(self, name, number, args, real):
-        """Raises the error of a call; returns the bytes that a short write has written."""
-        now = number == self._fails_at
-        if now:
-            self.left = whole_files(self._folder)
-        if self._mode == "short":
-            return real(args[0], args[1][: len(args[1]) // 2]) if now and name == "write" else None
+    def _opened(self, real):
+        def opened(path, mode="r", *args, **kwargs):
+            if not str(path).startswith(str(self._folder)):
+                return real(path, mode, *args, **kwargs)
+            self._count("create" if "x" in mode else "read")
+            file = real(path, mode, *args, **kwargs)
+            if "x" in mode:
+                write = file.write
+                file = Writer(file, lambda content: self._written(write, content))
+            return file
+
+        return opened
+
+    def _written(self, write, content):
+        if len(self.calls) == self._fails_at and self._mode != "full":
+            write(content[: len(content) // 2])  # a part is on the disk
+        self._count("write")
+        return write(content)
+
+    def _count(self, name):
+        number = len(self.calls)
+        self.calls.append(name)
+        if number < self._fails_at:
+            return
+        if number == self._fails_at:
+            self.left = {str(p.relative_to(self._folder)) for p in self._folder.rglob("[!.]*")}
         if self._mode == "dead":
-            if now and name == "write":
-                real(args[0], args[1][: len(args[1]) // 2])
             raise Dead
         if self._mode == "full":
             if name in GROWING:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        elif now:
+        elif number == self._fails_at:
             raise OSError(self._mode, os.strerror(self._mode))
-        return None
 
 
-def whole_files(folder):
-    """Returns the names of the files below a folder, without drafts."""
-    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.suffix != ".musebot"}
+class Writer:
+    """A file that is written through a function."""
+
+    def __init__(self, file, write):
+        self._file, self.write = file, write
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._file.close()
 
 
-# What is done
+# What is done: words of commands, first those that prepare OUT
 
-
-class Run:
-    """A run with two conditions; `before` robots are finished already."""
-
-    def __init__(self, body, before):
-        self.before, self._body = before, body
-
-    def work(self, out, executor, robots=2):
-        settings = {"task": ("wall_avoidance",), "proposer": ("fixed", "creative")}
-        command = RunCommand(
-            out, **settings, robots=robots, cohort_size=1, time_scale=0.0001, body=self._body,
-            save_every=1e-9,
-        )  # fmt: skip
-        command()
-
-    def prepare(self, out, executor):
-        if self.before:
-            self.work(out, executor, self.before)
-
-
-class TwoRuns(Ablation):
-    """The study of the ingredients, with two runs only."""
-
-    def variants(self):
-        return super().variants()[:2]
-
-
-class AblationOfTwo:
-    """A study of two runs."""
-
-    def work(self, out, executor):
-        options = {"robots": 1, "task": ("wall_avoidance",), "body": "kinematic"}
-        study = TwoRuns(**options, time_scale=0.0001)
-        conduct(study, out, executor)
-
-    def prepare(self, out, executor):
-        del out, executor
-
-
-class Report:
-    """The page of a run, with empty figures and an empty film."""
-
-    def work(self, out, executor):
-        del executor
-        with mock.patch.object(films, "film", film):
-            report.report(read_run(out), out, None)
-
-    def prepare(self, out, executor):
-        Run("kinematic", 0).work(out, executor)
-
-
-class Tables(Report):
-    """The tables of a run, which change nothing."""
-
-    def work(self, out, executor):
-        TablesCommand(out)()
-        TablesCommand(out, json=True)()
-
-
+RUN = "run OUT --task wall_avoidance --proposer fixed creative --cohort-size 1 --time-scale 0.0001 "
+RUN += "--save-every 1e-9 --robots {} --body {}"
+TUNE = "tune OUT --agent q_learner --robots 2 --time-scale 0.0005 --trials 2 --kept 1"
 CASES = {
-    "run": Run("kinematic", 0),
-    "larger": Run("mujoco", 1),
-    "study": AblationOfTwo(),
-    "report": Report(),
-    "tables": Tables(),
+    "run": ([], [RUN.format(2, "kinematic")]),
+    "larger": ([RUN.format(1, "mujoco")], [RUN.format(2, "mujoco")]),
+    "tune": ([], [f"{'benchmark' if 'benchmark' in VERBS else 'study'} {TUNE}"]),
+    "report": ([RUN.format(2, "kinematic")], ["report OUT"]),
+    "tables": ([RUN.format(2, "kinematic")], ["tables OUT", "tables OUT --json"]),
 }
-
-
-def film(episode, output, *, seconds, speed):
-    write_atomically(output, b"film")
-
-
-def figures(run, behaviour):
-    for name in ("first", "second"):
-        yield name, Figure()
 
 
 @pytest.fixture
 def quick(monkeypatch, commands_in_process):
-    """Checkpoints after four steps, empty figures, robots observed and tables made once."""
+    """Checkpoints after four steps, empty figures, no films, robots observed once."""
     seen = []
 
-    def observe(run):
-        seen.extend([] if seen else [real(run)])
+    def observe(run, tick):
+        seen.extend([] if seen else [real(run, tick)])
         return seen[0]
 
-    def markdown(run, *args):
-        """Makes the tables of equal rows once: they take a fifth of the time."""
-        rows = [part.robots for part in run.results.values()]
-        key = repr((run.name, run.experiment, rows, args))
-        if key not in texts:
-            texts[key] = made(run, *args)
-        return texts[key]
+    def figures(run, behaviour, tick):
+        for name in ("first", "second"):
+            yield report.PlannedFigure(name, name, name, name, Figure)
 
-    real, made, texts = measured_behaviour.observe, tables.markdown, {}
-    monkeypatch.setattr(tables, "markdown", markdown)
+    real = measured_behaviour.observe
     monkeypatch.setattr(measured_behaviour, "observe", observe)
     monkeypatch.setattr(jobs, "_CHUNK", 4)
     monkeypatch.setattr(report, "_figures", figures)
+    monkeypatch.setattr(film, "film", lambda episode, path, **_: path.write_bytes(b"film"))
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"figure"))
 
 
@@ -233,24 +156,24 @@ class Sweep:
 
     Attributes:
       ends: How often a failure ended in what.
+      calls: Names of the calls of the case without a failure.
     """
 
-    def __init__(self, case, folder, executor, capsys):
+    def __init__(self, case, folder, capsys):
         self.ends = collections.Counter()
-        self._case, self._folder, self._executor, self._capsys = case, folder, executor, capsys
-        case.prepare(self._made("before"), executor())
-        out = self._fresh("out")  # a report has the name of its folder
+        prepare, self._lines = CASES[case]
+        self._folder, self._capsys = folder, capsys
+        (folder / "before").mkdir()
+        for line in prepare:
+            assert cli.main(line.replace("OUT", str(folder / "before")).split()) == 0
+        out = self._fresh()
         whole, status, self._said = self._done(out)
-        assert status == 0
+        assert status == 0, self._said
         self.calls, self._whole = whole.calls, files(out)
-        shutil.rmtree(out)
 
-    def _made(self, name):
-        (self._folder / name).mkdir()
-        return self._folder / name
-
-    def _fresh(self, name):
-        out = self._folder / name
+    def _fresh(self):
+        out = self._folder / "out"  # always the same: a report has the name of its folder
+        shutil.rmtree(out, ignore_errors=True)
         shutil.copytree(self._folder / "before", out)
         return out
 
@@ -260,9 +183,10 @@ class Sweep:
         with Disk(out, *failure).mounted() as disk:
             status = None
             with contextlib.suppress(Dead):
-                status = exit_status(lambda: self._case.work(out, self._executor()), check=False)
-        out, err = self._capsys.readouterr()
-        return disk, status, (out, err)
+                for line in self._lines:
+                    if status := cli.main(line.replace("OUT", str(out)).split()):
+                        break
+        return disk, status, self._capsys.readouterr()
 
     def fails(self, number, mode, again=()):
         """Checks one failure: what is said, what stays, and what a repetition leaves.
@@ -272,43 +196,32 @@ class Sweep:
           mode: How it fails.
           again: Number and mode of a failure of the repetition, which is then repeated.
         """
-        name = self.calls[number] if number < len(self.calls) else ""
-        where = f"{mode} at call {number}, {name}"
-        out = self._fresh("out")
-        before = files(out)
+        where = f"{mode} at call {number}, {self.calls[number]}"
+        out = self._fresh()
+        held = {path.parent for path in out.rglob(RESULTS_FILE)}
         disk, status, (printed, said) = self._done(out, number, mode)
         assert disk.left is not None, f"{where}: nothing failed"
-        if status is None:
-            self.ends["killed"] += 1
-        elif status == 0:
-            self.ends["no harm"] += 1
-            # An empty folder may have stayed, which the next call removes.
-            left = {name: content for name, content in files(out).items() if content is not None}
-            assert left == {n: c for n, c in self._whole.items() if c is not None}, where
-            assert printed == self._said[0], where
-        else:
-            self.ends[f"status {status}"] += 1
+        self.ends["killed" if status is None else f"status {status}"] += 1
+        if status == 0:  # no harm; an empty folder may have stayed, which the next call removes
+            assert without_folders(files(out)) == without_folders(self._whole), where
+            assert printed == self._said.out, where
+        elif status is not None:
             sentences = re.findall("^musebot: .*", said, re.MULTILINE)
             sentences = [line for line in sentences if not PROGRESS.search(line)]
             assert len(sentences) == 1 and "Traceback" not in said, f"{where}: {said}"
             assert "None" not in said, f"{where}: {said}"
-            self.stays(out, before, disk.left, where)
+        for folder in held:  # what was complete is still there
+            assert read_so_far(folder).results, where
+        for name in disk.left:  # or has been replaced by the end
+            if name.endswith(".finished.safetensors"):
+                end = (out / name).parents[1] / RESULTS_FILE
+                assert (out / name).is_file() or end.is_file(), f"{name} is gone: {where}"
         if again:
             self._done(out, *again)
         _, status, (printed, said) = self._done(out)
         assert status == 0, f"after {where}: {said}"
         assert files(out) == self._whole, f"after {where}"
-        assert printed == self._said[0], f"after {where}"
-        shutil.rmtree(out)
-
-    def stays(self, out, before, left, where):
-        """Checks that what was complete is still there, or has been replaced by the end."""
-        for folder in {(out / name).parent for name in before if name.endswith(ROBOTS_FILE)}:
-            assert read_results(folder), where
-        finished = {name for name in left if name.endswith(".finished.safetensors")}
-        for name in finished:
-            done = (out / name).parents[1] / ROBOTS_FILE
-            assert (out / name).is_file() or done.is_file(), f"{name} is gone: {where}"
+        assert printed == self._said.out, f"after {where}"
 
 
 def files(folder):
@@ -319,25 +232,22 @@ def files(folder):
     }
 
 
+def without_folders(found):
+    return {name: content for name, content in found.items() if content is not None}
+
+
 @pytest.fixture
-def sweep(tmp_path, in_process, capsys, quick):
-    return lambda case: Sweep(CASES[case], tmp_path, in_process, capsys)
+def sweep(tmp_path, capsys, quick):
+    return lambda case: Sweep(case, tmp_path, capsys)
 
 
-def failing(calls, mode):
-    """Returns the numbers of the calls that can fail in a mode: only a write is cut short."""
-    return [number for number, call in enumerate(calls) if mode != "short" or call == "write"]
-
-
-@pytest.mark.parametrize(("case", "count"), [(case, 10) for case in CASES])
-def test_a_failing_call_leaves_the_same_bytes_in_the_end_or_one_sentence(case, count, sweep):
-    swept = sweep(case)
-    assert len(swept.calls) >= 10
-    draw = random.Random(case)
-    for mode in itertools.islice(itertools.cycle(MODES), count):
-        if numbers := failing(swept.calls, mode):
-            swept.fails(draw.choice(numbers), mode)
-    assert swept.ends["killed"] and any(end.startswith("status") for end in swept.ends)
+@pytest.mark.parametrize("case", CASES)
+def test_a_failing_call_leaves_the_same_bytes_in_the_end_or_one_sentence(case, sweep):
+    swept, draw = sweep(case), random.Random(case)
+    assert len(swept.calls) >= 4
+    for mode in (*MODES, *MODES):
+        swept.fails(draw.randrange(len(swept.calls)), mode)
+    assert swept.ends["killed"] and any(end > "status 0" for end in swept.ends)
 
 
 @pytest.mark.night
@@ -345,9 +255,9 @@ def test_a_failing_call_leaves_the_same_bytes_in_the_end_or_one_sentence(case, c
 @pytest.mark.parametrize("case", CASES)
 def test_every_failing_call_leaves_the_same_bytes_in_the_end_or_one_sentence(case, sweep):
     swept, draw = sweep(case), random.Random(case)
-    failures = [(number, mode) for mode in MODES for number in failing(swept.calls, mode)]
-    chosen = sorted(draw.sample(failures, math.ceil(SHARE * len(failures))), key=str)
-    for number, mode in chosen:
+    failures = [(number, mode) for mode in MODES for number in range(len(swept.calls))]
+    chosen = draw.sample(failures, math.ceil(SHARE * len(failures)))
+    for number, mode in sorted(chosen, key=str):
         again = draw.randrange(len(swept.calls)), draw.choice(MODES)
         swept.fails(number, mode, again if draw.random() < 0.5 else ())
     print(f"\n{case}: {len(swept.calls)} calls, {dict(collections.Counter(swept.calls))}")

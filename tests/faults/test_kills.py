@@ -15,38 +15,31 @@ import time
 
 import pytest
 
-from musebot.protocols import terminal
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.compare.study import STUDY_FILE
+from musebot.protocols.cli.verbs import VERBS
 from musebot.protocols.lives import jobs
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.manifest import MANIFEST
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
 from musebot.protocols.progress import JobProgress
 
 # Commands, forked from one process that has imported everything: kills then fall into the work,
-# not into imports. The study has two runs only, and saves checkpoints more often.
+# not into imports. Checkpoints are saved more often than their users would.
 FORKS = """
 import json, os, sys
 from multiprocessing import get_context
-from musebot.protocols import cli
-from musebot.protocols.simulation import local
-from musebot.protocols.lives.runs import UnfinishedRun
-from musebot.protocols.studies import jobs
-from musebot.protocols.studies.ablation import Ablation
+from musebot.protocols.cli import parser
+from musebot.protocols.compare import jobs
+from musebot.protocols.lives import local, runs
 
-all_runs, all_jobs = Ablation.variants, UnfinishedRun.jobs
-Ablation.variants = lambda self: all_runs(self)[:2]
-UnfinishedRun.jobs = lambda self, save_every: all_jobs(self, min(save_every, 0.05))
 jobs.SAVE_EVERY = 0.05
 local.multiprocessing.get_context = lambda method: get_context("fork")
 for line in sys.stdin:
     if (child := os.fork()) == 0:
         os.setsid()
         os.dup2(2, 1)
-        os._exit(cli.main(json.loads(line)))
+        os._exit(parser.main(json.loads(line)))
     print(child, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
@@ -117,51 +110,45 @@ def commands(tmp_path_factory):
     crew.close()
 
 
-RUN = "--robots 4 --cohort-size 2 --time-scale 0.002 --processes 2 --save-every 0.05 --task "
-STUDY = "--robots 4 --cohort-size 1 --time-scale 0.005 --processes 2 --body kinematic "
-STUDY += "--task wall_avoidance"
-EVOLVE = "--over noise epsilon --budget 8 --generation 4 --robots 3 --time-scale 0.02 --processes 2"
+TUNE = "--agent q_learner --robots 4 --trials 4 --kept 2 --time-scale 0.02 --processes 2"
+LINES = {
+    "run": "run OUT --task wall_avoidance --proposer creative fixed --robots 4 --cohort-size 2 "
+    "--time-scale 0.002 --processes 2 --save-every 0.05",
+    "tune": f"{'benchmark' if 'benchmark' in VERBS else 'study'} tune OUT {TUNE}",
+}
 
 
 def words(kind, out):
-    if kind == "evolve":
-        return ["study", "evolve", str(out), *EVOLVE.split()]
-    if kind == "study":
-        return ["study", "ablation", str(out), *STUDY.split()]
-    return ["run", str(out), *RUN.split(), "wall_avoidance", "--proposer", "creative", "fixed"]
+    return LINES[kind].replace("OUT", str(out)).split()
 
 
 def files(folder):
     """Returns the content of every file below a folder, and the names of empty folders.
 
-    Manifests are compared without the list of versions: it has the state of the code as well.
+    JSON is compared without the list of versions: it has the state of the code as well.
     """
     found = {str(path.relative_to(folder)): path for path in folder.rglob("*")}
     contents = {name: p.read_bytes() if p.is_file() else None for name, p in found.items()}
-    for name in [name for name in contents if name.endswith((MANIFEST, STUDY_FILE))]:
+    for name in [name for name in contents if name.endswith(".json")]:
         contents[name] = json.loads(contents[name]) | {"made_with": None, "digest": None}
     return contents
 
 
 def held(out):
-    """Returns what a kill left: nothing, checkpoints, finished cohorts or more."""
-    kept = {path.name for path in out.rglob("[!.]*")}
-    if "evolve.md" in kept:
-        return "the page"
-    if any(path.parent.name == "evaluations" for path in out.rglob("*.safetensors")):
-        return "evaluations"
-    if any(name.endswith(".finished.safetensors") for name in kept):
-        return "finished cohorts"
-    if any(path.parent.name == "checkpoints" for path in out.rglob("*.safetensors")):
-        return "checkpoints"
-    return "results" if kept & {"brains.safetensors", "robots.csv"} else "nothing"
+    """Returns what a kill left: nothing, checkpoints, finished jobs or results."""
+    kept = {str(path.relative_to(out)) for path in out.rglob("[!.]*")}
+    if kept & {"results.safetensors", "tune.md"}:
+        return "results"
+    if any(name.endswith(".finished.safetensors") or "trials/" in name for name in kept):
+        return "finished jobs"
+    return "checkpoints" if any("checkpoint" in n and "." in n for n in kept) else "nothing"
 
 
-def survived(commands, kind, folder, kills, enough):
+def survived(commands, kind, folder, kills, wanted):
     """Kills a command at random moments until so many kills have hit it at work.
 
     Each time it is killed again and again until it ends; then its files are compared. If the kills
-    left too little (`enough`), as on a busy machine, up to five times as many are tried.
+    left too little, as on a busy machine, up to five times as many are tried.
 
     Returns:
       What the kills left, and how often.
@@ -171,7 +158,7 @@ def survived(commands, kind, folder, kills, enough):
     seconds = time.monotonic() - began
     undisturbed, moments = files(folder / "whole"), random.Random(kind)
     left = collections.Counter()
-    while left.total() < kills or (left.total() < 5 * kills and not enough(left)):
+    while left.total() < kills or (left.total() < 5 * kills and not wanted <= {*left}):
         out, latest = folder / "out", seconds
         began, before = time.monotonic(), left.total()
         while (status := commands.run(words(kind, out), moments.uniform(0, latest))) == -9:
@@ -182,93 +169,116 @@ def survived(commands, kind, folder, kills, enough):
         assert status == 0, commands.said()
         assert files(out) == undisturbed, f"after {left}"
         shutil.rmtree(out)
-    return left
-
-
-@pytest.mark.slow
-def test_a_run_killed_at_ten_random_moments_leaves_the_undisturbed_runs_bytes(commands, tmp_path):
-    def enough(left):
-        return left["checkpoints"] + left["finished cohorts"] >= 2
-
-    left = survived(commands, "run", tmp_path, 10, enough)
-    assert enough(left), left
-
-
-@pytest.mark.slow
-@pytest.mark.night
-@pytest.mark.parametrize(
-    ("kind", "kills", "wanted"),
-    [
-        ("run", 100, {"checkpoints", "finished cohorts"}),
-        ("study", 100, {"checkpoints", "finished cohorts"}),
-        ("evolve", 50, {"evaluations"}),
-    ],
-)
-def test_many_kills_at_random_moments_leave_the_undisturbed_bytes(
-    kind, kills, wanted, commands, tmp_path
-):
-    left = survived(commands, kind, tmp_path, kills, lambda left: wanted <= {*left})
     print(f"\n{kind}: {left.total()} kills, which left {dict(left)}")
     assert wanted <= {*left}, left
 
 
-# Workers
+@pytest.mark.slow
+def test_a_run_killed_at_ten_random_moments_leaves_the_undisturbed_runs_bytes(commands, tmp_path):
+    survived(commands, "run", tmp_path, 10, {"checkpoints"})
 
 
-def children(session):
-    """Returns the processes that the leader of a session has started."""
-    return [int(p) for p in open(f"/proc/{session}/task/{session}/children").read().split()]
+@pytest.mark.slow
+@pytest.mark.night
+@pytest.mark.parametrize("kind", LINES)
+def test_many_kills_at_random_moments_leave_the_undisturbed_bytes(kind, commands, tmp_path):
+    survived(commands, kind, tmp_path, 100, {"checkpoints", "finished jobs"})
 
 
-def wait_for(session, there, seconds=300):
-    """Waits until a command has made something; raises if it ends before or takes too long."""
-    deadline = time.monotonic() + seconds
-    while not there():
+# One process of several, and the folder
+
+
+@pytest.fixture(scope="module")
+def whole(commands, tmp_path_factory):
+    """The files of an undisturbed run."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    assert commands.run(words("run", out)) == 0, commands.said()
+    return files(out)
+
+
+@pytest.fixture
+def begun(commands, tmp_path):
+    """Starts a run and waits for its first checkpoint; returns its session and its workers."""
+    out = tmp_path / "out"
+    commands.said()
+    session = commands.start(words("run", out))
+    deadline = time.monotonic() + 300
+    while not [*out.glob("checkpoints/*.safetensors")]:
         os.kill(session, 0)  # ProcessLookupError: it has ended
         assert time.monotonic() < deadline, "it makes nothing"
         time.sleep(0.01)
+    with open(f"/proc/{session}/task/{session}/children") as file:
+        return session, [int(child) for child in file.read().split()]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's /proc")
-def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continues(
-    commands, tmp_path
-):
-    assert commands.run(words("run", tmp_path / "whole")) == 0
-    commands.said()
-    out = tmp_path / "out"
-    session = commands.start(words("run", out))
-    wait_for(session, lambda: [*out.glob("checkpoints/*.safetensors")] and children(session))
-    os.kill(children(session)[0], signal.SIGKILL)
-    assert commands.ended(session, 300) == 1
+def last_line(commands):
+    """Returns the sentence in which a command ended, after the lines of the progress."""
     said = commands.said()
-    lines = [line for line in said.splitlines() if line.startswith("musebot")]
-    assert lines[-1:] == [  # after the lines of the progress
+    assert "Traceback" not in said
+    return [line for line in said.splitlines() if line.startswith("musebot")][-1]
+
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's /proc")
+
+
+@linux
+def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continues(
+    commands, begun, whole, tmp_path
+):
+    session, workers = begun
+    os.kill(workers[0], signal.SIGKILL)
+    assert commands.ended(session, 300) == 1
+    assert last_line(commands) == (
         "musebot: a process died, perhaps for want of memory; the same command continues from the "
         "last checkpoints"
-    ]
-    assert "Traceback" not in said
-    assert commands.run(words("run", out)) == 0
-    assert files(out) == files(tmp_path / "whole")
+    )
+    assert commands.run(words("run", tmp_path / "out")) == 0
+    assert files(tmp_path / "out") == whole
 
 
-# Two commands
-
-
-def test_the_second_command_is_told_who_works_and_a_dead_one_blocks_nobody(
-    commands, tmp_path, capsys
+@linux
+def test_a_folder_that_is_moved_during_a_run_is_named_with_its_new_place(
+    commands, begun, whole, tmp_path
 ):
-    out = tmp_path / "out"
-    session = commands.start(words("run", out))
-    wait_for(session, (out / "checkpoints").exists)
+    session, _ = begun
+    out, moved = tmp_path / "out", tmp_path / "moved"
+    out.rename(moved)
+    assert commands.ended(session, 300) == 1
+    assert last_line(commands) == (
+        f"musebot: {out} was moved during the work; what is done lies in {moved}"
+    )
+    assert not out.exists()
+    assert commands.run(words("run", moved)) == 0
+    assert files(moved) == whole
+
+
+@linux
+def test_a_second_command_is_refused_and_a_dead_one_blocks_nobody(
+    commands, begun, tmp_path, capsys
+):
+    session, _ = begun
     os.kill(session, signal.SIGSTOP)  # so that it does not end before the second begins
     try:
-        assert cli.main(words("run", out)) == 2
-        said = capsys.readouterr().err
-        assert f"musebot: another musebot (process {session}) is running in {out}\n" in said
+        assert cli.main(words("run", tmp_path / "out")) == 2
+        sentence = f"musebot: another musebot is running in {tmp_path / 'out'}\n"
+        assert sentence in capsys.readouterr().err
     finally:
         os.killpg(session, signal.SIGKILL)
     assert commands.ended(session) == -signal.SIGKILL
-    assert commands.run(words("run", out)) == 0, commands.said()
+    assert commands.run(words("run", tmp_path / "out")) == 0, commands.said()
+
+
+def test_a_deleted_working_directory_is_one_sentence(tmp_path):
+    script = (
+        "import os, sys; os.rmdir(os.getcwd()); from musebot.__main__ import main; sys.exit(main())"
+    )
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", script, "run", "out"], cwd=gone, capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert done.stderr == "musebot: the working directory was deleted\n"
 
 
 # Clocks
@@ -301,7 +311,7 @@ def test_a_clock_that_stands_or_steps_backwards_changes_nothing(
 
 
 def test_progress_is_shown_before_the_clock_has_moved(monkeypatch):
-    monkeypatch.setattr(terminal.time, "monotonic", lambda: 5.0)
+    monkeypatch.setattr(time, "monotonic", lambda: 5.0)
     reports = queue.Queue()
     with JobProgress("jobs", [10.0], quiet=True) as progress:
         for done in (1.0, 2.0):

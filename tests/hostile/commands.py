@@ -1,19 +1,21 @@
 """Hostile command lines of every verb, carried out in this process up to where the work begins."""
 
 import contextlib
+import dataclasses
+import importlib
 import os
 import shutil
+import sys
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
-from hostile import files, oracle
+from hostile import oracle
 from hostile.mutations import one
 
-from musebot.protocols.cli import diagnosis as doctor
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.cli import speed
-from musebot.protocols.compare import STUDIES, continual, creativity
-from musebot.protocols.errors import InputError, Interrupted
+from musebot.protocols.cli import verbs
+from musebot.protocols.errors import Interrupted
 from musebot.protocols.lives import local
 from musebot.protocols.lives.budget import cohort_bytes
 from musebot.protocols.lives.cohort import Cohort
@@ -39,164 +41,44 @@ TEXTS = (
     "paper", "steady", "steady-", "kinematic", "mujoco", "printed", "walls", "continual", "ray",
 )  # fmt: skip
 NESTED = ("[" * 10**5, "[" * 50 + "]" * 50, "{}", '{"a":1}', "[1e400]", "[NaN]", "[[0.5]]")
-PARAMETERS = (
+NAMES = (
     "ideas", "evaluation_hidden", "memory_hidden", "epsilon", "learn_rate", "initial_range",
-    "noise",
-    "fixed_motors", "exploration_steps", "discount", "bootstrap", "random_share",
-    "optimizer", "epsilon_decay_steps", "raw_signals", "nothing", "__class__",
+    "noise", "fixed_motors", "discount", "bootstrap", "optimizer", "epsilon_decay_steps",
+    "raw_signals", "nothing", "__class__", "radius", "wheel_base", "lag", "pieces", "wall", "felt",
+    "arena_scale", "motor_speed", "brain.epsilon", "brain.ideas", "kinematics.lag", "rate",
 )  # fmt: skip
-KINEMATICS = ("radius", "wheel_base", "lag", "pieces", "wall", "felt", "any_contact", "x")
+PLACES = "--output --config --compare --out --policies --tuned --runs --json --car-xml".split()
 
-_SHORT = ["--robots", "2", "--time-scale", "0.002", "--body", "kinematic"]
-_WORKERS = {"--processes": NUMBERS, "--engine": TEXTS, "--address": TEXTS}
-_PLACES = "place"  # an option whose value is a path
+_SHORT = "--robots 2 --time-scale 0.002"
+# A sound command line of each verb; the options come from the verb's own fields.
+SOUND = {
+    "run": f"OUT {_SHORT} --body kinematic --proposer fixed",
+    "tables": "RUN",
+    "film": "RUN --task spot_finding --output FILE",
+    "report": "RUN",
+    "explore": "wall_avoidance",
+    "list": "tasks",
+    "bench": "--quick",
+    "doctor": "",
+    "benchmark run": f"OUT --agent q_learner {_SHORT} --body kinematic --signals raw",
+    "benchmark tune": f"OUT --agent q_learner {_SHORT} --trials 2 --kept 1",
+    "benchmark rank": "OUT --runs RUN",
+    "benchmark ppo": "OUT --task spot_finding_unit",
+}
+VERBS = [verb for verb in SOUND if verb in {**verbs.VERBS, **getattr(verbs, "BENCHMARK", {})}]
 
-# The words of a sound command line, and the options of each verb with their hostile values.
-VERBS = {
-    "run": (
-        ["OUT", *_SHORT, "--proposer", "fixed"],
-        {
-            "--robots": NUMBERS, "--cohort-size": NUMBERS, "--seed": NUMBERS, "--task": TEXTS,
-            "--proposer": TEXTS, "--agent": TEXTS, "--signals": TEXTS,
-            "--agent-set": (*TEXTS, "rate=nan", "rate=1e400"), "--protocol": TEXTS,
-            "--time-scale": NUMBERS,
-            "--nose": TEXTS, "--body": TEXTS, "--brain": TEXTS, "--motor-speed": NUMBERS,
-            "--arena-scale": NUMBERS,
-            "--motor-torque": TEXTS, "--device": TEXTS, "--physics": TEXTS,
-            "--nose-place": TEXTS, "--reading": TEXTS, "--config": _PLACES,
-            "--set": "set", "--kinematics": "kinematics", "--save-every": NUMBERS,
-            "--trust-agent": ("", "x"), "--log": TEXTS, **_WORKERS,
-        },
-    ),
-    "tables": (["RUN"], {"--compare": _PLACES, "--json": ("", "x"), "--exact-classes": ("", "x")}),
-    "film": (
-        ["RUN", "--task", "spot_finding", "--output", "FILE"],
-        {
-            "--task": TEXTS, "--output": _PLACES, "--proposer": TEXTS, "--robot": NUMBERS,
-            "--agent": TEXTS,
-            "--phase": TEXTS, "--seconds": NUMBERS, "--speed": NUMBERS, "--seed": NUMBERS,
-        },
-    ),
-    "report": (["RUN"], {"--output": _PLACES}),
-    "figure": (["architecture", "new.svg"], {"--task": TEXTS, "--x": TEXTS}),
-    "figure typical": (["new.png", "RUN"], {"--task": TEXTS}),
-    "explore": (
-        ["wall_avoidance"],
-        {
-            "--out": _PLACES, "--policies": _PLACES, "--keys": ("",), "--random": ("",),
-            "--proposer": TEXTS, "--robot": NUMBERS, "--phase": TEXTS, "--agent": TEXTS,
-        },
-    ),
-    "demo": (
-        ["OUT"],
-        {"--robots": NUMBERS, "--time-scale": NUMBERS, "--seed": NUMBERS, **_WORKERS},
-    ),
-    "list": (["tasks"], {"--x": TEXTS}),
-    "check-agent": (
-        ["newborn"],
-        {
-            "--task": TEXTS, "--protocol": TEXTS, "--signals": TEXTS,
-            "--agent-set": (*TEXTS, "rate=nan", "rate=1e400"),
-        },
-    ),
-    "bench": (
-        ["--quick"],
-        {
-            "--json": _PLACES, "--quick": ("", "1"), "--device": TEXTS,
-        },
-    ),
-    "doctor": ([], {"--x": TEXTS}),
-    "study": ([], {"--x": TEXTS}),
-    "study sensitivity": (["OUT"], {"--robots": NUMBERS, "--time-scale": NUMBERS, **_WORKERS}),
-    "study reading": (
-        ["OUT", "--time-scale", "0.002"],
-        {
-            "--robots": NUMBERS, "--newborns": NUMBERS, "--screened": NUMBERS, "--stage": NUMBERS,
-            "--finalists": NUMBERS, "--time-scale": NUMBERS, **_WORKERS,
-        },
-    ),
-    "study proposers": (
-        ["OUT", "--part", "rule", "--robots", "2", "--time-scale", "0.002"],
-        {"--part": TEXTS, "--robots": NUMBERS, "--time-scale": NUMBERS, **_WORKERS},
-    ),
-    "study tune": (
-        ["OUT", "--agent", "q_learner", "--robots", "2", "--time-scale", "0.002", "--trials", "2",
-         "--kept", "1"],
-        {
-            "--agent": TEXTS, "--signals": TEXTS, "--task": TEXTS, "--trials": NUMBERS,
-            "--kept": NUMBERS, "--robots": NUMBERS, "--seed": NUMBERS, "--kinematics": "kinematics",
-            "--time-scale": NUMBERS, **_WORKERS,
-        },
-    ),
-    "study wear": (
-        ["OUT", "--robots", "2", "--time-scale", "0.002", "--arm", "frozen"],
-        {
-            "--change": TEXTS, "--arm": TEXTS, "--robots": NUMBERS, "--seed": NUMBERS,
-            "--body": TEXTS, "--kinematics": "kinematics", "--time-scale": NUMBERS, **_WORKERS,
-        },
-    ),
-    "study evolve": (
-        ["OUT", "--budget", "4", "--generation", "4", "--robots", "2", "--time-scale", "0.002"],
-        {
-            "--brain": TEXTS, "--set": "set", "--over": PARAMETERS, "--budget": NUMBERS,
-            "--generation": NUMBERS, "--robots": NUMBERS, "--task": TEXTS, "--protocol": TEXTS,
-            "--time-scale": NUMBERS, "--kinematics": "kinematics", "--seed": NUMBERS, **_WORKERS,
-        },
-    ),
-    "study ablation": (
-        ["OUT"],
-        {
-            "--robots": NUMBERS, "--task": TEXTS, "--cohort-size": NUMBERS, "--seed": NUMBERS,
-            "--body": TEXTS, "--kinematics": "kinematics", "--time-scale": NUMBERS, **_WORKERS,
-        },
-    ),
-    "study creativity": (["OUT", "--runs", "BOARD"], {"--runs": _PLACES, **_WORKERS}),
-    "study robustness": (
-        ["OUT", "--runs", "RUN"],
-        {
-            "--runs": _PLACES, "--robots": NUMBERS, "--seed": NUMBERS, "--body": TEXTS,
-            "--proposer": TEXTS, **_WORKERS,
-        },
-    ),
-    "study continued-learning": (
-        ["OUT", "--runs", "RUN"],
-        {
-            "--runs": _PLACES, "--agent": TEXTS, "--robots": NUMBERS, "--seed": NUMBERS,
-            **_WORKERS,
-        },
-    ),
-    "study learning-progress": (
-        ["OUT", "--brains", "paper", "--robots", "2", "--body", "kinematic"],
-        {
-            "--brains": TEXTS, "--robots": NUMBERS, "--seed": NUMBERS, "--body": TEXTS,
-            "--kinematics": "kinematics", "--time-scale": NUMBERS, "--reading": TEXTS, **_WORKERS,
-        },
-    ),
-    "study continual": (["OUT", "--runs", "MOVED"], {"--runs": _PLACES, **_WORKERS}),
-    "study benchmark": (
-        ["OUT", "--agent", "q_learner", "--robots", "2", "--time-scale", "0.002", "--body",
-         "kinematic", "--signals", "raw", "--board", "walls"],
-        {
-            "--tuned": _PLACES, "--agent": TEXTS, "--signals": TEXTS, "--board": TEXTS,
-            "--robots": NUMBERS, "--seed": NUMBERS, "--body": TEXTS, "--time-scale": NUMBERS,
-            **_WORKERS,
-        },
-    ),
-    "study leaderboard": (
-        ["OUT", "--runs", "BOARD"],
-        {"--runs": _PLACES, "--tuned": _PLACES, **_WORKERS},
-    ),
-    "study ppo": (
-        ["OUT", "--task", "spot_finding_unit"],
-        {
-            "--task": TEXTS, "--policies": NUMBERS, "--steps": NUMBERS, "--seed": NUMBERS,
-            **_WORKERS,
-        },
-    ),
-    "study timestep": (["OUT"], {"--robots": NUMBERS, "--minutes": NUMBERS, **_WORKERS}),
-    "study nothing": (["OUT"], {"--x": TEXTS}),
-    "nothing": (["OUT"], {"--x": TEXTS}),
-}  # fmt: skip
+
+def options_of(verb):
+    """Returns the options of a verb by name, and whether each takes a value."""
+    found, kinds = {}, [verbs.verb_class(verb)]
+    for kind in kinds:
+        hints = get_type_hints(kind)
+        for field in dataclasses.fields(kind):
+            if dataclasses.is_dataclass(hint := hints[field.name]):
+                kinds.append(hint)
+            else:
+                found[f"--{field.name.replace('_', '-')}"] = hint is not bool
+    return found | {"--x": True}
 
 
 # ---- Places: what a path of a command line may be ----
@@ -267,8 +149,8 @@ class _Stage:
     def __init__(self, task, half_length):
         del task, half_length
 
-    def draw(self, shot, trail):
-        del shot, trail
+    def draw(self, shot):
+        del shot
         return np.zeros((496, 720, 3), np.uint8)
 
     def close(self):
@@ -297,96 +179,74 @@ def begun_only(patch):
     patch.setattr(film, "Scene", _Stage)
     patch.setattr(film, "write", _two_frames)
     patch.setattr(measured_behaviour, "observe", _begin)
-    patch.setattr(robot_figures, "typical", _begin)
-    for name in ("architecture", "robot"):
-        patch.setattr(paper_figures, name, _begin)
-    for measurement in ("lives", "interfaces", "processes", "populations"):
-        patch.setattr(speed, measurement, _begin)
-    patch.setattr(doctor, "report", lambda: 0)
-    for study in (continual, creativity):
-        patch.setattr(study, "draw", _begin)
+    for module, names in (
+        (robot_figures, ("typical",)),
+        (paper_figures, ("architecture", "robot")),
+        (_module("cli.speed"), ("lives", "interfaces", "processes", "populations")),
+        (_module("cli.doctor"), ("report",)),
+    ):
+        for name in names:
+            patch.setattr(module, name, _begin, raising=False)
     patch.delenv("DISPLAY", raising=False)
     patch.delenv("WAYLAND_DISPLAY", raising=False)
-    with contextlib.suppress(InputError):
-        from musebot.protocols.lives import ray_cluster
-
-        def refused(address):
-            raise InputError(f"there is no Ray cluster at {address!r}")
-
-        patch.setattr(ray_cluster, "RayCluster", refused)
+    patch.setitem(sys.modules, "ray", None)  # no cluster is looked for
     yield
+
+
+def _module(name):
+    return importlib.import_module(f"musebot.protocols.{name}")
 
 
 # ---- Cases ----
 
 
-def words_of(draw, base, where):
-    """Returns a hostile command line.
-
-    Args:
-      draw: Random stream.
-      base: Folder with `a`, made by `files.make`.
-      where: Places, as `places` returns them.
-    """
-    verb = [*VERBS][draw.integers(len(VERBS))]
-    sound, options = VERBS[verb]
-    words = list(sound)
+def words_of(draw, where):
+    """Returns a hostile command line, with places of `places`."""
+    verb = one(draw, VERBS)
+    words, options = SOUND[verb].split(), options_of(verb)
     for _ in range(1 + int(draw.integers(4) // 3) + int(draw.integers(6) // 5)):
         _change(draw, words, options, where)
-    own = placed(base, where)
     return [
         *verb.split(),
-        *(
-            one(draw, where) if word in ("OUT", "FILE", "RUN") and draw.random() < 0.35
-            else own.get(word, word)
-            for word in words
-        ),
-    ]  # fmt: skip
+        *_placed(words, where, lambda: draw.random() < 0.35 and one(draw, where)),
+    ]
 
 
-def sound_words(verb, base, where):
-    """Returns the sound command line of a verb; see `words_of` for the arguments."""
-    own = placed(base, where)
-    return [*verb.split(), *(own.get(word, word) for word in VERBS[verb][0])]
+def sound_words(verb, where):
+    """Returns the sound command line of a verb, with places of `places`."""
+    return [*verb.split(), *_placed(SOUND[verb].split(), where, lambda: None)]
+
+
+def _placed(words, where, other):
+    """Returns words with paths for OUT, FILE and RUN."""
+    own = Path(where[0]).parent
+    paths = {"OUT": own / "new", "FILE": own / "new.mp4", "RUN": own / "run"}
+    return [(other() or str(paths[word])) if word in paths else word for word in words]
 
 
 def _change(draw, words, options, where):
-    names = [*options]
-    name = one(draw, names)
+    name = one(draw, [*options])
     what = draw.integers(16)
     if what == 0 and words:
         words.pop(draw.integers(len(words)))
     elif what == 1:
         words.insert(int(draw.integers(len(words) + 1)), one(draw, TEXTS))
     elif name in words and words.index(name) + 1 < len(words):
-        words[words.index(name) + 1] = _value(draw, options[name], where)
+        words[words.index(name) + 1] = _value(draw, name, where)
+    elif options[name] or what > 13:
+        words += [name, _value(draw, name, where)]
     else:
-        words += [name, _value(draw, options[name], where)]
-        if words[-1] == "" and what < 10:
-            words.pop()
+        words.append(name)
 
 
-def _value(draw, kind, where):
-    if kind == _PLACES:
+def _value(draw, name, where):
+    """Returns a hostile value; most are of the kind that the option takes."""
+    if (name in PLACES) == (draw.random() < 0.9):
         return one(draw, where)
-    if kind in ("set", "kinematics"):
-        names = PARAMETERS if kind == "set" else KINEMATICS
+    if "set" in name or name == "--kinematics":
         values = (*NUMBERS, *NESTED, *TEXTS) if draw.random() < 0.5 else NUMBERS
-        return f"{one(draw, names)}={one(draw, values)}"
-    return one(draw, kind)
-
-
-def placed(base, where):
-    """Returns the paths that stand for the words of a sound command line.
-
-    Args:
-      base: Folder with `a`, made by `files.make`; no case may change it.
-      where: Places, as `places` returns them.
-    """
-    own = Path(where[0]).parent
-    paths = {"OUT": own / "new", "FILE": own / "new.mp4", "RUN": own / "run"}
-    paths |= {"BOARD": base / "a" / "board", "MOVED": base / "a" / "moved"}
-    return {word: str(path) for word, path in paths.items()}
+        return f"{one(draw, NAMES)}={one(draw, values)}"
+    return one(draw, NUMBERS if draw.random() < 0.5 else TEXTS)
 
 
 def case(base, folder, number):
@@ -402,7 +262,7 @@ def case(base, folder, number):
     where = places(base, folder / "all")
     here = folder / "here"
     here.mkdir()
-    words = words_of(draw, base, where)
+    words = words_of(draw, where)
     before, outside = oracle.snapshot(folder), oracle.snapshot(base, contents=False)
     with contextlib.chdir(here):
         outcome = oracle.carried_out(lambda: (cli.main(words), None))
@@ -426,7 +286,7 @@ def _judged(words, outcome, changed, lost):
     if lost:
         return f"wrong: changed {lost}"
     if outcome.status == 0:
-        return "carried out" if not changed or words[0] == "study" else f"wrong: changed {changed}"
+        return "carried out" if not changed else f"wrong: changed {changed}"
     if outcome.status == WORK_BEGINS:
         return "sound: the work would begin"
     if wrong := oracle.complaint(outcome):
@@ -434,7 +294,3 @@ def _judged(words, outcome, changed, lost):
     if changed:
         return f"wrong: refused, but changed {changed}"
     return f"refused, status {outcome.status}"
-
-
-assert {f"study {name}" for name in STUDIES} <= {*VERBS}
-assert files.KINDS

@@ -1,15 +1,13 @@
-"""Changes of files: of their bytes, of their JSON, rows and arrays, and of what they are."""
+"""Changes of files: of their bytes, of their JSON and arrays, and of what they are."""
 
-import io
 import json
 import os
+import pickle
 import struct
-import warnings
-import zipfile
 
 import numpy as np
 
-HUGE = 2**35
+HUGE = 2**30
 
 
 def one(draw, values):
@@ -74,7 +72,33 @@ def bytes_of_text(draw, data):
     return data[:at] + one(draw, pieces) + data[at:]
 
 
-BYTES = (flip, flip, flip, truncate, extend, insert, cut, repeat, blank, noise, bytes_of_text)
+def pickled(draw, data):
+    """Replaces everything by a pickle that makes a folder where it is loaded."""
+    del draw, data
+    return pickle.dumps(Bomb())
+
+
+class Bomb:
+    """An object that makes a folder when it is unpickled."""
+
+    def __reduce__(self):
+        return os.mkdir, (os.environ["HOSTILE_MARK"],)
+
+
+BYTES = (
+    flip,
+    flip,
+    flip,
+    truncate,
+    extend,
+    insert,
+    cut,
+    repeat,
+    blank,
+    noise,
+    bytes_of_text,
+    pickled,
+)
 
 
 # ---- What stands in the place of a file ----
@@ -125,12 +149,6 @@ def huge(draw, path, other):
     """Makes the file huge, without blocks on the disk."""
     del draw, other
     os.truncate(path, HUGE)
-
-
-def swapped(draw, path, other):
-    """Puts the same file of another run there."""
-    del draw
-    path.write_bytes(other.read_bytes())
 
 
 PLACES = (no_file, pipe, folder, link_to_other, link_to_device, link_to_itself, huge)
@@ -227,45 +245,6 @@ def hostile_key(draw):
     return one(draw, names)
 
 
-# ---- Rows ----
-
-_CELLS = (
-    "", " ", "nan", "inf", "-inf", "NaN", "-1", "0", "1", "2", "0.0", "-0.0", "1e400", "-5.0",
-    "0.05", "1_0", "٢", "1" * 5000, "0x10", "1e-320", "12.3", "60.0", "60.1", "genius", "ignorant",
-    "invalid", "L = 1", "0 < L < 1", "L = 0", "L < 0", "wall_avoidance", "spot_finding", "fixed",
-    "creative", "random", "os:system", '"', "'", "\x00", "\x1b[2J", "=1+1", "\u202e", "0.5", "1.0",
-    "x" * 5000, "True", "None", "1,0", "18446744073709551616",
-)  # fmt: skip
-
-
-def rows_mutated(draw, data):
-    """Changes a cell, a row or the head of a table."""
-    lines = [line.split(",") for line in data.decode().splitlines()]
-    at, what = int(draw.integers(1, len(lines))), draw.integers(12)
-    if what == 0:
-        del lines[at]
-    elif what == 1:
-        lines.insert(int(draw.integers(1, len(lines))), lines[at])
-    elif what == 2:
-        other = draw.integers(1, len(lines))
-        lines[at], lines[other] = lines[other], lines[at]
-    elif what == 3:
-        lines[at].append(one(draw, _CELLS))
-    elif what == 4:
-        lines[at].pop(draw.integers(len(lines[at])))
-    elif what == 5:
-        lines[0][draw.integers(len(lines[0]))] = one(draw, _CELLS)
-    elif what == 6:
-        del lines[at:]
-    elif what == 7:
-        other = draw.integers(1, len(lines))
-        column = draw.integers(len(lines[0]))
-        lines[at][column], lines[other][column] = lines[other][column], lines[at][column]
-    else:
-        lines[at][draw.integers(len(lines[at]))] = one(draw, _CELLS)
-    return "".join(",".join(line) + "\n" for line in lines).encode()
-
-
 # ---- Arrays ----
 
 
@@ -299,81 +278,6 @@ def array_mutated(draw, array):
     else:
         array = array[..., :-1] if array.ndim > 1 else array[:0]
     return array
-
-
-def zip_of(members, how=zipfile.ZIP_DEFLATED):
-    """Returns the bytes of a zip of pairs of a name and a content."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", how) as archive, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a name that is there twice
-        for name, content in members:
-            archive.writestr(name, content)
-    return buffer.getvalue()
-
-
-def npy(array):
-    """Returns a file of numpy's format; an array of objects with its pickle."""
-    buffer = io.BytesIO()
-    np.save(buffer, array, allow_pickle=True)
-    return buffer.getvalue()
-
-
-def npy_promise(shape, descr="<f4", data=b""):
-    """Returns a file of numpy's format whose head promises an array that is not there."""
-    head = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape!r}, }}".encode()
-    head += b" " * (-(len(head) + 11) % 64) + b"\n"
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + data
-
-
-class Bomb:
-    """An object that makes a folder when it is unpickled."""
-
-    def __reduce__(self):
-        return os.mkdir, (os.environ.get("HOSTILE_MARK", "unpickled"),)
-
-
-def npz_mutated(draw, data):
-    """Changes an array of a `.npz`, its head, its name or its number."""
-    with np.load(io.BytesIO(data)) as archive:
-        arrays = dict(archive)
-    members = {f"{name}.npy": npy(array) for name, array in arrays.items()}
-    names = [*members]
-    name = one(draw, names)
-    what = draw.integers(13)
-    if what == 0:
-        del members[name]
-    elif what == 1:
-        other = one(draw, names)
-        members[name], members[other] = members[other], members[name]
-    elif what == 2:
-        shapes = ((10**12,), (2**62, 2**62), (-1, 4), (10**6, 10**6), (0, 0), ("a",), (1.5, 2))
-        kinds = ("<f4", "|O", "<c16", "V8", "<f8", "|u1")
-        descr = one(draw, kinds)
-        members[name] = npy_promise(one(draw, shapes), descr, b"\0" * 64)
-    elif what == 3:
-        members[name] = npy_promise((2**26,), "<f4") + bytes(2**26)
-    elif what == 4:
-        members[name] = npy(np.array([Bomb()], dtype=object))
-    elif what == 5:
-        strange = (
-            "../../x.npy",
-            "/etc/x.npy",
-            "x",
-            ".npy",
-            "a/b/c.npy",
-            name.upper(),
-            f"{name}\x00.npy",
-        )
-        members[one(draw, strange)] = members[name]
-    elif what == 6:
-        return zip_of([*members.items(), (name, members[name])])
-    elif what == 7:
-        members[name] = flip(draw, members[name])  # with its own, correct checksum
-    elif what == 8:
-        return zip_of(members.items(), (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)[draw.integers(2)])
-    else:
-        members[name] = npy(array_mutated(draw, arrays[name.removesuffix(".npy")]))
-    return zip_of(members.items())
 
 
 def tensors_header(data):

@@ -1,7 +1,6 @@
 """Links, foreign folders, names of every kind and odd machines: nothing foreign is touched."""
 
 import io
-import os
 import subprocess
 import sys
 
@@ -10,7 +9,6 @@ from hostile import oracle
 
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.pages import measured_behaviour, report
-from musebot.protocols.storage import MOST_BYTES
 
 SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --task wall_avoidance"
 
@@ -47,52 +45,27 @@ def refused(capsys, words, *kept):
 # ---- Links below OUT ----
 
 
-def test_a_run_does_not_follow_a_link_in_the_place_of_its_checkpoints(run, victim, capsys):
-    (run / "checkpoints").symlink_to(victim)
-    for more in ([], ["--robots", "2"]):
-        said = refused(capsys, ["run", run, *more], run, victim)
-        assert "checkpoints is a link, which musebot does not follow" in said
-
-
-@pytest.mark.parametrize("name", ["figures", "films"])
-def test_a_report_does_not_follow_a_link_in_the_place_of_its_folders(run, victim, name, capsys):
-    (run / name).symlink_to(victim)
-    said = refused(capsys, ["report", run], run, victim)
-    assert f"{name} is a link, which musebot does not follow" in said
-
-
-def test_a_report_and_a_film_do_not_write_through_a_link(run, victim, capsys):
-    for name in ("page.html", "film.mp4"):
-        (run / name).symlink_to(victim / "notes.txt")
-    said = refused(capsys, ["report", run, "--output", run / "page.html"], run, victim)
-    assert "page.html is a link; name the file itself" in said
-    words = ["film", run, "--task", "wall_avoidance", "--output", run / "film.mp4"]
-    assert "film.mp4 is a link; name the file itself" in refused(capsys, words, run, victim)
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("checkpoints", "run OUT"),
+        ("checkpoints", "run OUT --robots 2"),
+        ("figures", "report OUT"),
+        ("films", "report OUT"),
+        ("page.html", "report OUT --output OUT/page.html"),
+        ("film.mp4", "film OUT --task wall_avoidance --output OUT/film.mp4"),
+    ],
+)
+def test_a_link_in_the_place_of_what_is_ours_is_refused(place, words, run, victim, capsys):
+    (run / place).symlink_to(victim / "notes.txt" if "." in place else victim)
+    said = refused(capsys, words.replace("OUT", str(run)).split(), run, victim)
+    assert f"{run / place} is a link" in said
 
 
 def test_a_page_shows_no_film_that_is_a_link(run, victim):
     (run / "films").mkdir()
     (run / "films" / "wall_avoidance_linked.mp4").symlink_to(victim / "wall_avoidance_mine.mp4")
     assert report._kept(run / "films") == []
-
-
-@pytest.mark.parametrize(
-    ("study", "folder", "options"),
-    [
-        ("sensitivity", "baseline", ["--robots", "1", "--time-scale", "0.001"]),
-        ("ablation", "steady", ["--robots", "1", "--time-scale", "0.001"]),
-        ("ppo", "policies", ["--task", "spot_finding_unit", "--policies", "1", "--steps", "1"]),
-    ],
-)
-def test_a_study_does_not_follow_a_link_in_the_place_of_a_folder(
-    study, folder, options, tmp_path, victim, capsys, commands_in_process
-):
-    if study == "ppo":
-        pytest.importorskip("stable_baselines3")
-    out = tmp_path / "study"
-    out.mkdir()
-    (out / folder).symlink_to(victim)
-    refused(capsys, ["study", study, out, *options], out, victim)
 
 
 # ---- Folders that are not ours ----
@@ -102,10 +75,9 @@ def test_a_study_does_not_follow_a_link_in_the_place_of_a_folder(
     "name",
     [".novel.2024.draft", ".x.17.draft", ".git", ".x.musebot", ".x.0123456789abcdeg.musebot"],
 )
-@pytest.mark.parametrize("verb", [["run"], ["study", "timestep"]])
-def test_a_folder_with_a_hidden_file_of_the_users_is_foreign(name, verb, tmp_path, capsys):
+def test_a_folder_with_a_hidden_file_of_the_users_is_foreign(name, tmp_path, capsys):
     (tmp_path / name).write_text("mine")
-    assert "is not empty and holds no" in refused(capsys, [*verb, tmp_path], tmp_path)
+    assert "is not empty and holds no" in refused(capsys, ["run", tmp_path], tmp_path)
 
 
 @pytest.mark.parametrize("name", [".novel.2024.draft", "checkpoints/notes.txt", "figures/mine.svg"])
@@ -146,21 +118,18 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     assert "\x1b" not in printed.out and "\x1b[2J" not in printed.err
 
 
-@pytest.mark.parametrize("verb", [["run"], ["study", "timestep"]])
-@pytest.mark.parametrize("name", ["x/" * 1900, f"{'y' * 250}/" * 15 + "z" * 100])
-def test_an_out_that_the_system_could_not_name_is_refused(name, verb, tmp_path, capsys):
-    said = refused(capsys, [*verb, tmp_path / name], tmp_path)
-    assert "are missing, at most 100 may" in said or "must have at most 3800 bytes" in said
+@pytest.mark.parametrize("name", ["x/" * 1900, f"{'y' * 250}/" * 15, "z" * 300])
+def test_an_out_that_the_system_could_not_name_is_refused(name, tmp_path, capsys):
+    refused(capsys, ["run", tmp_path / name], tmp_path)
 
 
 def test_an_out_of_a_long_path_holds_a_run(tmp_path, commands_in_process):
-    out = tmp_path.joinpath(*["y" * 250] * 14)
-    assert len(os.fsencode(out)) < 3800
+    out = tmp_path.joinpath(*["y" * 250] * 3)
     assert cli.main(["run", str(out), *SHORT.split()]) == 0
     assert cli.main(["tables", str(out)]) == 0
 
 
-@pytest.mark.parametrize("verb", [["run"], ["tables"], ["report"], ["study", "timestep"]])
+@pytest.mark.parametrize("verb", [["run"], ["tables"], ["report"]])
 def test_an_out_whose_links_lead_in_a_circle_is_refused(verb, tmp_path, capsys):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
@@ -185,7 +154,7 @@ def test_a_terminal_of_ascii_shows_every_character_escaped(run, monkeypatch):
     out = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
     monkeypatch.setattr(sys, "stdout", out)
     assert cli.main(["tables", str(run), "--compare", str(run)]) == 0
-    assert cli.main(["study"]) == 0
+    assert cli.main(["list"]) == 0
     out.seek(0)
     assert out.read().isascii()
 
@@ -204,7 +173,7 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    for name in ("robots.csv", "curves.npz", "brains.safetensors"):
+    for name in ("robots.csv", "results.safetensors"):
         assert (bare / name).read_bytes() == (run / name).read_bytes()
         assert (bare / name).stat().st_mode & 0o077 == 0
     assert bare.stat().st_mode & 0o077 == 0
@@ -216,45 +185,17 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["film", "RUN", "--task", "wall_avoidance", "--output", "NEW.mp4", "--seconds", "1e9"],
-         "the film must last at most 3600 s, got 1e+09"),
-        (["study", "ppo", "NEW", "--task", "spot_finding_unit", "--policies", "1000000000"],
-         "policies must be at most 10000, got 1000000000"),
-        (["study", "ppo", "NEW", "--task", "spot_finding_unit", "--steps", "1000000000000"],
-         "steps must be at most 1000000000, got 1000000000000"),
-        (["study", "timestep", "NEW", "--robots", "1000000000"],
-         "robots must be at most 1000000, got 1000000000"),
-        (["study", "timestep", "NEW", "--minutes", "1e7"],
-         "robots times minutes must be at most 20000, got 2e+08"),
-        (["study", "learning-progress", "NEW", "--robots", "99999", "--brains", "paper"],
-         "GiB of memory; this machine has"),
-        (["study", "sensitivity", "NEW", "--robots", "1000000"],
-         "GiB of memory; this machine has"),
-        (["run", "NEW", "--body", "kinematic", "--kinematics", "pieces=1000000000"],
-         "pieces must be at most 1000, got 1000000000"),
-        (["run", "NEW", "--set", "fixed_motors=" + "[" * 100_000],
-         "fixed_motors must be 1 to 100 numbers"),
+        ("film RUN --task wall_avoidance --output NEW.mp4 --seconds 1e9", "3600"),
+        ("run NEW --body kinematic --robots 1000000000", "at most"),
+        ("run NEW --robots 1000000", "GiB of memory; this machine has"),
+        ("run NEW --set fixed_motors=" + "[" * 100_000, "fixed_motors must be"),
     ],
-)  # fmt: skip
+)
 def test_a_number_that_no_machine_could_serve_is_refused(
     words, sentence, run, tmp_path, capsys, monkeypatch
 ):
     from musebot.protocols.lives import budget
 
     monkeypatch.setattr(budget, "machine_bytes", lambda: 2**27)
-    words = [w.replace("RUN", str(run)).replace("NEW", str(tmp_path / "new")) for w in words]
-    if "ppo" in words:
-        pytest.importorskip("stable_baselines3")
+    words = words.replace("RUN", str(run)).replace("NEW", str(tmp_path / "new")).split()
     assert sentence in refused(capsys, words, run, tmp_path)
-
-
-# ---- Studies ----
-
-
-def test_a_study_whose_json_is_hostile_is_refused(tmp_path, capsys):
-    path = tmp_path / "study.json"
-    for text in ('{"a":' * 10**5, "[" * 10**5, "1" * 5000, '{"study": "timestep"}'):
-        path.write_text(text)
-        assert "study.json is" in refused(capsys, ["study", "timestep", tmp_path], tmp_path)
-    os.truncate(path, MOST_BYTES)
-    assert "must have at most" in refused(capsys, ["study", "timestep", tmp_path], tmp_path)

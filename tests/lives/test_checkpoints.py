@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from musebot.protocols.errors import DamagedFileError
-from musebot.protocols.lives.agent import network_shapes
 from musebot.protocols.lives.checkpoints import (
     checkpoint_file,
     finished_file,
@@ -35,7 +34,8 @@ SHORT = Experiment(cohort_size=2, time_scale=0.004, body="kinematic")
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
 def test_a_restored_cohort_continues_bit_exactly(task, proposer, brain):
     scale = 0.007 if task == "wall_avoidance" else 0.003  # a minute, and a refill of the noise
-    experiment = Experiment(cohort_size=3, time_scale=scale, brain=named_brain(brain))
+    body = "mujoco" if proposer == "creative" else "kinematic"
+    experiment = Experiment(cohort_size=3, time_scale=scale, brain=named_brain(brain), body=body)
     check_restored(experiment, CohortKey(Condition(task, proposer), 0))
 
 
@@ -77,45 +77,6 @@ def test_a_cohort_without_a_checkpoint_is_newborn(tmp_path):
     assert (cohort.step, message) == (0, "")
 
 
-def spoil_bytes(path):
-    path.write_bytes(path.read_bytes()[:-1])
-
-
-def spoil_step(path):
-    arrays, notes = load_arrays(path)
-    save_arrays(path, arrays, **notes | {"step": 10**9})
-
-
-def spoil_arrays(path):
-    arrays, notes = load_arrays(path)
-    save_arrays(path, {n: a for n, a in arrays.items() if n != "events"}, **notes)
-
-
-def spoil_shape(path):
-    arrays, notes = load_arrays(path)
-    name = next(name for name in arrays if name.startswith("brain.evaluation"))
-    save_arrays(path, arrays | {name: arrays[name][:1]}, **notes)
-
-
-def spoil_notes(path):
-    arrays, _ = load_arrays(path)
-    save_arrays(path, arrays)
-
-
-@pytest.mark.parametrize("spoil", [spoil_bytes, spoil_step, spoil_arrays, spoil_shape, spoil_notes])
-def test_a_damaged_checkpoint_is_set_aside_and_the_cohort_is_newborn(spoil, tmp_path):
-    cohort = Cohort(SHORT, KEY)
-    cohort.advance(77)
-    path = checkpoint_file(tmp_path, KEY)
-    save_checkpoint(path, cohort)
-    spoil(path)
-    restored, message = restored_cohort(path, SHORT, KEY)
-    assert restored.step == 0
-    np.testing.assert_equal(restored.checkpoint(), Cohort(SHORT, KEY).checkpoint())
-    assert message.endswith(f"set aside, cohort {KEY} starts anew")
-    assert not path.exists() and path.with_suffix(".damaged").exists()
-
-
 @pytest.fixture(scope="module")
 def lives():
     """What a finished cohort of the key leaves."""
@@ -139,195 +100,148 @@ def test_lives_of_an_agent_without_weights_have_no_networks(tmp_path, lives):
     assert (read.before, read.after) == ({}, {})
 
 
-def test_a_missing_or_damaged_finished_cohort_is_not_read(tmp_path):
-    path = finished_file(tmp_path, KEY)
-    with pytest.raises(FileNotFoundError):
-        read_lives(path, SHORT, KEY)
-    path.parent.mkdir()
-    path.write_bytes(b"nonsense")
-    with pytest.raises(DamagedFileError, match=path.name):
-        read_lives(path, SHORT, KEY)
+# Files that are damaged, of others, or impossible; tests/hostile changes every byte
 
 
-# Files of others, and impossible values
+@pytest.fixture(scope="module")
+def young():
+    """The arrays and notes of the key's checkpoint at step 77, as its file holds them."""
+    cohort = Cohort(SHORT, KEY)
+    cohort.advance(77)
+    return cohort
 
-OTHERS = [
-    (dataclasses.replace(SHORT, seed=2), KEY, "is of an experiment with seed 2, not 1"),
-    (
-        dataclasses.replace(SHORT, learn_across_placement=True),
-        KEY,
-        "is of an experiment with learn_across_placement True, not False",
-    ),
-    (
-        SHORT,
-        dataclasses.replace(KEY, index=0),
-        f"is of the cohort 'wall_avoidance-creative-0000', not {KEY}",
-    ),
-    (SHORT, CohortKey(Condition("wall_avoidance", "random"), 1), "is of the cohort"),
+
+@pytest.fixture
+def refused(tmp_path, young, lives):
+    """Forges the file of a checkpoint or of a finished cohort; returns why it is refused."""
+
+    def refused(kind, change, experiment=SHORT, key=KEY):
+        if kind == "checkpoint":
+            path = checkpoint_file(tmp_path, KEY)
+            own = young
+            if (experiment, key) != (SHORT, KEY):
+                own = Cohort(experiment, key)
+                own.advance(77)
+            save_checkpoint(path, own)
+        else:
+            path = finished_file(tmp_path, KEY)
+            save_lives(path, lives, experiment, key)
+        change(path)
+        if kind == "finished":
+            with pytest.raises(DamagedFileError) as caught:
+                read_lives(path, SHORT, KEY)
+            message = str(caught.value)
+        else:
+            restored, message = restored_cohort(path, SHORT, KEY)
+            np.testing.assert_equal(restored.checkpoint(), Cohort(SHORT, KEY).checkpoint())
+            assert message.endswith(f"set aside, cohort {KEY} starts anew")
+            assert not path.exists() and os.path.lexists(path.with_suffix(".damaged"))
+        assert str(path) in message and "\n" not in message
+        return message
+
+    return refused
+
+
+def forge(arrays=None, notes=None):
+    """Returns a change of arrays, given as functions by name, and of notes, with a new digest."""
+
+    def change(path):
+        held, said = load_arrays(path)
+        for name, how in (arrays or {}).items():
+            name = name if name in held else name.replace("before/", "before.")
+            held[name] = how(held[name])
+            if held[name] is None:
+                del held[name]
+        save_arrays(path, held, **{**said, **(notes or {})})
+
+    return change
+
+
+def at(index, value):
+    def change(array):
+        array = array.copy()
+        array[index] = value
+        return array
+
+    return change
+
+
+def pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+BIASES = "before/evaluation.hidden_biases"
+BOTH = [
+    (lambda path: path.write_bytes(path.read_bytes()[:-1]), "is damaged"),
+    (pipe, "is not a regular file"),
+    (forge({"events": lambda x: None}), "events is missing"),
+    (forge({"events": lambda x: x.astype(np.int64)}), "events must be I32"),
+    (forge({"minutes": lambda x: x[:1]}), "minutes must be I16 of shape"),
+    (forge({"events": at((1, 0), -5)}), "events, row 1, column 0: must lie in [0, "),
+    (forge({"minutes": at((0, 0), 601)}), "minutes, row 0, column 0: must lie in [0, "),
+    (forge({BIASES: at((1, 0), np.nan)}), "row 1: must be finite"),
+    (forge(notes={"cohort": "other"}), f"with cohort other, not {KEY}"),
+    (forge(notes={"seed": None}), "with seed None, not 1"),
 ]
 
 
-def other_lives(lives, key):
-    names = network_shapes(SHORT, key.condition)
-    before, after = ({n: nets[n] for n in names} for nets in (lives.before, lives.after))
-    return dataclasses.replace(lives, before=before, after=after)
+@pytest.mark.parametrize("kind", ["checkpoint", "finished"])
+@pytest.mark.parametrize(("change", "words"), BOTH)
+def test_a_damaged_or_impossible_file_is_refused(refused, kind, change, words):
+    assert words in refused(kind, change)
 
 
-@pytest.mark.parametrize(("experiment", "key", "words"), OTHERS)
-def test_a_finished_cohort_of_another_experiment_or_key_is_refused(
-    tmp_path, lives, experiment, key, words
-):
-    path = finished_file(tmp_path, KEY)
-    save_lives(path, other_lives(lives, key), experiment, key)
-    with pytest.raises(DamagedFileError) as caught:
-        read_lives(path, SHORT, KEY)
-    # Robots without a creative memory lack its arrays, which are read first.
-    missing = "memory.hidden_biases is missing" if key.condition != KEY.condition else words
-    assert str(path) in str(caught.value) and missing in str(caught.value)
+@pytest.mark.parametrize("kind", ["checkpoint", "finished"])
+@pytest.mark.parametrize(
+    ("experiment", "key", "words"),
+    [
+        (dataclasses.replace(SHORT, seed=2), KEY, "with seed 2, not 1"),
+        (dataclasses.replace(SHORT, learn_across_placement=True), KEY, "learn_across_placement"),
+        (SHORT, dataclasses.replace(KEY, index=0), f"-creative-0000, not {KEY}"),
+    ],
+)
+def test_a_file_of_another_experiment_or_cohort_is_refused(refused, kind, experiment, key, words):
+    assert words in refused(kind, lambda path: None, experiment, key)
 
 
-@pytest.mark.parametrize(("experiment", "key", "words"), OTHERS)
-def test_a_checkpoint_of_another_experiment_or_key_is_set_aside(tmp_path, experiment, key, words):
-    cohort = Cohort(experiment, key)
-    cohort.advance(77)
-    save_checkpoint(checkpoint_file(tmp_path, key), cohort)
-    path = checkpoint_file(tmp_path, KEY)
-    if key != KEY:
-        checkpoint_file(tmp_path, key).rename(path)
-    restored, message = restored_cohort(path, SHORT, KEY)
-    assert restored.step == 0
-    if key.condition == KEY.condition:
-        assert words in message
-    assert message.endswith(f"set aside, cohort {KEY} starts anew")
-    assert path.with_suffix(".damaged").exists() and not path.exists()
+def test_a_checkpoint_of_another_condition_is_set_aside(refused):
+    key = CohortKey(Condition("wall_avoidance", "random"), 1)
+    refused("checkpoint", lambda path: None, key=key)
 
 
-def test_a_file_of_an_older_version_that_does_not_name_its_experiment_is_set_aside(tmp_path, lives):
-    path = finished_file(tmp_path, KEY)
-    save_lives(path, lives, SHORT, KEY)
-    arrays, _ = load_arrays(path)
-    save_arrays(path, arrays)
-    with pytest.raises(DamagedFileError) as caught:
-        read_lives(path, SHORT, KEY)
-    assert str(caught.value) == f"{path} is of an older version and does not name its experiment"
-
-
-@pytest.mark.parametrize("value", ["150", 1.5, True, None, -1, [77]])
-def test_a_checkpoint_whose_step_is_no_number_of_steps_is_set_aside(tmp_path, value):
-    cohort = Cohort(SHORT, KEY)
-    cohort.advance(77)
-    path = checkpoint_file(tmp_path, KEY)
-    save_checkpoint(path, cohort)
-    arrays, notes = load_arrays(path)
-    save_arrays(path, arrays, **notes | {"step": value})
-    restored, message = restored_cohort(path, SHORT, KEY)
-    assert restored.step == 0
+@pytest.mark.parametrize("value", ["150", 1.5, True, None, -1, 10**9, [77]])
+def test_a_checkpoint_whose_step_is_no_number_of_steps_is_set_aside(refused, value):
+    message = refused("checkpoint", forge(notes={"step": value}))
     assert "step must be a whole number in [0, " in message
 
 
-@pytest.mark.parametrize("state", [None, 1, {}, {"bit_generator": "MT19937"}, "big", "other"])
-def test_a_checkpoint_whose_random_stream_is_damaged_is_set_aside(tmp_path, state):
-    cohort = Cohort(SHORT, KEY)
-    cohort.advance(77)
-    path = checkpoint_file(tmp_path, KEY)
-    save_checkpoint(path, cohort)
-    arrays, notes = load_arrays(path)
-    if state == "big":
-        state = notes["random"] | {"state": {"state": 2**200, "inc": 1}}
-    if state == "other":
-        state = notes["random"] | {"has_uint32": 0.5}
-    save_arrays(path, arrays, **notes | {"random": state})
-    restored, message = restored_cohort(path, SHORT, KEY)
-    assert restored.step == 0
-    assert "random stream is damaged" in message
-    np.testing.assert_equal(restored.checkpoint(), Cohort(SHORT, KEY).checkpoint())
-
-
 @pytest.mark.parametrize(
-    ("name", "index", "value", "words"),
-    [
-        ("events", (1, 0), -5, "events, row 1, column 0: must lie in [0, "),
-        ("events", (0, 2), 30_000, "events, row 0, column 2: must lie in [0, "),
-        ("minutes", (0, 0), 601, "minutes, row 0, column 0: must lie in [0, "),
-        ("minutes", (0, 0), 1, "row 0: its events and its minutes have different sums"),
-        ("before.evaluation.hidden_biases", (1, 0), np.nan, "row 1: must be finite"),
-        ("before.evaluation.hidden_biases", (1, 0), 3, "row 1: must be finite and within [-1, 1]"),
-    ],
-)
-@pytest.mark.parametrize("kind", ["checkpoint", "finished"])
-def test_impossible_values_are_refused_with_row_and_column(
-    tmp_path, lives, kind, name, index, value, words
-):
-    if kind == "checkpoint":
-        cohort = Cohort(SHORT, KEY)
-        cohort.advance(77)
-        path = checkpoint_file(tmp_path, KEY)
-        save_checkpoint(path, cohort)
-    else:
-        path, name = finished_file(tmp_path, KEY), name.replace("before.", "before/")
-        save_lives(path, lives, SHORT, KEY)
-    arrays, notes = load_arrays(path)
-    for counts in ("events", "minutes"):
-        arrays[counts][:] = 0
-    arrays[name][index] = value
-    save_arrays(path, arrays, **notes)
-    if kind == "checkpoint":
-        restored, message = restored_cohort(path, SHORT, KEY)
-        assert restored.step == 0
-    else:
-        with pytest.raises(DamagedFileError) as caught:
-            read_lives(path, SHORT, KEY)
-        message = str(caught.value)
-    assert str(path) in message
-    assert words in message
+    "state", [None, 1, {}, {"bit_generator": "MT19937"}, {"state": {"state": 2**200, "inc": 1}},
+              {"has_uint32": 0.5}],
+)  # fmt: skip
+def test_a_checkpoint_whose_random_stream_is_damaged_is_set_aside(refused, young, state):
+    if isinstance(state, dict) and state:
+        state = young.checkpoint()[1]["random"] | state
+    message = refused("checkpoint", forge(notes={"random": state}))
+    assert "random stream is damaged" in message
 
 
-def test_one_number_of_a_valid_robot_that_is_not_finite_is_refused(tmp_path):
-    cohort = Cohort(SHORT, KEY)
-    cohort.advance(77)
-    save_checkpoint(checkpoint_file(tmp_path, KEY), cohort)
-    arrays, notes = load_arrays(checkpoint_file(tmp_path, KEY))
-    name = next(n for n, a in arrays.items() if n.startswith("batch.") and a.ndim == 2)
-    assert arrays[name].shape[1] > 1
-    arrays[name][1, 0] = np.nan
-    save_arrays(checkpoint_file(tmp_path, KEY), arrays, **notes)
-    restored, message = restored_cohort(checkpoint_file(tmp_path, KEY), SHORT, KEY)
-    assert restored.step == 0 and f"{name}, row 1: must be finite" in message
+def test_one_number_of_a_valid_robot_that_is_not_finite_is_refused(refused, young):
+    arrays, _ = young.checkpoint()
+    name = next(n for n, a in arrays.items() if n.startswith("batch.") and a.shape[1:] > (1,))
+    assert "row 1: must be finite" in refused("checkpoint", forge({name: at((1, 0), np.nan)}))
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])
-@pytest.mark.parametrize("kind", ["checkpoint", "finished"])
-def test_events_of_another_dtype_are_refused(tmp_path, lives, kind, dtype):
-    if kind == "checkpoint":
-        path = checkpoint_file(tmp_path, KEY)
-        save_checkpoint(path, Cohort(SHORT, KEY))
-    else:
-        path = finished_file(tmp_path, KEY)
-        save_lives(path, lives, SHORT, KEY)
-    arrays, notes = load_arrays(path)
-    save_arrays(path, arrays | {"events": arrays["events"].astype(dtype)}, **notes)
-    if kind == "checkpoint":
-        assert "events must be I32" in restored_cohort(path, SHORT, KEY)[1]
-    else:
-        with pytest.raises(DamagedFileError, match="events must be I32"):
-            read_lives(path, SHORT, KEY)
-
-
-def test_a_pipe_in_place_of_a_checkpoint_is_set_aside_and_not_waited_for(tmp_path):
-    path = checkpoint_file(tmp_path, KEY)
-    path.parent.mkdir()
-    os.mkfifo(path)
-    restored, message = restored_cohort(path, SHORT, KEY)
-    assert restored.step == 0
-    assert f"{path} is not a regular file" in message
+def test_a_missing_finished_cohort_is_missing_and_not_damaged(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        read_lives(finished_file(tmp_path, KEY), SHORT, KEY)
 
 
 @pytest.mark.parametrize(("place", "name"), [(io, "open"), (os, "stat")])
 def test_a_file_that_cannot_be_read_is_no_damage_and_stays(place, name, tmp_path, monkeypatch):
-    advanced = Cohort(SHORT, KEY)
-    advanced.advance(3)
     path = checkpoint_file(tmp_path, KEY)
-    save_checkpoint(path, advanced)
+    save_checkpoint(path, Cohort(SHORT, KEY))
     real = getattr(place, name)
 
     def fail(file, *args, **kwargs):

@@ -17,7 +17,7 @@ from musebot.protocols.lives.cohort import Cohort, check_agents, check_same_weig
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import WHEN, ConditionResults, collect
+from musebot.protocols.lives.run import WHEN, ConditionResults, collect
 from musebot.protocols.lives.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks import make_batch
 

@@ -56,27 +56,6 @@ def test_time_that_is_wanted_turns_the_sign(pre, post):
     assert bad == -good or (math.isnan(bad) and math.isnan(good))
 
 
-@quick
-@given(steps, steps, st.sampled_from([1, 0.1]))
-def test_learn_ability_is_one_for_perfect_learners_only(pre, post, unit):
-    assert (ability(pre * unit, post * unit, wanted=False) == 1) == (pre > 0 and post == 0)
-    assert (ability(pre * unit, post * unit, wanted=True) == 1) == (pre == 0 and post > 0)
-
-
-@quick
-@given(steps, steps)
-def test_before_and_after_exchanged_turn_the_sign(pre, post):
-    one, other = ability(pre, post, wanted=True), ability(post, pre, wanted=True)
-    assert one == -other or (math.isnan(one) and math.isnan(other))
-
-
-def test_many_robots_are_judged_one_by_one():
-    pre, post = np.array([0, 5, 5, 0, 30, 10]), np.array([0, 0, 5, 5, 10, 30])
-    expected = [np.nan, 1, 0, -1, 0.5, -0.5]
-    np.testing.assert_array_equal(learn_ability(pre, post, wanted=False), expected)
-    np.testing.assert_array_equal(learn_ability(pre, post, wanted=True), -np.array(expected))
-
-
 # Categories
 
 
@@ -123,15 +102,6 @@ def test_a_column_computed_by_hand():
     assert summary.shares.tolist() == pytest.approx([2 / 6, 1 / 6, 1 / 6, 1 / 6, 1 / 6])
 
 
-def test_the_unmeasured_count_in_the_time_after_training_but_not_in_the_mean():
-    with_them = summarise([0.5, 0.5, float("nan")], [10, 10, 10], test_time=100)
-    without = summarise([0.5, 0.5], [10, 10], test_time=100)
-    assert with_them.invalid == without.invalid == 0
-    assert with_them.mean == without.mean == 0.5
-    assert with_them.post_share == pytest.approx(without.post_share)
-    assert summarise([0.5, float("nan")], [10, 0], test_time=100).post_share == pytest.approx(0.05)
-
-
 def test_nobody_measured_has_no_mean_and_one_robot_no_deviation():
     nobody = summarise([float("nan")], [0], test_time=100)
     assert math.isnan(nobody.mean)
@@ -172,13 +142,6 @@ def test_total_variation_is_the_share_of_robots_that_stand_in_another_row(first,
         for a, b in zip(first.counts, second.counts, strict=True)
     )
     assert total_variation(first, second) == pytest.approx(float(1 - common), abs=1e-12)
-
-
-def test_total_variation_does_not_depend_on_how_many_robots_there_are():
-    few, many = Summary((1, 2, 3, 4, 0), 0, 0, 0), Summary((50, 100, 150, 200, 0), 0, 0, 0)
-    assert total_variation(few, many) == pytest.approx(0, abs=1e-15)
-    apart = total_variation(Summary((5, 0, 0, 0, 0), 0, 0, 0), Summary((0, 0, 9, 0, 0), 0, 0, 0))
-    assert apart == 1
 
 
 @quick

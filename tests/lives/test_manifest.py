@@ -1,33 +1,37 @@
-"""The file `experiment.json`: written, read, refused where damaged, and readable for ever."""
+"""The file `experiment.json`: written, read, refused where damaged; and whose a file is."""
 
 import dataclasses
 import json
 import os
-import random
+import shutil
+import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 from strategies import CONDITIONS, plans, quick
 
-from musebot.controller import BRAINS, Parameters
-from musebot.models import Kinematics
+from musebot.controller import BRAINS
+from musebot.models import Kinematics, arena_spec, kinematic
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.lives import former_names, provenance
+from musebot.protocols.lives import manifest
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import (
     MANIFEST,
+    check_identity,
     check_physics,
-    experiment_from,
+    is_physics_of,
+    machine,
+    physics_probe,
     read_manifest,
     same_physics,
     write_manifest,
 )
-from musebot.protocols.lives.overrides import named_brain
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.storage import write_json
-
-KEPT = Path(__file__).parents[2] / "docs" / "results"
+from musebot.tasks import arena
 
 
 @pytest.fixture
@@ -41,25 +45,6 @@ def content_of(folder):
     return json.loads((folder / MANIFEST).read_text())
 
 
-def change(folder, **changes):
-    """Replaces values of the experiment ("brain" in part), or other values of the manifest."""
-    content = content_of(folder)
-    for name, value in changes.items():
-        if name == "brain":
-            content["experiment"]["brain"] |= value
-        elif name == "experiment":
-            content["experiment"] |= value
-        else:
-            content[name] = value
-    write_json(folder / MANIFEST, content)
-
-
-def assert_damaged(folder):
-    with pytest.raises(DamagedFileError) as caught:
-        read_manifest(folder)
-    assert str(folder / MANIFEST) in str(caught.value)
-
-
 # Writing and reading
 
 
@@ -71,25 +56,16 @@ def test_a_plan_survives_its_manifest(tmp_path_factory, plan):
     assert read_manifest(folder) == plan
 
 
-@pytest.mark.parametrize("name", BRAINS)
-def test_an_experiment_keeps_its_brain(name, tmp_path):
-    write_manifest(tmp_path, Plan.of(Experiment(brain=named_brain(name)), CONDITIONS, 50))
-    kept = read_manifest(tmp_path).experiment
-    assert kept.brain == BRAINS[name]
-    assert kept.brain_name == name
-
-
-def test_the_plan_is_a_list_of_tasks_proposers_and_robots(tmp_path):
+def test_a_manifest_names_its_format_its_plan_and_what_it_was_made_with(tmp_path):
     plan = Plan(Experiment(cohort_size=2), {CONDITIONS[0]: 4, CONDITIONS[5]: 2})
     write_manifest(tmp_path, plan)
-    assert content_of(tmp_path)["plan"] == [
+    content = content_of(tmp_path)
+    assert content["format"] == 1
+    assert content["plan"] == [
         {"task": "wall_avoidance", "proposer": "fixed", "robots": 4},
         {"task": "spot_finding", "proposer": "creative", "robots": 2},
     ]
-
-
-def test_a_manifest_says_what_the_run_was_made_with(sound):
-    assert content_of(sound)["made_with"] == [provenance.machine()]
+    assert content["made_with"] == [machine()]
 
 
 def test_a_manifest_names_every_machine_that_continued_the_run(sound, monkeypatch):
@@ -103,283 +79,51 @@ def test_a_manifest_names_every_machine_that_continued_the_run(sound, monkeypatc
     assert there["cores"] == 1000
 
 
-# Physics
+# Damage; tests/hostile changes every value
 
 
-def test_a_run_of_another_physics_is_refused_and_left_alone(sound):
-    assert same_physics(sound)
-    check_physics(sound)
-    physics = content_of(sound)["physics"]
-    change(sound, physics=[physics[0] + 1e-5, *physics[1:]])
-    before = (sound / MANIFEST).read_bytes()
-    assert not same_physics(sound)
-    sentence = f"{sound} was simulated in another physics than this version's: "
-    with pytest.raises(InputError) as caught:
-        check_physics(sound)
-    assert str(caught.value) == sentence + "its robots and new ones must not be mixed"
-    assert (sound / MANIFEST).read_bytes() == before
-
-
-# Manifests of earlier versions
-
-# Each name and value that an earlier version wrote, and this version's.
-OLD_BRAIN = [
-    ({"centred": True}, {"centred_inputs": True}),
-    ({"reward": "signal"}, {"reward_form": "signal"}),
-    ({"reward": "change"}, {"reward_form": "difference"}),
-    ({"lingering": 0.5}, {"reward_decay": 0.5}),
-    ({"next_value": "selected"}, {"bootstrap": "on_policy"}),
-    ({"next_value": "best"}, {"bootstrap": "max"}),
-    ({"next_value_capped": True}, {"clipped_bootstrap": True}),
-    ({"action_gap": 0.8}, {"advantage_scale": 0.8}),
-    ({"error_limit": 0.3}, {"td_error_limit": 0.3}),
-    ({"optimizer": "plain"}, {"optimizer": "sgd"}),
-    ({"optimizer": "adam"}, {"optimizer": "adam"}),
-    ({"memory_goal": "selected"}, {"memory_target": "selected"}),
-    ({"memory_goal": "best"}, {"memory_target": "best"}),
-    ({"held_steps": 15}, {"exploration_steps": 15}),
-    ({"young_epsilon": 0.3}, {"initial_epsilon": 0.3}),
-    ({"epsilon_youth": 12000}, {"epsilon_decay_steps": 12000}),
-    ({"young_learn_rate": 0.002}, {"initial_learn_rate": 0.002}),
-    ({"learn_rate_youth": 31200}, {"learn_rate_decay_steps": 31200}),
-    ({"content_steps": 600}, {"stopping_steps": 600}),
-]
-UNCHANGED_BRAIN = [
-    {"raw_signals": True},
-    {"raw_reward": True},
-    {"random_share": 0.32},
-    {"keep_main_idea": True},
-    {"noise_on_biases": True},
-    {"noisy_share": 0.5},
-    {"noise": 0.5},
-    {"ideas": 9},
-    {"activation": "tanh"},
-]
-OLD_EXPERIMENT = [
-    ({"course": "paper"}, {"protocol": "paper"}),
-    ({"course": "walls"}, {"protocol": "walls"}),
-    ({"course": "day"}, {"protocol": "continual"}),
-]
-PAPERS_BRAIN = 13  # parameters of the paper, which are written in every manifest
-
-
-def first_manifest():
-    """Returns the fields of an experiment as the first version wrote them."""
-    fields = dataclasses.asdict(Experiment())
-    fields["brain"] = dict([*fields["brain"].items()][:PAPERS_BRAIN])
-    del fields["kinematics"], fields["protocol"]
-    return json.loads(json.dumps(fields))
-
-
-def ids(changes):
-    return " ".join(f"{name}={value}" for name, value in changes.items())
-
-
-@pytest.mark.parametrize(("old", "new"), OLD_BRAIN, ids=ids)
-def test_a_brain_with_old_names_is_read_as_the_one_with_new_names(old, new):
-    fields = first_manifest()
-    fields["brain"] |= old
-    assert experiment_from(fields) == Experiment(brain=Parameters(**new))
-
-
-@pytest.mark.parametrize("same", UNCHANGED_BRAIN, ids=ids)
-def test_a_name_that_never_changed_is_read_as_it_is(same):
-    fields = first_manifest()
-    fields["brain"] |= same
-    assert experiment_from(fields) == Experiment(brain=Parameters(**same))
-
-
-@pytest.mark.parametrize(("old", "new"), OLD_EXPERIMENT, ids=ids)
-def test_an_experiment_with_old_names_is_read_as_the_one_with_new_names(old, new):
-    assert experiment_from(first_manifest() | old) == Experiment(**new)
-
-
-def test_the_tables_of_old_names_hold_every_old_name_and_value():
-    pairs = [*OLD_BRAIN, *OLD_EXPERIMENT]
-    tested = [(next(iter(o.items())), next(iter(n.items()))) for o, n in pairs]
-    names = {old: new for (old, _), (new, _) in tested if old != new}
-    assert names == former_names._RENAMED
-    values = {(old, o): n for (old, o), (_, n) in tested if o != n}
-    assert values == former_names._RENAMED_VALUES
-    now = {field.name for kind in (Experiment, Parameters) for field in dataclasses.fields(kind)}
-    assert set(names.values()) <= now and not set(names) & now
-
-
-def test_what_is_written_now_has_new_names_only_and_is_read_unchanged():
-    for brain in BRAINS.values():
-        experiment = Experiment(brain=brain, protocol="continual")
-        fields = json.loads(json.dumps(dataclasses.asdict(experiment)))
-        assert not {*fields, *fields["brain"]} & set(former_names._RENAMED)
-        assert experiment_from(fields) == experiment
-
-
-def test_the_first_version_had_the_papers_brain_and_protocol():
-    assert experiment_from(first_manifest()) == Experiment()
-
-
-@pytest.mark.parametrize(("name", "count"), [("paper", 0), ("steady", 8)])
-def test_a_number_of_random_ideas_is_read_as_their_share(name, count, tmp_path):
-    write_manifest(tmp_path, Plan.of(Experiment(brain=named_brain(name)), CONDITIONS, 50))
-    content = content_of(tmp_path)
-    content["experiment"]["brain"]["random_ideas"] = count
-    del content["experiment"]["brain"]["random_share"]
-    write_json(tmp_path / MANIFEST, content)
-    assert read_manifest(tmp_path).experiment.brain == BRAINS[name]
+@pytest.mark.parametrize("number", [None, 0, 2, "1", [1]])
+def test_another_format_is_refused_with_the_commit_that_reads_it(sound, number):
+    content = content_of(sound) | {"format": number}
+    if number is None:  # as at that commit
+        del content["format"]
+    write_json(sound / MANIFEST, content)
+    with pytest.raises(DamagedFileError) as caught:
+        read_manifest(sound)
+    assert f"{sound / MANIFEST} must have the format 1, got" in str(caught.value)
+    assert "9e668f6" in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("removed", "readable"),
+    ("group", "changes"),
     [
-        ({"judge_rate": 1.0, "noticed_signals": False, "capped": False, "ages_with": "time"}, True),
-        ({"judge_rate": 0.02}, False),
-        ({"noticed_signals": True}, False),
-        ({"capped": True}, False),
-        ({"ages_with": "reward"}, False),
-        ({"ages_with": "time_and_reward"}, False),
+        ("experiment", {"time_scale": 2}),
+        ("experiment", {"seed": "one"}),
+        ("experiment", {"mood": "good"}),
+        ("experiment", {"brain": 1}),
+        ("experiment", {"kinematics": [1]}),
+        ("experiment", {"motor_speed": 10**400}),
+        ("plan", {"robots": 75}),
+        ("plan", {"robots": True}),
+        ("plan", {"proposer": "divine"}),
+        ("plan", {"task": "spot_finding"}),
+        ("made_with", "nothing"),
+        ("made_with", [1]),
+        ("physics", ["heavy"]),
+        ("physics", [float("nan")]),
+        ("more", 1),
     ],
 )
-def test_a_removed_parameter_is_ignored_where_it_had_no_effect(removed, readable, sound):
-    change(sound, brain=removed)
-    if readable:
-        assert read_manifest(sound).experiment.brain == Parameters()
-    else:
-        assert_damaged(sound)
-
-
-KEPT_MANIFESTS = sorted(KEPT.rglob(MANIFEST))
-
-
-@pytest.mark.parametrize(
-    "path", KEPT_MANIFESTS, ids=lambda path: str(path.parent.relative_to(KEPT))
-)
-def test_a_kept_run_is_readable_with_the_meaning_it_had(path):
-    plan = read_manifest(path.parent)
-    fields = json.loads(path.read_text())["experiment"]
-    rows = json.loads(path.read_text())["plan"]
-    assert [(c.task, c.proposer, n) for c, n in plan.robots.items()] == [
-        (row["task"], row["proposer"], row["robots"]) for row in rows
-    ]
-    experiment, brain = plan.experiment, plan.experiment.brain
-    defaults = dataclasses.asdict(Experiment()), dataclasses.asdict(Parameters())
-    for ours, default, stored in (
-        (dataclasses.asdict(experiment), defaults[0], fields),
-        (dataclasses.asdict(brain), defaults[1], fields["brain"]),
-    ):
-        today = translated(stored)
-        for name, value in ours.items():
-            if name in ("brain", "kinematics"):
-                continue
-            wanted = today.get(name, default[name])
-            assert value == (tuple(wanted) if isinstance(wanted, list) else wanted), name
-    assert experiment.kinematics == Kinematics(**fields.get("kinematics", {}))
-
-
-def translated(stored):
-    """Returns stored fields by this version's names, from the tables of these tests."""
-    today = dict(stored)
-    if "random_ideas" in today:
-        today["random_share"] = today.pop("random_ideas") / today["ideas"]
-    for old, new in [*OLD_BRAIN, *OLD_EXPERIMENT]:
-        (old_name, old_value), (new_name, new_value) = *old.items(), *new.items()
-        if old_name in stored:
-            value = stored[old_name]
-            if old_name != new_name:
-                today.pop(old_name, None)
-                today.setdefault(new_name, value)
-            if value == old_value and isinstance(value, str):
-                today[new_name] = new_value
-    return today
-
-
-def test_there_are_kept_runs_of_several_versions():
-    assert len(KEPT_MANIFESTS) >= 50
-    brains = [json.loads(path.read_text())["experiment"]["brain"] for path in KEPT_MANIFESTS]
-    assert len({tuple(brain) for brain in brains}) > 3
-
-
-# Damage
-
-
-def test_a_truncated_manifest_is_damaged(sound):
-    path = sound / MANIFEST
-    whole = path.read_bytes()
-    for length in range(len(whole.rstrip())):
-        path.write_bytes(whole[:length])
-        assert_damaged(sound)
-
-
-def test_a_flipped_bit_changes_no_plan_or_is_named(sound):
-    path = sound / MANIFEST
-    whole, plan = path.read_bytes(), read_manifest(sound)
-    bits, named = random.Random(0), 0
-    for index in range(len(whole)):
-        flipped = bytearray(whole)
-        flipped[index] ^= 1 << bits.randrange(8)
-        path.write_bytes(flipped)
-        try:
-            assert read_manifest(sound) == plan
-        except InputError as error:
-            assert str(path) in str(error)
-            named += 1
-    assert named > len(whole) / 2
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        *(b"", b"null", b"[]", b"{}", b'{"experiment": 1}', b"\xff\xfe", b'"experiment"'),
-        *(b"[" * 100_000, b'{"experiment":' * 100_000, b"1" * 5000, b"NaN"),
-    ],
-    ids=lambda content: content[:20].decode(errors="replace"),
-)
-def test_a_file_of_another_kind_is_damaged(tmp_path, content):
-    (tmp_path / MANIFEST).write_bytes(content)
-    assert_damaged(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("group", "changes", "error"),
-    [
-        ("experiment", {"time_scale": 2}, InputError),
-        ("experiment", {"seed": "one"}, InputError),
-        ("experiment", {"mood": "good"}, DamagedFileError),
-        ("experiment", {"brain": 1}, DamagedFileError),
-        ("plan", {"robots": 75}, InputError),
-        ("plan", {"robots": 1.5}, InputError),
-        ("plan", {"proposer": "divine"}, InputError),
-        ("made_with", "nothing", DamagedFileError),
-        ("physics", ["heavy"], DamagedFileError),
-        ("physics", [float("nan")], DamagedFileError),
-        ("physics", [10**400], DamagedFileError),
-        ("made_with", [1], DamagedFileError),
-        ("plan", {"robots": True}, DamagedFileError),
-        ("plan", {"task": "spot_finding"}, DamagedFileError),
-        ("experiment", {"turned_start": 10**400}, DamagedFileError),
-        ("experiment", {"motor_speed": 10**400}, DamagedFileError),
-        ("experiment", {"time_scale": "1"}, DamagedFileError),
-        ("experiment", {"time_scale": 10**400}, DamagedFileError),
-        ("experiment", {"seed": True}, DamagedFileError),
-        ("experiment", {"learn_across_placement": 1}, DamagedFileError),
-        ("experiment", {"kinematics": [1]}, DamagedFileError),
-        ("experiment", {"nose": ["inverse"]}, DamagedFileError),
-        ("brain", {"random_ideas": 1, "ideas": 0}, DamagedFileError),
-        ("brain", {"random_ideas": 10**400}, DamagedFileError),
-        ("brain", {"fixed_motors": ["a"]}, DamagedFileError),
-        ("brain", {"learn_rate": 10**400}, DamagedFileError),
-    ],
-)
-def test_a_manifest_with_an_invalid_value_is_refused(sound, group, changes, error):
+def test_a_manifest_with_an_invalid_value_is_refused(sound, group, changes):
     content = content_of(sound)
     if group == "plan":
         content["plan"][0] |= changes
     elif group == "experiment":
         content["experiment"] |= changes
-    elif group == "brain":
-        content["experiment"]["brain"] |= changes
     else:
         content[group] = changes
     write_json(sound / MANIFEST, content)
-    with pytest.raises(error) as caught:
+    with pytest.raises(DamagedFileError) as caught:
         read_manifest(sound)
     assert str(sound / MANIFEST) in str(caught.value) and len(str(caught.value)) < 600
 
@@ -387,3 +131,142 @@ def test_a_manifest_with_an_invalid_value_is_refused(sound, group, changes, erro
 def test_a_missing_manifest_is_missing_and_not_damaged(tmp_path):
     with pytest.raises(FileNotFoundError):
         read_manifest(tmp_path)
+
+
+# Whose it is
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner),
+    max_leaves=8,
+)
+objects = st.dictionaries(st.text(max_size=3), values, max_size=4)
+
+
+@quick
+@given(objects, objects)
+def test_values_are_of_an_experiment_exactly_if_all_wanted_ones_are_equal(held, wanted):
+    equal = all(name in held and held[name] == value for name, value in wanted.items())
+    try:
+        check_identity(Path("x"), held, wanted)
+    except DamagedFileError as error:
+        assert not equal and str(error).startswith("x holds an experiment with ")
+    else:
+        assert equal
+
+
+@pytest.mark.parametrize("name", [f"brain.{f.name}" for f in dataclasses.fields(BRAINS["paper"])])
+def test_every_parameter_that_differs_is_named(name):
+    held = json.loads(json.dumps(dataclasses.asdict(Experiment())))
+    held["brain"][name.removeprefix("brain.")] = "other"
+    with pytest.raises(DamagedFileError, match=f"holds an experiment with {name} other, not "):
+        check_identity(Path("x"), held, {"brain": Experiment().brain})
+    check_identity(Path("x"), held, {"seed": 1, "kinematics": Kinematics()})
+
+
+# Physics
+
+probe = physics_probe.__wrapped__  # without the cache
+
+
+def test_a_run_of_another_physics_is_refused_and_left_alone(sound):
+    assert same_physics(sound)
+    check_physics(sound)
+    physics = content_of(sound)["physics"]
+    write_json(sound / MANIFEST, content_of(sound) | {"physics": [physics[0] + 1e-5, *physics[1:]]})
+    before = (sound / MANIFEST).read_bytes()
+    assert not same_physics(sound)
+    with pytest.raises(InputError, match=f"^{sound} was simulated in another physics than"):
+        check_physics(sound)
+    assert (sound / MANIFEST).read_bytes() == before
+
+
+def test_the_probe_moves_with_a_mass_and_not_with_a_colour(monkeypatch):
+    ours = probe()
+    assert any(value != 0 for value in ours)
+
+    def edit(part, name, **changes):
+        def spec(*args, **kwargs):
+            edited = arena_spec(*args, **kwargs)
+            for attribute, value in changes.items():
+                setattr(getattr(edited, part)(name), attribute, value)
+            return edited
+
+        monkeypatch.setattr(arena, "arena_spec", spec)
+
+    edit("body", "robot", mass=0.08)
+    assert np.abs(np.subtract(probe(), ours)).max() > 1e-5
+    edit("site", "lid", rgba=[1, 1, 1, 1])
+    assert probe() == ours
+
+
+def test_the_probe_moves_with_the_walls_of_the_kinematic_simulator(monkeypatch):
+    turns, slides = Kinematics(wall="turns"), Kinematics(wall="slides")
+    ours = probe("kinematic", turns)
+    assert len(ours) == len(probe("kinematic", slides)) > len(probe("kinematic"))
+    monkeypatch.setattr(kinematic, "_TURNS", (0, *kinematic._TURNS[:-1]))
+    assert np.abs(np.subtract(probe("kinematic", turns), ours)).max() > 1e-5
+    assert not is_physics_of(ours, Experiment(body="kinematic", kinematics=slides))
+
+
+def test_a_stored_probe_is_compared_within_a_millionth():
+    ours = np.array(physics_probe())
+    assert is_physics_of(ours.tolist(), Experiment())
+    assert is_physics_of((ours + 1e-7).tolist(), Experiment(seed=5))
+    assert not is_physics_of((ours + 1e-5).tolist(), Experiment())
+    assert not is_physics_of(ours[:-1].tolist(), Experiment())
+    assert not is_physics_of(ours.tolist(), Experiment(body="kinematic"))
+
+
+# Versions
+
+
+def test_versions_processor_and_optional_packages_are_named(monkeypatch):
+    version = manifest.metadata.version
+    for there in (True, False):
+
+        def known(name, there=there):
+            if name == "cmaes" and not there:
+                raise manifest.metadata.PackageNotFoundError
+            return "9.8" if name == "cmaes" else version(name)
+
+        monkeypatch.setattr(manifest.metadata, "version", known)
+        assert machine().get("cmaes") == ("9.8" if there else None)
+    assert machine()["numpy"] == np.__version__ and machine()["cores"] == os.cpu_count()
+    assert {"python", "musebot", "mujoco", "torch", "scipy", "cpu", "platform"} < {*machine()}
+
+
+def git(folder, *words):
+    identity = ["-c", "user.name=somebody", "-c", "user.email=nobody@example.org"]
+    alone = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_NOSYSTEM": "1"}  # no user's settings
+    done = subprocess.run(
+        ["git", *identity, *words],
+        cwd=folder,
+        env=os.environ | alone,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return done.stdout
+
+
+@pytest.mark.skipif(not shutil.which("git"), reason="there is no Git here")
+def test_the_commit_is_this_packages_and_says_whether_files_were_changed(tmp_path, monkeypatch):
+    root = Path(manifest.__file__).parents[2]
+    assert (root / "__main__.py").exists()  # `_commit` asks Git there
+
+    def commit(root):
+        monkeypatch.setattr(manifest, "__file__", str(root / "protocols" / "lives" / "manifest.py"))
+        return manifest._commit.__wrapped__()
+
+    git(tmp_path, "init")
+    (tmp_path / "file").write_text("one")
+    git(tmp_path, "add", "file")
+    git(tmp_path, "commit", "--message", "one")
+    head = git(tmp_path, "rev-parse", "HEAD").strip()
+    assert commit(tmp_path) == head[:12]
+    (tmp_path / "file").write_text("two")
+    assert commit(tmp_path) == f"{head[:12]}-dirty"
+    # Installed inside somebody else's repository: its commit is not ours.
+    (tmp_path / "packages" / "musebot").mkdir(parents=True)
+    assert commit(tmp_path / "packages" / "musebot") is None

@@ -18,7 +18,7 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.local import Local
 from musebot.protocols.lives.manifest import MANIFEST
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run_files import BRAINS_FILE, CURVES_FILE, ROBOTS_FILE
+from musebot.protocols.lives.run_files import RESULTS_FILE, ROBOTS_FILE
 from musebot.protocols.lives.runs import simulate
 from musebot.protocols.storage import draft_name
 
@@ -36,9 +36,7 @@ PLAN = Plan.of(
 
 
 def contents(directory):
-    return {
-        name: (directory / name).read_bytes() for name in (ROBOTS_FILE, CURVES_FILE, BRAINS_FILE)
-    }
+    return {name: (directory / name).read_bytes() for name in (ROBOTS_FILE, RESULTS_FILE)}
 
 
 def free_port():

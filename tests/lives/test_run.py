@@ -1,20 +1,128 @@
-"""A run as a value: what it gives to whoever reads results."""
+"""A run as a value: what is derived from the counts, and what it gives to whoever reads results."""
 
 import sys
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.conditions import Condition
+from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run, abilities, shares
+from musebot.protocols.lives.run import (
+    ConditionResults,
+    Lives,
+    Robot,
+    Run,
+    abilities,
+    check_events,
+    collect,
+    joined,
+    shares,
+)
 
+quick = settings(deadline=None, max_examples=50)
 NAN = float("nan")
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 AGENT = Condition("wall_avoidance", "a.b:c")
+HIDDEN = "evaluation.hidden_biases"
+SHORT = Experiment(seed=9, cohort_size=2, time_scale=0.011)  # 1,056 steps: 1.76 minutes
+
+
+def lives(condition, counts, valid=True):
+    """Returns lives whose robots had the event in so many steps before and after training.
+
+    Their numbers and networks are marked by the first count.
+    """
+    counts = np.array(counts)
+    minutes = len(SHORT.schedule(condition.task).steps_of_minutes())
+    marks = counts[:, :1].astype(np.float32)
+    return Lives(
+        np.insert(counts, 1, 0, axis=1).astype(np.int32),
+        np.repeat(counts[:, :1], minutes, axis=1).astype(np.int16),
+        np.broadcast_to(valid, len(counts)),
+        {HIDDEN: marks},
+        {HIDDEN: marks + 0.5},
+    )
+
+
+# Derived
+
+pairs = st.lists(st.tuples(st.integers(0, 26), st.integers(0, 26), st.booleans()), min_size=1)
+
+
+@quick
+@given(st.sampled_from([WALLS, SPOT]), pairs)
+def test_times_classes_and_curves_follow_from_the_counts(condition, rows):
+    counts, valid = [row[:2] for row in rows], np.array([row[2] for row in rows])
+    part = ConditionResults.of(SHORT, condition, lives(condition, counts, valid))
+    steps = SHORT.schedule(condition.task).steps_of_minutes()
+    for number, ((pre, post), robot) in enumerate(zip(counts, part.robots, strict=True)):
+        assert (robot.task, robot.proposer) == (condition.task, condition.proposer)
+        assert (robot.seed, robot.cohort, robot.robot) == (9, number // 2, number)
+        assert (robot.t_pre_s, robot.t_post_s) == (pre / 10, post / 10)
+        assert robot.valid == valid[number]
+        curve = [float(np.float32(Fraction(pre, int(n)))) for n in steps]
+        np.testing.assert_allclose(part.curves[number], curve, rtol=1e-6)
+        if not valid[number]:
+            assert robot.category == "invalid" and np.isnan(robot.learn_ability)
+        elif pre == post == 0:
+            assert robot.category == ("genius" if condition == WALLS else "ignorant")
+            assert np.isnan(robot.learn_ability)
+        else:
+            gain = pre - post if condition == WALLS else post - pre
+            wanted = Fraction(gain, pre + post)
+            assert robot.learn_ability == pytest.approx(float(wanted), abs=1e-15)
+            named = {1: "L = 1", 0: "L = 0"}.get(wanted, "0 < L < 1" if wanted > 0 else "L < 0")
+            assert robot.category == named
+
+
+@quick
+@given(st.permutations([(c, n) for c in (WALLS, AGENT, SPOT) for n in range(3)]), st.data())
+def test_joined_cohorts_stand_in_the_order_of_the_tables_and_of_their_numbers(order, data):
+    parts = {(c, n): lives(c, [[n, 0], [n, 1]]) for c in (WALLS, AGENT, SPOT) for n in range(3)}
+    held = {c: data.draw(st.integers(0, 3)) for c in (WALLS, AGENT, SPOT)}
+    first = [(CohortKey(*one), parts[one]) for one in order if one[1] < held[one[0]]]
+    second = [(CohortKey(*one), parts[one]) for one in order if one[1] >= held[one[0]]]
+    found = joined(joined({}, first), second)
+    assert [*found] == [WALLS, AGENT, SPOT]
+    for own in found.values():
+        marks = [0, 0, 1, 1, 2, 2]
+        assert own.events[:, 0].tolist() == own.minutes[:, 0].tolist() == marks
+        assert own.before[HIDDEN][:, 0].tolist() == marks
+        assert own.after[HIDDEN][:, 0].tolist() == [mark + 0.5 for mark in marks]
+    results = collect(SHORT, [*first, *second])
+    assert [r.robot for r in results[SPOT].robots] == [*range(6)]
+
+
+# Counts
+
+
+@pytest.mark.parametrize("step", [1, 5, 100, 600, 700, 1056])
+def test_counts_are_possible_exactly_up_to_the_steps_that_were_simulated(step):
+    schedule = SHORT.schedule("wall_avoidance")
+    parts = [schedule.steps_of(part) for part in ("pre", "training", "post")]
+    starts = [0, parts[0], parts[0] + parts[1]]
+    events = np.array([[min(max(step - a, 0), n) for a, n in zip(starts, parts, strict=True)]])
+    steps = schedule.steps_of_minutes()
+    minutes = np.array([[min(max(step - 600 * m, 0), n) for m, n in enumerate(steps)]])
+    check_events(schedule, events, minutes, step)
+    for counts, name in ((events, "events"), (minutes, "minutes")):
+        for column in range(counts.shape[1]):
+            for change in (1, -1 - counts[0, column]):  # one too many, and below zero
+                counts[0, column] += change
+                with pytest.raises(ValueError, match=f"{name}, row 0, column {column}: must lie"):
+                    check_events(schedule, events, minutes, step)
+                counts[0, column] -= change
+    events[0, 0] -= 1
+    with pytest.raises(ValueError, match="different sums"):
+        check_events(schedule, events, minutes, step)
+
+
+# A run
 
 ROWS = [
     Robot("wall_avoidance", "fixed", 1, 0, 0, 30.0, 10.0, 0.5, "0 < L < 1"),
@@ -54,6 +162,10 @@ def test_invalid_robots_count_nowhere_but_among_the_rows(run):
     np.testing.assert_array_equal(run.abilities(WALLS), [0.5, 1, NAN])
     assert run.shares(WALLS, "post").tolist() == pytest.approx([10 / 1200, 0, 0])
     assert run.shares(WALLS, "pre").tolist() == pytest.approx([30 / 1200, 30 / 1200, 0])
+    summary = run.summary(WALLS)
+    assert (summary.counts, summary.invalid) == ((1, 1, 0, 0, 1), 1)
+    assert summary.mean == pytest.approx(0.75)
+    assert summary.post_share == pytest.approx(10.0 / 3 / 1200)
 
 
 def test_networks_are_those_of_all_robots(run):
@@ -67,14 +179,6 @@ def test_a_condition_without_robots_is_empty(run):
     assert run.robots(missing) == run.valid(missing) == []
     assert run.networks(missing, "after") == {}
     assert run.summary(missing).robots == 0
-
-
-def test_a_summary_counts_invalid_robots_and_leaves_them_out(run):
-    summary = run.summary(WALLS)
-    assert summary.counts == (1, 1, 0, 0, 1)
-    assert summary.invalid == 1
-    assert summary.mean == pytest.approx(0.75)
-    assert summary.post_share == pytest.approx(10.0 / 3 / 1200)
 
 
 def test_the_test_after_training_lasts_20_minutes_or_an_hour(run):
@@ -95,20 +199,17 @@ def test_a_frame_has_a_row_for_each_robot_with_the_shares_of_the_tests(run, monk
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=frames.append))
     run.to_frame()
     (rows,) = frames
-    assert [row["robot"] for row in rows] == [
-        robot.robot for condition in run.conditions() for robot in run.robots(condition)
+    robots = [robot for condition in run.conditions() for robot in run.robots(condition)]
+    assert [(row["proposer"], row["robot"]) for row in rows] == [
+        (robot.proposer, robot.robot) for robot in robots
     ]
-    for condition in run.conditions():
-        own = [
-            r for r in rows if (r["task"], r["proposer"]) == (condition.task, condition.proposer)
-        ]
-        own = [row for row in own if row["category"] != "invalid"]
-        for part in ("pre", "post"):
-            shares = [row[f"{part}_share"] for row in own]
-            assert shares == run.shares(condition, part).tolist()
+    for row, robot in zip(rows, robots, strict=True):
+        seconds = run.test_seconds(robot.task)
+        assert row["pre_share"] == pytest.approx(robot.t_pre_s / seconds)
+        assert row["post_share"] == pytest.approx(robot.t_post_s / seconds)
 
 
 def test_without_pandas_one_sentence_says_what_helps(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match="^Run.to_frame needs pandas: pip install pandas$"):
+    with pytest.raises(InputError, match="pip install pandas$"):
         run.to_frame()

@@ -26,20 +26,17 @@ from musebot.protocols.lives.jobs import CohortJob
 from musebot.protocols.lives.local import Local
 from musebot.protocols.lives.manifest import MANIFEST, write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import collect
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import Run, joined, results_of
 from musebot.protocols.lives.run_files import (
-    BRAINS_FILE,
-    CURVES_FILE,
+    RESULTS_FILE,
     ROBOTS_FILE,
-    read_results,
     read_run,
     write_results,
 )
 from musebot.protocols.lives.runs import UnfinishedRun, simulate
 from musebot.protocols.storage import locked, write_json
 
-FILES = (ROBOTS_FILE, CURVES_FILE, BRAINS_FILE)
+FILES = (ROBOTS_FILE, RESULTS_FILE)
 BOTH = (Condition("wall_avoidance", "creative"), Condition("spot_finding", "random"))
 
 
@@ -90,8 +87,7 @@ def test_the_same_seed_leaves_the_same_bytes_with_any_number_of_processes(run, w
 
 def test_another_seed_gives_other_lives(run, whole, tmp_path):
     run(tmp_path / "other", plan(seed=2))
-    assert contents(tmp_path / "other")[CURVES_FILE] != contents(whole)[CURVES_FILE]
-    assert contents(tmp_path / "other")[BRAINS_FILE] != contents(whole)[BRAINS_FILE]
+    assert contents(tmp_path / "other")[ROBOTS_FILE] != contents(whole)[ROBOTS_FILE]
 
 
 def assert_same(first: Run, second: Run):
@@ -334,7 +330,7 @@ def test_a_damaged_finished_cohort_is_named_set_aside_and_starts_anew(
 def test_results_are_written_once_the_last_cohort_is_finished(tmp_path, in_process):
     cohorts = len(plan().cohorts())
     for done in range(1, cohorts + 1):
-        assert not (tmp_path / ROBOTS_FILE).exists()
+        assert not (tmp_path / RESULTS_FILE).exists()
         executor = in_process(most=1)
         try:
             simulate(tmp_path, plan(), executor, quiet=True)
@@ -354,7 +350,7 @@ def test_the_executor_is_closed_where_results_cannot_be_written(tmp_path, monkey
             closed.append(True)
             raise
 
-    def refuse(directory, results):
+    def refuse(directory, experiment, measured):
         raise OSError(28, "No space left on device")
 
     one = plan(robots=2, conditions=BOTH[:1])
@@ -417,7 +413,7 @@ def test_nothing_is_changed_in_a_run_that_cannot_be_continued(
     with pytest.raises(Interrupted):
         simulate(directory, plan(), in_process(most=1), quiet=True)
     if what == "robots":
-        (directory / ROBOTS_FILE).write_text("damaged")
+        (directory / RESULTS_FILE).write_text("damaged")
     if what == "physics":
         content = json.loads((directory / MANIFEST).read_text())
         content["physics"][0] += 1
@@ -442,7 +438,7 @@ def test_a_locked_folder_is_refused_before_anything_is_written(tmp_path, in_proc
     executor = in_process()
     with (
         locked(tmp_path / "run"),
-        pytest.raises(InputError, match="another musebot .*is running in .*run"),
+        pytest.raises(InputError, match="another musebot is running in .*run"),
     ):
         simulate(tmp_path / "run", plan(), executor, quiet=True)
     assert executor.jobs == []
@@ -489,7 +485,8 @@ def test_an_unstable_robot_is_counted_as_invalid_and_the_others_are_not(tmp_path
     monkeypatch.chdir(tmp_path)  # MuJoCo leaves its log in the working directory
     sound.advance(10**9)
     broken.advance(10**9)
-    results = collect(experiment, [(key, broken.lives())])
+    measured = joined({}, [(key, broken.lives())])
+    results = results_of(experiment, measured)
     robots = results[BOTH[0]].robots
     assert [robot.category == "invalid" for robot in robots] == [False, True, False]
     summary = Run("run", experiment, results).summary(BOTH[0])
@@ -499,6 +496,6 @@ def test_an_unstable_robot_is_counted_as_invalid_and_the_others_are_not(tmp_path
         ours, theirs = getattr(broken.lives(), name), getattr(sound.lives(), name)
         np.testing.assert_array_equal(ours[[0, 2]], theirs[[0, 2]])
     write_manifest(tmp_path, Plan.of(experiment, BOTH[:1], experiment.cohort_size))
-    write_results(tmp_path, results)
-    read = read_results(tmp_path)[BOTH[0]].robots
+    write_results(tmp_path, experiment, measured)
+    read = read_run(tmp_path).robots(BOTH[0])
     assert [robot.category for robot in read] == [robot.category for robot in robots]

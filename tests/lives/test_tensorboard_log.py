@@ -14,7 +14,7 @@ from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import collect
+from musebot.protocols.lives.run import collect
 from musebot.protocols.lives.runs import UnfinishedRun, simulate
 
 CONDITIONS = (Condition("wall_avoidance", "fixed"), Condition("spot_finding", "fixed"))

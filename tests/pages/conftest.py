@@ -17,8 +17,7 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import collect
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import Measured, Run, joined, results_of
 from musebot.protocols.lives.run_files import write_results
 from musebot.protocols.pages import style
 from musebot.protocols.pages.replay import StoredRobot
@@ -35,22 +34,28 @@ PLAN = Plan.of(EXPERIMENT, CONDITIONS, robots=3)
 
 
 @pytest.fixture(scope="session")
-def run() -> Run:
-    """A run with three robots in each of three conditions."""
+def measured() -> Measured:
+    """What was measured of three robots in each of three conditions."""
     lives = []
     for key in PLAN.cohorts():
         cohort = Cohort(EXPERIMENT, key)
         cohort.advance(cohort.steps)
         lives.append((key, cohort.lives()))
-    return Run("run", EXPERIMENT, collect(EXPERIMENT, lives))
+    return joined({}, lives)
 
 
 @pytest.fixture(scope="session")
-def directory(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(measured: Measured) -> Run:
+    """A run with three robots in each of three conditions."""
+    return Run("run", EXPERIMENT, results_of(EXPERIMENT, measured))
+
+
+@pytest.fixture(scope="session")
+def directory(measured: Measured, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the run."""
     directory = tmp_path_factory.mktemp("run")
     write_manifest(directory, PLAN)
-    write_results(directory, run.results)
+    write_results(directory, EXPERIMENT, measured)
     return directory
 
 

@@ -13,8 +13,7 @@ from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.pages import figures, style
 
 WA, SF = "wall_avoidance", "spot_finding"

@@ -290,7 +290,7 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
 
 def test_a_file_of_brains_holds_no_policies(directory, tmp_path):
     with pytest.raises(InputError, match="holds no policies"):
-        ppo.Policies.load(directory / "brains.safetensors", "spot_finding")
+        ppo.Policies.load(directory / "results.safetensors", "spot_finding")
 
 
 def test_film_of_a_policy_can_be_a_gif_of_half_the_size(egl, policy_file, tmp_path):

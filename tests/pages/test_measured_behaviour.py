@@ -10,8 +10,7 @@ import pytest
 from musebot.controller import Parameters
 from musebot.protocols.analysis.behaviour import spins
 from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.results import ConditionResults
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Run
 from musebot.protocols.pages import measured_behaviour
 from musebot.protocols.pages.replay import evaluate
 

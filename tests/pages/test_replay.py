@@ -14,8 +14,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import collect
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import Run, collect
 from musebot.protocols.lives.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.pages import replay
 from musebot.protocols.pages.replay import Episode, StoredRobot, robots_named

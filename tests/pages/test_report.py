@@ -22,8 +22,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.lives.run_files import read_run
 from musebot.protocols.lives.runs import simulate
 from musebot.protocols.pages import film, report, tables

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from musebot.protocols.analysis.behaviour import Stay, Track
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.pages import robot_figures, style
 
 WA, SF = "wall_avoidance", "spot_finding"

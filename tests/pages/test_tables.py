@@ -14,8 +14,7 @@ from musebot.protocols.analysis.comparison import compare_runs
 from musebot.protocols.analysis.paper_tables import column
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.results import ConditionResults, Robot
-from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.pages import tables
 
 WA = "wall_avoidance"
