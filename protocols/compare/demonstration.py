@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
-
-import numpy as np
+from typing import Any, ClassVar
 
 from ...controller.brains import BRAINS
 from ..errors import InputError
 from ..examples import ROBOT
 from ..lives.conditions import PAPER_TASKS, Condition
 from ..lives.experiment import Experiment
-from ..lives.jobs import Job
-from ..lives.plan import Variant
+from ..lives.plan import Plan
 from ..lives.run import Run
 from ..lives.run_files import read_run
 from ..lives.schedules import SCHEDULES, TASK_NAMES
@@ -23,8 +20,7 @@ from ..pages.film import film
 from ..pages.markdown import table
 from ..pages.stored_brains import StoredRobot
 from ..terminal import notice
-from .study import Page
-from .variants import VariantStudy
+from .study import Page, RunJobs, Study, check_positive, simulate_runs
 
 FILMS, TRAINED = "films", "trained_robot"
 _PROPOSER = "creative"
@@ -66,7 +62,7 @@ class Shown:
 
 
 @dataclasses.dataclass
-class Demo(VariantStudy):
+class Demo(Study):
     """Show a trained robot, then let a few robots learn and film the best and a typical one.
 
     Attributes:
@@ -76,37 +72,46 @@ class Demo(VariantStudy):
     """
 
     name: ClassVar[str] = "demo"
+    folders: ClassVar[tuple[str, ...]] = (FILMS,)
 
     robots: int = 6
     time_scale: float = 0.5
     seed: int = 1
 
-    def baseline(self) -> Experiment:
-        """See `VariantStudy.baseline`."""
-        return Experiment(cohort_size=self.robots, time_scale=self.time_scale, seed=self.seed)
+    def identity(self) -> Mapping[str, Any]:
+        """See `Study.identity`."""
+        check_positive(robots=self.robots)
+        return dataclasses.asdict(self)
 
-    def variants(self) -> Sequence[Variant]:
-        """See `VariantStudy.variants`: the paper's brain and `steady`."""
-        return [
-            Variant(name, {"brain": BRAINS[name]}, proposers=(_PROPOSER,))
+    def plans(self) -> Mapping[str, Plan]:
+        """See `Study.plans`: the paper's brain and `steady`."""
+        experiment = Experiment(cohort_size=self.robots, time_scale=self.time_scale, seed=self.seed)
+        conditions = [Condition(task, _PROPOSER) for task in PAPER_TASKS]
+        return {
+            name: Plan.of(
+                dataclasses.replace(experiment, brain=BRAINS[name]), conditions, self.robots
+            )
             for name in ("paper", "steady")
-        ]
+        }
 
-    def folders(self, out: Path) -> Sequence[Path]:
-        """See `Study.folders`."""
-        return [*super().folders(out), out / FILMS]
-
-    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`; the first film is made before the robots learn, the others after."""
+    def work(self, out: Path, run_jobs: RunJobs) -> None:
+        """See `Study.work`; the first film is made before the robots learn, the others after."""
         kept = StoredRobot(read_run(ROBOT), Condition("spot_finding", _PROPOSER), 0, "post")
         words = "brain steady, trained for four hours"
         self._film(kept, words, _TRAINED_SPEED, out / FILMS / f"{TRAINED}.mp4")
-        yield from super().stages(out)
-        runs = self.read(out)
+        simulate_runs(out, self.plans(), run_jobs)
+        runs = self._runs(out)
         for one in chosen(runs):
             condition = Condition(one.task, _PROPOSER)
             robot = StoredRobot(runs[one.brain], condition, one.robot, "post")
             self._film(robot, one.caption, _SPEEDS[one.task], out / FILMS / one.file)
+
+    def page(self, out: Path) -> Page:
+        """See `Study.page`."""
+        return Page(markdown(self._runs(out)))
+
+    def _runs(self, out: Path) -> dict[str, Run]:
+        return {name: read_run(out / name) for name in self.plans()}
 
     def _film(self, robot: StoredRobot, words: str, speed: float, path: Path) -> None:
         """Films a robot's test after training, unless the film exists; without EGL it says so."""
@@ -118,10 +123,6 @@ class Demo(VariantStudy):
             notice(f"watch {path}")
         except InputError as error:
             notice(f"{path.name} is not filmed: {error}")
-
-    def page(self, out: Path) -> Page:
-        """See `Study.page`."""
-        return Page(markdown(self.read(out)))
 
 
 def chosen(runs: Mapping[str, Run]) -> list[Shown]:
@@ -156,42 +157,37 @@ def chosen(runs: Mapping[str, Run]) -> list[Shown]:
 
 
 def markdown(runs: Mapping[str, Run]) -> str:
-    """Returns the page: the numbers, what they mean, the films, and three sentences.
+    """Returns the page: the numbers, the films, what was seen in either task, what to do next.
 
     Args:
       runs: Runs, keyed by the name of their brain; the paper's brain comes first.
     """
-    means = {
-        (brain, task): tuple(
-            float(np.mean(run.shares(Condition(task, _PROPOSER), part))) for part in ("pre", "post")
-        )
-        for brain, run in runs.items()
-        for task in PAPER_TASKS
-    }
-    head = [
-        "share of the test",
-        *(f"`{b}`, {w} learning" for b in runs for w in ("before", "after")),
-    ]
-    rows = [
-        [SCHEDULES[task].event, *(f"{x:.0%}" for brain in runs for x in means[brain, task])]
-        for task in PAPER_TASKS
-    ]
+    rows = [["share of the test"]]
+    rows[0] += [f"`{brain}`, {when} learning" for brain in runs for when in ("before", "after")]
+    seen = []
+    for task in PAPER_TASKS:
+        condition, cells = Condition(task, _PROPOSER), []
+        for run in runs.values():
+            cells += [f"{run.shares(condition, part).mean():.0%}" for part in ("pre", "post")]
+        rows.append([SCHEDULES[task].event, *cells])
+        changes = zip(runs, cells[::2], cells[1::2], strict=True)
+        seen.append(" and ".join(f"from {a} to {b} with `{brain}`" for brain, a, b in changes))
     experiment = next(iter(runs.values())).experiment
     robots, scale = experiment.cohort_size, experiment.time_scale
     length = "at full length" if scale == 1 else f"with {scale:g} times the paper's durations"
-    films = [f"- `{FILMS}/{TRAINED}.mp4`: a robot that was trained beforehand."]
-    films += [
+    films = [
         f"- `{FILMS}/{one.file}`: {TASK_NAMES[one.task].lower()}, {one.kind} robot; {one.caption} "
         "training."
         for one in chosen(runs)
     ]
     lines = [
-        *table([head, *rows]),
+        *table(rows),
         "",
         f"Means of {robots} creative robots with each brain, simulated in MuJoCo {length}. So few "
         "robots are an example, not a measurement: the tables of the README have 500 at full "
         "length.",
         "",
+        f"- `{FILMS}/{TRAINED}.mp4`: a robot that was trained beforehand.",
         *films,
         "",
         "The best robot was longest in the spot (or shortest in contact) after training; the "
@@ -199,26 +195,8 @@ def markdown(runs: Mapping[str, Run]) -> str:
         "after training again, with new noise. The paper's brain often gets worse in the spot: its "
         "tables say so, too (docs/results.md).",
         "",
-        _sentences(runs, means),
+        f"Contact with walls went {seen[0]}. Time in the spot went {seen[1]}. Next, watch the "
+        "films, make a page of a run with `musebot report OUT/steady`, or let an agent of your own "
+        "learn (docs/agents.md).",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _sentences(runs: Mapping[str, Run], means: Mapping[tuple[str, str], tuple[float, ...]]) -> str:
-    """Returns what was seen in either task, and what to do next."""
-    spot, walls = Condition("spot_finding", _PROPOSER), "wall_avoidance"
-    stay = [
-        f"{int((run.shares(spot, 'post') > 0.5).sum())} of {len(run.valid(spot))} robots with "
-        f"`{brain}`"
-        for brain, run in runs.items()
-    ]
-    contact = [
-        f"from {means[brain, walls][0]:.0%} to {means[brain, walls][1]:.0%} with `{brain}`"
-        for brain in runs
-    ]
-    return (
-        f"After learning, {' and '.join(stay)} spent most of the test in the spot. "
-        f"Contact with walls went {' and '.join(contact)}. "
-        "Next, watch the films, make a page of a run with `musebot report OUT/steady`, or let an "
-        "agent of your own learn (docs/agents.md)."
-    )
