@@ -250,7 +250,7 @@ def _cost_job(out: Path, board: Board, entry: Entry) -> ArrayJob:
         functools.partial(costs, entry.experiment, entry.condition),
         2 * TIMED[0] * TIMED[1] * CONTROL_TIMESTEP,
         {"costs": ("F64", (3,))},
-        {"experiment": dataclasses.asdict(entry.experiment), "condition": str(entry.condition)},
+        {"board": board.name, "command": entry.command},
     )
 
 

@@ -271,12 +271,15 @@ class Tune(Study):
         numbers = "-".join(f"{trial.number:04}" for trial in trials)
         experiment = self._round(again, trials)
         robots = experiment.cohort_size
+        words = "signals", "task", "kinematics", "time_scale"
+        identity = {word: getattr(self, word) for word in words}
+        identity |= {"agent": self.condition.proposer, "seed": experiment.seed}
         return ArrayJob(
             out / "trials" / f"{numbers}-{int(again)}.safetensors",
             functools.partial(lives, experiment, self.condition),
             experiment.robot_seconds(sum(experiment.schedule(self.task).steps())),
             {"events": ("I32", (robots, len(PARTS))), "valid": ("BOOL", (robots,))},
-            {"experiment": dataclasses.asdict(experiment), "condition": str(self.condition)},
+            identity | {"settings": experiment.settings},
         )
 
     def _kept(self, out: Path) -> list[Trial]:
