@@ -64,7 +64,8 @@ def test_every_name_of_an_agent_of_ours_is_recorded_as_the_same(name):
     factory = factory_of(name)
     code = f"{factory.__module__}:{factory.__qualname__}"
     for given in (name, RECORDED[name], code):
-        assert recorded_name(given) == RECORDED[name] and factory_of(given) is factory
+        assert recorded_name(given) == RECORDED[name]
+        assert factory_of(recorded_name(given)) is factory
     assert RECORDED_NAMES == RECORDED and short_name(RECORDED[name]) == name
 
 

@@ -108,7 +108,7 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(tmp_path, in_
     # A tuning that is not finished is refused, and another agent's is not read.
     next((tuned / "trials").glob("*-1.safetensors")).unlink()
     with pytest.raises(InputError, match="is not finished"):
-        conduct(study, out, in_process())
+        conduct(dataclasses.replace(study), out, in_process())
     others = dataclasses.replace(study, agent=("dqn",), board=("walls",)).plans()
     assert others["walls-dqn-raw"].experiment.settings == ()
 
@@ -125,7 +125,9 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(tmp_path, in_
     assert read_run(runs[0]).name in ("paper-sarsa_lambda-raw", "paper-steady-raw")
 
 
-def test_runs_without_learners_and_folders_of_no_tuning_are_refused(tmp_path, in_process):
+def test_runs_without_learners_and_folders_of_no_tuning_are_refused(
+    tmp_path, in_process, commands_in_process
+):
     bounds = "run OUT --agent newborn hand_coded --robots 2 --time-scale 0.001 --body kinematic"
     words = bounds.replace("OUT", str(tmp_path / "bounds")).split()
     assert cli.main([*words, "--processes", "1"]) == 0
