@@ -87,26 +87,15 @@ class Newborn(NeurocontrollerAgent):
 def hand_coded(robots: int, senses: Senses, seed: int) -> Agent:
     """A hand-coded policy, which learns nothing: a bound from above.
 
-    Args:
-      robots: Number of robots; unused, since hand-coded robots have no state.
-      senses: What the robots sense.
-      seed: Seed; unused, since nothing is random.
-
     Raises:
       InputError: it has no policy for these signals.
     """
-    del robots, seed
+    del robots, seed  # it has no state, and nothing is random
     return HandCoded(senses)
 
 
 def newborn(robots: int, senses: Senses, seed: int) -> Agent:
-    """A creative newborn with the brain `steady`, which learns nothing: a bound from below.
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-    """
+    """A creative newborn with the brain `steady`, which learns nothing: a bound from below."""
     brain = BRAINS["steady"]
     state = len(senses.state)
     return Newborn(Neurocontroller(brain, "creative", robots, state, seed, senses))

@@ -7,6 +7,7 @@ import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,19 +18,20 @@ from .base import Agent, sound
 # A fault of a user's code lies neither here, nor in Python, nor in these libraries. Without a
 # virtual environment Python's folder has that of the packages in it.
 _LIBRARIES = Path(np.__file__).parents[1]
-_NOT_THEIRS = (
-    "<",
-    str(Path(__file__).parents[1]),
-    *(str(_LIBRARIES / name) for name in ("numpy", "torch")),
-)
+_OURS = "<", str(Path(__file__).parents[1]), *(str(_LIBRARIES / n) for n in ("numpy", "torch"))
 _PYTHON = sysconfig.get_paths()["stdlib"]
 
 
 class CheckedAgent(Agent):
-    """An agent whose code is not ours: each fault becomes one sentence that names the agent."""
+    """An agent whose code is not ours: each fault becomes one sentence that names the agent.
+
+    Every method raises InputError where the agent returns what the interface does not allow, and
+    RunError where it fails, exits or returns motor values that are not finite. The agent receives
+    copies of all arrays.
+    """
 
     def __init__(self, name: str, make: Callable[[], object], robots: int) -> None:
-        """Makes the agent.
+        """Makes the agent of B robots.
 
         Args:
           name: Name of the factory.
@@ -49,122 +51,84 @@ class CheckedAgent(Agent):
 
     def reset(self) -> None:
         """See `Agent.reset`."""
-        with ending_in_a_sentence(f"{self._name} failed in reset"):
-            self._agent.reset()
+        self._call("reset")
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`; the agent receives a copy.
-
-        Raises:
-          InputError: the motor values have another shape, or are not real numbers.
-          RunError: the agent fails or exits, or the motor values of a robot are not finite though
-            its weights are.
-        """
-        with ending_in_a_sentence(f"{self._name} failed in act"):
-            motors = np.asarray(self._agent.act(state.copy(), learning))
+        """See `Agent.act`; a robot whose weights are not finite may act as it likes."""
+        motors = np.asarray(self._call("act", state.copy(), learning))
         if motors.shape != (self._robots, 2):
-            raise InputError(
-                f"{self._name} must return motor values of shape ({self._robots}, 2), "
-                f"got {motors.shape}"
-            )
+            raise self._wrong(f"motor values of shape ({self._robots}, 2), got {motors.shape}")
         if motors.dtype.kind not in "fiu":
-            raise InputError(
-                f"{self._name} must return motor values that are real numbers, got {motors.dtype}"
-            )
+            raise self._wrong(f"motor values that are real numbers, got {motors.dtype}")
         if not np.isfinite(motors).all():
-            self._check_finite(motors)
+            # Robots with weights that are not finite are stopped by the simulation instead.
+            wrong = ~np.isfinite(motors).all(axis=1) & sound(self.weights(), self._robots)
+            if wrong.any():
+                robot = int(wrong.argmax())
+                got = f"got {motors[robot].tolist()} for robot {robot}"
+                raise RunError(f"{self._name} must return motor values that are finite, {got}")
         return motors
 
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`; the agent receives a copy.
-
-        Raises:
-          RunError: the agent fails or exits.
-        """
-        with ending_in_a_sentence(f"{self._name} failed in learn"):
-            self._agent.learn(reward.copy())
+        """See `Agent.learn`."""
+        self._call("learn", reward.copy())
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`.
-
-        Raises:
-          InputError: the state cannot be written into a checkpoint.
-          RunError: the agent fails or exits.
-        """
-        with ending_in_a_sentence(f"{self._name} failed in state"):
-            state = self._agent.state()
-        return self._arrays("state", state)
+        """See `Agent.state`."""
+        return self._arrays("state")
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_state`."""
-        what = f"{self._name} failed in load_state"
-        with ending_in_a_sentence(what, passed=(ValueError, KeyError)):
-            self._agent.load_state({name: array.copy() for name, array in arrays.items()})
+        self._load("load_state", arrays, ValueError, KeyError)
 
     def weights(self) -> dict[str, np.ndarray]:
-        """See `Agent.weights`.
-
-        Raises:
-          InputError: the weights cannot be written into results.safetensors.
-          RunError: the agent fails or exits.
-        """
-        with ending_in_a_sentence(f"{self._name} failed in weights"):
-            weights = self._agent.weights()
-        arrays = self._arrays("weights", weights)
+        """See `Agent.weights`."""
+        arrays = self._arrays("weights")
         for name, array in arrays.items():
             if array.shape[:1] != (self._robots,):
-                raise InputError(
-                    f"{self._name} must return weights with a row a robot, got {name} of shape "
-                    f"{array.shape} for {self._robots} robots"
+                raise self._wrong(
+                    f"weights with a row a robot, got {name} of shape {array.shape} for "
+                    f"{self._robots} robots"
                 )
         return arrays
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
         """See `Agent.load_weights`."""
-        what = f"{self._name} failed in load_weights"
-        with ending_in_a_sentence(what, passed=(ValueError, KeyError, NotImplementedError)):
-            self._agent.load_weights({name: array.copy() for name, array in arrays.items()})
+        self._load("load_weights", arrays, ValueError, KeyError, NotImplementedError)
 
-    def _arrays(self, what: str, arrays: object) -> dict[str, np.ndarray]:
+    def _call(self, method: str, *arguments: Any) -> Any:
+        with ending_in_a_sentence(f"{self._name} failed in {method}"):
+            return getattr(self._agent, method)(*arguments)
+
+    def _load(
+        self, method: str, arrays: Mapping[str, np.ndarray], *passed: type[Exception]
+    ) -> None:
+        copies = {name: array.copy() for name, array in arrays.items()}
+        with ending_in_a_sentence(f"{self._name} failed in {method}", passed=passed):
+            getattr(self._agent, method)(copies)
+
+    def _arrays(self, what: str) -> dict[str, np.ndarray]:
+        """Returns what a method returns, if it is a dict of arrays that a file can hold."""
+        arrays = self._call(what)
         if not isinstance(arrays, Mapping):
-            raise InputError(
-                f"{self._name} must return a dict of arrays as its {what}, "
-                f"got {type(arrays).__name__}"
-            )
+            raise self._wrong(f"a dict of arrays as its {what}, got {type(arrays).__name__}")
         for name, array in arrays.items():
-            if isinstance(array, np.generic):
-                raise InputError(
-                    f"{self._name} must return a dict of arrays as its {what}, got the number "
-                    f"{name!r} ({type(array).__name__}), not an array"
-                )
             if not isinstance(name, str) or not isinstance(array, np.ndarray):
-                raise InputError(
-                    f"{self._name} must return a dict of arrays as its {what}, "
-                    f"got {name!r} of type {type(array).__name__}"
-                )
+                kind = type(array).__name__
+                raise self._wrong(f"a dict of arrays as its {what}, got {name!r} of type {kind}")
             if array.dtype not in DTYPES:
-                raise InputError(
-                    f"{self._name} must return a {what} of real numbers, got {name} of dtype "
-                    f"{array.dtype}"
+                raise self._wrong(
+                    f"arrays of real numbers as its {what}, got {name} of dtype {array.dtype.str}"
                 )
         return dict(arrays)
 
-    def _check_finite(self, motors: np.ndarray) -> None:
-        """Raises RunError unless the weights show why: such robots are stopped and counted."""
-        wrong = ~np.isfinite(motors).all(axis=1) & sound(self.weights(), self._robots)
-        if wrong.any():
-            robot = int(np.flatnonzero(wrong)[0])
-            raise RunError(
-                f"{self._name} must return motor values that are finite, got "
-                f"{motors[robot].tolist()} for robot {robot}"
-            )
+    def _wrong(self, words: str) -> InputError:
+        return InputError(f"{self._name} must return {words}")
 
 
 @contextlib.contextmanager
 def ending_in_a_sentence(
-    what: str,
-    kind: type[Exception] = RunError,
-    passed: tuple[type[Exception], ...] = (),
+    what: str, kind: type[Exception] = RunError, passed: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
     """Turns whatever a user's code raises within into one sentence.
 
@@ -186,18 +150,12 @@ def ending_in_a_sentence(
         raise kind(f"{what} ({fault(error)})") from error
 
 
-def _is_not_theirs(file: str) -> bool:
-    if file.startswith(str(_LIBRARIES)):
-        return file.startswith(_NOT_THEIRS)
-    return file.startswith((*_NOT_THEIRS, _PYTHON))
-
-
 def fault(error: BaseException) -> str:
     """Returns type, text and place of an error in one line: the last place in a user's code."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not _is_not_theirs(frame.filename)
-    ]
-    return f"{text}, {Path(frames[-1].filename).name} line {frames[-1].lineno}" if frames else text
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        python = frame.filename.startswith(_PYTHON)
+        library = frame.filename.startswith(str(_LIBRARIES))
+        if not frame.filename.startswith(_OURS) and (library or not python):
+            return f"{text}, {Path(frame.filename).name} line {frame.lineno}"
+    return text

@@ -13,7 +13,7 @@ from typing import Any, cast
 from ..errors import InputError, similar
 from .base import Agent
 from .checked_agent import ending_in_a_sentence
-from .names import MOVED, RECORDED_NAMES
+from .names import FACTORIES, RECORDED_NAMES
 from .trust import check_trusted
 
 
@@ -30,7 +30,7 @@ def factory_of(name: str) -> Callable[..., Agent]:
     """
     name = RECORDED_NAMES.get(name, name)
     check_trusted(name, "the experiment")
-    module, _, attribute = MOVED.get(name, name).partition(":")
+    module, _, attribute = FACTORIES.get(name, name).partition(":")
     factory: Any
     with ending_in_a_sentence(f"{module} cannot be imported", InputError):
         try:

@@ -11,33 +11,31 @@ from ..errors import InputError, nearest
 
 GROUP = "musebot.agents"  # entry points by which other packages register agents
 
-# Our own agents by their short names: the module that runs record, and the one in which the code is
-# now, in this folder. A cohort's random streams depend on the recorded name, which must not change
-# when the code is moved.
-_OWN = {
-    "q_learner": ("musebot.protocols.baselines", "learners.q_learning"),
-    "sarsa_lambda": ("musebot", "learners.sarsa"),
-    "stream_q": ("musebot", "learners.stream_q"),
-    "stream_ac": ("musebot", "learners.stream_ac"),
-    "avg": ("musebot", "learners.avg"),
-    "amortised_q": ("musebot", "learners.amortised_q"),
-    "dqn": ("musebot", "learners.dqn"),
-    "ppo": ("musebot.protocols.ppo", "ppo"),
-    "hand_coded": ("musebot.protocols.baselines", "bounds"),
-    "newborn": ("musebot", "bounds"),
+# Our own agents: the name that runs record, and the module of the code in this folder. A cohort's
+# random streams depend on the recorded name, which must not change when the code is moved.
+OWN: Mapping[str, tuple[str, str]] = {
+    "q_learner": ("musebot.protocols.baselines:q_learner", "learners.q_learning"),
+    "sarsa_lambda": ("musebot:sarsa_lambda", "learners.sarsa"),
+    "stream_q": ("musebot:stream_q", "learners.stream_q"),
+    "stream_ac": ("musebot:stream_ac", "learners.stream_ac"),
+    "avg": ("musebot:avg", "learners.avg"),
+    "amortised_q": ("musebot:amortised_q", "learners.amortised_q"),
+    "dqn": ("musebot:dqn", "learners.dqn"),
+    "ppo": ("musebot.protocols.ppo:ppo", "ppo"),
+    "hand_coded": ("musebot.protocols.baselines:hand_coded", "bounds"),
+    "newborn": ("musebot:newborn", "bounds"),
 }
-RECORDED_NAMES = {name: f"{recorded}:{name}" for name, (recorded, _) in _OWN.items()}
-MOVED = {
-    RECORDED_NAMES[name]: f"{__package__}.{module}:{name}" for name, (_, module) in _OWN.items()
-}
+RECORDED_NAMES = {name: recorded for name, (recorded, _) in OWN.items()}
+FACTORIES = {recorded: f"{__package__}.{module}:{n}" for n, (recorded, module) in OWN.items()}
+LOWER, UPPER = "newborn", "hand_coded"  # bounds of what a robot can learn
 TRAINED_BEFORE = "ppo"  # our agent that learned before its life
-OWN_BOUNDS = {RECORDED_NAMES[name] for name in ("newborn", "hand_coded")}
-OWN_ENCODING = {RECORDED_NAMES["newborn"]}  # a brain that reads raw signals by itself
+OWN_BOUNDS = {RECORDED_NAMES[name] for name in (LOWER, UPPER)}
+OWN_ENCODING = {RECORDED_NAMES[LOWER]}  # a brain that reads raw signals by itself
 
 
 def is_own(name: str) -> bool:
     """Returns whether a name is a proposer's, or that of one of our own agents."""
-    return name in PROPOSERS or name in MOVED
+    return name in PROPOSERS or name in FACTORIES
 
 
 @functools.cache
@@ -48,11 +46,7 @@ def registered_names() -> Mapping[str, str]:
     own agents and proposers stay ours.
     """
     found = {point.name: point.value for point in entry_points(group=GROUP)}
-    return {
-        name: value
-        for name, value in sorted(found.items())
-        if name not in RECORDED_NAMES and name not in PROPOSERS
-    }
+    return {name: found[name] for name in sorted({*found} - {*OWN, *PROPOSERS})}
 
 
 def recorded_name(name: str) -> str:
@@ -64,11 +58,8 @@ def recorded_name(name: str) -> str:
     Raises:
       InputError: no agent has this name.
     """
-    for recorded, moved in MOVED.items():
-        if name == moved:
-            return recorded
     if name in PROPOSERS or ":" in name:
-        return name
+        return {code: recorded for recorded, code in FACTORIES.items()}.get(name, name)
     known = {**RECORDED_NAMES, **registered_names()}
     if name not in known:
         raise InputError(
@@ -76,15 +67,6 @@ def recorded_name(name: str) -> str:
             "as package.module:factory"
         )
     return known[name]
-
-
-def name_in_track(name: str, signals: str) -> str:
-    """Returns the key under which the tuning of an agent with these signals is looked up.
-
-    Raises:
-      InputError: no agent has this name.
-    """
-    return f"{recorded_name(name)}, {signals}"
 
 
 def short_name(name: str) -> str:

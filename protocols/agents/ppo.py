@@ -6,7 +6,8 @@ stored as safetensors, and the small network is evaluated here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -202,12 +203,27 @@ def policy_file(task: str) -> Path:
 
 def policy_arrays() -> list[str]:
     """Returns the names of a policy's arrays, such as "before.0.weights"."""
-    return [
-        f"{when}.{layer}.{what}"
-        for when in ("before", "after")
-        for layer in range(LAYERS)
-        for what in ("weights", "biases")
-    ]
+    layers = itertools.product(("before", "after"), range(LAYERS), ("weights", "biases"))
+    return [f"{when}.{layer}.{what}" for when, layer, what in layers]
+
+
+def policy_shapes(task: str, policies: int, widths: Sequence[int] = (64, 64)) -> Shapes:
+    """Returns the dtype and shape of each array of some policies for a task.
+
+    Args:
+      task: Name of the task.
+      policies: Number of policies.
+      widths: Numbers of neurons of the hidden layers.
+    """
+    signals = sum(length for length, _, _ in TASKS[task].rules.shapes.values())
+    sizes = (signals, *widths, 2)
+    shapes = {}
+    for name in policy_arrays():
+        _, layer, what = name.split(".")
+        inputs, neurons = sizes[int(layer) :][:2]
+        shape = (neurons, inputs) if what == "weights" else (neurons,)
+        shapes[name] = ("F32", (policies, *shape))
+    return shapes
 
 
 def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
@@ -220,33 +236,29 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
       InputError: there is no such file, or it holds no policies.
     """
     try:
-        arrays, notes = load_arrays(path, _check_shapes)
+        arrays, notes = load_arrays(path, _check_names)
     except FileNotFoundError as error:
         raise InputError(str(error)) from error
     task = notes.pop("task", None)
     if not isinstance(task, str) or task not in TASKS:
         raise DamagedFileError(f"{path} holds no policies")
-    signals = sum(length for length, _, _ in TASKS[task].rules.shapes.values())
-    if (got := arrays["after.0.weights"].shape[2]) != signals:
-        raise DamagedFileError(f"{path}: {task} has {signals} signals, its policies have {got}")
-    for name, array in arrays.items():
-        if not np.isfinite(array).all():
+    policies, *_ = arrays["after.0.biases"].shape
+    widths = [arrays[f"after.{layer}.biases"].shape[1] for layer in range(LAYERS - 1)]
+    for name, (_, shape) in policy_shapes(task, policies, widths).items():
+        if arrays[name].shape != shape:
+            got = arrays[name].shape
+            raise DamagedFileError(f"{path}: {name} must have shape {shape} for {task}, got {got}")
+        if not np.isfinite(arrays[name]).all():
             raise DamagedFileError(f"{path}: {name} must be finite")
     return task, arrays, notes
 
 
-def _check_shapes(shapes: Shapes) -> None:
-    """Raises ValueError where arrays are not the layers of at least one policy."""
-    if sorted(shapes) != sorted(policy_arrays()):
+def _check_names(shapes: Shapes) -> None:
+    """Raises ValueError where arrays cannot be the layers of at least one policy."""
+    if sorted(shapes) != sorted(policy_arrays()) or {kind for kind, _ in shapes.values()} != {
+        "F32"
+    }:
         raise ValueError("it holds no policies")
-    weights = [shapes[f"after.{layer}.weights"][1] for layer in range(LAYERS)]
-    if any(len(shape) != 3 for shape in weights) or 0 in weights[0]:
+    biases = [shape for name, (_, shape) in shapes.items() if name.endswith("biases")]
+    if any(len(shape) != 2 for shape in biases) or 0 in shapes["after.0.biases"][1]:
         raise ValueError("it holds no policies")
-    robots, _, inputs = weights[0]
-    for layer, neurons in enumerate([weights[0][1], weights[1][1], 2]):
-        for when in ("before", "after"):
-            for what, shape in (("weights", (neurons, inputs)), ("biases", (neurons,))):
-                wanted, name = ("F32", (robots, *shape)), f"{when}.{layer}.{what}"
-                if shapes[name] != wanted:
-                    raise ValueError(f"{name} must be {wanted}, got {shapes[name]}")
-        inputs = neurons

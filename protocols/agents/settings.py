@@ -27,11 +27,11 @@ class Setting:
       low: Smallest value.
       high: Largest value.
       says: What it is.
-      log: Whether `musebot study tune` draws its logarithm uniformly, not the value itself.
-      tuned: Whether `musebot study tune` changes it.
+      log: Whether tuning draws its logarithm uniformly, not the value itself.
+      tuned: Whether tuning changes it.
       each: Whether robots of a cohort may differ in it: the factory then receives an array of shape
-        (B,), int64 for whole numbers, else float64. If all tuned settings may, `musebot study tune`
-        simulates several trials together, which takes less time.
+        (B,), int64 for whole numbers, else float64. If all tuned settings may, several trials of a
+        tuning are simulated together, which takes less time.
     """
 
     default: float
@@ -58,17 +58,17 @@ class Setting:
         """Whether the value is a whole number."""
         return type(self.default) is int
 
+    def allows(self, value: float) -> bool:
+        """Returns whether a value lies in the range, and is whole where it must be."""
+        return self.low <= value <= self.high and (not self.whole or value == int(value))
+
     def at(self, share: float) -> float:
         """Returns the value at a share of the range, from 0 (lowest) to 1 (highest)."""
         # Each whole number has an equal part of the range.
         low, high = (self.low - 0.5, self.high + 0.5) if self.whole else (self.low, self.high)
-        if self.log:
-            value = low * (high / low) ** share
-        else:
-            value = low + share * (high - low)
-        if self.whole:
-            return int(min(max(round(value), self.low), self.high))
-        return min(max(float(f"{value:.3g}"), self.low), self.high)
+        value = low * (high / low) ** share if self.log else low + share * (high - low)
+        rounded = round(value) if self.whole else float(f"{value:.3g}")
+        return type(self.default)(min(max(rounded, self.low), self.high))
 
 
 def tunable(**settings: Setting) -> Callable[[Factory], Factory]:
@@ -143,17 +143,15 @@ def checked_settings(
             raise InputError(f"{agent} has no setting {name}: {nearest(name, known)}")
         setting = known[name]
         for value in values:
-            if not setting.low <= value <= setting.high or setting.whole and value != int(value):
+            if not setting.allows(value):
                 kind = "be a whole number" if setting.whole else "lie"
                 raise InputError(
                     f"the setting {name} of {agent} must {kind} in "
                     f"[{setting.low:g}, {setting.high:g}], got {shown(value)}"
                 )
-        if len(values) == 1:
-            checked[name] = int(values[0]) if setting.whole else float(values[0])
-        elif not setting.each or robots % len(values):
+        if len(values) > 1 and (not setting.each or robots % len(values)):
             raise InputError(f"{robots} robots cannot have {len(values)} values of {name}")
-        else:
-            kind = np.int64 if setting.whole else np.float64
-            checked[name] = np.repeat(np.array(values, kind), robots // len(values))
+        kind = np.int64 if setting.whole else np.float64
+        array = np.array(values, kind)
+        checked[name] = array[0].item() if len(values) == 1 else array.repeat(robots // len(values))
     return checked

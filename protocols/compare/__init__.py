@@ -1,4 +1,4 @@
-"""Studies: experiments of several runs or tests, each with a page (`musebot study NAME`)."""
+"""Studies that rank agents: options, the jobs that they need, and a page (`musebot study NAME`)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .study import Study
 
-# The module and class of each study, and what it asks: the first line of the class's docstring.
-# Written here too, so that the list needs no heavy import; a test compares the two.
+# The module and class of each study, and the first line of the class's docstring: written here
+# too, so that the list needs no heavy import; a test compares the two.
 STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {
         "tune": (
@@ -25,15 +25,11 @@ STUDIES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "Simulate learners by the same schedules, each with its tuned settings, and rank them.",
         ),
         "leaderboard": (
-            "leaderboard",
+            "benchmark",
             "Leaderboard",
-            "Rank learners in kept runs, between a newborn and a hand-coded robot.",
+            "Rank learners in finished runs, between a newborn and a hand-coded robot.",
         ),
-        "ppo": (
-            "ppo",
-            "PPOTraining",
-            "Train policies by PPO on any task, one random seed each.",
-        ),
+        "ppo": ("ppo", "PPOTraining", "Train policies by PPO on any task, one random seed each."),
     }
 )
 

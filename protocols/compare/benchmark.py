@@ -1,95 +1,155 @@
-"""The study that simulates learners by the same schedules, and ranks them."""
+"""The studies that rank learners: in runs of equal schedules, or in finished runs."""
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import functools
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+import re
+import time
+import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
-from ...controller import PROPOSERS
+import numpy as np
+
+from ...controller import BRAINS, PROPOSERS
 from ...models import Kinematics
+from ...tasks.arena import CONTROL_TIMESTEP
 from ..agents.factory import factory_of
 from ..agents.names import (
-    RECORDED_NAMES,
+    LOWER,
+    OWN,
     TRAINED_BEFORE,
-    name_in_track,
+    UPPER,
+    is_own,
     recorded_name,
     short_name,
 )
+from ..agents.senses import senses_of
 from ..agents.trust import trust
-from ..cli.shared_options import BODY_EFFECTS, option
 from ..errors import InputError
-from ..lives.cohort import check_agents
+from ..lives.agent import make_agent
+from ..lives.conditions import Condition
 from ..lives.experiment import Body, Experiment, Signals
-from ..lives.jobs import Job
-from ..lives.overrides import named_brain, with_overrides
-from ..lives.plan import Variant
-from ..lives.run_files import has_all_robots, read_runs
+from ..lives.overrides import with_overrides
+from ..lives.plan import Plan
+from ..lives.run import Run
+from ..lives.run_files import read_runs
 from ..terminal import notice
-from .boards import LOWER, UPPER, Board, Entry, boards, saturates
-from .costs import FOLDER, cost_jobs, measured
+from .boards import Board, Entry, boards
+from .jobs import ArrayJob, Arrays, Progress
 from .leaderboard_page import page
-from .study import Page
-from .tune import efforts, tunings
-from .variants import VariantStudy
+from .study import Page, RunJobs, Study, check_positive, simulate_runs
+from .tune import BODY_EFFECTS, read_tunings
 
-LEARNERS = tuple(name for name in RECORDED_NAMES if name not in (TRAINED_BEFORE, LOWER, UPPER))
-_BRAINS = ("paper", "steady")
-_PAPER_ALONE = ("paper", recorded_name(TRAINED_BEFORE))  # have no raw signals
-_SATURATED = ("raw_signals=false", "raw_reward=false")  # `steady` with the paper's signals
+LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
+TIMED = 60, 500
+"""Robots and control steps of the measurement of costs."""
+
+BoardName = Literal["paper", "walls"]  # protocols
+_BRAINS = "paper", "steady"
+_PAPER_ALONE = "paper", recorded_name(TRAINED_BEFORE)  # have no raw signals
 # In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
-_COHORTS: Mapping[Body, int] = MappingProxyType({"mujoco": 30, "kinematic": 60})
+_COHORTS: Mapping[str, int] = {"mujoco": 30, "kinematic": 60}
+_NONE: Mapping[str, Any] = {}
 
-BoardName = Literal["paper", "walls"]
-BOARDS: Mapping[BoardName, Mapping[str, Any]] = MappingProxyType(
-    {
-        "paper": {},
-        "walls": {"protocol": "walls"},
-    }
-)
+
+class Ranking(Study):
+    """A study whose page ranks the learners of some runs, and says what they cost."""
+
+    folders: ClassVar[tuple[str, ...]] = ("costs",)
+    tuned: tuple[Path, ...]
+
+    @abc.abstractmethod
+    def boards(self, out: Path) -> dict[Board, list[Entry]]:
+        """Returns the boards of the finished runs."""
+
+    def work(self, out: Path, run_jobs: RunJobs) -> None:
+        """See `Study.work`: measures our own learners; `ppo` has as many robots as policies."""
+        rows = [(board, entry) for board, own in self.boards(out).items() for entry in own]
+        own = [row for row in rows if is_own(row[1].condition.proposer)]
+        run_jobs([_cost_job(out, *row) for row in own if row[1].name != TRAINED_BEFORE])
+
+    def page(self, out: Path) -> Page:
+        """See `Study.page`."""
+        found = self.boards(out)
+        jobs = {(b, e.name): _cost_job(out, b, e) for b, own in found.items() for e in own}
+        costs = {row: job.read()["costs"] for row, job in jobs.items() if job.done()}
+        return page(found, costs, read_tunings(self.tuned))
 
 
 @dataclasses.dataclass
-class Benchmark(VariantStudy):
+class Leaderboard(Ranking):
+    """Rank learners in finished runs, between a newborn and a hand-coded robot.
+
+    Each track, protocol, task and simulator is a board; its runs must hold the agents `newborn` and
+    `hand_coded`, which are its bounds.
+    """
+
+    name: ClassVar[str] = "leaderboard"
+
+    runs: tuple[Path, ...]
+    """folders of finished runs of `musebot run`"""
+    tuned: tuple[Path, ...] = ()
+    """folders of `musebot study tune`, whose effort is printed"""
+
+    @functools.cached_property
+    def _runs(self) -> list[Run]:
+        return read_runs(self.runs, networks=False)
+
+    def identity(self) -> Mapping[str, Any]:
+        """See `Study.identity`: the experiments of the runs, and the effort of tuning."""
+        boards(self._runs)  # refuses runs that make none
+        efforts = {" ".join(key): one.study.effort for key, one in read_tunings(self.tuned).items()}
+        runs = {run.name: dataclasses.asdict(run.experiment) for run in self._runs}
+        return {"runs": runs, "tuned": efforts}
+
+    def boards(self, out: Path) -> dict[Board, list[Entry]]:
+        """See `Ranking.boards`."""
+        del out
+        return boards(self._runs)
+
+
+@dataclasses.dataclass
+class Benchmark(Ranking):
     """Simulate learners by the same schedules, each with its tuned settings, and rank them.
 
     On each board each learner has one run per track. The bounds newborn and hand_coded have one
-    run per board, which counts in both tracks. The page needs no brains. More learners, tracks
-    or boards can be added to those that OUT has. Boards: paper, both tasks; walls, spot finding
-    with walls sensed.
+    run per board, which counts in both tracks. More learners, tracks or boards can be added to
+    those that OUT has. Boards: paper, both tasks; walls, spot finding with walls sensed.
     """
 
     name: ClassVar[str] = "benchmark"
 
-    tuned: Annotated[tuple[Path, ...], option("OUT ..", "none")] = ()
+    tuned: tuple[Path, ...] = ()
     """folders of `musebot study tune`; other learners have their default settings"""
-    agent: Annotated[tuple[str, ...], option("NAME ..", "all of ours, without ppo")] = (
-        *_BRAINS,
-        *LEARNERS,
-    )
+    agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     """learners: agents, or a brain, paper or steady"""
-    signals: Annotated[tuple[Signals, ...], option("{paper,raw} ..", "both")] = ("paper", "raw")
+    signals: tuple[Signals, ...] = ("paper", "raw")
     """tracks; raw: smell and reward before they saturate"""
-    board: Annotated[tuple[BoardName, ...], option(f"{{{','.join(BOARDS)}}} ..", "paper walls")] = (
-        "paper",
-        "walls",
-    )
-    """protocols and tasks in which they are compared"""
+    board: tuple[BoardName, ...] = ("paper", "walls")
+    """protocols in which they are compared"""
     robots: int = 60
     """robots of each learner: at most 30, or a multiple of 30; with --body kinematic of 60"""
     seed: int = 32010
-    """seed of the boards paper and walls"""
+    """seed of all robots"""
     body: Body = "mujoco"
     """body of the robot; kinematic: the kinematic simulator, with the effects of the body"""
     time_scale: float = 1.0
     """factor on every duration, in (0, 1]; below 1 for rehearsals"""
 
-    def baseline(self) -> Experiment:
-        """See `VariantStudy.baseline`."""
+    def identity(self) -> Mapping[str, Any]:
+        """See `Study.identity`: what all runs share; learners, tracks and boards may be added."""
+        check_positive(robots=self.robots)
+        for option, known in (("signals", get_args(Signals)), ("board", get_args(BoardName))):
+            for given in getattr(self, option):
+                if given not in known:
+                    raise InputError(
+                        f"the {option} must be one of {', '.join(known)}, got {given!r:.60}"
+                    )
         if (cohort := _COHORTS.get(self.body)) is None:
             names = ", ".join(_COHORTS)
             raise InputError(f"the body must be one of {names}, got {self.body!r:.60}")
@@ -97,122 +157,139 @@ class Benchmark(VariantStudy):
             raise InputError(
                 f"robots above {cohort} must be a multiple of {cohort}, got {self.robots}"
             )
+        return {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
+
+    def plans(self) -> Mapping[str, Plan]:
+        """See `Study.plans`: for each board the bounds, and each learner in its tracks."""
+        found = {}
+        for board in self.board:
+            bounds = tuple(map(recorded_name, (LOWER, UPPER)))
+            found[f"{board}-bounds"] = self._plan(board, bounds)
+            for name, signals in itertools.product(self._learners, self.signals):
+                if signals == "paper" or name not in _PAPER_ALONE:
+                    row = f"{board}-{short_name(name).replace(':', '-')}-{signals}"
+                    found[row] = self._plan(board, *self._driver(name, signals))
+        if all(name.endswith("-bounds") for name in found):
+            raise InputError("at least one learner, a track that it has and a board are needed")
+        return found
+
+    def _driver(self, name: str, signals: Signals) -> tuple[tuple[str, ...], dict[str, Any]]:
+        """Returns a learner's proposers, and the fields of its experiment."""
+        if name == "paper":
+            return PROPOSERS, {"brain": BRAINS[name]}
+        if name == "steady":
+            raw = signals == "raw"
+            brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
+            return ("creative",), {"brain": brain}
+        settings = self._settings.get((name, signals), ())
+        return (name,), {"signals": signals, "settings": settings}
+
+    def _plan(
+        self, protocol: BoardName, proposers: Sequence[str], fields: Mapping[str, Any] = _NONE
+    ) -> Plan:
+        """Returns the plan of some proposers or agents in all tasks of a protocol."""
         effects = BODY_EFFECTS if self.body == "kinematic" else ()
-        return Experiment(
+        experiment = Experiment(
             seed=self.seed,
-            cohort_size=min(self.robots, cohort),
+            cohort_size=min(self.robots, _COHORTS[self.body]),
             body=self.body,
             kinematics=with_overrides(Kinematics(), effects),
             time_scale=self.time_scale,
+            protocol=protocol,
+            **fields,
         )
-
-    def variants(self) -> Sequence[Variant]:
-        """See `VariantStudy.variants`: for each board the bounds, and each learner's tracks."""
-        if not (self.agent and self.signals and self.board):
-            raise InputError("at least one agent, one track and one board are needed")
-        for signals in self.signals:
-            if signals not in get_args(Signals):
-                raise InputError(f"the signals must be one of paper, raw, got {signals!r:.60}")
-        found, learners = [], self._learners
-        for board in dict.fromkeys(self.board):
-            if board not in BOARDS:
-                raise InputError(f"the board must be one of {', '.join(BOARDS)}, got {board!r:.60}")
-            bounds = tuple(map(recorded_name, (LOWER, UPPER)))
-            tasks = self._tasks(board)
-            found.append(Variant(f"{board}-bounds", BOARDS[board], tasks, bounds))
-            pairs = [*itertools.product(learners, dict.fromkeys(self.signals))]
-            if "raw" not in self.signals and "steady" in learners:
-                pairs.append(("steady", "raw"))  # where nothing saturates
-            rows = [row for pair in pairs if (row := self._row(board, *pair))]
-            if not rows:
-                raise InputError(
-                    f"{', '.join(self.agent)} has no {' or '.join(self.signals)} signals"
-                )
-            found += rows
-        return found
-
-    def _tasks(self, board: BoardName) -> tuple[str, ...]:
-        tasks = dataclasses.replace(self.baseline(), **BOARDS[board]).tasks
-        return tasks[-1:] if board == "larger" else tasks
-
-    def _row(self, board: BoardName, name: str, track: Signals) -> Variant | None:
-        """Returns the run of a learner in a track of a board; None if it has none there."""
-        if track == "raw" and name in _PAPER_ALONE:
-            return None
-        tuned = self._settings  # refuses what cannot be read
-        fields, tasks = dict(BOARDS[board]), self._tasks(board)
-        proposers = ("creative",)
-        if name == "paper":
-            proposers = PROPOSERS
-        elif name == "steady":
-            # Where nothing saturates, both tracks are the same; such runs are named as raw ones.
-            start = dataclasses.replace(self.baseline(), **BOARDS[board])
-            both = tuple(task for task in tasks if not saturates(start, task))
-            if track == "paper":
-                tasks = tuple(task for task in tasks if task not in both)
-                fields["brain"] = with_overrides(named_brain(name), _SATURATED)
-            else:
-                tasks = tasks if "raw" in self.signals else both
-                fields["brain"] = named_brain(name)
-        else:
-            settings = tuned.get(name_in_track(name, track), ())
-            fields |= {"signals": track, "settings": settings}
-            proposers = (name,)
-        if not tasks:
-            return None
-        row = f"{board}-{short_name(name).replace(':', '-')}-{track}"
-        return Variant(row, fields, tasks, proposers)
+        conditions = [Condition(task, one) for task in experiment.tasks for one in proposers]
+        return Plan.of(experiment, conditions, self.robots)
 
     @functools.cached_property
-    def _learners(self) -> tuple[str, ...]:
+    def _learners(self) -> list[str]:
         """The brains, and the agents as runs record them; their code may run from now on."""
-        names = tuple(
-            dict.fromkeys(name if name in _BRAINS else recorded_name(name) for name in self.agent)
-        )
+        names = [name if name in _BRAINS else recorded_name(name) for name in self.agent]
         for name in names:
             if short_name(name) in (LOWER, UPPER, *PROPOSERS):
                 raise InputError(f"{short_name(name)} is no learner of the benchmark")
             if name not in _BRAINS:
                 trust(name)
                 factory_of(name)
-        return names
+        return list(dict.fromkeys(names))
 
     @functools.cached_property
-    def _settings(self) -> Mapping[str, tuple[str, ...]]:
-        """The best settings of each tuned agent of the command, by `name_in_track`."""
-        return {
-            key: study.best(folder).settings
-            for key, (folder, study) in tunings(self.tuned).items()
-            if recorded_name(study.agent) in self._learners  # no other agent's code may run
+    def _settings(self) -> Mapping[tuple[str, str], tuple[str, ...]]:
+        """The best settings of each tuned agent of the command, by recorded name and signals."""
+        tunings = read_tunings(self.tuned)
+        return {  # no other agent's code may run
+            key: one.study.best(one.folder).settings
+            for key, one in tunings.items()
+            if key[0] in self._learners
         }
 
-    def folders(self, out: Path) -> Sequence[Path]:
-        """See `Study.folders`."""
-        return [*super().folders(out), out / FOLDER]
-
     def check(self, out: Path) -> None:
-        """See `VariantStudy.check`; every agent acts once, before anything is written."""
-        super().check(out)
-        for signals in dict.fromkeys(self.signals) if self.tuned else ():
-            for name in self._learners:
-                if name in _BRAINS or name in _PAPER_ALONE:
-                    continue
-                if name_in_track(name, signals) not in self._settings:
-                    notice(f"{short_name(name)} was not tuned with {signals} signals: its defaults")
-        for name, plan in self.plans().items():
-            if not has_all_robots(out / name, plan):
-                check_agents(plan)
+        """See `Study.check`; also says which learners are not tuned."""
+        del out
+        for name, signals in itertools.product(self._learners, self.signals if self.tuned else ()):
+            if name not in (*_BRAINS, *_PAPER_ALONE) and (name, signals) not in self._settings:
+                notice(f"{short_name(name)} was not tuned with {signals} signals: its defaults")
 
-    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`: all lives, then what each learner costs."""
-        yield from super().stages(out)
-        yield cost_jobs(out, self._boards(out))
+    def work(self, out: Path, run_jobs: RunJobs) -> None:
+        """See `Study.work`: all lives, then what each learner costs."""
+        simulate_runs(out, self.plans(), run_jobs)
+        super().work(out, run_jobs)
 
-    def page(self, out: Path) -> Page:
-        """See `Study.page`."""
-        found = self._boards(out)
-        return page(found, measured(out, found), efforts(self.tuned))
-
-    def _boards(self, out: Path) -> dict[Board, list[Entry]]:
+    def boards(self, out: Path) -> dict[Board, list[Entry]]:
+        """See `Ranking.boards`."""
         found = boards(read_runs([out / name for name in self.plans()], networks=False))
-        return {board: own for board, own in found.items() if board.signals in self.signals}
+        return {board: entries for board, entries in found.items() if board.signals in self.signals}
+
+
+def _cost_job(out: Path, board: Board, entry: Entry) -> ArrayJob:
+    """Returns the job that measures what a learner costs."""
+    words = f"{board.name}-{entry.name}"
+    name = f"{re.sub(r'[^A-Za-z0-9]+', '-', words)[:100]}-{zlib.crc32(words.encode()):08x}"
+    return ArrayJob(
+        out / "costs" / f"{name}.safetensors",
+        functools.partial(costs, entry.experiment, entry.condition),
+        2 * TIMED[0] * TIMED[1] * CONTROL_TIMESTEP,
+        {"costs": ("F64", (3,))},
+        {"board": board.name, "command": entry.command},
+    )
+
+
+def costs(experiment: Experiment, condition: Condition, progress: Progress | None = None) -> Arrays:
+    """Measures what an agent or brain costs, in training on a stream of signals.
+
+    Args:
+      experiment: Experiment with the brain, or with the agent's settings and signals.
+      condition: Task, and the name of the agent or the proposer.
+      progress: Progress of the job, which takes seconds.
+
+    Returns:
+      "costs": CPU time of a robot-step in [us], that of the paper's creative brain, measured right
+      after, and bytes of a robot in a checkpoint, shape (3,).
+
+    Raises:
+      InputError: the agent cannot be made.
+      RunError: the agent fails or exits.
+    """
+    del progress
+    robots, steps = TIMED
+    papers = Experiment(protocol=experiment.protocol, brain=BRAINS["paper"])
+    agents = (
+        make_agent(experiment, condition, robots, 1),
+        make_agent(papers, Condition(condition.task, "creative"), robots, 1),
+    )
+    senses, random = senses_of(experiment.arena_task(condition.task)), np.random.default_rng(0)
+    low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
+    states = random.uniform(low, high, (steps, robots, len(low))).astype(np.float32)
+    span = senses.reward
+    rewards = random.uniform(span.low, span.high, (steps, robots)).astype(np.float32)
+    found = []
+    for agent in agents:
+        agent.reset()
+        for step, (state, reward) in enumerate(zip(states, rewards, strict=True)):
+            if step == steps // 10:  # what is done once is not counted
+                begun = time.thread_time()
+            agent.act(state, True)
+            agent.learn(reward)
+        found.append((time.thread_time() - begun) / (steps - steps // 10) / robots * 1e6)
+    size = sum(array.nbytes for array in agents[0].state().values()) / robots
+    return {"costs": np.array([*found, size])}

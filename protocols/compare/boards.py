@@ -1,4 +1,4 @@
-"""Boards: the learners of kept runs, between a newborn and a hand-coded robot, and their ranks.
+"""Boards: the learners of some runs, between a newborn and a hand-coded robot, and their ranks.
 
 R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville and M. G. Bellemare, "Deep Reinforcement
 Learning at the Edge of the Statistical Precipice", NeurIPS 2021: interquartile means.
@@ -16,28 +16,22 @@ import numpy as np
 from scipy import stats
 
 from ...controller import BRAINS
-from ...models import Kinematics
-from ..agents.names import TRAINED_BEFORE, short_name
-from ..agents.senses import senses_of
+from ..agents.names import LOWER, TRAINED_BEFORE, UPPER, short_name
 from ..analysis.hypothesis_tests import holm, same_draws
 from ..analysis.intervals import FEWEST
 from ..errors import InputError
 from ..lives.conditions import Condition
 from ..lives.experiment import Body, Experiment, Signals, differing
-from ..lives.overrides import brain_name, overrides_of
+from ..lives.overrides import brain_name
 from ..lives.run import Run
 from ..lives.schedules import TASK_NAMES
 
-LOWER, UPPER = "newborn", "hand_coded"
 DRAWS = 100_000
 """Bootstrap draws of a score: with 10,000 p of 0.05 changed by 0.01 and more with the seed."""
 
 _BLOCK, _SEED = 5000, 1  # draws at a time, which bounds the memory
 _VALUES = "after", "training"  # of whose scaled values a score is the mean
-_BOTH: tuple[Signals, ...] = ("paper", "raw")
-_MAY_DIFFER = ("brain", "signals", "settings", "seed", "cohort_size")  # between robots of a board
-_NO_OPTIONS = "turned_start", "learn_across_placement"  # of `musebot run`: only --config has them
-_HAVE_WORDS = (*_MAY_DIFFER, "kinematics")  # fields that are not simply `--field value`
+_DRAWN = "seed", "cohort_size"  # fields in which robots of a board may differ, too
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,14 +42,12 @@ class Board:
       signals: Track: the signals and the reward that learners receive.
       protocol: Protocol of their lives.
       task: Task of their lives.
-      arena_scale: Scale of the arena.
       body: Body of the robots.
     """
 
     signals: Signals
     protocol: str
     task: str
-    arena_scale: float = 1.0
     body: Body = "mujoco"
 
     @property
@@ -66,7 +58,7 @@ class Board:
     @property
     def title(self) -> str:
         """Title of the board."""
-        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}{self._arena}, {self.track}"
+        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}, {self.track}"
 
     @property
     def track(self) -> str:
@@ -78,19 +70,13 @@ class Board:
     def column(self) -> str:
         """Head of its column in a table of all boards of a track."""
         protocol = f", protocol {self.protocol}" if self.protocol != "paper" else ""
-        task = TASK_NAMES[self.task].lower() if self.ranks else "touch a wall"
-        return f"{task}{protocol}{self._arena}"
-
-    @property
-    def _arena(self) -> str:
-        return f", arena {self.arena_scale:g} times as large" if self.arena_scale != 1 else ""
+        return f"{TASK_NAMES[self.task].lower() if self.ranks else 'touch a wall'}{protocol}"
 
     @property
     def name(self) -> str:
         """Name of the board's figure."""
-        arena = f"-{self.arena_scale:g}" if self.arena_scale != 1 else ""
         simulator = "-kinematic" if self.body == "kinematic" else ""
-        return f"{self.signals}-signals-{self.protocol}-{self.task}{arena}{simulator}"
+        return f"{self.signals}-signals-{self.protocol}-{self.task}{simulator}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,8 +84,6 @@ class Entry:
     """A learner on a board.
 
     Attributes:
-      name: Name of the learner, or of its brain and proposer.
-      command: Words of `musebot run` that simulate it.
       experiment: Experiment of its run.
       condition: Condition of its robots.
       after: Value of each robot in the test after training, shape (n,): share of the time in the
@@ -109,14 +93,40 @@ class Entry:
       abilities: Learn Ability of each valid robot; NaN without one.
     """
 
-    name: str
-    command: str
     experiment: Experiment
     condition: Condition
     after: np.ndarray
     training: np.ndarray
     curve: np.ndarray
     abilities: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """Name of the learner, or of its brain and proposer; `steady` has one in both tracks."""
+        if not self.condition.has_brain:
+            return short_name(self.condition.proposer)
+        raw = dataclasses.replace(self.experiment.brain, raw_signals=True, raw_reward=True)
+        brain = brain_name(raw) if raw in BRAINS.values() else self.experiment.brain_name
+        return f"{brain}, {self.condition.proposer}"
+
+    @property
+    def command(self) -> str:
+        """Words of `musebot run` that choose what drives the robots."""
+        if self.condition.has_brain:
+            brain, *changes = self.experiment.brain_name.split()
+            chosen = f" --set {' '.join(changes)}" if changes else ""
+            return f"--brain {brain} --proposer {self.condition.proposer}{chosen}"
+        signals = " --signals raw" if self.experiment.signals == "raw" else ""
+        settings = self.experiment.settings
+        chosen = f" --agent-set {' '.join(settings)}" if settings else ""
+        return f"--agent {self.name}{signals}{chosen}"
+
+    @property
+    def world(self) -> str:
+        """Fields of its experiment that say how it lived and are not the defaults."""
+        fields = differing(self.experiment, Experiment())
+        own = {name: value for name, (value, _) in fields.items() if not _drives(name)}
+        return ", ".join(f"{name}={value}" for name, value in own.items())
 
     @property
     def is_bound(self) -> bool:
@@ -168,10 +178,6 @@ class Ranked:
         return float(low), float(high)
 
 
-Ranking = Sequence[Ranked]
-"""Learners and bounds of a board, the highest score first."""
-
-
 def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
     """Returns the entries of each board.
 
@@ -181,20 +187,18 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
     """
     found: dict[Board, list[Entry]] = {}
     for run in runs:
-        experiment = run.experiment
         for condition in run.conditions():
             entry = _entry(run, condition)
-            for signals in tracks(experiment, condition):
-                board = Board(
-                    signals,
-                    experiment.protocol,
-                    condition.task,
-                    experiment.arena_scale,
-                    experiment.body,
-                )
+            for signals in _tracks(entry):
+                own = run.experiment
+                board = Board(signals, own.protocol, condition.task, own.body)
                 entries = found.setdefault(board, [])
-                if entries:
-                    _check_same_world(board, entries[0].experiment, experiment)
+                for field, values in differing((entries or [entry])[0].experiment, own).items():
+                    if not _drives(field) and field not in _DRAWN:
+                        raise InputError(
+                            f"the runs of {board.title} differ in {field}: {values[0]} and "
+                            f"{values[1]}"
+                        )
                 if any(entry.name == other.name for other in entries):
                     raise InputError(f"{entry.name} stands in two runs of {board.title}")
                 entries.append(entry)
@@ -204,36 +208,28 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
         for bound in (LOWER, UPPER):
             if bound not in {entry.name for entry in entries}:
                 raise InputError(f"the runs of {board.title} hold no robots of {bound}, a bound")
+    if not found:
+        raise InputError("the runs hold no learner, only bounds")
     return dict(sorted(found.items(), key=lambda one: dataclasses.astuple(one[0])))
 
 
-def _check_same_world(board: Board, first: Experiment, other: Experiment) -> None:
-    """Raises InputError where robots of a board differ in more than what drives them."""
-    for field, (a, b) in differing(first, other).items():
-        if field.partition(".")[0] not in _MAY_DIFFER:
-            raise InputError(f"the runs of {board.title} differ in {field}: {a} and {b}")
+def _drives(field: str) -> bool:
+    """Returns whether a field of an experiment is of what drives the robots."""
+    return field.partition(".")[0] in ("brain", "signals", "settings")
 
 
-def tracks(experiment: Experiment, condition: Condition) -> tuple[Signals, ...]:
-    """Returns the tracks in which robots stand: in both, if these give them the same."""
-    if not condition.has_brain:
-        bound = short_name(condition.proposer) in (LOWER, UPPER)
-        return _BOTH if bound else (experiment.signals,)
-    if not saturates(experiment, condition.task):
-        return _BOTH
-    brain = experiment.brain
+def _tracks(entry: Entry) -> tuple[Signals, ...]:
+    """Returns the tracks of a learner; bounds stand in both."""
+    if entry.is_bound:
+        return "paper", "raw"
+    if not entry.condition.has_brain:
+        return (entry.experiment.signals,)
+    brain = entry.experiment.brain
     return ("raw",) if brain.raw_signals or brain.raw_reward else ("paper",)
 
 
-def saturates(experiment: Experiment, task: str) -> bool:
-    """Returns whether a task has signals that saturate, so that its tracks differ."""
-    senses = senses_of(experiment.arena_task(task))
-    return any(signal.maximal for signal in (*senses.state, senses.reward))
-
-
 def _entry(run: Run, condition: Condition) -> Entry:
-    experiment = run.experiment
-    schedule = experiment.schedule(condition.task)
+    schedule = run.experiment.schedule(condition.task)
     shares = run.curves(condition)[:, schedule.minutes_of("training")].astype(float)
     tested = run.shares(condition, "post")
     if not schedule.wanted:
@@ -242,61 +238,8 @@ def _entry(run: Run, condition: Condition) -> Entry:
     valid, robots = run.valid_rows(condition), len(run.robots(condition))
     curves, after = np.zeros((robots, shares.shape[1])), np.zeros(robots)
     curves[valid], after[valid] = shares, tested
-    if condition.has_brain:
-        brain, *changes = experiment.brain_name.split()
-        name = f"{_learner(experiment, condition.task)}, {condition.proposer}"
-        command = f"--brain {brain} --proposer {condition.proposer}"
-        if changes:
-            command += f" --set {' '.join(changes)}"
-    else:
-        name = short_name(condition.proposer)
-        command = f"--agent {name}"
-        if experiment.signals == "raw":
-            command += " --signals raw"
-        if experiment.settings:
-            command += f" --agent-set {' '.join(experiment.settings)}"
-    return Entry(
-        name,
-        f"{command} {_lives(experiment, condition, robots)}",
-        experiment,
-        condition,
-        after,
-        curves.mean(axis=1),
-        curves.mean(axis=0),
-        run.abilities(condition),
-    )
-
-
-def _learner(experiment: Experiment, task: str) -> str:
-    """Returns the name of a brain; in the paper's track, that of the brain that reads raw signals.
-
-    So `steady` has one name in both tracks, where these differ.
-    """
-    brain = experiment.brain
-    if saturates(experiment, task) and not (brain.raw_signals or brain.raw_reward):
-        raw = dataclasses.replace(brain, raw_signals=True, raw_reward=True)
-        if raw in BRAINS.values():
-            return brain_name(raw)
-    return experiment.brain_name
-
-
-def _lives(experiment: Experiment, condition: Condition, robots: int) -> str:
-    """Returns the words of `musebot run` that say which lives robots live."""
-    words = [
-        f"--task {condition.task}",
-        f"--robots {robots} --cohort-size {experiment.cohort_size}",
-        f"--seed {experiment.seed}",
-    ]
-    for field in dataclasses.fields(Experiment):
-        value = getattr(experiment, field.name)
-        if field.name in _HAVE_WORDS or value == field.default:
-            continue
-        if field.name in _NO_OPTIONS:
-            words.append(f"--config FILE with {field.name}: {value}")
-        else:
-            words.append(f"--{field.name.replace('_', '-')} {value}")
-    kinematics = overrides_of(experiment.kinematics, Kinematics())
-    return " ".join([*words, *(["--kinematics", *kinematics] if kinematics else [])])
+    training, curve = curves.mean(axis=1), curves.mean(axis=0)
+    return Entry(run.experiment, condition, after, training, curve, run.abilities(condition))
 
 
 def scores_of(entry: Entry, lower: Entry, upper: Entry) -> np.ndarray:
@@ -304,16 +247,24 @@ def scores_of(entry: Entry, lower: Entry, upper: Entry) -> np.ndarray:
 
     NaN where the bounds do not differ.
     """
+    every = (np.arange(len(one.after))[None] for one in (entry, lower, upper))
+    return _scores((entry, lower, upper), tuple(every))[0]
+
+
+def _scores(entries: Sequence[Entry], rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Returns the scores of a learner's robots in each draw, shape (b, n).
+
+    Args:
+      entries: The learner and both bounds.
+      rows: Indices of the drawn robots of each, shape (b, n).
+    """
     parts = []
     for field in _VALUES:
-        values, low, high = (getattr(one, field) for one in (entry, lower, upper))
-        parts.append(_scaled(values, low.mean(), high.mean()))
+        values, low, high = (getattr(e, field)[r] for e, r in zip(entries, rows, strict=True))
+        floor, ceiling = low.mean(axis=1, keepdims=True), high.mean(axis=1, keepdims=True)
+        span = np.where(ceiling > floor, ceiling - floor, math.nan)
+        parts.append((values - floor) / span)
     return np.mean(parts, axis=0)
-
-
-def _scaled(values: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.ndarray:
-    """Returns values on a scale from 0 at the floor to 1 at the ceiling; NaN without a span."""
-    return (values - floor) / np.where(ceiling > floor, ceiling - floor, math.nan)
 
 
 def _drawn(entry: Entry) -> Iterator[np.ndarray]:
@@ -327,59 +278,30 @@ def _drawn(entry: Entry) -> Iterator[np.ndarray]:
         yield random.integers(robots, size=(min(_BLOCK, DRAWS - first), robots))
 
 
-def _drawn_means(bound: Entry) -> dict[str, np.ndarray]:
-    """Returns the mean of each value of a bound in each draw, shape (R, 1)."""
-    blocks = [
-        [getattr(bound, field)[rows].mean(axis=1) for field in _VALUES] for rows in _drawn(bound)
-    ]
-    return dict(zip(_VALUES, np.concatenate(blocks, axis=1)[..., None], strict=True))
-
-
-def _draws(
-    entry: Entry, floors: dict[str, np.ndarray], ceilings: dict[str, np.ndarray]
-) -> np.ndarray:
-    """Returns the score of a learner in each draw, shape (R,), see `Ranked`."""
-    draws, first = [], 0
-    for rows in _drawn(entry):
-        block = slice(first, first + len(rows))
-        parts = [
-            _scaled(getattr(entry, field)[rows], floors[field][block], ceilings[field][block])
-            for field in _VALUES
-        ]
-        draws.append(_middle(np.mean(parts, axis=0)))
-        first += len(rows)
-    return np.concatenate(draws)
-
-
 def _middle(values: np.ndarray) -> np.ndarray:
     """Returns the interquartile mean: that without the lowest and the highest quarter."""
     return stats.trim_mean(values, 0.25, axis=-1)
 
 
-def ranked(entries: Sequence[Entry], draw: bool = True) -> Ranking:
-    """Returns the entries with their scores, the highest first.
-
-    Args:
-      entries: Learners and bounds.
-      draw: Whether robots are drawn for intervals and tests; without, each `draws` is empty.
-    """
+def ranked(entries: Sequence[Entry]) -> list[Ranked]:
+    """Returns learners and bounds with their scores, the highest first."""
     by_name = {entry.name: entry for entry in entries}
-    bounds = by_name[LOWER], by_name[UPPER]
-    drawn = [_drawn_means(bound) for bound in bounds if draw]
     found = []
     for entry in entries:
-        scores = scores_of(entry, *bounds)
-        draws = _draws(entry, *drawn) if draw else np.empty(0)
+        three = entry, by_name[LOWER], by_name[UPPER]
+        blocks = zip(*map(_drawn, three), strict=True)
+        draws = np.concatenate([_middle(_scores(three, rows)) for rows in blocks])
+        scores = scores_of(*three)
         found.append(Ranked(entry, scores, float(_middle(scores)), draws))
     return sorted(found, key=lambda one: (-np.nan_to_num(one.score), one.entry.name))
 
 
-def pair_tests(ranking: Ranking) -> np.ndarray:
+def pair_tests(ranking: Sequence[Ranked]) -> np.ndarray:
     """Returns p of each pair of a board's rows, shape (n, n), Holm over all pairs of learners.
 
     Bootstrap tests of the difference of two scores. A permutation test would need robots of equal
-    spread: it rejects true null hypotheses too often (docs/methods.md). NaN for a row with
-    itself, for pairs with one that does not compete, and for groups that are too small.
+    spread: it rejects true null hypotheses too often. NaN for a row with itself, for pairs with one
+    that does not compete, and for groups that are too small.
     """
     learners = [n for n, one in enumerate(ranking) if one.entry.competes]
     pairs = list(itertools.combinations(learners, 2))
@@ -395,6 +317,6 @@ def pair_tests(ranking: Ranking) -> np.ndarray:
     return found
 
 
-def first_learner(ranking: Ranking) -> int:
+def first_learner(ranking: Sequence[Ranked]) -> int:
     """Returns the row of the best learner; 0 if there is none."""
     return next((n for n, one in enumerate(ranking) if one.entry.competes), 0)

@@ -1,8 +1,8 @@
-"""Jobs of studies: their files, their progress in simulated minutes, and how they stop."""
+"""The job of studies: some work whose arrays are stored in one file."""
 
 from __future__ import annotations
 
-import abc
+import dataclasses
 import functools
 import json
 import time
@@ -12,44 +12,68 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DamagedFileError
-from ..lives.cohort import Cohort
-from ..lives.conditions import Condition
-from ..lives.experiment import Experiment, flat
-from ..lives.jobs import Job, Report, Stop
+from ..agents.trust import trust
+from ..errors import DamagedFileError, InputError, RunError
+from ..lives.checkpoints import restored_cohort, save_checkpoint
+from ..lives.conditions import CohortKey, Condition
+from ..lives.experiment import Experiment
+from ..lives.jobs import Report, Stop
 from ..lives.run import check_same_shapes
 from ..lives.schedules import control_steps
-from ..storage import Shapes, load_arrays, save_arrays
+from ..storage import Shapes, load_arrays, remove_files, save_arrays
 
+CHECKPOINT = ".checkpoint"  # ending of the file from which work continues
 SAVE_EVERY = 60.0  # wall-clock seconds between two checkpoints
-_CHUNK = control_steps(1)
+Arrays = dict[str, np.ndarray]
 
 
 class StoppedError(Exception):
     """A job was asked to stop before it was done."""
 
 
-class FileJob(abc.ABC):
-    """A job that writes one file, when all its work is done.
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """What the work of a job receives: it reports how far it is, and stops it when asked.
 
     Attributes:
-      path: File to which the result is written.
+      checkpoint: File for a state from which the work continues; removed when it is done.
     """
 
-    path: Path
+    checkpoint: Path
+    stop: Stop
+    report: Report
 
-    @property
-    @abc.abstractmethod
-    def identity(self) -> dict[str, Any]:
-        """Notes by which the job recognises its file, as plain data."""
-
-    @abc.abstractmethod
-    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
-        """Does the work, from its beginning, and returns the arrays of the file; see `Job.run`.
+    def __call__(self, done: float, message: str = "") -> None:
+        """Reports an amount of work done so far, in the unit of `ArrayJob.cost`.
 
         Raises:
           StoppedError: the job is asked to stop.
         """
+        self.report(done, message)
+        if self.stop():
+            raise StoppedError
+
+
+@dataclasses.dataclass(frozen=True)
+class ArrayJob:
+    """Does some work, and stores the arrays that it returns; see `lives.jobs.Job`.
+
+    Attributes:
+      path: File to which the arrays are written.
+      work: Function of the progress that returns the arrays; it is sent to other processes.
+      cost: Amount of work: simulated seconds, added up over the robots.
+      shapes: The dtype, as safetensors names it, and the shape of each array.
+      identity: Notes by which the job recognises its file, as plain data.
+    """
+
+    path: Path
+    work: Callable[[Progress], Arrays]
+    cost: float
+    shapes: Shapes
+    identity: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        return f"{self.path.parent.name}/{self.path.stem}"
 
     def done(self) -> bool:
         """See `Job.done`."""
@@ -57,115 +81,61 @@ class FileJob(abc.ABC):
 
     def run(self, stop: Stop, report: Report) -> bool:
         """See `Job.run`."""
+        progress = Progress(self.path.with_suffix(CHECKPOINT), stop, report)
         try:
-            arrays = self.work(stop, report)
+            arrays = self.work(progress)
         except StoppedError:
             return False
+        except (InputError, RunError) as error:
+            raise type(error)(f"{error}, in {self}") from error
         save_arrays(self.path, arrays, **self.identity)
+        remove_files(self.path.parent, progress.checkpoint.name.__eq__)
+        report(self.cost, "")
         return True
 
-    def read(self, shapes: Shapes) -> dict[str, np.ndarray]:
-        """Reads the file, see `own_arrays`."""
-        return own_arrays(self.path, shapes, self.identity)
-
-
-def identity_of(experiment: Experiment, condition: Condition) -> dict[str, Any]:
-    """Returns the notes by which a job recognises its file: experiment and condition."""
-    return flat(experiment) | {"condition": str(condition)}
-
-
-def own_arrays(path: Path, shapes: Shapes, identity: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Reads the file of a job: the arrays that the job writes, and no others.
-
-    Args:
-      path: File to read.
-      shapes: The dtype, as safetensors names it, and the shape of each array.
-      identity: What says whose file it is, as plain data; files of earlier versions say less.
-
-    Raises:
-      FileNotFoundError: there is no such file.
-      DamagedFileError: the file is damaged, or another job's.
-    """
-    arrays, notes = load_arrays(path, functools.partial(check_same_shapes, shapes))
-    check_notes(path, notes, {k: value for k, value in identity.items() if k in notes})
-    return arrays
-
-
-def check_notes(path: Path, notes: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
-    """Raises DamagedFileError where a file's notes lack a value of its job, or have another.
-
-    Args:
-      path: File with the notes.
-      notes: Notes of the file.
-      identity: What says whose file it is, as plain data.
-    """
-    for name, wanted in json.loads(json.dumps(identity)).items():  # tuples as lists
-        if (held := notes.get(name)) != wanted:
-            raise DamagedFileError(
-                f"{path} is another's: its {name} is {held!r:.100}, not {wanted!r:.100}"
-            )
-
-
-class MinuteTick:
-    """Reports a job's progress every simulated minute, and stops it when asked."""
-
-    def __init__(
-        self, job: Job, robots: float, stop: Stop, report: Report, done: float = 0.0
-    ) -> None:
-        """Starts the count.
-
-        Args:
-          job: Job whose progress is reported.
-          robots: Number of robots in lockstep, or its mean over several groups.
-          stop: Function that returns whether to stop.
-          report: Function called with the simulated robot-seconds so far and a message.
-          done: Robot-seconds simulated before, by a job that continues.
-        """
-        self._cost, self._each = job.cost, 60.0 * robots
-        self._stop, self._report = stop, report
-        self._done = done
-
-    def __call__(self) -> None:
-        """Counts a simulated minute.
+    def read(self) -> Arrays:
+        """Reads the arrays that the job has stored.
 
         Raises:
-          StoppedError: the job is asked to stop.
+          FileNotFoundError: the job is not done.
+          DamagedFileError: the file is damaged, or another job's.
         """
-        self._done = min(self._done + self._each, self._cost)
-        self._report(self._done, "")
-        if self._stop():
-            raise StoppedError
+        arrays, notes = load_arrays(self.path, functools.partial(check_same_shapes, self.shapes))
+        for name, wanted in json.loads(json.dumps(self.identity)).items():  # tuples as lists
+            if (held := notes.get(name)) != wanted:
+                raise DamagedFileError(
+                    f"{self.path} is another's: its {name} is {held!r:.100}, not {wanted!r:.100}"
+                )
+        return arrays
 
 
-def advance(
-    cohort: Cohort, until: int, tick: MinuteTick, save: Callable[[], object] = lambda: None
-) -> None:
-    """Simulates a cohort up to a control step, and counts the minutes.
+def lives(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
+    """Simulates a cohort; the work of a job that continues from a checkpoint.
 
     Args:
-      cohort: Cohort to simulate.
-      until: Control step at which it ends.
-      tick: Counter of the minutes.
-      save: Function that stores the cohort, called once a minute of the wall clock, and when the
-        job is asked to stop.
+      experiment: Experiment that decides the robots' lives.
+      condition: Task and agent of the robots; the command has named the agent.
+      progress: Progress of the job.
 
-    Raises:
-      StoppedError: the job is asked to stop.
+    Returns:
+      The number of steps with the event in each part of a life, "events" of shape (B, parts), and
+      whether each robot stayed stable, "valid" of shape (B,).
     """
+    trust(condition.proposer)
+    cohort, message = restored_cohort(progress.checkpoint, experiment, CohortKey(condition, 0))
     saved = time.monotonic()
     try:
-        while cohort.step < until:
-            cohort.advance(min(_CHUNK, until - cohort.step))
-            tick()
+        while not cohort.finished:
+            progress(experiment.robot_seconds(cohort.step), message)
+            cohort.advance(control_steps(1))
+            message = ""
             if time.monotonic() - saved > SAVE_EVERY:
-                save()
+                save_checkpoint(progress.checkpoint, cohort)
                 saved = time.monotonic()
     except StoppedError:
-        save()
+        save_checkpoint(progress.checkpoint, cohort)
         raise
-
-
-def check_shares(path: Path, shares: np.ndarray) -> None:
-    """Raises DamagedFileError if a file's shares are not in [0, 1]; NaN is allowed."""
-    if not ((shares >= 0) & (shares <= 1) | np.isnan(shares)).all():
-        raise DamagedFileError(f"{path} is damaged (a share is not within [0, 1])")
+    except (InputError, RunError) as error:  # of an agent
+        raise type(error)(f"{error}, at step {cohort.step}") from error
+    found = cohort.lives()
+    return {"events": found.events.astype(np.int32), "valid": found.valid}

@@ -4,179 +4,143 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ...controller.brains import BRAINS
-from ..agents.names import MOVED, TRAINED_BEFORE, name_in_track
+from ..agents.names import TRAINED_BEFORE
 from ..analysis import intervals
 from ..analysis.hypothesis_tests import ALPHA
-from ..compare.agent_check import Costs
 from ..pages import style
 from ..pages.markdown import mean_cell, probability, table, with_interval
-from .boards import DRAWS, Board, Entry, Ranking, first_learner
-from .costs import Boards, Measured
+from .boards import DRAWS, Board, Entry, Ranked, first_learner, pair_tests, ranked
 from .study import Page
-from .summary import placed, score_cell, summary
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from .tune import Effort
+    from .tune import Tuning
 
 BOARDS_HEADING = "## Boards"
 """Title of the part of the page that follows the summary."""
 
+Costs = Mapping[tuple[Board, str], np.ndarray]
+"""What `benchmark.costs` measured of a learner, by board and name."""
+Tunings = Mapping[tuple[str, str], "Tuning"]
+"""Studies that tune, by recorded name and signals."""
+
 _LINE_STYLES = ("-", "--")
+_ABOUT = (
+    "Score of a robot: the mean of its time in the spot after training and of that during all of "
+    "training, each scaled so that the mean newborn has 0 and the mean hand-coded robot 1. Score "
+    "of a learner: the interquartile mean over its robots (the newborns' own is therefore not "
+    "exactly 0), with its 95 % bootstrap interval over its robots and those of both bounds. Rows "
+    "are sorted by the first column, then by the next ones. Bold: the learner with the highest "
+    "score of a board, and all that do not differ significantly from it (p at least "
+    f"{ALPHA}, bootstrap tests of the difference of two scores, Holm over all pairs of a board's "
+    f"learners, {DRAWS:,} draws); between few robots only large differences are significant. Touch "
+    "a wall: robots with any contact in the test after training, of which most learners have none: "
+    "they are not ranked. A robot that was stopped counts as the worst. In italics the bounds, and "
+    "what was trained beforehand."
+)
+_COLUMNS = (
+    "Fail: share of robots with a score below 0.5. Worst tenth: mean time after training of the "
+    "tenth with the lowest. Mean L rewards bad newborns, so it does not rank. us: CPU time of a "
+    "robot-step without the simulation, in microseconds; ratio: the same divided by that of the "
+    "paper's creative brain, measured right after; KiB: a robot's in a checkpoint; a dash for what "
+    "was trained beforehand and for agents of third parties. Tuned: settings that were tried, and "
+    "the best of them again."
+)
 
 
-def page(found: Boards, costs: Measured, efforts: Mapping[str, Effort]) -> Page:
+def page(found: Mapping[Board, Sequence[Entry]], costs: Costs, tunings: Tunings) -> Page:
     """Returns the page of all boards.
 
     Args:
       found: Learners and bounds of each board.
-      costs: What learners cost, by board and name.
-      efforts: Effort of tuning, by `name_in_track`.
+      costs: What learners cost.
+      tunings: Studies that tuned them.
     """
-    places = {board: placed(board, entries) for board, entries in found.items()}
-    parts, figures = [*summary(places), BOARDS_HEADING, ""], {}
-    with style.styled():
-        for board, (order, tests) in places.items():
-            parts += markdown(board, order, tests, costs.get(board, {}), efforts)
-            figures[board.name] = draw(order)
-    return Page("\n".join(parts), figures)
-
-
-def markdown(
-    board: Board,
-    ranking: Ranking,
-    tests: np.ndarray,
-    costs: Mapping[str, Costs],
-    efforts: Mapping[str, Effort],
-) -> list[str]:
-    """Returns the tables of a board: a row for each learner.
-
-    Args:
-      board: What the learners are compared in.
-      ranking: Learners and bounds, see `ranked`.
-      tests: p of each pair, see `pair_tests`.
-      costs: What each costs, by its name.
-      efforts: Effort of tuning, by `name_in_track`.
-    """
-    result = _scores(ranking, tests) if board.ranks else _contacts(ranking)
-    made = [["learner", "us", "ratio", "KiB", "tuned", "module", "`musebot run OUT` with"]]
-    made += [
-        [
-            entry.name,
-            *_costs(costs.get(entry.name)),
-            _tuned(entry, efforts),
-            f"`{module_of(entry.condition.proposer)}`",
-            f"`{entry.command}`",
-        ]
-        for entry in (one.entry for one in ranking)
-    ]
-    return [
-        f"### {board.title}",
-        "",
-        *result,
-        "",
-        *table(made),
-        "",
-        "us: time of a robot-step without the simulation, in microseconds; ratio: the same divided "
-        "by that of the paper's creative brain, measured right after; KiB: a robot's in a "
-        "checkpoint; a dash for `ppo` and for agents of third parties, which `musebot check-agent` "
-        "measures. "
-        "Tuned: settings that were tried, and the best of them again.",
-        "",
-    ]
-
-
-def _scores(ranking: Ranking, tests: np.ndarray) -> list[str]:
-    rows = [
-        [
-            "learner", "robots", "score", "in the spot after training", "during training",
-            "worst tenth", "fail", "mean L", "p against the first",
-        ]
-    ]  # fmt: skip
-    against_the_first = tests[first_learner(ranking)]
-    for one, own in zip(ranking, against_the_first, strict=True):
-        rows.append(
-            [
-                *_name(one.entry),
-                score_cell(one),
-                *_times(one.entry),
-                f"{(one.scores < 0.5).mean():.0%}",
-                _mean_ability(one.entry),
-                "" if math.isnan(own) else probability(own),
-            ]
-        )
-    return [
-        *table(rows),
-        "",
-        "Score: mean of the time after training and of that during all of training, each 0 for "
-        "the mean newborn and 1 for the mean hand-coded robot; interquartile mean over robots with "
-        "its 95 % bootstrap interval, for which the robots of both bounds are drawn, too. Fail: "
-        "share of robots with a score below 0.5. Mean L rewards bad newborns, so it does not rank. "
-        f"p: bootstrap test of the difference of two scores, {_correction(ranking)}. "
-        "Worst tenth: mean time in the spot after training of the tenth with the lowest. A robot "
-        "that was stopped counts as the worst. In italics what is not compared: the bounds, and "
-        "what was trained beforehand.",
-        "",
-        *standings(ranking, tests),
-    ]
-
-
-def _correction(ranking: Ranking) -> str:
-    """Returns in words how p is corrected, and the smallest p that the number of draws allows."""
-    words = "Holm over all pairs of learners"
-    if pairs := math.comb(sum(one.entry.competes for one in ranking), 2):
-        words += f"; {DRAWS:,} draws allow no p below {min(1.0, pairs * 2 / (DRAWS + 1)):.4f}"
-    return words
-
-
-def standings(ranking: Ranking, tests: np.ndarray) -> list[str]:
-    """Returns in words which learners are above and below the creative robots and DQN.
-
-    These comparisons decide the plan's verdicts.
-    """
+    rankings = {board: ranked(entries) for board, entries in found.items()}
+    tests = {board: pair_tests(ranking) for board, ranking in rankings.items() if board.ranks}
+    tracks: dict[str, list[Board]] = {}
+    for board in rankings:
+        tracks.setdefault(board.track, []).append(board)
     lines = []
-    for number, entry in enumerate(one.entry for one in ranking):
-        if entry.condition.proposer != "creative" and entry.name != "dqn":
-            continue
-        significant = [n for n in range(len(ranking)) if tests[number, n] < ALPHA]
-        above, below = (
-            [ranking[n].entry.name for n in significant if (n < number) == better]
-            for better in (True, False)
-        )
-        words = [
-            f"{where} it: {'; '.join(names) if names else 'none'}"
-            for where, names in (("above", above), ("below", below))
-        ]
-        lines.append(f"- {entry.name}: significantly {', '.join(words)}.")
-    return lines
+    for track, own in tracks.items():
+        rows = _summary({board: rankings[board] for board in own}, tests)
+        lines += [f"## {track[0].upper()}{track[1:]}", "", *table(rows), ""]
+    lines += [_ABOUT, "", BOARDS_HEADING, "", _COLUMNS, ""]
+    figures = {}
+    with style.styled():
+        for board, ranking in rankings.items():
+            rows = _scores(ranking, tests[board]) if board.ranks else _contacts(ranking)
+            made = [["learner", "us", "ratio", "KiB", "tuned", "`musebot run OUT` with"]]
+            for entry in (one.entry for one in ranking):
+                cost = _costs(costs.get((board, entry.name)))
+                made.append([entry.name, *cost, _tuned(entry, tunings), f"`{entry.command}`"])
+            world = f"Lives of the first: {ranking[0].entry.world or 'as by default'}."
+            lines += [f"### {board.title}", "", *table(rows), "", *table(made), "", world, ""]
+            figures[board.name] = draw(ranking)
+    return Page("\n".join(lines), figures)
 
 
-def _contacts(ranking: Ranking) -> list[str]:
-    rows = [
-        [
-            "learner", "robots", "touch a wall", "without contact after training",
-            "during training", "worst tenth", "mean L",
-        ]
-    ]  # fmt: skip
+def _summary(
+    rankings: Mapping[Board, Sequence[Ranked]], tests: Mapping[Board, np.ndarray]
+) -> list[list[str]]:
+    """Returns the table of a track: a row a learner, a column a board."""
+    # The protocol `paper` in spot finding, which decides a track, is first.
+    order = sorted(rankings, key=lambda b: (not b.ranks, b.protocol != "paper", b.protocol))
+    cells: dict[str, dict[Board, str]] = {}
+    scores: dict[str, dict[Board, float]] = {}
+    for board in order:
+        first = first_learner(rankings[board])
+        for number, one in enumerate(rankings[board]):
+            entry, text = one.entry, f"{one.entry.touching} of {len(one.entry.after)}"
+            if board.ranks:
+                text = _score(one)
+                best = number == first or tests[board][first, number] >= ALPHA
+                if entry.competes and best and not math.isnan(one.score):
+                    text = f"**{text}**"
+                scores.setdefault(entry.title, {})[board] = np.nan_to_num(one.score, nan=-math.inf)
+            cells.setdefault(entry.title, {})[board] = text
+
+    def place(title: str) -> tuple[list[float], str]:
+        own = scores.get(title, {})
+        return [-own.get(board, -math.inf) for board in order], title
+
+    rows = (
+        [title, *(cells[title].get(b, "-") for b in order)] for title in sorted(cells, key=place)
+    )
+    return [["learner", *(board.column for board in order)], *rows]
+
+
+def _scores(ranking: Sequence[Ranked], tests: np.ndarray) -> list[list[str]]:
+    """Returns the table of a board that ranks."""
+    head = "learner,robots,score,in the spot after training,during training,worst tenth,fail,mean L"
+    rows = [[*head.split(","), "p against the first"]]
+    for one, p in zip(ranking, tests[first_learner(ranking)], strict=True):
+        fail = f"{(one.scores < 0.5).mean():.0%}"
+        cells = [_score(one), *_times(one.entry), fail, _mean_ability(one.entry)]
+        rows.append([*_name(one.entry), *cells, "" if math.isnan(p) else probability(p)])
+    return rows
+
+
+def _contacts(ranking: Sequence[Ranked]) -> list[list[str]]:
+    """Returns the table of a board of wall avoidance, fewest robots with contact first."""
+    head = "learner,robots,touch a wall,without contact after training,during training,worst tenth"
+    rows = [[*head.split(","), "mean L"]]
     entries = [one.entry for one in ranking]
     for entry in sorted(entries, key=lambda entry: entry.touching / len(entry.after)):
         share = intervals.share(entry.touching, len(entry.after))
         touching = with_interval(str(entry.touching), share, ".0%")
         rows.append([*_name(entry), touching, *_times(entry), _mean_ability(entry)])
-    return [
-        *table(rows),
-        "",
-        "Most learners are at the ceiling of this task: they are not ranked. Touch a wall: robots "
-        "with any contact in the test after training, with Wilson's 95 % interval. A robot that "
-        "was stopped counts as one. In italics the bounds, and what was trained beforehand.",
-    ]
+    return rows
+
+
+def _score(one: Ranked) -> str:
+    return "-" if math.isnan(one.score) else with_interval(f"{one.score:.3f}", one.interval)
 
 
 def _name(entry: Entry) -> list[str]:
@@ -195,14 +159,14 @@ def _mean_ability(entry: Entry) -> str:
     return f"{abilities.mean():.2f}" if len(abilities) else "-"
 
 
-def _costs(found: Costs | None) -> list[str]:
+def _costs(found: np.ndarray | None) -> list[str]:
     if found is None:
         return ["-", "-", "-"]
-    ratio = found.microseconds / found.papers
-    return [f"{found.microseconds:.1f}", f"{ratio:.1f}", f"{found.bytes / 1024:.1f}"]
+    microseconds, papers, size = found
+    return [f"{microseconds:.1f}", f"{microseconds / papers:.1f}", f"{size / 1024:.1f}"]
 
 
-def _tuned(entry: Entry, efforts: Mapping[str, Effort]) -> str:
+def _tuned(entry: Entry, tunings: Tunings) -> str:
     if entry.is_bound:
         return ""
     if entry.condition.has_brain:
@@ -213,20 +177,13 @@ def _tuned(entry: Entry, efforts: Mapping[str, Effort]) -> str:
     if entry.name == TRAINED_BEFORE:
         return f"{len(entry.after)} policies, trained beforehand"
     settings = tuple(sorted(entry.experiment.settings))
-    key = name_in_track(entry.condition.proposer, entry.experiment.signals)
-    if key not in efforts:
+    tuning = tunings.get((entry.condition.proposer, entry.experiment.signals))
+    if tuning is None:
         return "own settings" if settings else "defaults"
-    effort = efforts[key]
-    return effort.words if settings in effort.tried else "own settings, not those of the tuning"
+    return tuning.study.effort if settings in tuning.tried else "own settings, not the tuning's"
 
 
-def module_of(proposer: str) -> str:
-    """Returns the module of an agent, or that of the three proposers' brain."""
-    name = MOVED.get(proposer, proposer)
-    return name.partition(":")[0] if ":" in name else "musebot.controller"
-
-
-def draw(ranking: Ranking) -> Figure:
+def draw(ranking: Sequence[Ranked]) -> Figure:
     """Draws the learning curve of each entry, ten minutes a point, named at its end."""
     figure, axes = style.canvas(3.2, 1, 1)
     axis = axes.flat[0]

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib.util
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
-import tyro
 
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
-from ..agents.ppo import POLICIES_FILE, policy_arrays, read_policies
-from ..errors import DamagedFileError, InputError
-from ..lives.experiment import Experiment
-from ..lives.jobs import Job, Report, Stop
+from ..agents.ppo import POLICIES_FILE, policy_arrays, policy_shapes, read_policies
+from ..errors import InputError
 from ..storage import save_arrays
-from .jobs import FileJob, StoppedError
-from .study import Page, Study, check_positive
+from .jobs import ArrayJob, Arrays, Progress, StoppedError
+from .study import Page, RunJobs, Study, check_positive
 
 # What differs from Stable-Baselines3's defaults: many short rollouts, since there are few steps.
 # A discount of 0.95 does not reach from the search to the spot: two seeds of spot_finding_unit
@@ -42,8 +40,9 @@ class PPOTraining(Study):
     """
 
     name: ClassVar[str] = "ppo"
+    folders: ClassVar[tuple[str, ...]] = ("policies",)
 
-    task: Annotated[str, tyro.conf.arg(metavar="TASK")]
+    task: str
     """any task of docs/tasks.md, preferably one with actions in [-1, 1]"""
     policies: int = 60
     """number of policies; more can be added later"""
@@ -52,8 +51,8 @@ class PPOTraining(Study):
     seed: int = 0
     """seed of the first policy; each further policy has the next one"""
 
-    def experiments(self) -> Mapping[str, Experiment]:
-        """See `Study.experiments`: there are none."""
+    def identity(self) -> Mapping[str, Any]:
+        """See `Study.identity`; the number of policies may be increased later."""
         check_positive(_MOST_POLICIES, policies=self.policies)
         check_positive(_MOST_STEPS, steps=self.steps)
         most = 2**32 - self.policies
@@ -63,15 +62,13 @@ class PPOTraining(Study):
             raise InputError(f"the task must be one of {', '.join(TASKS)}, got {self.task!r}")
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
-        return {}
-
-    def details(self) -> Mapping[str, Any]:
-        """See `Study.details`; the number of policies may be increased later."""
-        return {"task": self.task, **self._notes()}
-
-    def folders(self, out: Path) -> Sequence[Path]:
-        """See `Study.folders`."""
-        return [out / "policies"]
+        return {
+            "task": self.task,
+            "steps": self.steps,
+            "seed": self.seed,
+            "settings": SETTINGS,
+            "robots": ROBOTS,
+        }
 
     def check(self, out: Path) -> None:
         """See `Study.check`."""
@@ -80,16 +77,14 @@ class PPOTraining(Study):
             raise InputError(f"{out} holds {held} policies, more than {self.policies}")
         for job in self._jobs(out):
             if job.done():
-                job.policy()
+                job.read()
 
-    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`; joins the policies in one file when all are trained."""
-        yield self._jobs(out)
-        policies = [job.policy() for job in self._jobs(out)]
-        arrays = {
-            name: np.concatenate([policy[name] for policy in policies]) for name in policy_arrays()
-        }
-        save_arrays(out / POLICIES_FILE, arrays, task=self.task, **self._notes())
+    def work(self, out: Path, run_jobs: RunJobs) -> None:
+        """See `Study.work`; joins the policies in one file when all are trained."""
+        run_jobs(self._jobs(out))
+        policies = [job.read() for job in self._jobs(out)]
+        arrays = {name: np.concatenate([one[name] for one in policies]) for name in policy_arrays()}
+        save_arrays(out / POLICIES_FILE, arrays, **self.identity())
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
@@ -101,67 +96,17 @@ class PPOTraining(Study):
             f"control steps of {ROBOTS} robots together.\n"
         )
 
-    def _jobs(self, out: Path) -> list[TrainingJob]:
+    def _jobs(self, out: Path) -> list[ArrayJob]:
         return [
-            TrainingJob(
+            ArrayJob(
                 out / "policies" / f"{number:04d}.safetensors",
-                self.task,
-                self.steps,
-                self.seed + number,
+                functools.partial(train, self.task, self.steps, self.seed + number),
+                rounded(self.steps) * CONTROL_TIMESTEP,
+                policy_shapes(self.task, 1),
+                {"task": self.task, "steps": self.steps, "seed": self.seed + number},
             )
             for number in range(self.policies)
         ]
-
-    def _notes(self) -> dict[str, Any]:
-        return {"steps": self.steps, "seed": self.seed, "settings": SETTINGS, "robots": ROBOTS}
-
-
-@dataclasses.dataclass(frozen=True)
-class TrainingJob(FileJob):
-    """Trains one policy.
-
-    Attributes:
-      path: File to which the trained policy is written.
-      task: Name of any task.
-      steps: Number of control steps, summed over all robots and rounded up to whole rollouts.
-      seed: Seed of the policy, its exploration and its episodes.
-    """
-
-    path: Path
-    task: str
-    steps: int
-    seed: int
-
-    def __str__(self) -> str:
-        return f"policy {self.path.stem}"
-
-    @property
-    def cost(self) -> float:
-        """See `Job.cost`."""
-        return rounded(self.steps) * CONTROL_TIMESTEP
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """See `FileJob.identity`."""
-        return {"task": self.task, "steps": self.steps, "seed": self.seed}
-
-    def work(self, stop: Stop, report: Report) -> dict[str, np.ndarray]:
-        """See `FileJob.work`."""
-        policy = train(self.task, self.steps, self.seed, stop, report)
-        report(self.cost, "")
-        return policy
-
-    def policy(self) -> dict[str, np.ndarray]:
-        """Reads the trained policy.
-
-        Raises:
-          InputError: there is no such file, it is damaged, or it is another job's.
-        """
-        task, arrays, notes = read_policies(self.path)
-        held = {"task": task, **notes}
-        if held != self.identity or len(arrays["after.0.weights"]) != 1:
-            raise DamagedFileError(f"{self.path} is of {held}, not of {self.identity}")
-        return arrays
 
 
 def rounded(steps: int) -> int:
@@ -169,28 +114,20 @@ def rounded(steps: int) -> int:
     return -(-steps // _ROLLOUT) * _ROLLOUT
 
 
-def train(
-    task: str,
-    steps: int,
-    seed: int,
-    stop: Stop = lambda: False,
-    report: Report = lambda cost, message: None,
-) -> dict[str, np.ndarray]:
+def train(task: str, steps: int, seed: int, progress: Progress) -> Arrays:
     """Trains one policy on one core.
 
     Args:
       task: Name of any task.
       steps: Number of control steps, summed over all robots and rounded up to whole rollouts.
       seed: Seed of the policy, its exploration and its episodes.
-      stop: Function that returns whether to stop; called once per rollout.
-      report: Function called once per rollout with the simulated robot-seconds so far and a
-        message.
+      progress: Progress of the job, called once per rollout.
 
     Returns:
       Weights in the form of `agents.ppo.Policies` with B = 1.
 
     Raises:
-      StoppedError: `stop` returned True.
+      StoppedError: the job is asked to stop.
     """
     from stable_baselines3 import PPO
 
@@ -204,8 +141,10 @@ def train(
     def goes_on(*_: Any) -> bool:
         nonlocal stopped
         if model.num_timesteps % _ROLLOUT == ROBOTS:  # the first step of a rollout
-            stopped = stop()
-            report((model.num_timesteps - ROBOTS) * CONTROL_TIMESTEP, "")
+            try:
+                progress((model.num_timesteps - ROBOTS) * CONTROL_TIMESTEP)
+            except StoppedError:
+                stopped = True
         return not stopped
 
     model.learn(steps, callback=goes_on)
@@ -214,7 +153,7 @@ def train(
     return before | _weights(model.policy, "after")
 
 
-def _weights(policy: Any, when: str) -> dict[str, np.ndarray]:
+def _weights(policy: Any, when: str) -> Arrays:
     """Copies the weights of the layers from the state to the mean action, with a leading axis."""
     modules = itertools.chain(policy.mlp_extractor.policy_net, [policy.action_net])
     layers = [module for module in modules if isinstance(module, torch.nn.Linear)]

@@ -8,36 +8,34 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-import tyro
 from scipy.stats import qmc
 
-from ...controller.parameters import shown
 from ...models import Kinematics
 from ..agents.factory import factory_of
-from ..agents.names import name_in_track, recorded_name, short_name
+from ..agents.names import recorded_name, short_name
 from ..agents.settings import Setting, settings_of
 from ..agents.trust import trust
 from ..analysis import intervals
-from ..cli.shared_options import BODY_EFFECTS, TASK_CHOICES, BodyKinematicsOption, option
 from ..errors import InputError
 from ..lives.budget import check_memory
 from ..lives.conditions import PAPER_TASKS, Condition, check_proposer
-from ..lives.experiment import Experiment, Signals, experiment_from
-from ..lives.jobs import Job
+from ..lives.experiment import Experiment, Signals
 from ..lives.manifest import UNREADABLE
-from ..lives.overrides import overrides_of, with_overrides
+from ..lives.overrides import with_overrides
 from ..lives.plan import Plan
+from ..lives.schedules import PARTS
 from ..pages.markdown import mean_cell, table
 from ..storage import read_json
-from .evaluation import EvaluationJob
-from .study import STUDY_FILE, Page, Study, check_positive
+from .jobs import ArrayJob, lives
+from .study import STUDY_FILE, Page, RunJobs, Study, check_positive
 
-FOLDER = "trials"
+# Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
+BODY_EFFECTS = "felt=pushed", "wall=turns", "lag=0.08"
 _MOST = 1024  # trials
 _TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
 _SHARES = {
@@ -64,6 +62,20 @@ class Trial:
         return {name: chosen.get(name, str(setting.default)) for name, setting in tuned.items()}
 
 
+class Ranked(NamedTuple):
+    """A trial with each robot's shares, after training and during training, shape (2, robots).
+
+    Attributes:
+      trial: The trial.
+      early: Shares in the first round.
+      late: Shares in the second round; None for a trial that has none.
+    """
+
+    trial: Trial
+    early: np.ndarray
+    late: np.ndarray | None
+
+
 @dataclasses.dataclass
 class Tune(Study):
     """Tune an agent's settings in the kinematic simulator, with equal effort for each.
@@ -77,13 +89,14 @@ class Tune(Study):
     """
 
     name: ClassVar[str] = "tune"
+    folders: ClassVar[tuple[str, ...]] = ("trials",)
 
-    agent: Annotated[str, tyro.conf.arg(metavar="AGENT")]
+    agent: str
     """name of the agent, or a factory of yours as package.module:factory"""
     signals: Signals = "paper"
     """raw: smell and reward before they saturate"""
-    task: Annotated[str, option(TASK_CHOICES, "spot_finding")] = "spot_finding"
-    """task of all robots"""
+    task: str = "spot_finding"
+    """task of all robots, wall_avoidance or spot_finding"""
     trials: int = 16
     """number of settings that are tried"""
     kept: int = 4
@@ -92,54 +105,19 @@ class Tune(Study):
     """number of robots of a trial in the second round; half as many in the first, at least 1"""
     seed: int = 32001
     """seed of the first round; the second round has the next one"""
-    kinematics: BodyKinematicsOption = BODY_EFFECTS
-    """parameters of the kinematic simulator"""
+    kinematics: tuple[str, ...] = BODY_EFFECTS
+    """parameters of the kinematic simulator, as NAME=VALUE"""
     time_scale: float = 1.0
     """factor on every duration, in (0, 1]; below 1 for rehearsals"""
 
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Returns the study that a folder holds; imports nothing that the folder names.
-
-        Raises:
-          InputError: the folder holds no study that tunes.
-        """
-        path = folder / STUDY_FILE
-        try:
-            held = read_json(path)
-            details, full = held["details"], experiment_from(held["experiments"]["trials"])
-            agent, kept, trials = details["agent"], details["kept"], len(details["trials"])
-            if held["study"] != cls.name or type(agent) is not str or type(kept) is not int:
-                raise ValueError("it holds another study, or is damaged")
-            check_proposer(agent)
-            task = Condition(details["task"], agent).task
-        except (*UNREADABLE, InputError, OSError) as error:
-            raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
-        return cls(
-            agent=agent,
-            signals=full.signals,
-            task=task,
-            trials=trials,
-            kept=kept,
-            robots=full.cohort_size,
-            seed=full.seed - 1,
-            kinematics=tuple(overrides_of(full.kinematics, Kinematics())),
-            time_scale=full.time_scale,
-        )
-
-    def best(self, out: Path) -> Trial:
-        """Returns the best trial of a finished study.
-
-        Raises:
-          InputError: it is not finished, a file is damaged, or its agent is not trusted.
-        """
-        if not all(job.done() for jobs in self.stages(out) for job in jobs):
-            raise InputError(f"{out} is not finished: `musebot study tune` continues it")
-        return self.ranked(out)[0][0]
+    @property
+    def condition(self) -> Condition:
+        """Task and agent of all robots."""
+        return Condition(self.task, recorded_name(self.agent))
 
     @property
     def effort(self) -> str:
-        """What was tried, in words."""
+        """What is tried, in words."""
         task = f" in {self.task}" if self.task != "spot_finding" else ""
         usual, own = (with_overrides(Kinematics(), x) for x in (BODY_EFFECTS, self.kinematics))
         other = f", {' '.join(self.kinematics)}" if own != usual else ""
@@ -149,49 +127,47 @@ class Tune(Study):
             f"{self._robots(False)}, then {self.robots}{other}{scale}"
         )
 
-    def experiments(self) -> Mapping[str, Experiment]:
-        """See `Study.experiments`: that of the second round."""
-        trust(recorded_name(self.agent))  # the command names it
-        drawn = self.drawn()
-        for again, trials in ((False, drawn), (True, drawn[: self.kept])):
+    def check_options(self) -> None:
+        """Raises InputError where an option is invalid; imports no agent."""
+        check_positive(_MOST, trials=self.trials, kept=self.kept)
+        check_positive(robots=self.robots)
+        if self.kept > self.trials:
+            raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
+        if self.task not in PAPER_TASKS:
+            tasks = ", ".join(PAPER_TASKS)
+            raise InputError(f"the task must be one of {tasks}, got {self.task!r:.60}")
+        check_proposer(self.condition.proposer)
+        if self.condition.has_brain:
+            raise InputError(f"{self.agent} is a proposer of the brain, which has no settings")
+        self._round(True, [Trial(0, ())])
+
+    def identity(self) -> Mapping[str, Any]:
+        """See `Study.identity`: all options, and the settings of each trial."""
+        self.check_options()
+        trust(self.condition.proposer)  # the command names it
+        for again, trials in ((False, self.drawn()), (True, self.drawn()[: self.kept])):
             for some in self._cohorts(trials):
                 experiment = self._round(again, some)
-                check_memory(Plan.of(experiment, [self._condition], experiment.cohort_size))
-        return {"trials": self._round(True, [Trial(0, ())])}
+                check_memory(Plan.of(experiment, [self.condition], experiment.cohort_size))
+        drawn = [list(trial.settings) for trial in self.drawn()]
+        return dataclasses.asdict(self) | {"agent": self.condition.proposer, "drawn": drawn}
+
+    def experiment(self) -> Experiment:
+        """See `Study.experiment`."""
+        return self._round(True, [Trial(0, ())])
 
     @functools.cached_property
     def settings(self) -> Mapping[str, Setting]:
         """The settings that are tuned, by name.
 
         Raises:
-          InputError: an option is invalid, or the agent has no settings.
+          InputError: the agent has no settings, is not trusted or cannot be imported.
         """
-        check_positive(_MOST, trials=self.trials, kept=self.kept)
-        check_positive(robots=self.robots)
-        if self.kept > self.trials:
-            raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
-        if self.seed < 0:
-            raise InputError(f"the seed must not be negative, got {shown(self.seed)}")
-        name = recorded_name(self.agent)
-        if self.task not in PAPER_TASKS:
-            tasks = ", ".join(PAPER_TASKS)
-            raise InputError(f"the task must be one of {tasks}, got {self.task!r:.60}")
-        if self._condition.has_brain:
-            raise InputError(f"{name} is a proposer of the brain: `musebot study evolve` tunes it")
-        tuned = {n: s for n, s in settings_of(factory_of(name)).items() if s.tuned}
+        factory = factory_of(self.condition.proposer)
+        tuned = {name: one for name, one in settings_of(factory).items() if one.tuned}
         if not tuned:
             raise InputError(f"{self.agent} has no settings to tune")
         return tuned
-
-    def details(self) -> Mapping[str, Any]:
-        """See `Study.details`."""
-        drawn = [list(trial.settings) for trial in self.drawn()]
-        return {
-            "agent": recorded_name(self.agent),
-            "task": self.task,
-            "kept": self.kept,
-            "trials": drawn,
-        }
 
     def drawn(self) -> list[Trial]:
         """Returns all trials, the defaults first."""
@@ -199,65 +175,57 @@ class Tune(Study):
         points = sobol.random(1 << (self.trials - 1).bit_length())[: self.trials]
         trials = [Trial(0, ())]
         for number, point in enumerate(points[1:], 1):
-            words = (
-                f"{name}={setting.at(float(share))}"
-                for (name, setting), share in zip(self.settings.items(), point, strict=True)
-            )
+            pairs = zip(self.settings.items(), point.tolist(), strict=True)
+            words = (f"{name}={setting.at(share)}" for (name, setting), share in pairs)
             trials.append(Trial(number, tuple(words)))
         return trials
-
-    def folders(self, out: Path) -> Sequence[Path]:
-        """See `Study.folders`."""
-        return [out / FOLDER]
 
     def check(self, out: Path) -> None:
         """See `Study.check`: reads the files of all jobs."""
         self.ranked(out)
 
-    def stages(self, out: Path) -> Iterator[Sequence[Job]]:
-        """See `Study.stages`: all trials, then the best again."""
-        yield self._jobs(out, False, self.drawn())
-        yield self._jobs(out, True, self._kept_trials(out))
+    def work(self, out: Path, run_jobs: RunJobs) -> None:
+        """See `Study.work`: all trials, then the best again."""
+        run_jobs([self._job(out, False, some) for some in self._cohorts(self.drawn())])
+        run_jobs([self._job(out, True, some) for some in self._cohorts(self._kept(out))])
 
-    def ranked(self, out: Path) -> list[tuple[Trial, np.ndarray, np.ndarray | None]]:
-        """Returns the finished trials, best first, with each robot's shares in both rounds.
-
-        Shares have the shape (2, robots of the round), after training and during training; None
-        where a trial has no second round.
-        """
+    def ranked(self, out: Path) -> list[Ranked]:
+        """Returns the finished trials, best first."""
         early = self._values(out, False, self.drawn())
-        later = self._values(out, True, self._kept_trials(out))
-        found = [(trial, values, later.get(trial)) for trial, values in early.items()]
-        return sorted(
-            found,
-            key=lambda one: (-_mean_or_least(one[2]), -float(one[1].mean()), one[0].number),
-        )
+        late = self._values(out, True, self._kept(out))
+        found = [Ranked(trial, values, late.get(trial)) for trial, values in early.items()]
+
+        def place(one: Ranked) -> tuple[float, float, int]:
+            second = -np.inf if one.late is None else float(one.late.mean())
+            return -second, -float(one.early.mean()), one.trial.number
+
+        return sorted(found, key=place)
+
+    def best(self, out: Path) -> Trial:
+        """Returns the best trial of a finished study.
+
+        Raises:
+          InputError: it is not finished, a file is damaged, or its agent is not trusted.
+        """
+        ranked = self.ranked(out)
+        late = sum(one.late is not None for one in ranked)
+        if (len(ranked), late) != (self.trials, self.kept):
+            raise InputError(f"{out} is not finished: the command that tunes continues it")
+        return ranked[0].trial
 
     def page(self, out: Path) -> Page:
         """See `Study.page`."""
+        rounds = ["first round", "second round", "after training", "during training"]
+        rows = [["trial", *self.settings, *rounds]]
         ranked = self.ranked(out)
-        rows = [
-            [
-                "trial",
-                *self.settings,
-                "first round",
-                "second round",
-                "after training",
-                "during training",
-            ]
-        ]
-        for trial, early, later in ranked:
-            rows.append(
-                [
-                    str(trial.number),
-                    *trial.values(self.settings).values(),
-                    f"{early.mean():.3f}",
-                    *_cells(later),
-                ]
-            )
-        brackets = any("[" in cell for row in rows[1:] for cell in row[-2:])
-        intervals = "; brackets hold 95 % intervals over robots" if brackets else ""
-        winner, name = ranked[0][0], short_name(recorded_name(self.agent))
+        for trial, early, late in ranked:
+            cells = ["-"] * 3
+            if late is not None:
+                means = [mean_cell(shares, intervals.SHARE) for shares in late]
+                cells = [f"{late.mean():.3f}", *means]
+            values = trial.values(self.settings).values()
+            rows.append([str(trial.number), *values, f"{early.mean():.3f}", *cells])
+        winner, name = ranked[0].trial, short_name(self.condition.proposer)
         chosen = f" --agent-set {' '.join(winner.settings)}" if winner.settings else ""
         lines = [
             f"## {name}, {self.signals} signals",
@@ -266,7 +234,7 @@ class Tune(Study):
             "",
             f"{_SHARES[self.task]}: mean of two shares, in the test after training and during "
             f"training. Robots of a setting: {self._robots(False)}, then {self.robots}. The last "
-            f"two columns belong to the second round{intervals}. The "
+            "two columns belong to the second round; brackets hold 95 % intervals over robots. The "
             "best of several trials was also lucky: only runs on other seeds measure it.",
             "",
             f"Best: trial {winner.number}, `musebot run OUT --agent {name}{chosen} --signals "
@@ -274,10 +242,6 @@ class Tune(Study):
             "",
         ]
         return Page("\n".join(lines))
-
-    @property
-    def _condition(self) -> Condition:
-        return Condition(self.task, recorded_name(self.agent))
 
     def _robots(self, again: bool) -> int:
         """Returns the number of robots of a trial, in the first round or when simulated again."""
@@ -292,9 +256,7 @@ class Tune(Study):
         words = trials[0].settings
         if len(trials) > 1:
             values = [trial.values(self.settings) for trial in trials]
-            words = tuple(
-                f"{name}={','.join(one[name] for one in values)}" for name in self.settings
-            )
+            words = tuple(f"{n}={','.join(one[n] for one in values)}" for n in self.settings)
         return Experiment(
             seed=self.seed + again,
             cohort_size=self._robots(again) * len(trials),
@@ -305,15 +267,22 @@ class Tune(Study):
             settings=words,
         )
 
-    def _jobs(self, out: Path, again: bool, trials: Sequence[Trial]) -> list[EvaluationJob]:
-        return [self._job(out, again, some) for some in self._cohorts(trials)]
+    def _job(self, out: Path, again: bool, trials: Sequence[Trial]) -> ArrayJob:
+        numbers = "-".join(f"{trial.number:04}" for trial in trials)
+        experiment = self._round(again, trials)
+        robots = experiment.cohort_size
+        words = "signals", "task", "kinematics", "time_scale"
+        identity = {word: getattr(self, word) for word in words}
+        identity |= {"agent": self.condition.proposer, "seed": experiment.seed}
+        return ArrayJob(
+            out / "trials" / f"{numbers}-{int(again)}.safetensors",
+            functools.partial(lives, experiment, self.condition),
+            experiment.robot_seconds(sum(experiment.schedule(self.task).steps())),
+            {"events": ("I32", (robots, len(PARTS))), "valid": ("BOOL", (robots,))},
+            identity | {"settings": experiment.settings},
+        )
 
-    def _job(self, out: Path, again: bool, trials: Sequence[Trial]) -> EvaluationJob:
-        name = "-".join(f"{trial.number:04}" for trial in trials)
-        path = out / FOLDER / f"{name}-{int(again)}.safetensors"
-        return EvaluationJob(path, self._round(again, trials), self._condition)
-
-    def _kept_trials(self, out: Path) -> list[Trial]:
+    def _kept(self, out: Path) -> list[Trial]:
         early = self._values(out, False, self.drawn())
         return sorted(early, key=lambda trial: -float(early[trial].mean()))[: self.kept]
 
@@ -322,60 +291,77 @@ class Tune(Study):
         found = {}
         for some in self._cohorts(trials):
             job = self._job(out, again, some)
-            if not job.done():
-                continue
-            shares = np.array([job.shares("post"), job.shares("training")])
-            if not job.experiment.schedule(self.task).wanted:
-                shares = 1 - shares
-            found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
+            if job.done():
+                shares = shares_of(job.read(), self._round(again, some), self.task)
+                found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
         return found
 
 
-def tunings(folders: Sequence[Path]) -> dict[str, tuple[Path, Tune]]:
-    """Returns the studies that tune, with their folders, by `name_in_track`.
+def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: str) -> np.ndarray:
+    """Returns each robot's shares of time after and during training, shape (2, B).
 
-    Raises:
-      InputError: a folder holds no such study, or an agent was tuned twice in a track.
+    They are shares in the spot, or without contact; 0 for a robot that became unstable.
+
+    Args:
+      arrays: What `jobs.lives` returned.
+      experiment: Experiment of the robots.
+      task: Task of the robots.
     """
-    found: dict[str, tuple[Path, Tune]] = {}
-    for folder in folders:
-        study = Tune.read(folder)
-        key = name_in_track(study.agent, study.signals)
-        if key in found:
-            raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
-        found[key] = folder, study
-    return found
+    schedule, shares = experiment.schedule(task), []
+    for part in ("post", "training"):
+        share = np.clip(arrays["events"][:, PARTS.index(part)] / schedule.steps_of(part), 0, 1)
+        wanted = share if schedule.wanted else 1 - share
+        shares.append(np.where(arrays["valid"], wanted, 0.0))
+    return np.array(shares)
 
 
-class Effort(NamedTuple):
-    """The effort of a study that tunes.
+class Tuning(NamedTuple):
+    """A study that tunes, as read from its folder; nothing that the folder names is imported.
 
     Attributes:
-      words: What was tried, in words.
+      folder: Folder of the study.
+      study: The study.
       tried: The settings of each trial, sorted.
     """
 
-    words: str
+    folder: Path
+    study: Tune
     tried: frozenset[tuple[str, ...]]
 
 
-def efforts(folders: Sequence[Path]) -> dict[str, Effort]:
-    """Returns the effort of each study that tunes, by `name_in_track`."""
-    found = {}
-    for key, (folder, study) in tunings(folders).items():
-        trials = read_json(folder / STUDY_FILE)["details"]["trials"]
-        tried = frozenset(tuple(sorted(map(str, settings))) for settings in trials)
-        found[key] = Effort(study.effort, tried)
+def read_tuning(folder: Path) -> Tuning:
+    """Reads a study that tunes.
+
+    Raises:
+      InputError: the folder holds no such study.
+    """
+    path = folder / STUDY_FILE
+    try:
+        held = read_json(path)
+        if held["study"] != Tune.name:
+            raise ValueError("it holds another study")
+        known = held["identity"] | {"kinematics": tuple(held["identity"]["kinematics"])}
+        study = Tune(**{field.name: known[field.name] for field in dataclasses.fields(Tune)})
+        study.check_options()
+        if study.trials != len(known["drawn"]):
+            raise ValueError("it has another number of trials")
+        tried = frozenset(tuple(sorted(map(str, settings))) for settings in known["drawn"])
+    except (*UNREADABLE, InputError, OSError) as error:
+        raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
+    return Tuning(folder, study, tried)
+
+
+def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], Tuning]:
+    """Returns studies that tune by the recorded name of their agent and its signals.
+
+    Raises:
+      InputError: a folder holds no such study, or an agent was tuned twice with the same signals.
+    """
+    found: dict[tuple[str, str], Tuning] = {}
+    for tuning in map(read_tuning, folders):
+        study = tuning.study
+        key = recorded_name(study.agent), study.signals
+        if key in found:
+            raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
+        found[key] = tuning
     return found
-
-
-def _mean_or_least(values: np.ndarray | None) -> float:
-    """Returns the mean of values; minus infinity for none."""
-    return -np.inf if values is None else float(values.mean())
-
-
-def _cells(values: np.ndarray | None) -> list[str]:
-    if values is None:
-        return ["-"] * 3
-    means = [mean_cell(shares, intervals.SHARE) for shares in values]
-    return [f"{values.mean():.3f}", *means]

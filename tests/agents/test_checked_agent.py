@@ -32,7 +32,6 @@ def leave(*_):
         (np.zeros((2, 2, 1)), r"must return motor values of shape \(2, 2\), got \(2, 2, 1\)"),
         (None, r"must return motor values of shape \(2, 2\), got \(\)"),
         (np.zeros((2, 2), complex), "motor values that are real numbers, got complex128"),
-        (np.full((2, 2), "0.5"), "motor values that are real numbers, got <U3"),
         (np.full((2, 2), None), "motor values that are real numbers, got object"),
         (np.zeros((2, 2), bool), "motor values that are real numbers, got bool"),
     ],
@@ -87,14 +86,11 @@ def test_a_fault_is_one_sentence_with_its_place_and_an_exit_is_an_error(method):
 @pytest.mark.parametrize(
     ("returned", "words"),
     [
-        ({"w": np.array([None, None])}, "real numbers, got w of dtype object"),
-        ({"w": np.zeros(2, complex)}, "real numbers, got w of dtype complex128"),
-        ({"w": np.zeros(2, ">f8")}, "real numbers, got w of dtype >f8"),
+        ({"w": np.array([None, None])}, "real numbers as its .*, got w of dtype .O"),
+        ({"w": np.zeros(2, complex)}, "real numbers as its .*, got w of dtype <c16"),
+        ({"w": np.zeros(2, ">f8")}, "real numbers as its .*, got w of dtype >f8"),
         ({"w": [1.0, 2.0]}, "a dict of arrays as its .*, got 'w' of type list"),
-        (
-            {"w": np.float32(1)},
-            r"got the number 'w' \(float32\), not an array",
-        ),
+        ({"w": np.float32(1)}, "a dict of arrays as its .*, got 'w' of type float32"),
         ({1: np.zeros(2)}, "a dict of arrays as its .*, got 1 of type ndarray"),
         (None, "a dict of arrays as its .*, got NoneType"),
     ],
@@ -161,17 +157,8 @@ def run(tmp_path, **faults):
     ("faults", "status", "words"),
     [
         ({"module": "sys.exit(0)"}, 1, "mine cannot be imported: it called for an exit"),
-        ({"factory": "sys.exit(0)"}, 1, "the factory mine:make failed: it called for an exit"),
-        (
-            {"factory": "1 / 0"},
-            2,
-            "the factory mine:make failed (ZeroDivisionError: division by zero, ",
-        ),
-        (
-            {"late": "sys.exit(0)"},
-            1,
-            "mine:make failed in act: it called for an exit (status 0), in",
-        ),
+        ({"factory": "1 / 0"}, 2, "the factory mine:make failed (ZeroDivisionError: division by"),
+        ({"late": "sys.exit(0)"}, 1, "failed in act: it called for an exit (status 0), in"),
         ({"late": "1 / 0"}, 1, "mine.py line 11), in out/wall_avoidance-mine.make-0000 at step 29"),
         (
             {"late": "return np.full((len(state), 2), np.nan)"},
@@ -179,7 +166,6 @@ def run(tmp_path, **faults):
             "motor values that are finite, got [nan, nan] for robot 0, in "
             "out/wall_avoidance-mine.make-0000 at step 29",
         ),
-        ({"late": "return np.zeros(3)"}, 2, "of shape (2, 2), got (3,), in out/wall_avoidance"),
         ({"late": "os._exit(0)"}, 1, "a process died"),
     ],
 )

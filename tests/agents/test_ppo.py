@@ -8,7 +8,6 @@ from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents import ppo
 from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
 from musebot.protocols.agents.senses import senses_of
-from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.lives.agent import make_agent
 from musebot.protocols.lives.cohort import Cohort
@@ -137,13 +136,6 @@ def test_a_life_continues_only_with_the_policies_with_which_it_began(folder):
         Cohort(experiment, key).restore(arrays, notes)
 
 
-def test_a_run_of_more_robots_than_policies_leaves_nothing_behind(folder, capsys):
-    status = cli.main(["run", "out", "--agent", "ppo", "--robots", "4", "--time-scale", "0.001"])
-    assert status == 2
-    assert "has 3 policies, too few for 4 robots" in capsys.readouterr().err
-    assert not (folder / "out").exists()
-
-
 def test_policies_are_read_with_their_task_and_how_they_were_trained(folder):
     task = "spot_finding_unit"
     read_task, arrays, notes = ppo.read_policies(file_of(task))
@@ -165,12 +157,6 @@ def test_a_file_without_policies_is_refused(tmp_path):
         save_arrays(path, some, **notes)
         with pytest.raises(DamagedFileError, match="holds no policies"):
             ppo.read_policies(path)
-
-
-def test_policies_are_identified_by_their_weights():
-    one, same, other = (newborn("spot_finding_unit", 2, seed).digest for seed in (1, 1, 2))
-    assert len(one) == 16
-    assert np.array_equal(one, same) and not np.array_equal(one, other)
 
 
 def test_a_policy_comes_with_musebot_for_every_task_of_the_suite():

@@ -1,13 +1,16 @@
 """Policies are trained by Stable-Baselines3's PPO, kept one by one, and joined."""
 
 import importlib.util
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from helpers import files_below
 
 from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, policy_arrays, read_policies
 from musebot.protocols.compare import ppo
+from musebot.protocols.compare.jobs import Progress
 from musebot.protocols.compare.ppo import PPOTraining
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.errors import InputError
@@ -27,7 +30,8 @@ def test_a_kept_policy_acts_as_stable_baselines_does_before_and_after_training()
     from musebot.tasks.stable_baselines import ArenaVecEnv
 
     task = "wall_avoidance_unit"
-    ours = Policies(task, ppo.train(task, ROLLOUT, seed=3) or {})
+    progress = Progress(Path(), lambda: False, lambda *_: None)
+    ours = Policies(task, ppo.train(task, ROLLOUT, 3, progress))
     torch.set_num_threads(1)
     env = ArenaVecEnv(task, ppo.ROBOTS)
     theirs = PPO("MlpPolicy", env, seed=3, device="cpu", **ppo.SETTINGS)
@@ -40,7 +44,8 @@ def test_a_kept_policy_acts_as_stable_baselines_does_before_and_after_training()
 
 
 @needs_it
-def test_policies_added_later_equal_those_trained_together(tmp_path, here, listing):
+def test_policies_added_later_equal_those_trained_together(tmp_path, in_process):
+    here = in_process()
     for out, numbers in (("grown", (1, 2)), ("whole", (2,))):
         for policies in numbers:
             page = conduct(PPOTraining(TASK, policies, steps=1, seed=5), tmp_path / out, here)
@@ -54,7 +59,7 @@ def test_policies_added_later_equal_those_trained_together(tmp_path, here, listi
     assert (task, notes) == (TASK, settings)
     assert arrays["after.0.weights"].shape == (2, 64, 1)
     assert (arrays["after.0.weights"][0] != arrays["after.0.weights"][1]).any()
-    before = listing(tmp_path)
+    before = files_below(tmp_path)
     for options, words in (
         ({"steps": 2}, "holds a study with steps 1, not 2"),
         ({"policies": 1}, "holds 2 policies, more than 1"),
@@ -62,22 +67,22 @@ def test_policies_added_later_equal_those_trained_together(tmp_path, here, listi
         with pytest.raises(InputError, match=words):
             asked = {"policies": 2, "steps": 1, "seed": 5} | options
             conduct(PPOTraining(TASK, **asked), tmp_path / "grown", here)
-    assert listing(tmp_path) == before
+    assert files_below(tmp_path) == before
 
 
 @needs_it
 def test_training_stops_between_rollouts_when_asked(tmp_path):
     reports = []
-    job = ppo.TrainingJob(tmp_path / "policy", TASK, 10 * ROLLOUT, seed=0)
-    assert job.run(lambda: len(reports) == 1, lambda *report: reports.append(report)) is False
+    (job,) = PPOTraining(TASK, 1, steps=10 * ROLLOUT)._jobs(tmp_path)
+    assert job.run(lambda: len(reports) == 2, lambda *report: reports.append(report)) is False
     assert reports == [(0, ""), (ROLLOUT * 0.1, "")]
     assert not job.done()
 
 
-def test_without_stable_baselines_nothing_is_made(tmp_path, here, monkeypatch):
+def test_without_stable_baselines_nothing_is_made(tmp_path, in_process, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="pip install 'musebot\\[baselines\\]'"):
-        conduct(PPOTraining(TASK), tmp_path / "out", here)
+        conduct(PPOTraining(TASK), tmp_path / "out", in_process())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -85,26 +90,27 @@ def test_without_stable_baselines_nothing_is_made(tmp_path, here, monkeypatch):
     ("options", "words"),
     [
         ({"task": "flying"}, "the task must be one of"),
-        ({"policies": 0}, "policies must be at least 1, got 0"),
-        ({"steps": 0}, "steps must be at least 1, got 0"),
+        ({"policies": 0}, "policies must be from 1 to 10000, got 0"),
+        ({"steps": 0}, "steps must be from 1"),
         ({"seed": -1}, r"the seed must lie in \[0"),
         ({"seed": 2**32}, r"must lie in \[0, 4294967236\], got 4294967296"),
     ],
 )
 def test_an_invalid_option_is_refused(options, words):
     with pytest.raises(InputError, match=words):
-        PPOTraining(**({"task": TASK} | options)).experiments()
+        PPOTraining(**({"task": TASK} | options)).identity()
 
 
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
         ("after.0.weights", lambda a: a * np.nan, "after.0.weights must be finite"),
-        ("before.2.biases", lambda a: a[:, :1], "before.2.biases must be"),
-        ("after.1.weights", lambda a: a[..., :-1], "after.1.weights must be"),
-        ("after.0.weights", lambda a: a.astype(float), "after.0.weights must be"),
-        ("after.0.biases", lambda a: a[0], "after.0.biases must be"),
-        ("after.0.weights", lambda a: a[0], "it holds no policies"),
+        ("before.2.biases", lambda a: a[:, :1], "before.2.biases must have shape"),
+        ("after.1.weights", lambda a: a[..., :-1], "after.1.weights must have shape"),
+        ("after.0.weights", lambda a: a[0], "after.0.weights must have shape"),
+        ("after.0.weights", lambda a: a.astype(float), "it holds no policies"),
+        ("after.0.biases", lambda a: a[0], "it holds no policies"),
+        ("after.1.biases", lambda a: a[:0], "must have shape"),
     ],
 )
 def test_policies_of_an_impossible_shape_or_value_are_refused(name, change, words, tmp_path):
@@ -117,7 +123,7 @@ def test_policies_of_an_impossible_shape_or_value_are_refused(name, change, word
     save_arrays(path, arrays, task=TASK)
     assert read_policies(path)[0] == TASK
     save_arrays(path, arrays, task="wall_avoidance_unit")
-    with pytest.raises(InputError, match="wall_avoidance_unit has 5 signals, its policies have 1"):
+    with pytest.raises(InputError, match="must have shape .* for wall_avoidance_unit"):
         read_policies(path)
     save_arrays(path, arrays | {name: change(arrays[name])}, task=TASK)
     with pytest.raises(InputError, match=words):

@@ -1,50 +1,84 @@
 """Conducting a study: what is done once for all of them, shown with a small one."""
 
 import dataclasses
-import importlib
+import functools
 import json
-from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pytest
+from helpers import files_below
 from matplotlib.figure import Figure
 
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.compare import STUDIES, study, study_class
-from musebot.protocols.compare.jobs import MinuteTick, StoppedError
-from musebot.protocols.compare.study import Page, Study, conduct
-from musebot.protocols.errors import InputError, Interrupted
+from musebot.protocols.compare import STUDIES, jobs, study, study_class
+from musebot.protocols.compare.jobs import ArrayJob, Progress, lives
+from musebot.protocols.compare.study import (
+    STUDY_FILE,
+    Page,
+    Study,
+    check_positive,
+    conduct,
+    simulate_runs,
+)
+from musebot.protocols.errors import DamagedFileError, InputError, Interrupted
+from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.plan import Plan
 from musebot.protocols.storage import locked, write_json
+
+WALLS = [Condition("wall_avoidance", proposer) for proposer in ("fixed", "random")]
+
+
+def square(number, progress):
+    progress(0.5)
+    return {"square": np.array([number**2])}
 
 
 @dataclasses.dataclass
 class Squares(Study):
-    """Square numbers, and add the squares."""
+    """Square numbers, add the squares, and simulate two runs."""
 
     name: ClassVar[str] = "squares"
+    folders: ClassVar[tuple[str, ...]] = ("numbers",)
 
     numbers: tuple[int, ...] = (1, 2, 3)
+    robots: int = 0
     seed: int = 1
+    drawn: bool = False
 
-    def experiments(self):
-        study.check_positive(numbers=len(self.numbers))
-        return {"robots": Experiment(body="kinematic", seed=self.seed)}
-
-    def details(self):
+    def identity(self):
+        check_positive(numbers=len(self.numbers))
         return {"numbers": self.numbers}
 
-    def folders(self, out):
-        return [out / "squares"]
+    def plans(self):
+        if not self.robots:
+            return {}
+        own = Experiment(body="kinematic", cohort_size=2, time_scale=0.001, seed=self.seed)
+        slow = dataclasses.replace(own, motor_speed=0.1)
+        plans = {"own": (own, WALLS), "slow": (slow, WALLS[:1])}
+        return {name: Plan.of(*plan, self.robots) for name, plan in plans.items()}
 
-    def stages(self, out):
-        yield [Square(out / "squares" / f"{number}", number) for number in self.numbers]
-        yield [Sum(out / "sum", out / "squares")]
+    def jobs(self, out):
+        shapes = {"square": ("I64", (1,))}
+        return [
+            ArrayJob(out / "numbers" / f"{n}.safetensors", functools.partial(square, n), 1.0,
+                     shapes, {"number": n})
+            for n in self.numbers
+        ]  # fmt: skip
+
+    def check(self, out):
+        for job in self.jobs(out):
+            if job.done():
+                job.read()
+
+    def work(self, out, run_jobs):
+        run_jobs(self.jobs(out))
+        simulate_runs(out, self.plans(), run_jobs)
 
     def page(self, out):
-        if not (out / "sum").exists():
-            raise InputError(f"{out} lacks the sum")
-        return Page(f"The sum is {(out / 'sum').read_text()}.\n", {"squares": Figure()})
+        total = sum(int(job.read()["square"][0]) for job in self.jobs(out))
+        return Page(f"The sum is {total}.\n", {"squares": Figure()} if self.drawn else {})
 
 
 @dataclasses.dataclass
@@ -54,244 +88,175 @@ class Cubes(Squares):
     name: ClassVar[str] = "cubes"
 
 
-class Nothing(Squares):
-    """A study without experiments."""
-
-    def experiments(self):
-        return {}
+class OtherPhysics(Squares):
+    def experiment(self):
+        return Experiment(body="kinematic")
 
 
-@dataclasses.dataclass
-class Square:
-    path: Path
-    number: int
-    cost: float = 60.0
-
-    def done(self):
-        return self.path.exists()
-
-    def run(self, stop, report):
-        self.path.write_text(str(self.number**2))
-        return True
-
-
-@dataclasses.dataclass
-class Sum(Square):
-    number: Path
-
-    def run(self, stop, report):
-        numbers = [int(path.read_text()) for path in self.number.iterdir()]
-        self.path.write_text(str(sum(numbers)))
-        return True
-
-
-def paths(jobs):
-    return [job.path.name for job in jobs]
-
-
-def test_a_study_leaves_its_files_its_page_its_figures_and_what_identifies_it(tmp_path, here):
-    out = tmp_path / "new" / "out"
-    page = conduct(Squares(), out, here)
+def test_a_study_leaves_its_files_its_page_and_what_identifies_it(tmp_path, in_process):
+    out, executor = tmp_path / "new" / "out", in_process()
+    page = conduct(Squares(robots=2, drawn=True), out, executor)
     assert page.markdown == "The sum is 14.\n" == (out / "squares.md").read_text()
-    names = {"squares", "sum", "squares.md", "squares.svg", "squares.png", "study.json"}
+    names = {"numbers", "own", "slow", "squares.md", "squares.svg", "squares.png", STUDY_FILE}
     assert {path.name for path in out.iterdir()} == names
-    assert paths(here.jobs) == ["1", "2", "3", "sum"]
-    known = json.loads((out / "study.json").read_text())
-    assert known["study"] == "squares"
-    assert known["experiments"]["robots"]["body"] == "kinematic"
-    assert known["details"] == {"numbers": [1, 2, 3]}
-    assert len(known["physics"]["robots"]) > 1
+    assert len(executor.jobs) == 3 + 2 + 1
+    known = json.loads((out / STUDY_FILE).read_text())
+    assert (known["study"], known["identity"]) == ("squares", {"numbers": [1, 2, 3]})
     assert [one["musebot"] for one in known["made_with"]]
 
 
-@pytest.mark.parametrize("lost", ["squares/2", "sum", "squares.md", "squares.svg"])
-def test_a_study_does_again_what_is_lost_and_nothing_else(tmp_path, here, listing, lost):
-    conduct(Squares(), tmp_path, here)
-    before = listing(tmp_path)
-    here.jobs.clear()
+def test_a_study_that_stops_after_any_job_continues_to_the_same_bytes(tmp_path, in_process):
+    conduct(Squares(robots=2), tmp_path / "whole", in_process())
+    whole = files_below(tmp_path / "whole")
+    for most in range(6):
+        out, executor = tmp_path / str(most), in_process()
+        with pytest.raises(Interrupted):
+            conduct(Squares(robots=2), out, in_process(most=most))
+        assert not (out / "squares.md").exists()
+        (out / "numbers" / "1.checkpoint").touch()  # of a process that was killed
+        (out / ".x.0123456789abcdef.musebot").touch()
+        conduct(Squares(robots=2), out, executor)
+        assert len(executor.jobs) == 6 - most
+        assert files_below(out) == whole
+
+
+@pytest.mark.parametrize("lost", ["numbers/2.safetensors", "squares.md", "squares.svg"])
+def test_a_study_does_again_what_is_lost_and_nothing_else(tmp_path, in_process, lost):
+    conduct(Squares(drawn=True), tmp_path, in_process())
+    before, executor = files_below(tmp_path), in_process()
     (tmp_path / lost).unlink()
-    for folder in (tmp_path, tmp_path / "squares"):
-        (folder / ".x.0123456789abcdef.musebot").write_text("half")  # of a process that was killed
-    conduct(Squares(), tmp_path, here)
-    assert listing(tmp_path) == before
-    assert paths(here.jobs) == ([Path(lost).name] if lost in ("squares/2", "sum") else [])
+    conduct(Squares(drawn=True), tmp_path, executor)
+    assert files_below(tmp_path) == before
+    assert len(executor.jobs) == lost.startswith("numbers")
 
 
-def test_an_interrupted_study_continues(tmp_path, here):
-    def interrupted(jobs, progress):
-        yield from here(jobs[:2], progress)
-        raise Interrupted
-
-    with pytest.raises(Interrupted):
-        conduct(Squares(), tmp_path, interrupted)
-    assert not (tmp_path / "squares.md").exists()
-    here.jobs.clear()
-    conduct(Squares(), tmp_path, here)
-    assert paths(here.jobs) == ["3", "sum"]
+def test_runs_are_enlarged(tmp_path, in_process):
+    executor = in_process()
+    for robots in (2, 4, 2):
+        conduct(Squares(robots=robots), tmp_path, executor)
+    assert len(executor.jobs) == 3 + 2 * (2 + 1)
 
 
-class Progress(Squares):
-    """A study whose page shows what is finished."""
-
-    shows_finished = True
-
-    def page(self, out):
-        done = sum(path.exists() for path in (out / "squares" / f"{n}" for n in self.numbers))
-        if done == 1:
-            raise InputError("one square is too few")
-        return Page(f"{done} squares are finished.\n", {"squares": Figure()})
-
-
-@pytest.mark.parametrize(("most", "text"), [(2, "2 squares are finished.\n"), (1, None)])
-def test_a_stopped_study_writes_a_page_of_what_is_finished(tmp_path, in_process, most, text):
-    out = tmp_path / "out"
-    with pytest.raises(Interrupted):
-        conduct(Progress(), out, in_process(most=most))
-    page = out / "squares.md"
-    unfinished = "*Unfinished: only what is done so far.*\n\n"
-    assert (page.read_text() if page.exists() else None) == (text and unfinished + text)
-    assert conduct(Progress(), out, in_process()).markdown == "3 squares are finished.\n"
-    assert page.read_text() == "3 squares are finished.\n"
-    # A finished page is kept, if the study goes on.
-    (out / "sum").unlink()
-    with pytest.raises(Interrupted):
-        conduct(Progress(), out, in_process(most=0))
-    assert page.read_text() == "3 squares are finished.\n"
-
-
-def test_a_page_that_cannot_be_written_does_not_hide_why_a_study_stopped(
-    tmp_path, in_process, monkeypatch
-):
-    def full(*_):
-        raise OSError("no space left")
-
-    monkeypatch.setattr(study, "_write_unfinished_page", full)
-    with pytest.raises(Interrupted):
-        conduct(Progress(), tmp_path / "out", in_process(most=2))
-
-
-@pytest.mark.parametrize("name", ["wear", "proposers", "reading", "evolve"])
-def test_studies_that_show_what_is_finished_have_a_page_before_their_first_job(name, tmp_path):
-    if name == "evolve":
-        pytest.importorskip("cmaes", reason="needs the extra `evolve`")
-    found = study_class(name)()
-    assert found.shows_finished
-    assert isinstance(found.page(tmp_path).markdown, str)
-
-
-def test_each_finished_job_is_handed_to_the_study(tmp_path, here):
-    finished = []
-
-    class Told(Squares):
-        def finished(self, job):
-            finished.append(job.path.name)
-
-    conduct(Told(), tmp_path, here)
-    assert finished == ["1", "2", "3", "sum"]
-
-
-def refused(asked, out, words, here, listing):
-    before = listing(out) if out.is_dir() else None
-    here.jobs.clear()
+def refused(asked, out, words, in_process):
+    before = files_below(out) if out.is_dir() else None
     with pytest.raises(InputError, match=words) as refusal:
-        conduct(asked, out, here)
+        conduct(asked, out, in_process(most=0))
     assert "\n" not in str(refusal.value)
-    assert here.jobs == []
-    assert (listing(out) if out.is_dir() else None) == before
+    assert (files_below(out) if out.is_dir() else None) == before
 
 
-def test_a_foreign_folder_is_refused_and_left_alone(tmp_path, here, listing):
+def test_a_foreign_folder_and_an_invalid_option_are_refused(tmp_path, in_process):
+    refused(Squares(()), tmp_path / "out", "numbers must be from 1 to .*, got 0", in_process)
+    assert not (tmp_path / "out").exists()
     (tmp_path / "thesis.tex").write_text("precious")
-    refused(Squares(), tmp_path, "is not empty and holds no study of musebot's", here, listing)
-    refused(Squares(), tmp_path / "thesis.tex", "is not a folder", here, listing)
-    refused(Squares(), tmp_path / "thesis.tex" / "below", "is not a folder", here, listing)
+    refused(Squares(), tmp_path, "is not empty and holds no study", in_process)
+    refused(Squares(), tmp_path / "thesis.tex", "is not a folder", in_process)
 
 
-def test_an_invalid_option_is_refused_and_nothing_is_made(tmp_path, here, listing):
-    words = "numbers must be at least 1, got 0"
-    refused(Squares(()), tmp_path / "out", words, here, listing)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_another_study_option_or_physics_is_refused(tmp_path, here, listing):
-    conduct(Squares(), tmp_path, here)
+def test_another_study_identity_run_or_physics_is_refused(tmp_path, in_process):
+    conduct(Squares(robots=2), tmp_path, in_process())
     for other, words in (
         (Cubes(), "holds the study squares, not cubes"),
-        (Squares(seed=2), "holds a study of robots with seed 1, not 2"),
         (Squares((1, 2)), r"with numbers \[1, 2, 3\], not \[1, 2\]"),
-        (Nothing(), "holds a study of robots, not of "),
+        (Squares(robots=2, seed=2), "own holds an experiment with seed 1, not 2"),
+        (OtherPhysics(), "was simulated in another physics than this"),
     ):
-        refused(other, tmp_path, words, here, listing)
-    path = tmp_path / study.STUDY_FILE
-    known = json.loads(path.read_text())
-    known["physics"]["robots"][0] += 0.001
-    write_json(path, known)
-    refused(Squares(), tmp_path, "was simulated in another physics than this", here, listing)
-
-
-def test_a_study_without_experiments_is_refused_in_another_physics(tmp_path, here, listing):
-    conduct(Nothing(), tmp_path, here)
-    conduct(Nothing(), tmp_path, here)
-    path = tmp_path / study.STUDY_FILE
-    known = json.loads(path.read_text())
-    known["physics"]["default"][0] += 0.001
-    write_json(path, known)
-    refused(Nothing(), tmp_path, "was simulated in another physics than this", here, listing)
+        refused(other, tmp_path, words, in_process)
+    with locked(tmp_path):
+        refused(Squares(), tmp_path, "another musebot .*is running", in_process)
+    with locked(tmp_path / "own"):
+        with pytest.raises(InputError, match="running in .*own"):
+            conduct(Squares(robots=2), tmp_path, in_process())
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("{}", "is no study of musebot's"),
-        ("[]", "is no study of musebot's"),
-        ('{"study": "squares"}', "is no study of musebot's"),
-        ("nonsense", "is damaged"),
-        ("[" * 100_000, "is nested too deeply"),
-    ],
+    "content",
+    ["{}", "[]", '{"study": "squares"}', "nonsense", "[" * 100_000],
     ids=["empty", "list", "part", "nonsense", "deep"],
 )
-def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, here, listing, content, words):
-    (tmp_path / study.STUDY_FILE).write_text(content)
-    refused(Squares(), tmp_path, words, here, listing)
+def test_a_damaged_manifest_is_refused(tmp_path, in_process, content):
+    (tmp_path / STUDY_FILE).write_text(content)
+    refused(Squares(), tmp_path, "is no study of musebot's|damaged|nested", in_process)
 
 
-def test_details_of_a_study_that_are_no_object_are_refused(tmp_path, here, listing):
-    conduct(Squares(), tmp_path, here)
-    path = tmp_path / study.STUDY_FILE
-    write_json(path, json.loads(path.read_text()) | {"details": ["numbers"]})
-    refused(Squares(), tmp_path, "its details are no object", here, listing)
+def test_an_edited_manifest_or_another_jobs_file_is_refused(tmp_path, in_process):
+    conduct(Squares(), tmp_path, in_process())
+    path, numbers = tmp_path / STUDY_FILE, tmp_path / "numbers"
+    text = path.read_text()
+    path.write_text(text.replace('"python": "', '"python": "1'))
+    refused(Squares(), tmp_path, "was changed after musebot had written it", in_process)
+    known = json.loads(text)
+    for wrong in ({"identity": ["numbers"]}, {"physics": None}, {"made_with": 3}):
+        write_json(path, known | wrong)
+        refused(Squares(), tmp_path, "is no study of musebot's", in_process)
+    path.write_text(text)
+    (numbers / "1.safetensors").replace(numbers / "2.safetensors")
+    refused(Squares(), tmp_path, "is another's: its number is 1, not 2", in_process)
 
 
-def test_an_edited_manifest_is_refused(tmp_path, here, listing):
-    conduct(Squares(), tmp_path, here)
-    path = tmp_path / study.STUDY_FILE
-    path.write_text(path.read_text().replace('"python": "', '"python": "1'))
-    refused(Squares(), tmp_path, "was changed after musebot had written it", here, listing)
-
-
-def test_two_processes_cannot_conduct_a_study_in_one_folder(tmp_path, here, listing):
-    with locked(tmp_path):
-        refused(Squares(), tmp_path, "another musebot .*is running", here, listing)
-
-
-def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, here, monkeypatch):
+def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, in_process, monkeypatch):
     for versions in ("old", "old", "new"):
         monkeypatch.setattr(study, "machine", lambda versions=versions: {"musebot": versions})
-        conduct(Squares(), tmp_path, here)
-    known = json.loads((tmp_path / study.STUDY_FILE).read_text())
+        conduct(Squares(), tmp_path, in_process())
+    known = json.loads((tmp_path / STUDY_FILE).read_text())
     assert known["made_with"] == [{"musebot": "old"}, {"musebot": "new"}]
 
 
-def test_a_job_counts_its_minutes_and_stops_when_asked():
-    reports, asked = [], []
-    job = Square(Path("unused"), 1, cost=150.0)
-    tick = MinuteTick(job, 1, lambda: bool(asked), lambda *report: reports.append(report))
-    for _ in range(3):
-        tick()
-    asked.append("stop")
-    with pytest.raises(StoppedError):
-        tick()
-    assert reports == [(60.0, ""), (120.0, ""), (150.0, ""), (150.0, "")]
+# ---- Jobs ----
+
+EXPERIMENT = Experiment(body="kinematic", cohort_size=2, time_scale=0.01)
+STEPS = sum(EXPERIMENT.schedule("wall_avoidance").steps())
+
+
+def cohort_job(path):
+    path.mkdir()
+    shapes = {"events": ("I32", (2, 3)), "valid": ("BOOL", (2,))}
+    work = functools.partial(lives, EXPERIMENT, Condition("wall_avoidance", "fixed"))
+    return ArrayJob(path / "a.safetensors", work, EXPERIMENT.robot_seconds(STEPS), shapes, {})
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    job = cohort_job(tmp_path_factory.mktemp("whole") / "folder")
+    assert job.run(lambda: False, lambda *_: None)
+    return job
+
+
+@pytest.mark.parametrize(("minute", "killed"), [(0, False), (1, False), (1, True)])
+def test_a_job_that_stops_continues_to_the_same_bytes(minute, killed, whole, tmp_path, monkeypatch):
+    if killed:
+        monkeypatch.setattr(jobs, "SAVE_EVERY", 0.0)
+    cut = cohort_job(tmp_path / "cut")
+    calls, reported = iter(range(100)), []
+
+    def stop():
+        if (now := next(calls) == minute) and killed:
+            raise KeyboardInterrupt
+        return now
+
+    if killed:
+        with pytest.raises(KeyboardInterrupt):
+            cut.run(stop, lambda *_: None)
+    else:
+        assert cut.run(stop, lambda *_: None) is False
+    assert not cut.done()
+    assert cut.run(lambda: False, lambda seconds, _: reported.append(seconds))
+    assert reported[0] == minute * 60 * 2 and reported[-1] == cut.cost
+    assert cut.path.read_bytes() == whole.path.read_bytes()
+    assert [*cut.path.parent.iterdir()] == [cut.path]
+    cut.path.write_bytes(cut.path.read_bytes()[:-1] + b"?")
+    with pytest.raises(DamagedFileError):
+        cut.read()
+
+
+def test_an_agents_fault_is_one_sentence_with_job_and_step(tmp_path):
+    def fail(progress: Progress):
+        raise InputError("mine:make failed")
+
+    job = dataclasses.replace(cohort_job(tmp_path / "folder"), work=fail)
+    with pytest.raises(InputError, match="mine:make failed, in folder/a"):
+        job.run(lambda: False, lambda *_: None)
+    assert not job.done()
 
 
 # ---- The command ----
@@ -302,38 +267,9 @@ def test_the_list_has_each_study_and_the_first_line_of_its_docstring(name, capsy
     module, cls, says = STUDIES[name]
     found = study_class(name)
     assert found.name == name
-    assert (found.__module__, found.__name__) == (f"musebot.protocols.studies.{module}", cls)
-    assert importlib.import_module(found.__module__).__doc__
+    assert (found.__module__, found.__name__) == (f"musebot.protocols.compare.{module}", cls)
     assert (found.__doc__ or "").splitlines()[0] == says
-    assert cli.main(["study"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == len(STUDIES)
-    assert any(line.split(maxsplit=1) == [name, says] for line in lines)
-
-
-@pytest.mark.parametrize("name", STUDIES)
-def test_each_study_explains_its_options(name, capsys):
     assert cli.main(["study", name, "--help"]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert STUDIES[name][2].split(",")[0] in text
-    for field in dataclasses.fields(study_class(name)):
+    text = capsys.readouterr().out
+    for field in dataclasses.fields(found):
         assert f"--{field.name.replace('_', '-')}" in text
-    assert "--processes" in text and "OUT" in text
-
-
-def test_a_study_that_does_not_exist_is_refused(tmp_path, capsys):
-    assert cli.main(["study", "astrology", str(tmp_path / "out")]) == 2
-    message = capsys.readouterr().err
-    sentence = "there is no study 'astrology'; there are sensitivity, reading, ablation"
-    assert sentence in message and message.count("\n") == 1
-    assert cli.main(["study", "benchmrk", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err.endswith("did you mean benchmark?\n")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_command_conducts_a_study_and_prints_its_page(tmp_path, capsys):
-    out, options = tmp_path / "out", ["--minutes", "0.05", "--robots", "1", "--processes", "1"]
-    assert cli.main(["study", "timestep", str(out), *options]) == 0
-    assert capsys.readouterr().out.strip() == (out / "timestep.md").read_text().strip()
-    assert cli.main(["study", "timestep", str(out), *options[:2], "--processes", "0"]) == 2
-    assert "processes must be at least 1, got 0" in capsys.readouterr().err

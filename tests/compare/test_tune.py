@@ -1,8 +1,6 @@
-"""Settings of an agent are tuned with the same effort, and the study resumes to the same bytes."""
+"""Settings of an agent are tuned with the same effort for each."""
 
 import dataclasses
-import functools
-import math
 import sys
 import types
 from pathlib import Path
@@ -12,14 +10,12 @@ import pytest
 
 from musebot.protocols.agents import trust
 from musebot.protocols.agents.bounds import HandCoded
-from musebot.protocols.agents.factory import factory_of
-from musebot.protocols.agents.settings import Setting, settings_of, tunable
-from musebot.protocols.cli import parser as cli
-from musebot.protocols.compare import jobs
-from musebot.protocols.compare.evaluation import EvaluationJob
-from musebot.protocols.compare.tune import Trial, Tune, efforts
+from musebot.protocols.agents.settings import Setting, tunable
+from musebot.protocols.compare.study import STUDY_FILE, conduct
+from musebot.protocols.compare.tune import Trial, Tune, read_tuning, read_tunings, shares_of
 from musebot.protocols.errors import InputError
-from musebot.protocols.storage import write_json
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.storage import read_json, write_json
 
 
 @tunable(goodness=Setting(0.2, 0.0, 1.0, "share of the time in which it acts well"))
@@ -57,13 +53,30 @@ def module(monkeypatch):
     monkeypatch.setattr(trust, "_TRUSTED", set())
 
 
-TINY = Tune(agent="mine:graded", trials=6, kept=2, robots=4, time_scale=0.05)
+KEPT = Path(__file__).parents[2] / "docs" / "results" / "tuned"
+TINY = Tune(agent="mine:graded", trials=4, kept=2, robots=3, time_scale=0.01)
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory, in_process):
+    """Finished studies of both agents by their name."""
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        mine = types.ModuleType("mine")
+        mine.graded, mine.each = graded, each
+        patch.setitem(sys.modules, "mine", mine)
+        for name in ("graded", "each"):
+            out = tmp_path_factory.mktemp(name) / "out"
+            study = dataclasses.replace(TINY, agent=f"mine:{name}")
+            page = conduct(study, out, in_process())
+            found[name] = study, out, page.markdown
+    return found
 
 
 def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
     trust.trust(TINY.agent)
     trials = TINY.drawn()
-    assert trials[0].settings == () and len({*trials}) == 6
+    assert trials[0].settings == () and len({*trials}) == 4
     for trial in trials[1:]:
         (word,) = trial.settings
         assert 0 <= float(word.removeprefix("goodness=")) <= 1
@@ -72,66 +85,70 @@ def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
 
 
 def test_the_first_round_has_half_the_robots_and_another_seed():
-    study = Tune(agent="dqn", trials=1, kept=1, robots=5, time_scale=0.1)
-    (first,), (second,) = (study._jobs(Path(), n, [Trial(1, ("rate=0.01",))]) for n in (0, 1))
-    assert (first.experiment.cohort_size, second.experiment.cohort_size) == (2, 5)
-    assert (first.experiment.seed, second.experiment.seed) == (study.seed, study.seed + 1)
-    for job in (first, second):
-        assert job.condition.task == "spot_finding" and job.experiment.time_scale == 0.1
-        assert job.experiment.settings == ("rate=0.01",)
-    assert Tune(agent="dqn", robots=1)._robots(False) == 1
-
-
-@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
-def test_a_trials_value_is_the_mean_of_its_shares_after_and_during_training(
-    task, tmp_path, monkeypatch
-):
-    study = Tune(agent="sarsa_lambda", task=task, trials=2, kept=1, robots=4)
-    shares = {"post": np.array([0.2, 0.4, 0.6, 0.8]), "training": np.array([0.1, 0.1, 0.3, 0.3])}
-    monkeypatch.setattr(EvaluationJob, "done", lambda job: job.path.stem.endswith("-0"))
-    monkeypatch.setattr(EvaluationJob, "shares", lambda job, part: shares[part])
-    ranked = study.ranked(tmp_path)
-    means = [values.mean() for _, values, _ in ranked]
-    wanted = [0.5, 0.2] if task == "spot_finding" else [0.8, 0.5]
-    assert means == pytest.approx(wanted)
-    assert [trial.number for trial, _, _ in ranked] == (
-        [1, 0] if task == "spot_finding" else [0, 1]
-    )
+    study = Tune(agent="dqn", robots=5, time_scale=0.1)
+    rounds = [study._round(again, [Trial(1, ("rate=0.01",))]) for again in (False, True)]
+    assert [one.cohort_size for one in rounds] == [2, 5]
+    assert [one.seed for one in rounds] == [study.seed, study.seed + 1]
+    assert all(one.settings == ("rate=0.01",) and one.time_scale == 0.1 for one in rounds)
 
 
 def test_trials_live_in_one_cohort_where_robots_may_differ_in_all_settings():
-    trust.trust(TINY.agent)
     study = Tune(agent="sarsa_lambda", trials=3, kept=2, robots=4)
     trials = study.drawn()
     assert study._cohorts(trials) == [trials]
-    both = study._round(1, trials[:2])
-    assert both.cohort_size == 8
+    both = study._round(True, trials[:2])
     values = [trial.values(study.settings) for trial in trials[:2]]
-    assert values[0]["rate"] == "0.5" and len(values[0]) == len(both.settings) == 7
+    assert both.cohort_size == 8 and len(both.settings) == len(values[0]) == 7
     for word in both.settings:
         name, _, text = word.partition("=")
         assert text == f"{values[0][name]},{values[1][name]}"
-    assert study._round(0, trials[:1]).settings == ()
-    assert len(TINY._cohorts(TINY.drawn())) == 6
 
 
-def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+def test_shares_are_those_in_the_spot_or_without_contact_and_0_for_an_unstable_robot(task):
+    experiment = Experiment(cohort_size=3)
+    schedule = experiment.schedule(task)
+    steps = [schedule.steps_of(part) for part in ("pre", "training", "post")]
+    events = np.array([[0, 0.2, 0.1], [1, 0.6, 0.5], [0, 0.6, 0.6]]) * steps
+    arrays = {"events": events.astype(np.int32), "valid": np.array([True, True, False])}
+    wanted = np.array([[0.1, 0.5], [0.2, 0.6]])
+    shares = shares_of(arrays, experiment, task)
+    wanted = wanted if task == "spot_finding" else 1 - wanted
+    np.testing.assert_allclose(shares, np.column_stack([wanted, [0, 0]]), atol=1e-3)
+
+
+def test_each_trial_is_given_its_own_robots(tuned):
     """An agent that drives well for the share of time it is given: so are its values."""
-    words = "--trials 4 --kept 2 --robots 3 --time-scale 0.01 --processes 1".split()
-    for name in ("graded", "each"):
-        command = ["study", "tune", str(tmp_path / name), "--agent", f"mine:{name}", *words]
-        assert cli.main(command) == 0
-    studies = (
-        Tune(agent=f"mine:{name}", trials=4, kept=2, robots=3, time_scale=0.01)
-        for name in ("graded", "each")
-    )
+    trust.trust("mine:graded", "mine:each")
     alone, together = (
-        {one[0]: one[1].mean() for one in study.ranked(tmp_path / study.agent[5:])}
-        for study in studies
+        {one.trial: one.early.mean() for one in study.ranked(out)}
+        for study, out, _ in tuned.values()
     )
-    assert alone.keys() == together.keys()
     assert np.corrcoef([*alone.values()], [together[trial] for trial in alone])[0, 1] > 0.9
-    assert len([*(tmp_path / "each" / "trials").iterdir()]) == 1 + 1
+    assert [len([*(out / "trials").iterdir()]) for _, out, _ in tuned.values()] == [6, 2]
+
+
+def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned):
+    study, out, page = tuned["graded"]
+    trust.trust("mine:graded")
+    ranked = study.ranked(out)
+    assert [one.late is not None for one in ranked] == [True, True, False, False]
+    early = [one.early.mean() for one in ranked]
+    assert min(early[:2]) >= max(early[2:])
+    assert ranked[0].late.mean() >= ranked[1].late.mean()
+    assert study.best(out) == ranked[0].trial
+    assert f"Best: trial {ranked[0].trial.number}, `musebot run OUT --agent mine:graded" in page
+
+
+def test_a_tuning_that_is_not_finished_has_no_best_trial(tuned, tmp_path, in_process):
+    trust.trust("mine:each")
+    study, out, _ = tuned["each"]
+    for name in ("trials", STUDY_FILE):
+        (tmp_path / name).symlink_to(out / name)
+    assert study.best(tmp_path)
+    assert dataclasses.replace(study, trials=3).identity() != study.identity()
+    with pytest.raises(InputError, match="is not finished"):
+        dataclasses.replace(study, kept=1).best(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -142,58 +159,41 @@ def test_each_trial_is_given_its_own_robots(tmp_path, commands_in_process):
         ({"task": "spot_finding_unit"}, "the task must be one of wall_avoidance, spot_finding"),
         ({"agent": "streamq"}, "did you mean stream_q"),
         ({"agent": "mine:plain"}, "mine:plain has no settings to tune"),
-        ({"trials": 0}, "trials must be at least 1"),
+        ({"trials": 0}, "trials must be from 1 to 1024, got 0"),
         ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
-        ({"robots": 0}, "robots must be at least 1"),
-        ({"seed": -5}, "the seed must not be negative, got -5"),
-        ({"time_scale": 2}, "the time scale must lie in"),
-        ({"signals": "salty"}, "the signals must be one of"),
+        ({"robots": 0}, "robots must be from 1"),
+        ({"seed": -5}, "seed"),
+        ({"time_scale": 2}, "time.scale"),
+        ({"signals": "salty"}, "signals"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(changes, sentence):
     with pytest.raises(InputError, match=sentence):
-        dataclasses.replace(TINY, **changes).experiments()
-
-
-def held(folder, **changes):
-    """Writes a folder that holds a study, with some details changed; returns it."""
-    study = Tune(agent="mine:each", trials=4, kept=2, robots=4, time_scale=0.5)
-    trust.trust("mine:each")
-    content = {
-        "study": "tune",
-        "experiments": {"trials": dataclasses.asdict(study.experiments()["trials"])},
-        "details": dict(study.details()),
-    }
-    for name, value in changes.items():
-        (content if name == "study" else content["details"])[name] = value
-    folder.mkdir()
-    write_json(folder / "study.json", content)
-    return folder
-
-
-def test_a_study_is_read_from_its_folder(tmp_path):
-    study = Tune(agent="mine:each", trials=4, kept=2, robots=4, time_scale=0.5)
-    study = dataclasses.replace(study, task="wall_avoidance")
-    read = Tune.read(held(tmp_path / "a", task="wall_avoidance"))
-    assert read.experiments() == study.experiments() and read.details() == study.details()
-    assert dataclasses.replace(read, kinematics=study.kinematics) == study
-    assert study.effort == (
-        "4 settings in wall_avoidance, then the best 2; robots of a setting: 2, then 4, "
-        "durations times 0.5"
-    )
-    other = dataclasses.replace(study, kinematics=("lag=0.2",), task="spot_finding", time_scale=1)
-    assert other.effort == ("4 settings, then the best 2; robots of a setting: 2, then 4, lag=0.2")
-
-
-def test_a_tuning_that_stands_twice_is_refused(tmp_path):
-    with pytest.raises(InputError, match="mine:each with paper signals was tuned twice"):
-        efforts([held(tmp_path / "a"), held(tmp_path / "b")])
+        dataclasses.replace(TINY, **changes).identity()
 
 
 def test_a_second_round_that_is_too_large_is_refused_before_the_first():
-    large = Tune(agent="sarsa_lambda", robots=100_000, kept=16)
-    with pytest.raises(InputError, match="the cohort size must be at most 1000000"):
-        large.experiments()
+    with pytest.raises(InputError, match="cohort.size must be"):
+        Tune(agent="sarsa_lambda", robots=100_000, kept=16).identity()
+
+
+def test_a_study_is_read_from_its_folder_without_its_agents_code(tuned, tmp_path):
+    study, out, _ = tuned["each"]
+    tuning = read_tuning(out)
+    assert (tuning.study, tuning.folder) == (study, out) and () in tuning.tried
+    assert len(tuning.tried) == 4
+    assert study.effort == (
+        "4 settings, then the best 2; robots of a setting: 1, then 3, durations times 0.01"
+    )
+    other = dataclasses.replace(study, kinematics=("lag=0.2",), task="wall_avoidance", time_scale=1)
+    assert other.effort == (
+        "4 settings in wall_avoidance, then the best 2; robots of a setting: 1, then 3, lag=0.2"
+    )
+    with pytest.raises(InputError, match="trust"):
+        tuning.study.best(out)
+    assert [*read_tunings([out])] == [("mine:each", "paper")]
+    with pytest.raises(InputError, match="mine:each with paper signals was tuned twice"):
+        read_tunings([out, out])
 
 
 @pytest.mark.parametrize(
@@ -203,80 +203,25 @@ def test_a_second_round_that_is_too_large_is_refused_before_the_first():
         {"agent": "**x** | y"},
         {"kept": "3"},
         {"kept": 2.5},
-        {"task": None},
         {"task": "chess"},
         {"trials": 3},
-        {"study": "evolve"},
+        {"kinematics": [5]},
+        {"kinematics": 5},
+        {"time_scale": "1"},
     ],
 )
-def test_what_is_no_study_that_tunes_is_refused_in_a_sentence(changes, tmp_path):
+def test_what_is_no_study_that_tunes_is_refused_in_a_sentence(changes, tuned, tmp_path):
+    held = read_json(tuned["each"][1] / STUDY_FILE)
+    write_json(tmp_path / STUDY_FILE, held | {"identity": held["identity"] | changes})
     with pytest.raises(InputError, match="study.json is no study `tune` of musebot's"):
-        Tune.read(held(tmp_path / "a", **changes))
-
-
-def test_a_folder_runs_no_code_that_only_it_names(tmp_path, monkeypatch):
-    folder = held(tmp_path / "a", agent="foreign:agent")
-    study = Tune.read(folder)
-    with pytest.raises(InputError, match="trust"):
-        study.best(folder)
-    assert "foreign" not in sys.modules
-
-
-def test_an_agents_fault_is_one_sentence_with_its_step(
-    tmp_path, commands_in_process, capsys, monkeypatch
-):
-    def act(self, state, learning):
-        self.step += 1
-        return np.full((len(state), 2), 0.5) if self.step < 30 else 1 / 0
-
-    monkeypatch.setattr(Graded, "act", act)
-    words = "--trials 2 --kept 1 --robots 2 --time-scale 0.01 --processes 1".split()
-    command = ["study", "tune", str(tmp_path / "out"), "--agent", "mine:graded", *words]
-    assert cli.main(command) == 1
-    last = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "mine:graded failed in act (ZeroDivisionError" in last and "at step 29" in last
-
-
-@pytest.mark.parametrize("killed", [False, True])
-def test_a_stopped_trial_continues_from_its_checkpoint_to_the_same_bytes(
-    killed, tmp_path, monkeypatch
-):
-    study = Tune(agent="sarsa_lambda", trials=2, kept=1, robots=2, time_scale=0.1)
-    study.experiments()
-    monkeypatch.setattr(jobs, "SAVE_EVERY", 0.0 if killed else math.inf)
-    whole, cut = (next(study.stages(tmp_path / name))[0] for name in ("whole", "cut"))
-    for job in (whole, cut):
-        job.path.parent.mkdir(parents=True)
-    assert whole.run(lambda: False, lambda *_: None)
-    answers = iter((False, False, True))
-    if killed:  # in the third minute, after the checkpoint of the second
-        with pytest.raises(StopIteration):
-            cut.run(functools.partial(next, iter((False, False))), lambda *_: None)
-    else:
-        assert not cut.run(lambda: next(answers), lambda *_: None)
-    assert [path.suffix for path in cut.path.parent.iterdir()] == [".checkpoint"]
-    reported = []
-    assert cut.run(lambda: False, lambda seconds, _: reported.append(seconds))
-    assert reported[0] == (2 if killed else 3) * 60 * cut.experiment.cohort_size
-    assert reported[-1] == cut.cost
-    assert cut.path.read_bytes() == whole.path.read_bytes()
-    assert [*cut.path.parent.iterdir()] == [cut.path]
-
-
-def test_checkpoints_of_jobs_that_were_killed_after_their_end_are_removed(
-    tmp_path, commands_in_process
-):
-    words = "--trials 2 --kept 1 --robots 2 --time-scale 0.004 --processes 1".split()
-    command = ["study", "tune", str(tmp_path), "--agent", "sarsa_lambda", *words]
-    assert cli.main(command) == 0
-    left = tmp_path / "trials" / "left.checkpoint"
-    left.touch()
-    assert cli.main(command) == 0
-    assert not left.exists()
+        read_tuning(tmp_path)
+    write_json(tmp_path / STUDY_FILE, held | {"study": "ppo"})
+    with pytest.raises(InputError, match="it holds another study"):
+        read_tuning(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("name", "tuned"),
+    ("name", "tuned_settings"),
     [
         ("q_learner", "rate discount epsilon epsilon_steps"),
         ("sarsa_lambda", "rate discount trace initial epsilon epsilon_steps tiles"),
@@ -287,34 +232,17 @@ def test_checkpoints_of_jobs_that_were_killed_after_their_end_are_removed(
         ("dqn", "rate discount epsilon epsilon_steps"),
     ],
 )
-def test_every_learner_of_ours_can_be_tuned_but_for_its_size(name, tuned):
-    study = Tune(agent=name)
-    assert [*study.settings] == tuned.split()
-    assert {*settings_of(factory_of(name))} - {*study.settings} <= {"hidden", "cells"}
-    assert len(study.drawn()) == 16
+def test_every_learner_of_ours_can_be_tuned_but_for_its_size(name, tuned_settings):
+    assert [*Tune(agent=name).settings] == tuned_settings.split()
+    assert len(Tune(agent=name).drawn()) == 16
 
 
-def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(
-    tmp_path, commands_in_process, capsys
-):
-    words = "--trials 4 --kept 2 --robots 3 --time-scale 0.01 --processes 1".split()
-    command = ["study", "tune", str(tmp_path / "out"), "--agent", "mine:graded", *words]
-    assert cli.main(command) == 0
-    study = Tune(agent="mine:graded", trials=4, kept=2, robots=3, time_scale=0.01)
-    ranked = study.ranked(tmp_path / "out")
-    assert [whole is not None for _, _, whole in ranked] == [True, True, False, False]
-    early = [values.mean() for _, values, _ in ranked]
-    assert min(early[:2]) >= max(early[2:])
-    assert ranked[0][2].mean() >= ranked[1][2].mean()
-    page = (tmp_path / "out" / "tune.md").read_text()
-    assert f"Best: trial {ranked[0][0].number}, `musebot run OUT --agent mine:graded" in page
-    files = sorted((tmp_path / "out" / "trials").iterdir())
-    assert len(files) == 4 + 2
-    # A missing file is made again with the same bytes; another agent's folder is refused.
-    held = files[0].read_bytes()
-    files[0].unlink()
-    assert cli.main(command) == 0
-    assert files[0].read_bytes() == held
-    capsys.readouterr()
-    assert cli.main([*command[:3], "--agent", "q_learner", *words]) == 2
-    assert "holds a study with agent 'mine:graded'" in capsys.readouterr().err
+@pytest.mark.parametrize("folder", sorted(KEPT.iterdir()), ids=lambda folder: folder.name)
+def test_a_kept_tuning_has_the_best_trial_of_its_page(folder):
+    tuning = read_tuning(folder)
+    assert tuning.study.check(folder) is None
+    best = tuning.study.best(folder)
+    kept = (folder / "tune.md").read_text().splitlines()
+    assert any(line.startswith(f"Best: trial {best.number}, ") for line in kept)
+    made = tuning.study.page(folder).markdown.splitlines()
+    assert [line for line in made if line[:1] == "|"] == [line for line in kept if line[:1] == "|"]

@@ -111,12 +111,5 @@ class AmortisedQ(OnlineLearner):
     hidden=hidden(),
 )
 def amortised_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Amortised Q-learning: a learned distribution proposes actions (Van de Wiele et al. 2020).
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-      **settings: Settings by name.
-    """
+    """Amortised Q-learning: a learned distribution proposes actions (Van de Wiele et al. 2020)."""
     return AmortisedQ(robots, senses, seed, **settings)

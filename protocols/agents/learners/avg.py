@@ -135,12 +135,5 @@ def make_orthogonal(weights: Tensor, generator: torch.Generator) -> None:
     hidden=hidden("published 256"),
 )
 def avg(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Action Value Gradient: an incremental soft actor-critic (Vasan et al. 2024).
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-      **settings: Settings by name.
-    """
+    """Action Value Gradient: an incremental soft actor-critic (Vasan et al. 2024)."""
     return AVG(robots, senses, seed, **settings)

@@ -78,13 +78,7 @@ class OnlineLearner(Agent):
     """
 
     def __init__(self, robots: int, senses: Senses, seed: int) -> None:
-        """Prepares a learner.
-
-        Args:
-          robots: Number of robots, B.
-          senses: What the robots sense.
-          seed: Seed of the random stream.
-        """
+        """Prepares B learners of a random stream."""
         self.robots, self.inputs = robots, len(senses.state)
         self.generator = torch.Generator().manual_seed(seed)
         low, high = torch.tensor([(signal.low, signal.high) for signal in senses.state]).T

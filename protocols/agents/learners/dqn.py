@@ -89,12 +89,5 @@ class DQN(OnlineLearner):
     hidden=hidden(),
 )
 def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """DQN: Q-learning from a memory of the last 50,000 transitions (Mnih et al. 2015).
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-      **settings: Settings by name.
-    """
+    """DQN: Q-learning from a memory of the last 50,000 transitions (Mnih et al. 2015)."""
     return DQN(robots, senses, seed, **settings)

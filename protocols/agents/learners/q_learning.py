@@ -69,12 +69,5 @@ class QLearner(OnlineLearner):
     epsilon_steps=epsilon_steps(1.0),
 )
 def q_learner(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Online Q-learning with a network of 16 hidden neurons, values of the 25 fixed actions.
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-      **settings: Settings by name.
-    """
+    """Online Q-learning with a network of 16 hidden neurons, values of the 25 fixed actions."""
     return QLearner(robots, senses, seed, **settings)

@@ -120,12 +120,5 @@ class SarsaLambda(OnlineLearner):
     cells=Setting(512, 64, 16384, "weights of a tiling, which its tiles share", tuned=False),
 )
 def sarsa_lambda(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """SARSA(lambda) with tile coding and the paper's 25 fixed actions (Sutton and Barto 2018).
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-      **settings: Settings by name.
-    """
+    """SARSA(lambda) with tile coding and the paper's 25 fixed actions (Sutton and Barto 2018)."""
     return SarsaLambda(robots, senses, seed, **settings)

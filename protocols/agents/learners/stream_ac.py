@@ -105,12 +105,5 @@ def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
     hidden=hidden("published 128"),
 )
 def stream_ac(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Stream AC(lambda): an actor-critic with traces and bounded steps (Elsayed 2024).
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-      **settings: Settings by name.
-    """
+    """Stream AC(lambda): an actor-critic with traces and bounded steps (Elsayed 2024)."""
     return StreamAC(robots, senses, seed, **settings)

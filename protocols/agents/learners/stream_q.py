@@ -72,12 +72,5 @@ class StreamQ(StreamLearner):
     hidden=hidden("as published"),
 )
 def stream_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Stream Q(lambda): Q-learning with traces and bounded steps, no replay (Elsayed 2024).
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense.
-      seed: Seed of the random stream.
-      **settings: Settings by name.
-    """
+    """Stream Q(lambda): Q-learning with traces and bounded steps, no replay (Elsayed 2024)."""
     return StreamQ(robots, senses, seed, **settings)

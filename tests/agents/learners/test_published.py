@@ -352,6 +352,31 @@ def test_fewer_distant_states_share_a_weight_with_more_cells(cells):
     assert 0 <= tiles.min() <= tiles.max() < cells
 
 
+def test_a_step_of_the_q_learner_is_watkins_update_as_autograd_computes_it():
+    agent = factory_of("q_learner")(4, SENSES, 3)
+    states, rewards = stream(2, 4)
+    agent.reset()
+    agent.act(states[0], True)
+    agent.act(states[1], True)
+    before = {k: torch.from_numpy(v.copy()).requires_grad_() for k, v in agent.weights().items()}
+
+    def values(state):
+        sums = torch.einsum("bhi,bi->bh", before["hidden_weights"], torch.from_numpy(state))
+        hidden = (sums + before["hidden_biases"]).sigmoid()
+        return (
+            torch.einsum("boh,bh->bo", before["output_weights"], hidden) + before["output_biases"]
+        )
+
+    value = values(states[0])[torch.arange(4), agent.before["chosen"]]
+    best = values(states[1]).amax(dim=1).detach()
+    (0.5 * (torch.from_numpy(rewards[1]) + 0.9 * best - value) ** 2).sum().backward()
+    agent.learn(rewards[1])
+    for name, weights in agent.weights().items():
+        assert before[name].grad.abs().max() > 0
+        wanted = before[name] - 0.05 * before[name].grad
+        assert torch.from_numpy(weights) == pytest.approx(wanted.detach(), abs=1e-6)
+
+
 def relu(layers, x):
     for layer in layers[:-1]:
         x = layer(x).relu()

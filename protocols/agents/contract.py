@@ -1,0 +1,283 @@
+"""The contract of agents: laws that every agent keeps, on streams of signals, without a simulation.
+
+Example:
+  A test of an agent of yours, which pytest runs:
+
+    from musebot.protocols.agents.contract import AgentContract
+
+    class TestMine(AgentContract):
+        name = "my_agent:table"
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from ...controller.senses import Senses
+from ..errors import InputError, RunError
+from .base import Agent
+from .checked_agent import CheckedAgent
+from .factory import factory_of
+from .names import OWN_BOUNDS, recorded_name
+from .raw_signals import raw_senses
+from .senses import senses_of
+from .settings import Setting, checked_settings, settings_from, settings_of
+from .trust import trust
+
+ROBOTS, STEPS = 4, 60
+_CHECKPOINTS = 12, 25, 40  # odd and even numbers of steps
+_CASES = (  # task and signals: each kind of signals is in one of them
+    ("wall_avoidance", "paper"),
+    ("spot_finding", "paper"),
+    ("spot_finding", "raw"),
+    ("spot_finding_walls", "raw"),
+)
+Arrays = Mapping[str, np.ndarray]
+
+
+class AgentContract:
+    """Laws of an agent; each raises AssertionError with one sentence if the agent breaks it.
+
+    Attributes:
+      name: Name of the agent, or its factory as package.module:factory; its code is run.
+      task: Task whose signals the agent is given.
+      signals: "paper", or "raw" for smell and reward before they saturate.
+      learns: Whether training changes the agent's weights.
+      settings: Values of its settings by name, others than the defaults.
+    """
+
+    name = ""
+    task = "spot_finding"
+    signals = "paper"
+    learns = True
+    settings: Mapping[str, float] = {}
+
+    def test_motor_values_lie_in_their_range(self) -> None:
+        """Larger values would be clipped."""
+        motors = self.motors
+        _law(np.isfinite(motors).all(), "motor values are not finite")
+        largest = float(np.abs(motors).max())
+        _law(largest <= 0.5, f"motor values must lie in [-0.5, 0.5], the largest is {largest:.3g}")
+
+    def test_weights_stay_finite(self) -> None:
+        """A robot with a weight that is not finite is stopped."""
+        agent = self.made()
+        for step in range(STEPS):
+            for name, array in agent.weights().items():
+                for robot in np.argwhere(~np.isfinite(array))[:1, 0]:
+                    _law(False, f"{name} of robot {robot} is not finite after {step} steps")
+            self.feed(agent, step, step + 1)
+
+    def test_the_seed_decides_everything(self) -> None:
+        """An agent that draws from its seed only can be simulated again."""
+        _same("the same seed gives other actions", self.life(), self.motors)
+
+    def test_training_changes_weights(self) -> None:
+        """An agent without weights may learn elsewhere."""
+        agent = self.made()
+        born = _copied(agent.weights())
+        self.feed(agent, 0, STEPS)
+        if born and self.learns:
+            _law(_differing(born, agent.weights()), "training changes no weights")
+
+    def test_tests_change_no_weights(self) -> None:
+        """What was learned is kept as it is at the end of training."""
+        agent = self.made()
+        self.feed(agent, 0, 30)
+        before = _copied(agent.weights())
+        self.feed(agent, 30, STEPS, learning=False)
+        changed = _differing(before, agent.weights())
+        _law(not changed, f"a test changes the weights {changed}")
+
+    def test_a_restored_state_continues_bit_exactly(self) -> None:
+        """Several checkpoints, since what one misses may matter at some steps only."""
+        first, begin = self.made(), 0
+        states = {}
+        for step in _CHECKPOINTS:
+            self.feed(first, begin, step)
+            states[step], begin = _copied(first.state()), step
+        self.feed(first, begin, STEPS)
+        for step, state in states.items():
+            second = self.made(seed=3)
+            _loaded("load_state", second, state)
+            rest = self.feed(second, step, STEPS)
+            _same(f"after a checkpoint at step {step} other actions", rest, self.motors[step:])
+            changed = _differing(first.state(), second.state())
+            _law(not changed, f"after a checkpoint at step {step} state() has other {changed}")
+
+    def test_robots_share_nothing_but_random_numbers(self) -> None:
+        """The signals and rewards of all robots but the first are changed."""
+        states, rewards = (array.copy() for array in self.stream)
+        states[:, 1:], rewards[:, 1:] = states[::-1, 1:], rewards[::-1, 1:]
+        first = _lived(self.made(), states, rewards)[:, 0]
+        equal = _close(first, self.motors[:, 0], atol=1e-4)
+        _law(equal, "other robots' signals change a robot's actions")
+
+    def test_nothing_is_learned_across_a_placement(self) -> None:
+        """The first reward after `reset` belongs to no action."""
+        found = []
+        for reward in (self.stream[1].min(), self.stream[1].max()):
+            agent = self.made()
+            self.feed(agent, 0, 20)
+            agent.reset()
+            agent.act(self.stream[0][20], True)
+            agent.learn(np.full(ROBOTS, reward))
+            found.append(_copied(agent.weights()))
+        changed = _differing(*found)
+        _law(not changed, f"the first reward after reset changes {changed}")
+
+    def test_kept_weights_drive_it_again(self) -> None:
+        """Films need it; an agent may be without `load_weights`."""
+        agent, other = self.made(), self.made(seed=3)
+        self.feed(agent, 0, STEPS)
+        try:
+            _loaded("load_weights", other, _copied(agent.weights()))
+        except NotImplementedError:
+            return
+        tests = []
+        for one in (agent, agent, other):
+            one.reset()
+            tests.append(self.feed(one, 0, 30, learning=False))
+        if _close(*tests[:2], atol=1e-5):  # its tests are not random
+            equal = _close(*tests[1:], atol=1e-5)
+            _law(equal, "loaded weights drive it otherwise: weights() misses something")
+
+    def test_robots_may_differ_in_their_settings(self) -> None:
+        """One value for all is that value for each, and another robot's value changes nothing."""
+        each = {n: one for n, one in settings_of(self._factory).items() if one.each}
+        if not each:
+            return
+        alike, alone = self.life(**_at(each, 0.5)), self.life(**_at(each, *[0.5] * ROBOTS))
+        _law(_close(alike, alone, atol=1e-3), "a value for each robot gives other actions")
+        differing = self.life(**_at(each, 1.0, *[0.5] * (ROBOTS - 1)))[:, 1:]
+        equal = _close(alone[:, 1:], differing, atol=1e-3)
+        _law(equal, "another value of one robot's settings changes the actions of others")
+
+    @property
+    def _factory(self) -> Callable[..., Agent]:
+        name = recorded_name(self.name)
+        trust(name)
+        return factory_of(name)
+
+    @functools.cached_property
+    def stream(self) -> tuple[np.ndarray, np.ndarray]:
+        """Signals (STEPS, B, S) and rewards (STEPS, B) from their ranges, with their ends."""
+        senses, random = self._senses, np.random.default_rng(0)
+        low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
+        states = random.uniform(low, high, (STEPS, ROBOTS, len(low))).astype(np.float32)
+        span = senses.reward
+        rewards = random.uniform(span.low, span.high, (STEPS, ROBOTS)).astype(np.float32)
+        # Saturated and silent signals occur in a life more often than any other.
+        states[::7], states[1::7], rewards[::5] = low, high, span.low
+        return states, rewards
+
+    @property
+    def _senses(self) -> Senses:
+        senses = senses_of(self.task)
+        return raw_senses(senses) if self.signals == "raw" else senses
+
+    def made(self, seed: int = 1, **settings: list[float]) -> Agent:
+        """Returns a new agent of B robots that has been placed."""
+        values = {name: [value] for name, value in self.settings.items()} | settings
+        checked = checked_settings(self.name, self._factory, values, ROBOTS)
+        make = functools.partial(self._factory, ROBOTS, self._senses, seed, **checked)
+        agent = CheckedAgent(self.name, make, ROBOTS)
+        agent.reset()
+        return agent
+
+    def feed(self, agent: Agent, first: int, last: int, learning: bool = True) -> np.ndarray:
+        """Returns the motor values of some steps of the stream, shape (steps, B, 2)."""
+        states, rewards = self.stream
+        return _lived(agent, states[first:last], rewards[first:last], learning)
+
+    @functools.cached_property
+    def motors(self) -> np.ndarray:
+        """Motor values of an agent in training, shape (STEPS, B, 2)."""
+        return self.life()
+
+    def life(self, **settings: list[float]) -> np.ndarray:
+        """Returns the motor values of a new agent in training, shape (STEPS, B, 2)."""
+        return self.feed(self.made(1, **settings), 0, STEPS)
+
+
+def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
+    """Returns a sentence for each law that an agent breaks, with each task's signals.
+
+    Args:
+      name: Name of the agent, or its factory as package.module:factory; its code is run.
+      settings: Settings of the agent, as NAME=VALUE.
+
+    Raises:
+      InputError: the agent cannot be made.
+      RunError: its factory exits.
+    """
+    broken = []
+    for task, signals in _CASES:
+        contract = AgentContract()
+        contract.name, contract.task, contract.signals = name, task, signals
+        contract.learns = recorded_name(name) not in OWN_BOUNDS
+        contract.settings = {one: value for one, (value,) in settings_from(settings).items()}
+        contract.made()
+        for law in [law for law in dir(contract) if law.startswith("test_")]:
+            try:
+                getattr(contract, law)()
+            except (AssertionError, InputError, RunError) as error:
+                broken.append(f"{task}, {signals} signals: {error}")
+    return broken
+
+
+def _law(holds: object, sentence: str) -> None:
+    if not holds:  # not an assert, which Python leaves out with -O
+        raise AssertionError(sentence)
+
+
+def _same(sentence: str, motors: np.ndarray, others: np.ndarray) -> None:
+    later = (motors != others) & ~(np.isnan(motors) & np.isnan(others))
+    later = later.any(axis=(1, 2))
+    _law(not later.any(), f"{sentence} from step {later.argmax()} on")
+
+
+def _close(motors: np.ndarray, others: np.ndarray, atol: float) -> bool:
+    return np.allclose(motors, others, atol=atol, equal_nan=True)
+
+
+def _lived(
+    agent: Agent, states: np.ndarray, rewards: np.ndarray, learning: bool = True
+) -> np.ndarray:
+    motors = []
+    for state, reward in zip(states, rewards, strict=True):
+        motors.append(np.array(agent.act(state, learning)))
+        if learning:
+            agent.learn(reward)
+    return np.array(motors)
+
+
+def _loaded(method: str, agent: Agent, arrays: Arrays) -> None:
+    try:
+        getattr(agent, method)(arrays)
+    except (ValueError, KeyError) as error:
+        raise AssertionError(f"{method} refuses what the agent returned: {error}") from error
+
+
+def _at(settings: Mapping[str, Setting], *shares: float) -> dict[str, list[float]]:
+    """Returns the values at some shares of the range of each setting."""
+    return {name: [one.at(share) for share in shares] for name, one in settings.items()}
+
+
+def _copied(arrays: Arrays) -> dict[str, np.ndarray]:
+    return {name: array.copy() for name, array in arrays.items()}
+
+
+def _differing(first: Arrays, second: Arrays) -> str:
+    """Returns the names of at most three arrays that are not bit-equal, and "" if all are."""
+    wrong = [
+        name
+        for name in {**first, **second}
+        if name not in first
+        or name not in second
+        or not np.array_equal(first[name], second[name], equal_nan=True)
+    ]
+    return ", ".join(wrong[:3])

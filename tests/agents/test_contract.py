@@ -1,0 +1,269 @@
+"""Our own agents keep the contract; each fault of an agent breaks its own law."""
+
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from musebot.protocols.agents import trust
+from musebot.protocols.agents.base import Agent, load_random_state, random_state
+from musebot.protocols.agents.contract import AgentContract, check_agent
+from musebot.protocols.agents.names import OWN, OWN_BOUNDS, RECORDED_NAMES
+from musebot.protocols.agents.settings import Setting, tunable
+from musebot.protocols.cli import parser as cli
+from musebot.protocols.errors import InputError
+
+OTHERS = [("sarsa_lambda", "wall_avoidance", "paper"), ("newborn", "spot_finding", "paper")]
+
+
+class TestOwnAgents(AgentContract):
+    cases = [(name, "spot_finding", "raw") for name in OWN if name != "ppo"] + OTHERS
+
+    @pytest.fixture(autouse=True, params=cases, ids="-".join)
+    def _case(self, request):
+        self.name, self.task, self.signals = request.param
+        self.learns = RECORDED_NAMES[self.name] not in OWN_BOUNDS
+
+
+class Mean(Agent):
+    """A sound agent: it drives by the mean reward so far, and explores a little."""
+
+    def __init__(self, robots, senses, seed):
+        self.random = np.random.default_rng(seed)
+        self.mean, self.placed = np.zeros(robots), np.ones(1)
+
+    def reset(self):
+        self.placed[:] = 1
+
+    def act(self, state, learning):
+        noise = 0.0 * self.mean
+        if learning:  # small whole numbers use half of a drawn word
+            noise[0] = self.random.integers(5) / 50
+        return np.clip((self.mean + noise)[:, None] + 0.1 * state[:, :1] + [0, 0], -0.5, 0.5)
+
+    def learn(self, reward):
+        if not self.placed[0]:
+            self.mean += 0.1 * (reward - self.mean)
+        self.placed[:] = 0
+
+    def state(self):
+        return {"mean": self.mean, "placed": self.placed, "random": random_state(self.random)}
+
+    def load_state(self, arrays):
+        self.mean[:], self.placed[:] = arrays["mean"], arrays["placed"]
+        load_random_state(self.random, arrays["random"])
+
+    def weights(self):
+        return {"mean": self.mean[:, None].copy()}
+
+    def load_weights(self, arrays):
+        self.mean[:] = arrays["mean"][:, 0]
+
+
+class KeepsNothing(Mean):
+    weights = Agent.weights
+    load_weights = Agent.load_weights
+
+
+class TooFast(Mean):
+    def act(self, state, learning):
+        return super().act(state, learning) + 0.5
+
+
+class Unseeded(Mean):
+    def __init__(self, robots, senses, seed):
+        super().__init__(robots, senses, None)
+
+
+class Idle(Mean):
+    def learn(self, reward):
+        pass
+
+
+class LearnsInTests(Mean):
+    def act(self, state, learning):
+        self.mean += 0.001
+        return super().act(state, learning)
+
+
+class ForgetsItsPlacement(Mean):
+    def load_state(self, arrays):
+        super().load_state(arrays | {"placed": np.ones(1)})
+
+
+class ForgetsWhatItLearnsFrom(Mean):
+    """Its checkpoint lacks the sum of rewards that its weights will become in a later step."""
+
+    total = 0.0
+
+    def learn(self, reward):
+        super().learn(reward)
+        self.total += reward.sum()
+
+    def state(self):
+        return super().state() | {"total": np.array([self.total])}
+
+
+class LosesHalfAWord(Mean):
+    def load_state(self, arrays):
+        super().load_state(arrays | {"random": [*arrays["random"][:4], 0, 0]})
+
+
+class RefusesItsState(Mean):
+    def load_state(self, arrays):
+        raise KeyError("median")
+
+
+class Shared(Mean):
+    def learn(self, reward):
+        super().learn(np.full_like(reward, reward.mean()))
+
+
+class AcrossPlacements(Mean):
+    def reset(self):
+        pass
+
+
+class NotFiniteLater(Mean):
+    steps = 0
+
+    def learn(self, reward):
+        super().learn(reward)
+        self.steps += 1
+        if self.steps == 10:
+            self.mean[3] = np.nan
+
+
+class KeepsNotAll(Mean):
+    """Its actions also depend on the seed, which `weights` leaves out."""
+
+    def __init__(self, robots, senses, seed):
+        super().__init__(robots, senses, seed)
+        self.offset = np.full(1, 0.01 * seed)
+
+    def state(self):
+        return super().state() | {"offset": self.offset}
+
+    def load_state(self, arrays):
+        super().load_state(arrays)
+        self.offset[:] = arrays["offset"]
+
+    def act(self, state, learning):
+        return np.clip(super().act(state, learning) + self.offset, -0.5, 0.5)
+
+
+class FailsWhenPlacedAgain(Mean):
+    placements = 0
+
+    def reset(self):
+        self.placements += 1
+        if self.placements > 1:
+            sys.exit(0)
+
+
+SEED, RESTORED, WEIGHTS = "same seed", "after a checkpoint", "loaded weights"
+FAULTS = {
+    Mean: set(),
+    KeepsNothing: set(),
+    TooFast: {"must lie in [-0.5, 0.5], the largest is"},
+    Unseeded: {SEED, RESTORED, "other robots' signals"},
+    Idle: {"training changes no weights"},
+    LearnsInTests: {"a test changes the weights mean"},
+    ForgetsItsPlacement: {RESTORED},
+    ForgetsWhatItLearnsFrom: {"state() has other total"},
+    LosesHalfAWord: {RESTORED},
+    RefusesItsState: {"load_state refuses what the agent returned: 'median'"},
+    Shared: {"other robots' signals change"},
+    AcrossPlacements: {"the first reward after reset changes mean"},
+    NotFiniteLater: {"mean of robot 3 is not finite after 10 steps", "values are not finite"},
+    KeepsNotAll: {WEIGHTS},
+    FailsWhenPlacedAgain: {"failed in reset: it called for an exit (status 0)"},
+}
+
+
+@pytest.fixture(autouse=True)
+def mine(monkeypatch):
+    """A module of a user's with all agents above."""
+    module = types.ModuleType("mine")
+    for cls in FAULTS:
+        setattr(module, cls.__name__, cls)
+    monkeypatch.setitem(sys.modules, "mine", module)
+    monkeypatch.setattr(trust, "_TRUSTED", set())
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    return module
+
+
+@pytest.mark.parametrize("cls", FAULTS, ids=lambda cls: cls.__name__)
+def test_a_fault_breaks_its_own_law_and_no_other(cls):
+    broken = check_agent(f"mine:{cls.__name__}")
+    for words in FAULTS[cls]:
+        assert any(words in sentence for sentence in broken)
+    assert all(any(words in sentence for words in FAULTS[cls]) for sentence in broken)
+    assert all("\n" not in sentence for sentence in broken)
+
+
+def rated(of):
+    """Returns a factory of agents whose rate may differ, which take it as `of` says."""
+
+    class Rated(Mean):
+        def learn(self, reward):
+            if not self.placed[0]:
+                self.mean += self.rate * (reward - self.mean)
+            self.placed[:] = 0
+
+    def make(robots, senses, seed, *, rate):
+        agent = Rated(robots, senses, seed)
+        agent.rate = of(rate)
+        return agent
+
+    return tunable(rate=Setting(0.1, 0.01, 1.0, each=True))(make)
+
+
+@pytest.mark.parametrize(
+    ("of", "words"),
+    [
+        (lambda rate: rate, ""),
+        (lambda rate: np.ravel(rate)[0], "another value of one robot's settings changes"),
+        (float, "the factory mine:make failed (TypeError"),
+        (lambda rate: rate if np.isscalar(rate) else 0.0, "a value for each robot gives other"),
+    ],
+)
+def test_robots_may_differ_in_the_settings_that_say_so(of, words, mine):
+    mine.make = rated(of)
+    broken = check_agent("mine:make")
+    assert all(words in sentence for sentence in broken) and bool(broken) == bool(words)
+
+
+def test_an_agent_that_cannot_be_made_is_an_error():
+    for name, settings in (("mine:Lost", ()), ("mine:Mean", ("rate=1",)), ("ppo", ())):
+        with pytest.raises(InputError):
+            check_agent(name, settings)
+
+
+def test_the_exit_status_says_whether_a_law_is_broken(capsys):
+    assert cli.main(["check-agent", "mine:Mean"]) == 0
+    assert capsys.readouterr().out == "mine:Mean passed all checks\n"
+    assert cli.main(["check-agent", "mine:Idle"]) == 1
+    captured = capsys.readouterr()
+    assert "spot_finding, raw signals: training changes no weights\n" in captured.out
+    assert captured.err == "musebot: mine:Idle broke 4 laws of agents\n"
+    assert cli.main(["check-agent", "creative"]) == 2
+
+
+@pytest.mark.parametrize("drawn", range(4))
+def test_a_restored_generator_draws_the_same_numbers(drawn):
+    first, second = np.random.default_rng(1), np.random.default_rng(2)
+    first.integers(5, size=drawn)
+    load_random_state(second, random_state(first))
+    numbers = [[*one.integers(5, size=9), *one.random(3)] for one in (first, second)]
+    assert numbers[0] == numbers[1]
+
+
+def test_the_state_of_another_generator_or_of_other_words_is_refused():
+    with pytest.raises(ValueError, match="must be PCG64, got MT19937"):
+        random_state(np.random.Generator(np.random.MT19937(1)))
+    words = random_state(np.random.default_rng(1))
+    for wrong in (words[:5], words[:, None], 0 * words, words | 2**40):
+        with pytest.raises(ValueError, match="six words|no state of PCG64"):
+            load_random_state(np.random.default_rng(1), wrong)
