@@ -25,8 +25,11 @@ apt_install = { \
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-run: $(READY)  ## film a trained robot, let a few learn, film them too; in runs/demo
-	$(VENV)/bin/musebot demo $(DEMO)
+run: $(READY)  ## film a trained policy, let a few robots learn, write their page; in runs/demo
+	mkdir -p $(DEMO)
+	$(VENV)/bin/musebot film --task spot_finding --output $(DEMO)/trained.mp4 --seconds 10
+	$(VENV)/bin/musebot run $(DEMO)/steady --brain steady --proposer creative --robots 6 --time-scale 0.5
+	$(VENV)/bin/musebot report $(DEMO)/steady
 
 test: $(READY) $(RAY) $(GYM) $(WARP) $(CHROMIUM)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 --dist worksteal tests
@@ -111,7 +114,7 @@ $(GYM): $(READY) constraints-gym.txt
 	  echo "Continuing without Gymnasium: the tests of its interfaces will be skipped." >&2
 	@touch $@
 
-# Only `--physics warp` needs MuJoCo Warp (410 MB); its tests are skipped without it.
+# Only `--set physics=warp` needs MuJoCo Warp (410 MB); its tests are skipped without it.
 $(WARP): $(READY) constraints-warp.txt
 	$(VENV)/bin/pip install --no-deps -r constraints-warp.txt || \
 	  echo "Continuing without MuJoCo Warp: its tests will be skipped." >&2

@@ -1,215 +1,259 @@
-"""The site: its pages match the code, its links lead somewhere, its notebooks run."""
+"""The documents: pages match the code, links lead somewhere, commands parse, examples run."""
 
-import importlib.util
+import dataclasses
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
-import tomllib
+import unicodedata
 from pathlib import Path
 
 import pytest
-import yaml
+
+from musebot.controller import Parameters
+from musebot.models import Kinematics
+from musebot.protocols.cli.parser import parsed
+from musebot.protocols.cli.run import Run
+from musebot.protocols.cli.verbs import BENCHMARK, VERBS, verb_class
+from musebot.protocols.errors import InputError
+from musebot.protocols.lives.config import read_config
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.overrides import named_brain, values_of
+from musebot.protocols.lives.plan import changed
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
-WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
-CONFIG = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
 BUILT = "reference/notebooks/"  # pages that are made for each site, and not committed
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 # What the notebooks need beyond the package itself.
 EXTRAS = {"ppo": "stable_baselines3", "first-robot": "matplotlib", "creative-life": "torch"}
 
-
-@pytest.fixture
-def generator(monkeypatch):
-    """A function that imports a module of docs/generator."""
-    monkeypatch.syspath_prepend(DOCS / "generator")
-    before = set(sys.modules)
-
-    def module(name):
-        spec = importlib.util.spec_from_file_location(
-            f"generator_{name}", DOCS / "generator" / f"{name}.py"
-        )
-        made = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(made)
-        return made
-
-    yield module
-    for name in set(sys.modules) - before:
-        if str(DOCS) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
+sys.path.append(str(DOCS / "generator"))
+import check_site  # noqa: E402
+import notebook_pages  # noqa: E402
 
 
-def listed(entries):
-    """Yields the files that a part of `nav` names."""
-    for entry in entries:
-        if isinstance(entry, dict):
-            (entry,) = entry.values()
-        yield from [entry] if isinstance(entry, str) else listed(entry)
+def text_of(path):
+    """Returns the text of a document: of a notebook, its cells of text."""
+    if path.suffix != ".ipynb":
+        return path.read_text()
+    cells = json.loads(path.read_text())["cells"]
+    return "\n\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+
+
+SITE = sorted(path for path in DOCS.rglob("*.md") if BUILT not in path.as_posix())
+PAGES = {path: text_of(path) for path in (*ROOT.glob("*.md"), *SITE, *NOTEBOOKS)}
+
+
+# Pages and links
 
 
 @pytest.mark.slow
-def test_the_committed_pages_are_those_of_the_code(generator):
+def test_the_committed_reference_is_what_the_generator_makes():
     pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    pages = generator("__main__").reference_pages()
-    found = {
-        path.relative_to(DOCS / "reference"): path.read_text()
-        for path in (DOCS / "reference").rglob("*.md")
-        if BUILT not in f"{path.relative_to(DOCS)}"
-    }
-    assert found.keys() == pages.keys(), "run: python docs/generator"
-    stale = [str(path) for path, text in pages.items() if found[path] != text]
-    assert not stale, f"run: python docs/generator ({', '.join(stale)} are stale)"
+    code = "import json, runpy; pages = runpy.run_path('docs/generator')['reference_pages']()"
+    code += "; print(json.dumps({str(path): text for path, text in pages.items()}))"
+    made = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert made.returncode == 0, made.stderr
+    folder = DOCS / "reference"
+    found = {p.relative_to(folder).as_posix(): PAGES[p] for p in SITE if folder in p.parents}
+    assert found == json.loads(made.stdout), "run: python docs/generator"
 
 
-def test_an_option_whose_meaning_is_in_the_next_line_is_read(generator):
-    text = "│ OUT         folder of the run  │\n╰────╯\n│ --to {a,b}  │\n│             where to  │"
-    found = [*generator("command_pages")._options(text)]
-    assert found == [("OUT", "", "folder of the run"), ("--to", "{a,b}", "where to")]
+def test_the_menu_and_the_list_of_studies_name_every_page_once():
+    menu = (ROOT / "mkdocs.yml").read_text().partition("\nnav:\n")[2]
+    names = re.findall(r"^ +- (?:[^:\n]+: )?(\S+\.md)$", menu, re.MULTILINE)
+    names = [name for name in names if name != "studies/index.md"]
+    rows = re.findall(r"^\| \[[^]]+\]\(([\w-]+\.md)\)", PAGES[DOCS / "studies/index.md"], re.M)
+    names += [f"studies/{row}" for row in [*rows, "index.md"]]
+    pages = [path.relative_to(DOCS).as_posix() for path in SITE]  # runs.md has those of results
+    pages = [name for name in pages if not name.startswith("results/")]
+    assert sorted(names) == sorted(pages + [f"{BUILT}{path.stem}.md" for path in NOTEBOOKS])
 
 
-def test_the_menu_names_every_page_and_no_other():
-    names = [*listed(CONFIG["nav"])]
-    assert len(names) == len(set(names))
-    kept = {name for name in names if not name.startswith(BUILT)}
-    pages = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
-    # runs.md links the pages of results, studies/index.md those of studies.
-    linked = {name for name in pages if name.startswith(("results/", "studies/", BUILT))}
-    assert kept == pages - linked | {"studies/index.md"}
-    index = (DOCS / "studies" / "index.md").read_text()
-    studies = {path.name for path in (DOCS / "studies").glob("*.md")} - {"index.md"}
-    assert studies == {*re.findall(r"^\| \[[^]]+\]\(([\w-]+\.md)\)", index, re.M)}
-    assert set(names) - kept == {f"{BUILT}{path.stem}.md" for path in NOTEBOOKS}
+def anchors(text):
+    """Returns the anchors of a page's headings, as the site makes them."""
+    found = set()
+    for title in re.findall(r"^#+ (.+)$", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.M):
+        plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", title)
+        plain = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
+        found.add(re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", plain).strip().lower()))
+    return found
 
 
-def test_links_between_documents_lead_to_files_and_stay_within_the_site():
+def test_every_link_leads_to_a_file_or_heading_and_stays_within_the_site():
     wrong = []
-    for path in (*DOCS.rglob("*.md"), *ROOT.glob("*.md")):
-        if BUILT in path.as_posix():
-            continue
-        text = re.sub(r"```.*?```|`[^`\n]*`", "", path.read_text(), flags=re.DOTALL)
-        for link in re.findall(r"\]\(([^)#\s]+)", text):
-            if ":" in link:
-                continue
-            target = (path.parent / link).resolve()
+    for path, text in PAGES.items():
+        text = re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
+        for name, anchor in re.findall(r"\]\(([^)\s#:]*)#?([^)\s:]*)\)", text):
+            target = (path.parent / name).resolve() if name else path
             outside = DOCS in path.parents and DOCS not in target.parents
-            if outside or not target.exists():
-                wrong.append(f"{path.relative_to(ROOT)}: {link}")
+            outside |= path.name == "CHANGELOG.md"  # the site shows it in another folder
+            lost = anchor and target in PAGES and anchor not in anchors(PAGES[target])
+            if outside or lost or not target.exists():
+                wrong.append(f"{path.relative_to(ROOT)}: {name}#{anchor}")
     assert not wrong, "\n".join(wrong)
 
 
-def test_a_site_with_a_broken_link_or_a_foreign_script_is_refused(generator, tmp_path):
+def test_a_site_with_a_broken_link_or_a_foreign_script_is_refused(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "index.html").write_text('<h1 id="top">A</h1>')
     (tmp_path / "index.html").write_text(
         '<a href="a/#top">1</a> <a href="a/#low">2</a> <img src="b.png"> <a href="https://x.org">'
         '<script src="https://x.org/y.js"></script>'
     )
-    assert generator("check_site").faults(tmp_path) == [
+    assert check_site.faults(tmp_path) == [
         "index.html: loads https://x.org/y.js",
         "index.html: a/#low does not exist",
         "index.html: b.png does not exist",
     ]
 
 
+def test_the_workflows_call_targets_of_the_makefile():
+    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    workflows = [path.read_text() for path in (ROOT / ".github" / "workflows").glob("*.yml")]
+    called = re.findall(r"run: make (.*)", "\n".join(workflows))
+    assert {*called} == {"lint", "test", "docs"} <= {*targets}
+
+
+# Commands
+
+PARTS = {"": Experiment, "brain.": Parameters, "kinematics.": Kinematics}
+NAMES = [part + field.name for part, cls in PARTS.items() for field in dataclasses.fields(cls)]
+WORLD = ("body", "protocol", "time_scale", "device", "seed")  # options of `run` that are fields
+RAY = re.compile("--[a-z-]*port$|--node-ip-address")
+PLACEHOLDER = re.compile(r"(\w+\.)?NAME=|\.\.$|agent\.")  # an agent's settings are its own
+
+
+def commands(text):
+    """Yields the commands of a document: lines of blocks, and code within paragraphs.
+
+    Behind the word "commit" in a paragraph stand the commands of that commit.
+    """
+    blocks = re.compile(r"^```\w*\n.*?^```|(?:^    .*\n)+", re.DOTALL | re.MULTILINE)
+    for block in blocks.findall(text):
+        yield from re.findall(r"^ *(musebot .*)", block, re.MULTILINE)
+    for paragraph in blocks.sub("\n", text).split("\n\n"):
+        yield from re.findall(r"`(musebot [^`]+|--[a-z][^`]*)`", paragraph.partition("commit")[0])
+
+
+def check_command(line, options):
+    """Parses a command, and makes the experiment that it sets; options alone are of any verb."""
+    first, *words = shlex.split(line, comments=True)
+    if first.startswith("--"):
+        if first not in options and not RAY.match(first):
+            raise InputError(f"there is no option {first}")
+        words = ["run", "OUT", first, *words] if "--set" in line and words else ["run"]
+    verb, *rest = words
+    if verb == "benchmark" and rest:
+        verb, *rest = f"benchmark {rest[0]}", *rest[1:]
+    if verb not in {"VERB", "--version", *VERBS, *BENCHMARK}:
+        raise InputError(f"there is no verb {verb}")
+    if verb == "VERB" or not rest:
+        return
+    command = parsed(verb_class(verb), f"musebot {verb}", rest)
+    if isinstance(command, Run):
+        named_brain((command.brain or "paper").replace("-NAME", "-adam"))
+        values = {name: value for name in WORLD if (value := getattr(command, name)) is not None}
+        own = [word for word in command.set if not PLACEHOLDER.match(word)]
+        changed(Experiment(), values | values_of(own, NAMES))
+
+
+def test_every_command_in_the_documents_parses():
+    verbs = ({*VERBS} - {"benchmark"}) | {*BENCHMARK}
+    fields = [field.name for verb in verbs for field in dataclasses.fields(verb_class(verb))]
+    options = {f"--{name.replace('_', '-')}" for name in fields}
+    kept = DOCS / "results", DOCS / "reference" / "command.md"  # pages of runs; help texts
+    living = {p: text for p, text in PAGES.items() if not {*kept} & {p, *p.parents}}
+    makefile = (ROOT / "Makefile").read_text().replace("\t$(VENV)/bin/musebot", "    musebot")
+    wrong, checked = [], 0
+    for path, text in {**living, ROOT / "Makefile": makefile}.items():
+        for line in commands(text):
+            checked += 1
+            try:
+                check_command(line, options)
+            except InputError as error:
+                wrong.append(f"{path.relative_to(ROOT)}: {line}: {error}")
+    assert not wrong, "\n".join(wrong)
+    assert checked > 150
+
+
+# Examples
+
+
+def blocks(name, language):
+    """Returns the blocks of code of a page."""
+    return re.findall(rf"```{language}\n(.*?)```", PAGES[DOCS / name], re.DOTALL)
+
+
+def test_the_configuration_file_is_read(tmp_path):
+    (tmp_path / "run.toml").write_text(*blocks("command.md", "toml"))
+    config = read_config(tmp_path / "run.toml")
+    assert config.values["brain"] == dataclasses.replace(named_brain("steady"), ideas=9)
+    assert [*config.robots.values()] == [2, 2]
+
+
+def script(code, folder):
+    """Runs a script in a folder, without a display; returns what it prints."""
+    (folder / "script.py").write_text(code)
+    environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY")}
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=folder, env=environment | {"MPLBACKEND": "Agg"},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("page", "check", "printed"),
+    [
+        ("command", "assert run.experiment.brain.ideas == 9", r"spot_finding/cr.*\n\(2, 1\)\n"),
+        ("faq", "assert abs(left) <= 0.5 and abs(right) <= 0.5", ""),
+        ("index", "assert abs(env.physics.robot_pose()[0]) < 0.6", ""),
+        ("methods", "", r"Robot\(.*\n\(500, 360\)\n\(500, 7, 3\)\n\[\[.*\]\]\n"),
+        ("install", "assert picture.shape == (240, 360, 3) and frame.shape == (320, 480, 3)", ""),
+    ],
+    ids=lambda value: value if value.isalpha() else "",
+)
+def test_the_example_of_a_page_runs(page, check, printed, tmp_path, request):
+    if page == "install":
+        pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+        request.getfixturevalue("egl")
+    (tmp_path / "docs").symlink_to(DOCS)
+    (example,) = blocks(f"{page}.md", "python")
+    assert re.fullmatch(printed, script(f"{example}{check}\n", tmp_path))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
-def test_a_notebook_runs(path, tmp_path, request):
+def test_a_notebook_runs_and_holds_its_results(path, tmp_path, request):
     pytest.importorskip(EXTRAS[path.stem], reason="needs an extra")
     if path.stem != "ppo":
         request.getfixturevalue("egl")
     cells = json.loads(path.read_text())["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    assert code
-    # One process for all cells. Jupyter shows the value of the last line; here it is only made.
+    # Jupyter shows the value of the last line; here it is only made.
     shown = "\nif 'Film' in globals():\n    assert 'image/gif' in Film('film.gif')._repr_html_()\n"
-    script = "\n".join(code) + shown
-    environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY")}
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=tmp_path,
-        env=environment | {"MPLBACKEND": "Agg"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    printed = script("\n".join(code) + shown, tmp_path)
     # The same lines as those that are kept; their numbers may differ from machine to machine.
-    kept = [
-        "".join(output["text"])
-        for cell in cells
-        for output in cell.get("outputs", [])
-        if output["output_type"] == "stream"
-    ]
+    outputs = [output for cell in cells for output in cell.get("outputs", [])]
+    held = "".join("".join(o["text"]) for o in outputs if o["output_type"] == "stream")
     number = re.compile(r"-?\d+(\.\d+)?")
-    assert number.sub("0", "".join(kept)).split() == number.sub("0", done.stdout).split()
+    assert held and number.sub("0", held).split() == number.sub("0", printed).split()
 
 
-def test_notebooks_are_small_and_name_no_folder_of_a_machine():
-    for path in NOTEBOOKS:
-        assert path.stat().st_size < 300_000
-        assert not re.search(r"/(home|root|tmp|work)/", path.read_text())
-
-
-def test_the_page_of_a_notebook_has_its_results(generator):
-    files = generator("notebook_pages").files(DOCS)
-    page = files[DOCS / "reference" / "notebooks" / "creative-life.md"].decode()
-    pictures = re.findall(r"\]\((creative-life-[\w-]+\.(?:png|gif))\)", page)
-    assert [name.rpartition(".")[2] for name in pictures] == ["png", "png", "gif"]
-    assert all(files[DOCS / "reference" / "notebooks" / name] for name in pictures)
-
-
-def test_the_changelog_has_no_links_into_docs():
-    """The site shows it in another folder, where they would lead nowhere."""
-    assert "](docs/" not in (ROOT / "CHANGELOG.md").read_text()
-
-
-def test_the_example_of_a_brain_alone_runs():
-    (example,) = re.findall(r"```python\n(.*?)```", (DOCS / "faq.md").read_text(), re.DOTALL)
-    found: dict[str, float] = {}
-    exec(example, found)
-    assert abs(found["left"]) <= 0.5 and abs(found["right"]) <= 0.5
-
-
-@pytest.mark.slow
-def test_the_pictures_of_the_installation_page_are_drawn_without_a_display(egl, tmp_path):
-    pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    (example,) = re.findall(r"```python\n(.*?)```", (DOCS / "install.md").read_text(), re.DOTALL)
-    example = example.replace(
-        "picture = env", "assert picture.shape == (240, 360, 3)\npicture = env"
-    )
-    environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY")}
-    done = subprocess.run(
-        [sys.executable, "-c", example + "assert picture.shape == (320, 480, 3)\n"],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-
-
-def test_what_the_site_needs_is_pinned():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
-    pins = re.findall(r"^([\w.-]+)==", (ROOT / "constraints-docs.txt").read_text(), re.MULTILINE)
-    needed = {name for name in extras["docs"] if not name.startswith("musebot")}
-    assert needed <= set(pins)
-    assert len(pins) == len({name.lower().replace("_", "-") for name in pins})
-    others = re.findall(r"^([\w.-]+)==", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
-    assert not {name.lower() for name in pins} & {name.lower() for name in others}
-
-
-def test_the_workflows_call_targets_of_the_makefile():
-    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    called = {
-        step["run"]
-        for path in WORKFLOWS
-        for job in yaml.safe_load(path.read_text())["jobs"].values()
-        for step in job["steps"]
-        if step.get("run", "").startswith("make ")
-    }
-    assert called == {"make lint", "make test", "make docs"}
-    assert {line.removeprefix("make ") for line in called} <= set(targets)
+@pytest.mark.parametrize(
+    ("name", "kinds"), [("creative-life", "png png gif"), ("first-robot", "png"), ("ppo", "")]
+)
+def test_a_notebook_is_small_and_its_page_shows_its_pictures(name, kinds):
+    path = DOCS / "notebooks" / f"{name}.ipynb"
+    assert path.stat().st_size < 300_000
+    assert not re.search(r"/(home|root|tmp|work)/", path.read_text())
+    folder, files = DOCS / BUILT, notebook_pages.files(DOCS)
+    pictures = re.findall(rf"\]\(({name}-[\w-]+\.\w+)\)", files[folder / f"{name}.md"].decode())
+    assert [picture.rpartition(".")[2] for picture in pictures] == kinds.split()
+    assert all(files[folder / picture] for picture in pictures)

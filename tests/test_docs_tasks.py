@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tyro
 from PIL import Image
 
 import musebot
-from musebot.protocols.cli.film import FilmCommand
+from musebot.protocols.cli.film import Film
+from musebot.protocols.cli.parser import parsed
 from musebot.tasks.arena import CONTROL_TIMESTEP
 from musebot.tasks.suite import TASKS
 
@@ -63,7 +63,7 @@ def test_the_example_of_stable_baselines_runs(tmp_path):
 @pytest.mark.slow
 def test_the_example_of_a_policy_runs(tmp_path):
     pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
-    (training,) = re.findall(r"^musebot (study ppo .*)", TEXT, re.MULTILINE)
+    (training,) = re.findall(r"^musebot (benchmark ppo .*)", TEXT, re.MULTILINE)
     assert "--steps 327680" in training
     command = training.replace("327680", "1").split()
     subprocess.run([sys.executable, "-m", "musebot", *command], cwd=tmp_path, check=True)
@@ -94,7 +94,7 @@ def test_every_task_has_a_small_film_and_its_command(name):
     page = (REFERENCE / f"{name}.md").read_text()
     assert f"(../../images/{name}.gif)" in page
     (words,) = re.findall(r"^Reproduce: `musebot film (.*)`$", page, re.MULTILINE)
-    made = tyro.cli(FilmCommand, args=words.split())
+    made = parsed(Film, "musebot film", words.split())
     assert made.task == made.output.stem == name and made.out is None
     assert made.output.name == film.name
 

@@ -16,11 +16,12 @@ GROUPS = (
     ("gymnasium", "Gymnasium", "musebot.tasks.gymnasium_env"),
     ("models", "Models", "musebot.models"),
     ("controller", "The paper's brain", "musebot.controller"),
-    ("experiment", "Experiments", "musebot.protocols.experiment"),
+    ("extensions", "Beyond the paper's brain", "musebot.controller.extensions"),
+    ("novelty", "Other ways to propose actions", "musebot.controller.novelty"),
     ("agents", "Agents", "musebot.protocols.agents"),
-    ("results", "Results of a run", "musebot.protocols.results"),
+    ("lives", "Lives and runs", "musebot.protocols.lives"),
     ("analysis", "Statistics", "musebot.protocols.analysis"),
-    ("playback", "Films and replay", "musebot.protocols.playback"),
+    ("pages", "Tables, films and replay", "musebot.protocols.pages"),
 )
 
 

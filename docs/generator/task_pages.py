@@ -11,7 +11,7 @@ from tables import first_line, table
 
 import musebot
 from musebot.models.obstacles import OBSTACLES, add_obstacles
-from musebot.protocols.cli import listing
+from musebot.protocols.cli.listing import NAMES
 from musebot.tasks.arena import CONTROL_TIMESTEP, TaskDefinition
 from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
 
@@ -76,7 +76,7 @@ def _page(definition: TaskDefinition, earned: dict[str, tuple[str, str]]) -> str
     random, ppo = (value or "not measured" for value in earned[name])
     return f"""# {name}
 
-{listing.NAMES["tasks"][name]}
+{NAMES["tasks"][name]}
 
 ![The arena of {name}](../../images/{name.removesuffix("_unit")}.png)
 
@@ -119,7 +119,7 @@ How they were measured, and the code: [what learners earn](../../tasks.md#what-l
 policy was trained with
 
 ```sh
-musebot study ppo runs/{name} --task {name} --policies 1 --steps {POLICY_STEPS}
+musebot benchmark ppo runs/{name} --task {name} --policies 1 --steps {POLICY_STEPS}
 ```
 
 ## Open it
@@ -177,7 +177,7 @@ def _start(definition: TaskDefinition) -> str:
 
 
 def _gallery(earned: dict[str, tuple[str, str]]) -> str:
-    cells, says = [], listing.NAMES["tasks"]
+    cells, says = [], NAMES["tasks"]
     for name in TASKS:
         random, ppo = (value.partition(" ")[0] or "-" for value in earned[name])
         film = f"[![A trained policy in {name}](../images/{name}.gif)](tasks/{name}.md)"
