@@ -38,9 +38,9 @@ def _parameters() -> str:
         rows.append((f"`{field.name}`", paper, ours, described(field), says[field.name]))
     return f"""# Parameters of a brain
 
-All fields of `musebot.controller.Parameters`. `musebot run OUT --set NAME=VALUE ..` changes them on
-the command line, the section `brain` of a [configuration file](../command.md#a-configuration-file)
-in a file. The brain `steady` differs from the paper's in the bold values;
+All fields of `musebot.controller.Parameters`. `musebot run OUT --set brain.NAME=VALUE ..` changes
+them on the command line, the section `brain` in a
+[configuration file](../command.md#a-configuration-file). The brain `steady` differs from the paper's in the bold values;
 [beyond.md](../beyond.md#the-brain-steady) gives the reasons.
 
 {table(("field", "paper", "`steady`", "allowed", "meaning"), rows)}"""
