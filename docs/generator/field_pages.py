@@ -40,7 +40,8 @@ def _parameters() -> str:
 
 All fields of `musebot.controller.Parameters`. `musebot run OUT --set brain.NAME=VALUE ..` changes
 them on the command line, the section `brain` in a
-[configuration file](../command.md#a-configuration-file). The brain `steady` differs from the paper's in the bold values;
+[configuration file](../command.md#a-configuration-file). The brain `steady` differs from
+the paper's in the bold values;
 [beyond.md](../beyond.md#the-brain-steady) gives the reasons.
 
 {table(("field", "paper", "`steady`", "allowed", "meaning"), rows)}"""
