@@ -94,7 +94,7 @@ def load_run(out: str | Path, networks: bool = True) -> Run:
 
     Args:
       out: Folder of the run.
-      networks: Whether the robots' networks are read, too. Some kept runs in docs/results have none.
+      networks: Whether the robots' networks are read, too. A kept run may have none.
 
     Raises:
       ModuleNotFoundError: The extra `brain` is not installed.
