@@ -141,6 +141,17 @@ def test_the_export_has_a_row_for_each_robot_and_nothing_reads_it(folder):
         assert repr(read_run(folder).results) == repr(run.results)
 
 
+def test_the_export_is_never_older_than_the_results(folder, monkeypatch):
+    def fail(*_, **__):
+        raise OSError("no space")
+
+    monkeypatch.setattr("musebot.protocols.lives.run_files.save_arrays", fail)
+    with pytest.raises(OSError, match="no space"):
+        write_results(folder, EXPERIMENT, {WALLS: sample(WALLS, 6), SPOT: sample(SPOT, 4)})
+    assert len((folder / ROBOTS_FILE).read_text().splitlines()) == 11
+    assert sum(len(read_run(folder).robots(c)) for c in (WALLS, SPOT)) == 6
+
+
 def test_a_run_that_is_kept_without_networks_has_all_else(folder):
     full = read_run(folder)
     lives = read_measured(folder, EXPERIMENT, networks=False)
