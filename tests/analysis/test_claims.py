@@ -219,7 +219,7 @@ CASES = {
     ],
     "far below": [
         (both_tasks({"one": 93, "less": 7}, TENTH), YES),
-        (both_tasks({"one": 93, "less": 7}, {"one": 80, "less": 20}), NO),
+        (both_tasks({"one": 930, "less": 70}, {"one": 665, "less": 335}), NO),  # by 0.4
         (both_tasks({"one": 93, "less": 7}, {"one": 57, "less": 43}), OPEN),
         # An inequality that cannot be tested does not save a claim that another refutes.
         (evidence(robots(WA, "fixed", one=3, un=97),
@@ -262,7 +262,7 @@ CASES = {
         (observed(), NEVER),
     ],
     "20 to 30 minutes": [
-        (arriving([20] * 30, 10), YES), (arriving([25] * 2, 60), NO), (arriving([25] * 4, 8), OPEN),
+        (arriving([20] * 40, 60), YES), (arriving([25] * 2, 60), NO), (arriving([25] * 4, 8), OPEN),
         (arriving([], 0), NEVER),
     ],
 }  # fmt: skip
@@ -367,6 +367,12 @@ def test_p_is_two_sided_and_corrected_for_the_number_of_inequalities_if_against_
     result = next(f for f in judge_all(run) if f.claim.says.startswith("Creative has most"))
     against = hypothesis_tests.larger_share(Share(40, 100), Share(60, 100), "").p_against
     assert f"fixed 60 of 100 (p = {2 * 2 * against:.2g} against it)" in result.why
+
+
+def test_a_claim_of_several_inequalities_needs_more_against_one_of_them():
+    one = hypothesis_tests.TestedInequality("", "", 0.98, 0.02)  # two-sided: 0.04
+    claims = [Claim(WA, "", (lambda _, n=n: [one] * n,)) for n in (1, 2)]
+    assert [judge(claim, Evidence(None)).verdict for claim in claims] == [NO, OPEN]
 
 
 def test_no_p_exceeds_one_and_a_number_without_a_test_is_shown_without_p():
