@@ -247,6 +247,7 @@ def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened
     np.testing.assert_allclose(first.pose, [0.05, 0.1, 0.15])
     np.testing.assert_allclose(second.pose, [0.25, 0.5, 0.75])
     np.testing.assert_allclose(last.pose, moments[4].pose)
+    assert last.motors is moments[4].motors  # the episode is over
     assert second.motors is moments[2].motors and second.signals is moments[2].signals
     assert second.spot is moments[2].spot and second.event_seconds == 2
     points = [[0, 0], [0.1, 0.2], [0.2, 0.4], [0.25, 0.5]]

@@ -50,7 +50,7 @@ def test_an_event_that_goes_on_is_one_interval_of_the_timeline(shown):
     for time, event in ((0.2, True), (0.3, True), (0.4, True), (0.5, False), (0.6, True)):
         panel.frame(IMAGE, dataclasses.replace(shot, time=time, event=event))
     first, second = panel._events[-2:]
-    assert first[1] == 0.4 and second == (0.5, 0.6)
+    assert first == (0.0, 0.4) and second == (0.5, 0.6)
 
 
 @pytest.fixture

@@ -54,6 +54,18 @@ def test_episode_lasts_as_long_as_that_of_the_task(newborn):
     assert Episode.of_policy(newborn("spot_finding"), 0, "post", 0).seconds == float("inf")
 
 
+def test_the_time_with_the_event_adds_up():
+    batch, alone = make_batch("wall_avoidance", 1), np.array([0])
+    batch.place(alone, np.array([[0.49, 0.0, 0.0]]))  # close to a wall
+    random = np.random.default_rng(0)
+    driver = ("wall_avoidance", "nobody", True, batch, lambda _: np.full((1, 2), 0.1), 9, random)
+    moments = [*Episode(*driver).moments()]
+    events = [moment.event for moment in moments]
+    assert events == [moment.contact for moment in moments] and sum(events) > 1
+    seconds = [moment.event_seconds for moment in moments]
+    np.testing.assert_allclose(seconds, 0.1 * np.cumsum(events))
+
+
 # ---- Robots of a run ----
 
 
