@@ -73,28 +73,24 @@ def test_no_robot_is_placed_again_while_it_is_timed():
         assert speed.FULL.steps(robots) * (speed.FULL.repetitions + 1) < 3000
 
 
-TABLES = {"lives": 16, "interfaces": 4, "processes": 1}  # rows
+ROWS = {"lives": 16, "interfaces": 4, "processes": 1}
 
 
-@pytest.mark.parametrize(
-    ("words", "tables"), [([], TABLES), (["--device", "cpu"], {"populations": 4})]
-)
-def test_a_quick_run_keeps_every_number_that_it_prints(
-    words, tables, tmp_path, capsys, monkeypatch
-):
+@pytest.mark.parametrize(("words", "rows"), [([], ROWS), (["--device", "cpu"], {"populations": 4})])
+def test_a_quick_run_keeps_every_number_that_it_prints(words, rows, tmp_path, capsys, monkeypatch):
     pytest.importorskip("mujoco_warp" if words else "gymnasium")
     monkeypatch.setattr("musebot.protocols.machine.cores", lambda: 2)
     assert cli.main(["bench", "--quick", "--json", str(tmp_path / "b.json"), *words]) == 0
     text = capsys.readouterr().out
     found = json.loads((tmp_path / "b.json").read_text())
     assert "too short to be quoted" in text and found["machine"]["quick"] is True
-    assert {name: len(rows) for name, rows in found.items() if name != "machine"} == tables
+    assert {name: len(own) for name, own in found.items() if name != "machine"} == rows
     kept = []
-    for name in tables:
+    for name in rows:
         for row in found[name]:
             kept += [value for value in row.values() if not isinstance(value, str)]
             assert row["lowest"] <= row["ratio"] <= row["highest"]
-    printed = re.findall(r"(?<=\| )[\d,.]+(?= \|)", text[text.index(next(iter(tables)).title()) :])
+    printed = re.findall(r"(?<=\| )[\d,.]+(?= \|)", text[text.index(next(iter(rows)).title()) :])
     assert len(printed) == len(kept)
     for cell, value in zip(printed, kept, strict=True):
         assert 0 < value < math.inf
