@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ...controller.brains import BRAINS
 from ..agents.names import TRAINED_BEFORE
@@ -20,6 +19,8 @@ from .boards import DRAWS, Board, Entry, Ranked, first_learner, pair_tests, rank
 from .study import Page
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .tune import Tuning
 
 BOARDS_HEADING = "## Boards"

@@ -12,9 +12,7 @@ import dataclasses
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError
@@ -40,6 +38,9 @@ from ..storage import (
 )
 from ..terminal import notice
 from .jobs import CHECKPOINT, SAVE_EVERY
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STUDY_FILE = "study.json"
 RunJobs = Callable[..., None]

@@ -242,13 +242,13 @@ def test_an_agent_that_cannot_be_made_is_an_error():
 
 
 def test_the_exit_status_says_whether_a_law_is_broken(capsys):
-    assert cli.main(["check-agent", "mine:Mean"]) == 0
+    assert cli.main(["doctor", "--agent", "mine:Mean"]) == 0
     assert capsys.readouterr().out == "mine:Mean passed all checks\n"
-    assert cli.main(["check-agent", "mine:Idle"]) == 1
+    assert cli.main(["doctor", "--agent", "mine:Idle"]) == 1
     captured = capsys.readouterr()
     assert "spot_finding, raw signals: training changes no weights\n" in captured.out
     assert captured.err == "musebot: mine:Idle broke 4 laws of agents\n"
-    assert cli.main(["check-agent", "creative"]) == 2
+    assert cli.main(["doctor", "--agent", "creative"]) == 2
 
 
 @pytest.mark.parametrize("drawn", range(4))

@@ -266,7 +266,7 @@ def test_the_guides_example_keeps_the_contract_is_simulated_and_stands_in_the_ta
     (tmp_path / "my_agent.py").write_text(example())
     monkeypatch.chdir(tmp_path)
     check, *lines = shell.strip().splitlines()
-    assert check == "musebot check-agent my_agent:table"
+    assert check == "musebot doctor --agent my_agent:table"
     assert check_agent("my_agent:table") == []
     sys.modules.pop("my_agent")
     for line in lines:

@@ -15,7 +15,7 @@ from musebot.protocols.compare.leaderboard_page import draw, page
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import Robot, Run
+from musebot.protocols.lives.run import Robot, Run, results_of
 
 SPOT, WALLS = "spot_finding", "wall_avoidance"
 BOARD, CONTACT = Board("raw", "paper", SPOT), Board("raw", "paper", WALLS)
@@ -216,7 +216,7 @@ def runs(invented):
                 for n in range(2)
             ]
             results[condition] = invented(experiment, rows)
-        return Run(name, experiment, results)
+        return Run(name, experiment, results_of(experiment, results))
 
     steady = BRAINS["steady"]
     saturated = dataclasses.replace(steady, raw_signals=False, raw_reward=False)

@@ -10,8 +10,7 @@ import pytest
 from helpers import files_below
 from matplotlib.figure import Figure
 
-from musebot.protocols.cli import parser as cli
-from musebot.protocols.compare import STUDIES, jobs, study, study_class
+from musebot.protocols.compare import jobs, study
 from musebot.protocols.compare.jobs import ArrayJob, Progress, lives
 from musebot.protocols.compare.study import (
     STUDY_FILE,
@@ -257,19 +256,3 @@ def test_an_agents_fault_is_one_sentence_with_job_and_step(tmp_path):
     with pytest.raises(InputError, match="mine:make failed, in folder/a"):
         job.run(lambda: False, lambda *_: None)
     assert not job.done()
-
-
-# ---- The command ----
-
-
-@pytest.mark.parametrize("name", STUDIES)
-def test_the_list_has_each_study_and_the_first_line_of_its_docstring(name, capsys):
-    module, cls, says = STUDIES[name]
-    found = study_class(name)
-    assert found.name == name
-    assert (found.__module__, found.__name__) == (f"musebot.protocols.compare.{module}", cls)
-    assert (found.__doc__ or "").splitlines()[0] == says
-    assert cli.main(["study", name, "--help"]) == 0
-    text = capsys.readouterr().out
-    for field in dataclasses.fields(found):
-        assert f"--{field.name.replace('_', '-')}" in text
