@@ -228,6 +228,15 @@ def test_what_is_unstable_raises_and_is_refused_until_a_reset(make, how, tmp_pat
     one.step(STILL)
 
 
+def test_a_sensor_that_reads_nan_from_the_start_raises_in_reset(make):
+    one = make("spot_finding")
+    model = one.env.get_attr("model")[0] if make is Vector else one.env.physics.model.ptr
+    model.site("nose").pos[0] = np.nan
+    with pytest.raises(PhysicsError, match="became unstable"):
+        one.reset()
+    assert refusal(one.step, STILL)[0] is RuntimeError
+
+
 def test_nothing_works_after_close(make):
     one, other = begun(make, "spot_finding"), begun(make, "spot_finding")
     one.env.close()
