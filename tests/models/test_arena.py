@@ -167,14 +167,12 @@ def test_touch_ignores_floor_wheels_and_castors():
     assert (touch == 0).all()
 
 
-@pytest.mark.parametrize("degrees", range(0, 360, 15))
-def test_touch_senses_a_wall_on_every_side(degrees):
-    model = arena_spec().compile()
+def test_touch_senses_a_wall_on_every_side(model):
     data = mujoco.MjData(model)
-    data.qpos[:2] = 0.525 - 0.0275 + 0.0001, 0
-    data.qpos[3], data.qpos[6] = np.cos(np.radians(degrees) / 2), np.sin(np.radians(degrees) / 2)
-    mujoco.mj_forward(model, data)
-    assert data.sensor("touch").data[0] > 0
+    for degrees in range(0, 360, 15):
+        data.qpos[:] = robot_qpos(np.array([0.525 - 0.0275 + 0.0001, 0, np.radians(degrees)]))
+        mujoco.mj_forward(model, data)
+        assert data.sensor("touch").data[0] > 0, degrees
 
 
 def wall_distance(x, y, direction):

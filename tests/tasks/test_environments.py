@@ -168,22 +168,21 @@ ACTIONS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("action", ACTIONS, ids=str)
-def test_an_action_that_is_not_two_finite_numbers_is_refused_and_changes_nothing(action):
-    for make in KINDS:
-        one, twin = (begun(make, "wall_avoidance", robot=(0, 0, 0.3)) for _ in range(2))
+def test_an_action_that_is_not_two_finite_numbers_is_refused_and_changes_nothing(make):
+    one, twin = (begun(make, "wall_avoidance", robot=(0, 0, 0.3)) for _ in range(2))
+    shape = rf"\({ROBOTS}, 2\)" if make is Vector else r"\(2,\)"
+    sentence = f"an action must be two finite motor values, real numbers of shape {shape} in all"
+    for action in ACTIONS:
         error, said = refusal(one.env.step, [action] * ROBOTS if make is Vector else action)
-        shape = rf"\({ROBOTS}, 2\)" if make is Vector else r"\(2,\)"
-        sentence = f"an action must be two finite motor values, real numbers of shape {shape} in "
-        assert error is ValueError and re.match(sentence, said)
-        assert_continue_alike(one, twin)
+        assert error is ValueError and re.match(sentence, said), action
+    assert_continue_alike(one, twin)
 
 
-@pytest.mark.parametrize("kind", [int, float, np.float32, np.int8])
-def test_real_numbers_of_every_type_are_actions(make, kind):
+def test_real_numbers_of_every_type_are_actions(make):
     one = begun(make, "wall_avoidance_unit", robot=(0, 0, 0.3))
-    action = np.array([1, 0]).astype(kind)
-    one.env.step(np.tile(action, (ROBOTS, 1)) if make is Vector else action)
+    for kind in (int, float, np.float32, np.int8):
+        action = np.array([1, 0]).astype(kind)
+        one.env.step(np.tile(action, (ROBOTS, 1)) if make is Vector else action)
 
 
 # The life of an environment
