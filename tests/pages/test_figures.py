@@ -100,6 +100,20 @@ def test_no_point_of_a_curve_mixes_a_test_and_training(task, experiment):
     assert upper.get_xticks() == pytest.approx((np.array([0, *ends[:2]]) + ends) / 2)
 
 
+def test_the_points_of_a_curve_add_up_to_the_time_with_the_event():
+    experiment = Experiment(time_scale=0.97)
+    steps = experiment.schedule(WA).steps_of_minutes()
+    assert len({*steps}) > 1  # the last minute is shorter than others of its point
+    run = dataclasses.replace(run_of(WALLS_FIXED, minutes=len(steps)), experiment=experiment)
+    with style.styled():
+        hours, means = figures.learning_curves(run).axes[0].lines[0].get_data()
+    edges = [0.0]
+    for hour in hours:  # the middle of each point's stretch
+        edges.append(2 * hour - edges[-1])
+    total = run.results[WALLS_FIXED].curves.mean(axis=0) @ steps / 36000
+    assert means @ np.diff(edges) == pytest.approx(total)
+
+
 def test_lines_and_legend_tell_agents_apart():
     agents = [Condition(WA, f"agents:number_{number}") for number in range(6)]
     with style.styled():
