@@ -179,8 +179,8 @@ def ppo(robots: int, senses: Senses, seed: int) -> Agent:
     path = FOLDER / task / POLICIES_FILE
     if not path.exists():
         raise InputError(
-            f"there is no file {path}: `musebot benchmark ppo {path.parent} --task {task} --policies "
-            f"{robots}` trains the policies"
+            f"there is no file {path}: `musebot benchmark ppo {path.parent} --task {task} "
+            f"--policies {robots}` trains the policies"
         )
     policies = Policies.load(path, task)
     if policies.robots < robots:
@@ -197,7 +197,7 @@ def policy_file(task: str) -> Path:
     if task not in TASKS:
         raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
     if not (path := POLICIES / f"{task}.safetensors").exists():
-        raise InputError(f"musebot brings no policy for {task}: `musebot benchmark ppo` trains some")
+        raise InputError(f"there is no policy for {task}: `musebot benchmark ppo` trains some")
     return path
 
 
