@@ -17,7 +17,7 @@ from scipy.stats import qmc
 
 from ...models import Kinematics
 from ..agents.factory import factory_of
-from ..agents.names import recorded_name, short_name
+from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
 from ..agents.trust import trust
 from ..analysis import intervals
@@ -294,12 +294,6 @@ class Tune(Study):
                 shares = shares_of(job.read(), self._round(again, some), self.task)
                 found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
         return found
-
-
-def run_words(agent: str, signals: str, settings: Sequence[str]) -> str:
-    """Returns the words of `musebot run` that choose an agent, its signals and its settings."""
-    chosen = [*(["signals=raw"] if signals == "raw" else []), *(f"agent.{one}" for one in settings)]
-    return " ".join([f"--agent {agent}", *(["--set", *chosen] if chosen else [])])
 
 
 def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: str) -> np.ndarray:
