@@ -108,7 +108,7 @@ def test_a_population_without_memory_leaves_its_numbers_empty(monkeypatch):
     ("words", "sentence"),
     [
         (["--json", "{}"], "is a folder"),
-        (["--device", "gpu"], "the device must be cpu, cuda or cuda:N, got 'gpu'"),
+        (["--device", "gpu"], "device must be cpu, cuda or cuda:N, got 'gpu'"),
         (["--device", "cuda:42"], "there is no device cuda:42"),
     ],
 )
