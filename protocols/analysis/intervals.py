@@ -53,8 +53,7 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
       values: One value for each robot, shape (n,).
       span: Lowest and highest value that a robot can have, such as `SHARE`; None if not known.
 
-    Unknown for fewer than `FEWEST` robots, and if all values are equal and not near an end of
-    `span`.
+    Unknown for fewer than `FEWEST` robots, and for equal values that are not near an end of `span`.
     """
     values = np.asarray(values, dtype=float)
     if len(values) >= FEWEST and span and _is_near_an_end(values, span):

@@ -265,11 +265,8 @@ def _interface_row(
 ) -> dict[str, Any]:
     """Returns the row of an interface.
 
-    Args:
-      name: Name of the interface.
-      robots: A `Batch`, or a list of environments with dm_control's `physics`.
-      step: Function that simulates one control step, given motor values of shape (B, 2).
-      effort: How much is measured.
+    `robots` is a `Batch`, or a list of environments with dm_control's `physics`. `step` simulates
+    one control step, given motor values of shape (B, 2).
     """
 
     def state() -> State:
@@ -298,8 +295,7 @@ def _interface_row(
 def processes(effort: Effort, cores: int) -> Iterator[dict[str, Any]]:
     """Yields a row for two processes, and for one on each core: together, and one alone.
 
-    `process_scaling` is the throughput of all together divided by that of one alone, if each has
-    a core of its own.
+    `process_scaling` is the throughput of all over that of one alone, if each has its own core.
 
     Raises:
       RunError: A process died.

@@ -53,19 +53,19 @@ def test_timing_changes_no_life_and_the_timed_robots_learn(body, task):
 
 @pytest.mark.parametrize("robots", [1, 3])
 def test_a_replay_of_other_motor_values_is_refused(robots):
-    condition = Condition("spot_finding", "creative")
-    cohort = speed.cohort_in_training(Experiment(cohort_size=robots), condition)
-    bare = speed.BareMujoco(cohort.batch.model, robots)
+    batch = Experiment().batch("spot_finding", robots)
+    bare, random = speed.BareMujoco(batch.model, robots), np.random.default_rng(0)
 
-    def work():
-        motors = []
-        for command in cohort.stepping(5):
-            cohort.batch.step(command)
-            motors.append(-command if len(motors) == 3 else command.copy())
-        return np.array(motors)
+    def work(other):
+        motors = random.uniform(-0.5, 0.5, (5, robots, 2))
+        for command in motors:
+            batch.step(command)
+        motors[3] *= other
+        return motors
 
+    speed.over_bare(lambda: work(1), batch.arrays, bare.replay)
     with pytest.raises(RunError, match="did not end in the states"):
-        speed.over_bare(work, cohort.batch.arrays, bare.replay)
+        speed.over_bare(lambda: work(-1), batch.arrays, bare.replay)
 
 
 def test_no_robot_is_placed_again_while_it_is_timed():
@@ -108,7 +108,7 @@ def test_a_population_without_memory_leaves_its_numbers_empty(monkeypatch):
     ("words", "sentence"),
     [
         (["--json", "{}"], "is a folder"),
-        (["--device", "gpu"], "the device must be cpu, cuda or cuda:N, got 'gpu'"),
+        (["--device", "gpu"], "device must be cpu, cuda or cuda:N, got 'gpu'"),
         (["--device", "cuda:42"], "there is no device cuda:42"),
     ],
 )
