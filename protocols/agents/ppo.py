@@ -1,6 +1,6 @@
 """Policies trained by PPO before a life, and robots that they drive.
 
-`musebot study ppo` trains policies; driving robots needs no Stable-Baselines3: the weights are
+`musebot benchmark ppo` trains policies; driving robots needs no Stable-Baselines3: the weights are
 stored as safetensors, and the small network is evaluated here.
 """
 
@@ -47,7 +47,7 @@ class Policies:
 
     @classmethod
     def load(cls, path: Path, task: str) -> Self:
-        """Reads the policies that `musebot study ppo` wrote.
+        """Reads the policies that `musebot benchmark ppo` wrote.
 
         Raises:
           InputError: there is no such file, it holds no policies, or policies for another task.
@@ -179,7 +179,7 @@ def ppo(robots: int, senses: Senses, seed: int) -> Agent:
     path = FOLDER / task / POLICIES_FILE
     if not path.exists():
         raise InputError(
-            f"there is no file {path}: `musebot study ppo {path.parent} --task {task} --policies "
+            f"there is no file {path}: `musebot benchmark ppo {path.parent} --task {task} --policies "
             f"{robots}` trains the policies"
         )
     policies = Policies.load(path, task)
@@ -197,7 +197,9 @@ def policy_file(task: str) -> Path:
     if task not in TASKS:
         raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
     if not (path := POLICIES / f"{task}.safetensors").exists():
-        raise InputError(f"musebot brings no policy for {task}: `musebot study ppo` trains some")
+        raise InputError(
+            f"musebot brings no policy for {task}: `musebot benchmark ppo` trains some"
+        )
     return path
 
 

@@ -94,7 +94,7 @@ class Leaderboard(Ranking):
     runs: tuple[Path, ...]
     """folders of finished runs of `musebot run`"""
     tuned: tuple[Path, ...] = ()
-    """folders of `musebot study tune`, whose effort is printed"""
+    """folders of `musebot benchmark tune`, whose effort is printed"""
 
     @functools.cached_property
     def _runs(self) -> list[Run]:
@@ -125,7 +125,7 @@ class Benchmark(Ranking):
     name: ClassVar[str] = "benchmark"
 
     tuned: tuple[Path, ...] = ()
-    """folders of `musebot study tune`; other learners have their default settings"""
+    """folders of `musebot benchmark tune`; other learners have their default settings"""
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     """learners: agents, or a brain, paper or steady"""
     signals: tuple[Signals, ...] = ("paper", "raw")

@@ -25,6 +25,7 @@ from ..lives.experiment import Body, Experiment, Signals, differing
 from ..lives.overrides import brain_name
 from ..lives.run import Run
 from ..lives.schedules import TASK_NAMES
+from .tune import run_words
 
 DRAWS = 100_000
 """Bootstrap draws of a score: with 10,000 p of 0.05 changed by 0.01 and more with the seed."""
@@ -114,12 +115,9 @@ class Entry:
         """Words of `musebot run` that choose what drives the robots."""
         if self.condition.has_brain:
             brain, *changes = self.experiment.brain_name.split()
-            chosen = f" --set {' '.join(changes)}" if changes else ""
+            chosen = " ".join([" --set", *(f"brain.{one}" for one in changes)]) if changes else ""
             return f"--brain {brain} --proposer {self.condition.proposer}{chosen}"
-        signals = " --signals raw" if self.experiment.signals == "raw" else ""
-        settings = self.experiment.settings
-        chosen = f" --agent-set {' '.join(settings)}" if settings else ""
-        return f"--agent {self.name}{signals}{chosen}"
+        return run_words(self.name, self.experiment.signals, self.experiment.settings)
 
     @property
     def world(self) -> str:

@@ -226,7 +226,6 @@ class Tune(Study):
             values = trial.values(self.settings).values()
             rows.append([str(trial.number), *values, f"{early.mean():.3f}", *cells])
         winner, name = ranked[0].trial, short_name(self.condition.proposer)
-        chosen = f" --agent-set {' '.join(winner.settings)}" if winner.settings else ""
         lines = [
             f"## {name}, {self.signals} signals",
             "",
@@ -237,8 +236,8 @@ class Tune(Study):
             "two columns belong to the second round; brackets hold 95 % intervals over robots. The "
             "best of several trials was also lucky: only runs on other seeds measure it.",
             "",
-            f"Best: trial {winner.number}, `musebot run OUT --agent {name}{chosen} --signals "
-            f"{self.signals}`",
+            f"Best: trial {winner.number}, `musebot run OUT "
+            f"{run_words(name, self.signals, winner.settings)}`",
             "",
         ]
         return Page("\n".join(lines))
@@ -295,6 +294,12 @@ class Tune(Study):
                 shares = shares_of(job.read(), self._round(again, some), self.task)
                 found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
         return found
+
+
+def run_words(agent: str, signals: str, settings: Sequence[str]) -> str:
+    """Returns the words of `musebot run` that choose an agent, its signals and its settings."""
+    chosen = [*(["signals=raw"] if signals == "raw" else []), *(f"agent.{one}" for one in settings)]
+    return " ".join([f"--agent {agent}", *(["--set", *chosen] if chosen else [])])
 
 
 def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: str) -> np.ndarray:

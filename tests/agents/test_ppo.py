@@ -42,6 +42,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for task in ppo.TRAINED_ON.values():
         path = file_of(task)
+        path.parent.mkdir(parents=True)
         save_arrays(path, newborn(task, 3).arrays, task=task, steps=1)
     return tmp_path
 
@@ -119,7 +120,7 @@ def test_missing_and_unfit_policies_are_refused(folder):
     with pytest.raises(InputError, match="is damaged"):
         make(3)
     path.unlink()
-    with pytest.raises(InputError, match="`musebot study ppo .* trains the policies"):
+    with pytest.raises(InputError, match="`musebot benchmark ppo .* trains the policies"):
         make(3)
 
 
@@ -171,7 +172,9 @@ def test_a_task_without_a_policy_is_one_sentence(monkeypatch):
     with pytest.raises(InputError, match="the task must be one of .*, got 'dancing'"):
         policy_file("dancing")
     monkeypatch.setitem(TASKS, "mine", TASKS["wall_avoidance"])
-    with pytest.raises(InputError, match="^musebot brings no policy for mine: `musebot study ppo`"):
+    with pytest.raises(
+        InputError, match="^musebot brings no policy for mine: `musebot benchmark ppo`"
+    ):
         policy_file("mine")
 
 

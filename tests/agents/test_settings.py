@@ -1,5 +1,7 @@
 """Settings of agents are read, checked and handed to the factory."""
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -104,7 +106,7 @@ REHEARSAL = "--robots 2 --time-scale 0.002 --body kinematic --task spot_finding"
 
 def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, capsys):
     command = ["run", str(tmp_path), "--agent", "q_learner", *REHEARSAL]
-    assert cli.main([*command, "--agent-set", "rate=0.01", "--signals", "raw"]) == 0
+    assert cli.main([*command, "--set", "agent.rate=0.01", "signals=raw"]) == 0
     experiment = planned(tmp_path).experiment
     assert experiment.settings == ("rate=0.01",) and experiment.signals == "raw"
     assert cli.main(["run", str(tmp_path), "--robots", "4"]) == 0
@@ -112,7 +114,7 @@ def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, cap
         Condition("spot_finding", "musebot.protocols.baselines:q_learner"): 4
     }
     capsys.readouterr()
-    assert cli.main([*command, "--agent-set", "rate=0.02"]) == 2
+    assert cli.main([*command, "--set", "agent.rate=0.02"]) == 2
     assert "settings" in capsys.readouterr().err
 
 
@@ -120,10 +122,10 @@ def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, cap
     ("words", "sentence"),
     [
         (["--agent", "sarsa"], "did you mean sarsa_lambda"),
-        (["--agent", "dqn", "--agent-set", "rat=1"], "dqn has no setting rat: did you mean rate?"),
-        (["--proposer", "fixed", "--signals", "raw"], "raw signals change agents only"),
-        (["--agent-set", "rate=0.1"], "raw signals change agents only"),
-        (["--agent", "dqn", "--signals", "salty"], "the signals must be one of paper, raw"),
+        (["--agent", "dqn", "--set", "agent.rat=1"], "dqn has no setting rat: did you mean rate?"),
+        (["--proposer", "fixed", "--set", "signals=raw"], "raw signals change agents only"),
+        (["--set", "agent.rate=0.1"], "raw signals change agents only"),
+        (["--agent", "dqn", "--set", "signals=salty"], "signals must be .*'paper' or 'raw'"),
     ],
 )
 def test_a_run_with_an_unknown_agent_or_setting_is_refused_before_anything_is_made(
@@ -131,5 +133,5 @@ def test_a_run_with_an_unknown_agent_or_setting_is_refused_before_anything_is_ma
 ):
     out = tmp_path / "out"
     assert cli.main(["run", str(out), *words, *REHEARSAL]) == 2
-    assert sentence in capsys.readouterr().err
+    assert re.search(sentence.replace("?", r"\?"), capsys.readouterr().err)
     assert not out.exists()

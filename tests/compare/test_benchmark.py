@@ -86,8 +86,8 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(tmp_path, in_
     best = tune.best(tuned).settings
     study = Benchmark((tuned,), ("sarsa_lambda",), ("raw",), ("walls",), **TINY)
     page = conduct(study, out, in_process()).markdown
-    chosen = f" --agent-set {' '.join(best)}" if best else ""
-    assert f"`--agent sarsa_lambda --signals raw{chosen}`" in page
+    chosen = "".join(f" agent.{word}" for word in best)
+    assert f"`--agent sarsa_lambda --set signals=raw{chosen}`" in page
     assert "4 settings, then the best 2; robots of a setting: 1, then 2" in page
     assert "paper signals" not in page and "was not tuned" not in capsys.readouterr().err
     kept = (out / "walls-sarsa_lambda-raw" / "experiment.json").read_bytes()

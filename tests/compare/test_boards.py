@@ -201,7 +201,7 @@ def test_the_page_says_how_a_learner_was_tuned():
     ):
         assert tuned(entry("creative", 0.5, 0.5, brain=brain), {}) == words
     assert entry("creative", 0.5, 0.5, brain=saturated).name == "steady, creative"
-    assert "raw_reward=false" in entry("creative", 0.5, 0.5, brain=saturated).command
+    assert "brain.raw_reward=false" in entry("creative", 0.5, 0.5, brain=saturated).command
 
 
 @pytest.fixture
@@ -243,7 +243,7 @@ def test_runs_become_boards_between_their_bounds(runs):
         share = 90 / runs[0].test_seconds(board.task)
         assert entries[0].after == pytest.approx(share if board.task == SPOT else 1 - share)
     (learner,) = [e for e in found[BOARD] if e.name == "mine:a"]
-    assert learner.command == "--agent mine:a --signals raw --agent-set rate=0.2"
+    assert learner.command == "--agent mine:a --set signals=raw agent.rate=0.2"
     assert learner.world == "cohort_size=2"
 
 
