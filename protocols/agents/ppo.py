@@ -179,8 +179,8 @@ def ppo(robots: int, senses: Senses, seed: int) -> Agent:
     path = FOLDER / task / POLICIES_FILE
     if not path.exists():
         raise InputError(
-            f"there is no file {path}: `musebot benchmark ppo {path.parent} --task {task} --policies "
-            f"{robots}` trains the policies"
+            f"there is no file {path}: `musebot benchmark ppo {path.parent} --task {task} "
+            f"--policies {robots}` trains the policies"
         )
     policies = Policies.load(path, task)
     if policies.robots < robots:
