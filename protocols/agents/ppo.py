@@ -197,7 +197,9 @@ def policy_file(task: str) -> Path:
     if task not in TASKS:
         raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
     if not (path := POLICIES / f"{task}.safetensors").exists():
-        raise InputError(f"there is no policy for {task}: `musebot benchmark ppo` trains some")
+        raise InputError(
+            f"musebot brings no policy for {task}: `musebot benchmark ppo` trains some"
+        )
     return path
 
 
