@@ -16,8 +16,6 @@ GROUPS = (
     ("gymnasium", "Gymnasium", "musebot.tasks.gymnasium_env"),
     ("models", "Models", "musebot.models"),
     ("controller", "The paper's brain", "musebot.controller"),
-    ("extensions", "Beyond the paper's brain", "musebot.controller.extensions"),
-    ("novelty", "Other ways to propose actions", "musebot.controller.novelty"),
     ("agents", "Agents", "musebot.protocols.agents"),
     ("lives", "Lives and runs", "musebot.protocols.lives"),
     ("analysis", "Statistics", "musebot.protocols.analysis"),

@@ -219,4 +219,8 @@ def test_the_controller_imports_neither_mujoco_nor_other_packages_of_musebot():
     assert "torch" not in modules  # `list` and `doctor` work without it
     assert not {"mujoco", "dm_control", "dm_env"} & {name.split(".")[0] for name in modules}
     ours = {name.split(".")[1] for name in modules if name.startswith("musebot.")}
-    assert ours == {"controller", "gymnasium_registration"}  # the latter by `import musebot`
+    assert ours == {
+        "controller",
+        "fields",
+        "gymnasium_registration",
+    }  # the last by `import musebot`
