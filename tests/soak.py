@@ -26,7 +26,7 @@ from musebot.models.kinematic import gaps
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.worker import prepare_process
+from musebot.protocols.lives.local import prepare_process
 from musebot.tasks import make_batch
 from musebot.tasks.starts import random_poses
 

@@ -14,7 +14,7 @@ import json, pathlib, sys
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.jobs import CohortJob
-from musebot.protocols.lives.worker import prepare_process
+from musebot.protocols.lives.local import prepare_process
 
 prepare_process()
 experiment = Experiment(cohort_size=50, time_scale=float(sys.argv[2]))

@@ -41,8 +41,8 @@ class Bench:
         """Prints Markdown, each section as soon as it is measured."""
         import json
 
+        from ..lives.local import prepare_process
         from ..lives.manifest import machine
-        from ..lives.worker import prepare_process
         from ..machine import cores
         from ..pages import markdown
         from ..storage import check_place, resolved_file, write_atomically

@@ -49,7 +49,7 @@ class Run:
     seed: int = option(32010, "seed of all random streams (32010)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
-    ray: str | None = option(None, "Ray cluster instead: HOST:PORT or auto", "ADDRESS", group=_HOW)
+    ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
 
     def __call__(self) -> None:
         """Simulates what is missing, and prints the page."""
@@ -80,7 +80,7 @@ class Tune:
     seed: int = option(32001, "seed of the first round; the second has the next (32001)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
-    ray: str | None = option(None, "Ray cluster instead: HOST:PORT or auto", "ADDRESS", group=_HOW)
+    ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
 
     def __call__(self) -> None:
         """Simulates what is missing, and prints the page."""

@@ -76,7 +76,7 @@ class Run:
     )
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     device: str | None = option(None, "cpu, cuda or cuda:N (cpu)", "NAME", group=_HOW)
-    ray: str | None = option(None, "Ray cluster instead: HOST:PORT or auto", "ADDRESS", group=_HOW)
+    ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
     save_every: float = option(60.0, "seconds between two checkpoints (60)", "X", group=_HOW)
     tensorboard: bool = option(False, "also write curves to OUT/tensorboard", group=_HOW)
 

@@ -30,10 +30,10 @@ from ..errors import RunError
 from ..lives.cohort import Cohort
 from ..lives.conditions import PAPER_TASKS, CohortKey, Condition
 from ..lives.experiment import Experiment
-from ..lives.placement import legs
+from ..lives.jobs import DIED
+from ..lives.local import prepare_process, single_threaded_children
 from ..lives.plan import Plan
 from ..lives.runs import check_device
-from ..lives.worker import DIED, prepare_process, single_threaded_children
 
 _POPULATION = Condition("spot_finding", "creative")
 SIMULATORS = {"kinematic": {"body": "kinematic"}, "MuJoCo Warp": {"physics": "warp"}}
@@ -188,8 +188,8 @@ def over_bare(
 def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
     """Returns a cohort at the start of its training, without the tests before it."""
     cohort = Cohort(experiment, CohortKey(condition, 0))
-    phases = legs(experiment.schedule(condition.task))
-    cohort.step = next(leg.start for leg in phases if leg.phase.learning)
+    legs = experiment.schedule(condition.task).legs()
+    cohort.step = next(leg.start for leg in legs if leg.phase.learning)
     cohort.advance(1)  # places the robots
     return cohort
 
@@ -210,11 +210,16 @@ def life(cohort: Cohort, steps: int, repetitions: int) -> Paired:
     batch = cohort.batch
 
     def work() -> np.ndarray:
-        motors = []
-        for command in cohort.stepping(steps):
-            motors.append(command.copy())
-            batch.step(command)
-        return np.array(motors)
+        recorded = []
+
+        def step(motors: np.ndarray) -> None:
+            recorded.append(motors.copy())
+            type(batch).step(batch, motors)
+
+        batch.step = step
+        cohort.advance(steps)
+        del batch.step
+        return np.array(recorded)
 
     def kinematic(start: State, motors: np.ndarray) -> tuple[float, State]:
         batch.set_state(start)

@@ -16,7 +16,7 @@ def executor(processes: int | None = None, ray: str | None = None, device: str =
 
     Args:
       processes: Number of jobs that this machine runs at a time; None for its number of cores.
-      ray: Address of a Ray cluster as HOST:PORT, or "auto"; None for this machine.
+      ray: Address of a Ray cluster as HOST:PORT; None for this machine.
       device: Device of the experiment. On a GPU one job runs at a time, because jobs would share
         its memory.
 

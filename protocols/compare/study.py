@@ -19,13 +19,12 @@ from matplotlib.figure import Figure
 from ...controller.parameters import shown
 from ..errors import DamagedFileError, InputError
 from ..lives.budget import check_memory
-from ..lives.cohort import check_agents
 from ..lives.experiment import Experiment, check_same
 from ..lives.jobs import Executor, Job, execute
 from ..lives.manifest import UNREADABLE, is_physics_of, machine, physics_probe
 from ..lives.plan import MOST_ROBOTS, Plan
 from ..lives.run_files import has_all_robots, planned
-from ..lives.runs import UnfinishedRun
+from ..lives.runs import UnfinishedRun, check_agents
 from ..pages import style
 from ..storage import (
     check_folder,

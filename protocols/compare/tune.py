@@ -28,7 +28,7 @@ from ..lives.experiment import Experiment, Signals
 from ..lives.manifest import UNREADABLE
 from ..lives.overrides import with_overrides
 from ..lives.plan import Plan
-from ..lives.schedules import PARTS
+from ..lives.schedules import STAGES
 from ..pages.markdown import mean_cell, table
 from ..storage import read_json
 from .jobs import ArrayJob, lives
@@ -278,7 +278,7 @@ class Tune(Study):
             out / "trials" / f"{numbers}-{int(again)}.safetensors",
             functools.partial(lives, experiment, self.condition),
             experiment.robot_seconds(sum(experiment.schedule(self.task).steps())),
-            {"events": ("I32", (robots, len(PARTS))), "valid": ("BOOL", (robots,))},
+            {"events": ("I32", (robots, len(STAGES))), "valid": ("BOOL", (robots,))},
             identity | {"settings": experiment.settings},
         )
 
@@ -309,7 +309,7 @@ def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: st
     """
     schedule, shares = experiment.schedule(task), []
     for part in ("post", "training"):
-        share = np.clip(arrays["events"][:, PARTS.index(part)] / schedule.steps_of(part), 0, 1)
+        share = np.clip(arrays["events"][:, STAGES.index(part)] / schedule.steps_of(part), 0, 1)
         wanted = share if schedule.wanted else 1 - share
         shares.append(np.where(arrays["valid"], wanted, 0.0))
     return np.array(shares)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
 
+from ...controller import Neurocontroller
 from ...models.arrays import namespace
 from ...tasks.batch import Batch, Robots
 from ...tasks.kinematic import KinematicBatch
@@ -18,10 +20,12 @@ from ..agents.base import Agent
 from ..agents.neurocontroller import NeurocontrollerAgent
 from .experiment import Experiment
 
-if TYPE_CHECKING:
-    from .cohort import Cohort
-
 HOST = "cpu"
+
+
+def device_of(experiment: Experiment) -> contextlib.AbstractContextManager[Any]:
+    """Returns a context in which new tensors are on the experiment's device."""
+    return torch.device(experiment.device) if experiment.on_tensors else contextlib.nullcontext()
 
 
 def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
@@ -30,23 +34,14 @@ def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> lis
     Args:
       experiment: Experiment that decides the robots' lives.
       task: Task of the protocol.
-      cohorts: Number of cohorts; several are parts of one batch, for robots on tensors only (see
-        `tasks.tensors.robots.parts`).
+      cohorts: Number of cohorts; several are parts of one batch, for robots on tensors only.
     """
     batch = experiment.batch(task, cohorts * experiment.cohort_size)
     if not experiment.on_tensors:
         return [batch]
-    with torch.device(experiment.device):
+    with device_of(experiment):
         tensors = on_tensors(batch)
     return [tensors] if cohorts == 1 else [*parts(tensors, cohorts)]
-
-
-def agent_on_device(experiment: Experiment, make_agent: Callable[[], Agent]) -> Agent:
-    """Returns a new agent whose tensors are on the experiment's device."""
-    if not experiment.on_tensors:
-        return make_agent()
-    with torch.device(experiment.device):
-        return make_agent()
 
 
 def on_tensors(batch: Robots) -> TensorRobots:
@@ -59,96 +54,35 @@ def on_tensors(batch: Robots) -> TensorRobots:
     return WarpTensors(batch)
 
 
-class StepWork:
-    """What a cohort does in a control step besides the physics: it decides, and counts events."""
+def step_together(batches: Sequence[Robots], motors: Sequence[Any]) -> None:
+    """Simulates a control step of robots.
 
-    def __init__(self, agent: Agent, batch: Any) -> None:
-        """Takes an agent, and the robots that it drives, of any kind."""
-        self._agent, self._batch = agent, batch
-        self._tally: Any = 0
-
-    def decide(self, learning: bool) -> Any:
-        """Lets the agent act and, in training, learn; returns motor values, shape (B, 2).
-
-        Args:
-          learning: Whether the agent explores and learns.
-        """
-        agent, batch = self._agent, self._batch
-        motors = agent.act(_single(batch.rules.state(batch.sensordata)), learning)
-        if learning:
-            agent.learn(_single(batch.rules.reward(batch.sensordata)))
-        return motors
-
-    def count(self) -> None:
-        """Counts the events after a step of the physics."""
-        self._tally = self._tally + self._batch.rules.event(self._batch.sensordata)
-
-    def counted(self) -> np.ndarray:
-        """Returns how many events were counted since the last call, shape (B,)."""
-        tally, self._tally = self._tally, 0
-        return on_host(tally)
-
-
-class CapturedWork(StepWork):
-    """The work of a brain on a GPU, captured once and then replayed.
-
-    Training and tests are captured separately, and each for both places in which a brain remembers
-    alternate steps.
+    Args:
+      batches: One batch, or parts of one; in the other parts of it, motor values are 0.
+      motors: Motor values of each batch or part, shape (B, 2).
     """
-
-    def __init__(self, agent: Agent, batch: Any) -> None:
-        """Takes an agent that is a brain, and robots that are tensors."""
-        super().__init__(agent, batch)
-        assert isinstance(agent, NeurocontrollerAgent)
-        self._brain = agent.controller
-        device, robots = self._batch.sensordata.device, self._batch.robots
-        self._motors = torch.zeros(robots, 2, device=device)
-        self._tally = torch.zeros(robots, dtype=torch.int32, device=device)
-        self._count = capture.Captured(self._add_events, device)
-        self._decide = {
-            (learning, place): capture.Captured(
-                functools.partial(self._select, learning), device, self._brain.generator
-            )
-            for learning in (False, True)
-            for place in (False, True)
-        }
-
-    def decide(self, learning: bool) -> Any:
-        """See `StepWork.decide`; the motor values are overwritten by the next step."""
-        self._decide[learning, self._brain.begin()]()
-        if learning:
-            self._brain.end()
-        return self._motors
-
-    def count(self) -> None:
-        """See `StepWork.count`."""
-        self._count()
-
-    def counted(self) -> np.ndarray:
-        """See `StepWork.counted`."""
-        counted = self._tally.cpu().numpy().copy()
-        self._tally.zero_()
-        return counted
-
-    @torch.inference_mode()
-    def _select(self, learning: bool) -> None:
-        rules, sensordata = self._batch.rules, self._batch.sensordata
-        self._motors.copy_(self._brain.select(_single(rules.state(sensordata)), learning))
-        if learning:
-            self._brain.update(_single(rules.reward(sensordata)))
-
-    def _add_events(self) -> None:
-        self._tally += self._batch.rules.event(self._batch.sensordata)
+    first = batches[0]
+    if not isinstance(first, Part):
+        first.step(motors[0])
+        return
+    commands = motors[0].new_zeros(first.whole.robots, 2)
+    for part, own in zip(batches, motors, strict=True):
+        assert isinstance(part, Part)
+        commands[part.rows] = own
+    first.whole.step(commands)
 
 
-def step_work(cohort: Cohort) -> StepWork:
-    """Returns the work of a cohort, captured where its device can do that."""
-    batch = cohort.batch
-    on_tensors = isinstance(batch, TensorRobots | Part)
-    is_brain = type(cohort.agent) is NeurocontrollerAgent  # a subclass may act otherwise
-    if on_tensors and is_brain and capture.captures(batch.sensordata.device):
-        return CapturedWork(cohort.agent, batch)
-    return StepWork(cohort.agent, batch)
+def decide(agent: Agent, batch: Robots, learning: bool) -> Any:
+    """Lets an agent act and, if `learning`, explore and learn from the previous step.
+
+    Returns:
+      Motor values for the physics' next step, shape (B, 2).
+    """
+    rules, sensordata = batch.rules, batch.sensordata
+    motors = agent.act(_single(rules.state(sensordata)), learning)
+    if learning:
+        agent.learn(_single(rules.reward(sensordata)))
+    return motors
 
 
 def _single(values: Any) -> Any:
@@ -160,3 +94,68 @@ def _single(values: Any) -> Any:
 def on_host(values: Any) -> np.ndarray:
     """Returns a NumPy array, copied to the host if the values are a tensor."""
     return values.cpu().numpy() if isinstance(values, torch.Tensor) else values
+
+
+def zero_counts(batch: Robots) -> Any:
+    """Returns a count of 0 for each robot on the robots' device, int32, shape (B,)."""
+    xp = namespace(batch.sensordata)
+    return xp.zeros(batch.robots, dtype=xp.int32, device=batch.sensordata.device)
+
+
+def add_events(batch: Robots, counts: Any) -> None:
+    """Adds 1 to the count of each robot for which the measured event holds, shape (B,)."""
+    counts += batch.rules.event(batch.sensordata)
+
+
+class CapturedSteps:
+    """Control steps of a brain on a GPU besides the physics, captured once and then replayed.
+
+    Training and tests are captured separately, and each for both places in which a brain remembers
+    alternate steps.
+
+    Attributes:
+      count: Function that counts the events after a step of the physics.
+    """
+
+    def __init__(self, brain: Neurocontroller, batch: Robots, counts: torch.Tensor) -> None:
+        """Prepares the steps; the first ones are direct.
+
+        Args:
+          brain: Brains of the robots.
+          batch: Robots whose sensor data are tensors on the brains' device.
+          counts: Number of events of each robot, shape (B,), which is added to.
+        """
+        device, random = counts.device, brain.generator
+        self._brain = brain
+        self._motors = torch.zeros(batch.robots, 2, device=device)
+        self._steps = {
+            (learning, place): capture.Captured(
+                functools.partial(_decide, brain, batch, self._motors, learning), device, random
+            )
+            for learning in (False, True)
+            for place in (False, True)
+        }
+        self.count = capture.Captured(functools.partial(add_events, batch, counts), device)
+
+    def decide(self, learning: bool) -> torch.Tensor:
+        """Does the work of `Cohort.decide`; the next step overwrites the motor values."""
+        self._steps[learning, self._brain.begin()]()
+        if learning:
+            self._brain.end()
+        return self._motors
+
+
+@torch.inference_mode()
+def _decide(brain: Neurocontroller, batch: Robots, motors: torch.Tensor, learning: bool) -> None:
+    rules, sensordata = batch.rules, batch.sensordata
+    motors.copy_(brain.select(_single(rules.state(sensordata)), learning))
+    if learning:
+        brain.update(_single(rules.reward(sensordata)))
+
+
+def captured_steps(agent: Agent, batch: Robots, counts: Any) -> CapturedSteps | None:
+    """Returns the steps of a cohort as a GPU replays them; None where steps are direct."""
+    is_brain = type(agent) is NeurocontrollerAgent  # a subclass may act otherwise
+    if is_brain and isinstance(counts, torch.Tensor) and capture.captures(counts.device):
+        return CapturedSteps(agent.controller, batch, counts)
+    return None

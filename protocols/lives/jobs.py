@@ -8,8 +8,9 @@ from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from ...tasks.batch import CapacityError
-from ..agents.base import sound
 from ..agents.trust import trust
 from ..errors import InputError, RunError
 from ..progress import JobProgress
@@ -30,7 +31,9 @@ from .schedules import control_steps
 Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
 
+DIED = "a process died, perhaps for want of memory"
 _CHUNK = 50  # control steps between two looks at the clock
+_REPORT_EVERY = 0.5  # seconds
 
 
 class Job(Protocol):
@@ -74,7 +77,7 @@ class Executor(Protocol):
         """Starts jobs in their order, and yields each as soon as it is done.
 
         Raises:
-          Interrupted: by Ctrl-C or SIGTERM, after the jobs have stopped.
+          Interrupted: by Ctrl-C or a signal to end, after the jobs have stopped.
           RunError: a process died, or a file could not be written.
         """
         ...
@@ -84,13 +87,27 @@ def run_job(job: Job, stop: Stop, report: Report) -> bool:
     """Runs a job, as each process of an executor does; see `Job.run`.
 
     A job that must stop does not begin, and one that is done is not run again.
+
+    Raises:
+      RunError: a file could not be written, or the job called for an exit of its process.
     """
     if stop():
         return False
     if job.done():  # by a node that was lost before it could report
         report(job.cost, "")
         return True
-    return job.run(stop, report)
+    try:
+        return job.run(stop, report)
+    except OSError as error:
+        raise stopped_by(error) from error
+    except SystemExit as error:
+        raise RunError(f"a process ended itself (status {error.code})") from error
+
+
+def stopped_by(error: Exception) -> RunError:
+    """Returns the error that says in one sentence what stopped a simulation."""
+    what = f"a file could not be read or written ({error})" if isinstance(error, OSError) else DIED
+    return RunError(f"{what}; the same command continues from the last checkpoints")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,90 +132,114 @@ class CohortJob:
 
     @property
     def path(self) -> Path:
-        """See `Job.path`."""
         return finished_file(self.directory, self.keys[0])
 
     @property
     def cost(self) -> float:
-        """See `Job.cost`."""
         task = self.keys[0].condition.task
         steps = len(self.keys) * sum(self.experiment.schedule(task).steps())
         return self.experiment.robot_seconds(steps)
 
     def done(self) -> bool:
-        """See `Job.done`."""
         return all(finished_file(self.directory, key).exists() for key in self.keys)
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`; also reports robots whose simulation becomes unstable."""
         for key in self.keys:
             trust(key.condition.proposer)  # checked by `UnfinishedRun.read`
         cohorts, message = restored_cohorts(self.directory, self.experiment, self.keys)
         report(self._seconds(cohorts), message)
-        saved = reported = time.monotonic()
-        broken: list[list[int]] = [[] for _ in cohorts]
-        # On a GPU robots are looked at once a simulated minute.
-        chunk = _CHUNK if self.experiment.device == HOST else control_steps(1)
+        reported, saved = _Clock(_REPORT_EVERY), _Clock(self.save_every)
+        watches = [_Watch(cohort, self._name(cohort.key)) for cohort in cohorts]
         while not all(cohort.finished for cohort in cohorts):
             if stop():
                 self._save(cohorts)
                 return False
-            try:
-                advance_together(cohorts, chunk)
-            except (InputError, RunError) as error:  # of an agent
-                step = min(cohort.step for cohort in cohorts)
-                raise type(error)(f"{error}, in {self} at step {step}") from error
-            except CapacityError as error:
-                number, robot = divmod(error.robots[0], self.experiment.cohort_size)
-                raise RunError(
-                    f"{error}; in {self._name(self.keys[number])} this is robot {robot}"
-                ) from error
-            now = time.monotonic()
-            for number, cohort in enumerate(cohorts):
-                robots = (~cohort.valid).nonzero()[0].tolist()
-                if len(robots) > len(broken[number]):
-                    new = sorted({*robots}.difference(broken[number]))
-                    broken[number] = robots
-                    where, step = self._name(cohort.key), cohort.step
-                    for what, stopped in _causes(cohort, new):
-                        message = f"{what} in {where}: robots {stopped} stopped by step {step}"
-                        report(self._seconds(cohorts), message)
-                    reported = now
-            if now - reported > 0.5:
+            self._advance(cohorts)
+            for sentence in (each for watch in watches for each in watch.stopped()):
+                report(self._seconds(cohorts), sentence)
+            if reported.is_due():
                 report(self._seconds(cohorts), "")
-                reported = now
-            if now - saved > self.save_every:
+            if saved.is_due():
                 self._save(cohorts)
-                saved = now
-        for cohort in reversed(cohorts):
-            path = finished_file(self.directory, cohort.key)
-            save_lives(path, cohort.lives(), self.experiment, cohort.key)
-        ours = {checkpoint_file(self.directory, key) for key in self.keys}
-        remove_files(self.path.parent, {path.name for path in ours}.__contains__)
+        self._finish(cohorts)
         report(self._seconds(cohorts), "")
         return True
+
+    def _advance(self, cohorts: Sequence[Cohort]) -> None:
+        """Simulates until the next look at the clock, on a GPU for a simulated minute.
+
+        Raises:
+          InputError, RunError: an agent failed, or Warp has no room for a robot's contacts.
+        """
+        try:
+            on_host = self.experiment.device == HOST
+            advance_together(cohorts, _CHUNK if on_host else control_steps(1))
+        except (InputError, RunError) as error:  # of an agent
+            step = min(cohort.step for cohort in cohorts)
+            raise type(error)(f"{error}, in {self} at step {step}") from error
+        except CapacityError as error:
+            number, robot = divmod(error.robots[0], self.experiment.cohort_size)
+            where = self._name(self.keys[number])
+            raise RunError(f"{error}; in {where} this is robot {robot}") from error
 
     def _save(self, cohorts: Sequence[Cohort]) -> None:
         for cohort in cohorts:
             save_checkpoint(checkpoint_file(self.directory, cohort.key), cohort)
 
+    def _finish(self, cohorts: Sequence[Cohort]) -> None:
+        """Writes the results, that of `path` last, and removes the checkpoints."""
+        for cohort in reversed(cohorts):
+            path = finished_file(self.directory, cohort.key)
+            save_lives(path, cohort.lives(), self.experiment, cohort.key)
+        checkpoints = {checkpoint_file(self.directory, key).name for key in self.keys}
+        remove_files(self.path.parent, checkpoints.__contains__)
+
     def _name(self, key: CohortKey) -> str:
         return f"{self.directory.name}/{key}"
 
     def _seconds(self, cohorts: Sequence[Cohort]) -> float:
-        steps = sum(cohort.step for cohort in cohorts)
-        return self.experiment.robot_seconds(steps)
+        return self.experiment.robot_seconds(sum(cohort.step for cohort in cohorts))
 
 
-def _causes(cohort: Cohort, stopped: Sequence[int]) -> list[tuple[str, list[int]]]:
-    """Returns what stopped some robots of a cohort, and which of them."""
-    # An action that is not finite stops a robot before its weights are looked at.
-    unsound = cohort.unsound | ~sound(cohort.agent.weights(), cohort.experiment.cohort_size)
-    found = {
-        "unstable simulation": [robot for robot in stopped if not unsound[robot]],
-        "weights that are not finite": [robot for robot in stopped if unsound[robot]],
-    }
-    return [(what, robots) for what, robots in found.items() if robots]
+class _Clock:
+    """Says when some seconds of the wall clock have passed since it last did."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds, self._last = seconds, time.monotonic()
+
+    def is_due(self) -> bool:
+        now = time.monotonic()
+        due = now - self._last > self._seconds
+        if due:
+            self._last = now
+        return due
+
+
+class _Watch:
+    """Notices which robots of a cohort are stopped, and why."""
+
+    def __init__(self, cohort: Cohort, name: str) -> None:
+        self._cohort, self._name = cohort, name
+        self._known = np.zeros(cohort.experiment.cohort_size, dtype=bool)
+
+    def stopped(self) -> list[str]:
+        """Returns sentences about the robots that were stopped since the last call."""
+        stopped = ~self._cohort.valid
+        new, self._known = stopped & ~self._known, stopped
+        if not new.any():
+            return []
+        # An action that is not finite stops a robot before its weights are looked at.
+        unsound = self._cohort.unsound()
+        causes = {
+            "unstable simulation": new & ~unsound,
+            "weights that are not finite": new & unsound,
+        }
+        return [
+            f"{cause} in {self._name}: robots {np.flatnonzero(robots).tolist()} stopped by step "
+            f"{self._cohort.step}"
+            for cause, robots in causes.items()
+            if robots.any()
+        ]
 
 
 def execute(
@@ -207,7 +248,7 @@ def execute(
     executor: Executor,
     finished: Callable[[Job], None] = lambda job: None,
     *,
-    messages: Sequence[str] = (),
+    watcher: Callable[[], None] = lambda: None,
     quiet: bool = False,
 ) -> None:
     """Runs jobs, and shows their progress and the remaining time.
@@ -217,7 +258,7 @@ def execute(
       jobs: Jobs to run, the longest first.
       executor: Executor that runs the jobs.
       finished: Function that is called with each job as soon as the job is done.
-      messages: Sentences to show before the jobs start.
+      watcher: Function that is called several times a second.
       quiet: Whether to show nothing.
 
     Raises:
@@ -225,13 +266,12 @@ def execute(
     """
     if not jobs:
         return
-    robots = [
-        job.experiment.cohort_size * len(job.keys) for job in jobs if isinstance(job, CohortJob)
-    ]
-    robots = robots if len(robots) == len(jobs) else []
+    cohort_jobs = [job for job in jobs if isinstance(job, CohortJob)]
+    robots = [job.experiment.cohort_size * len(job.keys) for job in cohort_jobs]
+    if len(cohort_jobs) < len(jobs):
+        robots = []
     with JobProgress(what, [job.cost for job in jobs], quiet, robots) as progress:
-        for sentence in messages:
-            progress.tell(sentence)
+        progress.watch(watcher)
         running = executor(jobs, progress)
         try:
             for job in running:

@@ -1,29 +1,29 @@
-"""Runs jobs on this machine's cores, one process each."""
+"""Runs jobs on this machine's cores, one process each; signals that ask to stop."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import multiprocessing
+import os
 import signal
+import sys
+import threading
 import time
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from ..errors import Interrupted, RunError
-from ..progress import JobProgress
-from .jobs import Job, run_job
-from .stop_requests import StopRequest, handling, stop_on_signals
-from .worker import (
-    children_without_script,
-    follow_parent,
-    prepare_process,
-    single_threaded_children,
-    stopped_by,
-)
+import torch
 
+from ...tasks.batch import silence_warnings, stop_timers
+from ..errors import Interrupted
+from ..progress import JobProgress
+from .jobs import Job, run_job, stopped_by
+
+END_SIGNALS = signal.SIGTERM, signal.SIGHUP  # the latter where a terminal closes
 _GRACE = 30.0  # seconds for the checkpoints of processes after one of them has died
 
 
@@ -72,17 +72,14 @@ class Local:
                         else:
                             complete = False
                 progress.show(reports)
-            except Exception as error:
-                if isinstance(error, BrokenProcessPool):
-                    stop.value = 1
-                    _end({*multiprocessing.active_children()} - others)
-                if isinstance(error, BrokenProcessPool) and request.stop:
-                    raise Interrupted from error  # the signal met a process that had just begun
-                if isinstance(error, BrokenProcessPool | OSError):
-                    raise stopped_by(error) from error
-                raise
-            except SystemExit as error:  # of a worker, whose work is not done
-                raise RunError(f"a process ended itself (status {error.code})") from error
+            except BrokenProcessPool as error:
+                stop.value = 1
+                _end({*multiprocessing.active_children()} - others)
+                if request.stop:  # the signal met a process that had just begun
+                    raise Interrupted from error
+                raise stopped_by(error) from error
+            except OSError as error:
+                raise stopped_by(error) from error
             finally:
                 stop.value = 1  # the other processes must end too, before the pool is waited for
             if not complete:
@@ -101,6 +98,117 @@ def _end(processes: Iterable[BaseProcess]) -> None:
         process.kill()
 
 
+# ---- Signals ----
+
+
+class StopRequest:
+    """A request to stop, set by signals.
+
+    A handler only sets a plain flag: an Event has a lock that the interrupted thread may hold.
+
+    Attributes:
+      stop: Whether a signal has asked to stop.
+    """
+
+    stop = False
+
+    def __call__(self, number: int, frame: object) -> None:
+        """Handles a signal."""
+        self.stop = True
+
+
+@contextlib.contextmanager
+def stop_on_signals() -> Iterator[StopRequest]:
+    """Turns Ctrl-C and signals to end into a request to stop."""
+    request = StopRequest()
+    with handling(request, signal.SIGINT, *END_SIGNALS):
+        yield request
+
+
+@contextlib.contextmanager
+def handling(
+    handler: Callable[[int, object], None] | signal.Handlers, *numbers: signal.Signals
+) -> Iterator[None]:
+    """Lets a handler receive signals; only the main thread has them, others change nothing.
+
+    A hang-up that is ignored, as with `nohup`, stays ignored.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {
+        number: signal.signal(number, handler)
+        for number in numbers
+        if not _is_ignored_hangup(number)
+    }
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def _is_ignored_hangup(number: signal.Signals) -> bool:
+    return number == signal.SIGHUP and signal.getsignal(number) == signal.SIG_IGN
+
+
+# ---- Processes ----
+
+
+def prepare_process() -> None:
+    """Gives this process one torch thread, no MuJoCo timers and no MuJoCo log."""
+    torch.set_num_threads(1)
+    stop_timers()
+    silence_warnings()
+
+
+@contextlib.contextmanager
+def single_threaded_children() -> Iterator[None]:
+    """Makes processes that start in this context have one thread and no OpenGL.
+
+    Several threads only slow down tensors as small as these, and nothing is drawn.
+    """
+    settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def children_without_script() -> Iterator[None]:
+    """Makes processes that start in this context not import the main module.
+
+    Python imports it in every process that it spawns, where a script without the usual guard would
+    simulate again. Jobs need nothing of it.
+    """
+    main = sys.modules["__main__"]
+    hidden = {name: vars(main)[name] for name in ("__spec__", "__file__") if name in vars(main)}
+    main.__spec__ = None
+    vars(main).pop("__file__", None)
+    try:
+        yield
+    finally:
+        vars(main).update(hidden)
+
+
+def follow_parent() -> None:
+    """Ends this process as soon as the one that started it ends."""
+
+    def follow() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
 _STOP: Any
 _REPORTS: Any
 _REQUEST = StopRequest()
@@ -110,7 +218,9 @@ def _prepare(stop: Any, reports: Any) -> None:
     global _STOP, _REPORTS
     _STOP, _REPORTS = stop, reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
-    signal.signal(signal.SIGTERM, lambda *_: setattr(_REQUEST, "stop", True))
+    for number in END_SIGNALS:
+        if not _is_ignored_hangup(number):
+            signal.signal(number, _REQUEST)
     follow_parent()
     prepare_process()
 

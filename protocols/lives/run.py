@@ -16,7 +16,7 @@ from .agent import network_shapes
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
 from .learn_ability import INVALID, Summary, category, classes, learn_ability, summarise
-from .schedules import PARTS, SCHEDULES, Schedule, control_steps
+from .schedules import SCHEDULES, STAGES, Schedule, control_steps
 
 When = Literal["before", "after"]
 WHEN: tuple[When, When] = ("before", "after")
@@ -103,7 +103,7 @@ def check_lives_shapes(
     """
     minutes = len(experiment.schedule(condition.task).steps_of_minutes())
     counts: Shapes = {
-        "events": ("I32", (robots, len(PARTS))),
+        "events": ("I32", (robots, len(STAGES))),
         "minutes": ("I16", (robots, minutes)),
         "valid": ("BOOL", (robots,)),
     }
@@ -157,7 +157,7 @@ def check_events(schedule: Schedule, events: np.ndarray, minutes: np.ndarray, st
     Raises:
       ValueError: a count is impossible.
     """
-    done = np.array([schedule.steps_of(part) for part in PARTS])
+    done = np.array([schedule.steps_of(part) for part in STAGES])
     within = np.clip(step - np.concatenate([[0], done.cumsum()[:-1]]), 0, done)
     whole = schedule.steps_of_minutes()
     of_minutes = np.clip(step - np.arange(len(whole)) * control_steps(1), 0, whole)

@@ -6,16 +6,21 @@ import collections
 import contextlib
 import dataclasses
 import importlib.util
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
+from ..agents.names import TRAINED_BEFORE, is_own, short_name
+from ..agents.settings import settings_from
 from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, InputError, RunError
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from ..terminal import notice
-from .budget import check_memory, job_bytes
+from .agent import make_agent
+from .budget import check_agent_memory, check_memory, job_bytes
 from .checkpoints import (
     CHECKPOINTS,
     checkpoint_file,
@@ -24,13 +29,13 @@ from .checkpoints import (
     read_minutes,
     set_aside,
 )
-from .cohort import check_agents, check_same_weights
+from .cohort import Cohort
 from .conditions import CohortKey, Condition
 from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
 from .manifest import MANIFEST, check_physics, read_manifest, write_manifest
 from .plan import Plan
-from .run import Lives, Measured, Run, collect, joined, results_of
+from .run import Lives, Measured, Run, joined, results_of
 from .run_files import (
     RESULTS_FILE,
     ROBOTS_FILE,
@@ -40,8 +45,9 @@ from .run_files import (
     read_measured,
     write_results,
 )
-from .schedules import control_steps
-from .tensorboard_log import FOLDER, TensorBoardLog
+
+if TYPE_CHECKING:
+    from .tensorboard_log import TensorBoardLog
 
 
 def simulate(
@@ -56,13 +62,12 @@ def simulate(
     """Simulates all robots of a plan that are not finished yet, and stores them in a folder.
 
     Args:
-      directory: Folder of the run: new, empty, or with the same experiment (`run_files.planned`
-        checks that).
+      directory: Folder of the run: new, empty, or with the same experiment.
       plan: Plan with the robots that are wanted.
       executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
       save_every: Wall-clock seconds between two checkpoints of a cohort.
       quiet: Whether to show no progress.
-      log: Whether to write the curves for TensorBoard, too, see `tensorboard_log`.
+      log: Whether to write the curves for TensorBoard, too.
 
     Returns:
       The run with all robots of the folder.
@@ -70,10 +75,11 @@ def simulate(
     Raises:
       InputError: the folder is in use, its experiment or physics differs, or an agent is not
         trusted or fails.
-      Interrupted: by Ctrl-C or SIGTERM, after checkpoints were written.
+      Interrupted: by Ctrl-C or a signal to end, after checkpoints were written.
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
+    log_class = _tensorboard_log() if log else None
     directory = resolved(directory)  # an agent may change the working directory
     held = UnfinishedRun.read(directory, plan)
     if (missing := held.missing) is not None:  # before anything is written
@@ -83,22 +89,30 @@ def simulate(
         check_agents(missing, held.measured)
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
-        messages = run.begin()
+        for message in run.begin():
+            if not quiet:
+                notice(message)
         jobs = run.jobs(save_every)
         if not jobs and not quiet:
             scaled = run.plan.experiment.rehearsal
             words = f" ({scaled}; another folder starts another run)" if scaled else ""
             notice(f"{directory} is finished{words}, so nothing is simulated")
-        with contextlib.ExitStack() as stack:
-            if log:
-                book = TensorBoardLog(directory / FOLDER, run.plan.robots, run.curve, save_every)
-                stack.callback(book.close)
-                executor = book.watching(executor)
-            what = _cohorts(sum(len(job.keys) for job in jobs))
-            execute(what, jobs, executor, run.finished, messages=messages, quiet=quiet)
+        update = log_class(run, save_every).update if log_class else lambda now=False: None
+        what = _cohorts(sum(len(job.keys) for job in jobs))
+        try:
+            execute(what, jobs, executor, run.finished, watcher=update, quiet=quiet)
+        finally:
+            update(now=True)
     if run.left:
         raise RunError(f"unfinished: {_cohorts(len(run.left))}; the same command continues")
     return run.run
+
+
+def _tensorboard_log() -> type[TensorBoardLog]:
+    """Returns the class; raises InputError where TensorBoard, which is optional, is missing."""
+    from .tensorboard_log import TensorBoardLog
+
+    return TensorBoardLog
 
 
 def _cohorts(number: int) -> str:
@@ -126,11 +140,78 @@ def check_device(plan: Plan) -> None:
         found = f"there are {count}" if count else "there is no GPU that PyTorch can use"
         raise InputError(f"there is no device {device}: {found}")
     free, _ = torch.cuda.mem_get_info(number)
-    needed = job_bytes(plan)
-    if needed > free:
+    if (needed := job_bytes(plan)) > free:
         raise InputError(
             f"cohorts of {plan.experiment.cohort_size} robots would need about "
             f"{needed / 2**30:.1f} GiB of memory on {device}, which has {free / 2**30:.1f} GiB free"
+        )
+
+
+def check_agents(plan: Plan, held: Measured | None = None) -> None:
+    """Makes a cohort of every user's agent in a plan and lets the agent act once.
+
+    Args:
+      plan: Plan with the robots that are missing.
+      held: Robots to which they will be added.
+
+    Raises:
+      InputError: there is no such agent, it needs more memory than the machine has, does not
+        return motor values, or keeps other weights than the robots that are there.
+    """
+    for condition in plan.conditions:
+        if condition.has_brain:
+            continue
+        _check_few(plan, condition)
+        cohort = Cohort(plan.experiment, CohortKey(condition, 0))
+        cohort.agent.reset()
+        cohort.decide(learning=False)  # checks what the agent returns
+        state, weights = cohort.checkpoint()[0], cohort.agent.weights()
+        check_agent_memory(plan, condition, _bytes(state), _bytes(weights))
+        if held and condition in held:
+            check_same_weights(condition, weights, held[condition].after)
+
+
+def _check_few(plan: Plan, condition: Condition) -> None:
+    """Estimates the memory of one of our agents from few robots, before all are allocated."""
+    experiment = plan.experiment
+    settings = settings_from(experiment.settings, several=True)
+    differ = any(len(values) > 1 for values in settings.values())  # the robots of a tuning
+    if differ or not is_own(condition.proposer) or short_name(condition.proposer) == TRAINED_BEFORE:
+        return  # it may need all its robots
+    one, two = (make_agent(experiment, condition, robots, 0) for robots in (1, 2))
+    sizes = [
+        first + (experiment.cohort_size - 1) * (second - first)
+        for first, second in (
+            (_bytes(one.state()), _bytes(two.state())),
+            (_bytes(one.weights()), _bytes(two.weights())),
+        )
+    ]
+    check_agent_memory(plan, condition, *sizes)
+
+
+def _bytes(arrays: Mapping[str, np.ndarray]) -> int:
+    return sum(array.nbytes for array in arrays.values())
+
+
+def check_same_weights(
+    who: Condition | CohortKey, own: Mapping[str, np.ndarray], kept: Mapping[str, np.ndarray]
+) -> None:
+    """Raises InputError where an agent's weights are not of the kind that earlier robots have.
+
+    Args:
+      who: Whose weights they are.
+      own: Weights of the agent, by name, each of shape (B, ...).
+      kept: Weights of robots that another version of the agent may have simulated.
+    """
+    kinds, known = (
+        {(name, array.dtype, array.shape[1:]) for name, array in weights.items()}
+        for weights in (own, kept)
+    )
+    if kinds != known:
+        names = sorted({name for name, *_ in kinds ^ known})
+        raise InputError(
+            f"{who} keeps other weights than the robots of the run, which another version "
+            f"simulated: {', '.join(names)}"
         )
 
 
@@ -197,22 +278,20 @@ class UnfinishedRun:
     def curve(self, condition: Condition) -> np.ndarray:
         """Returns the mean share of each simulated minute that all robots have reached, shape (M,).
 
-        It is the share in contact, or in the spot, over the robots that are valid so far.
+        Robots that are not valid are left out.
         """
-        shares = [self.run.curves(condition)] if condition in self.measured else []
-        collected = len(self.run.robots(condition)) // self.plan.experiment.cohort_size
-        for key in self.plan.cohorts():
-            if key.condition != condition or key.index < collected:
-                continue
-            if key in self.lives:
-                found = collect(self.plan.experiment, [(key, self.lives[key])])[condition]
-                shares.append(found.curves[self.lives[key].valid])
-            else:
-                minutes, valid = read_minutes(self.directory, self.plan.experiment, key)
-                shares.append(minutes[valid] / np.float32(control_steps(1)))
-        reached = min(share.shape[1] for share in shares)
-        rows = np.concatenate([share[:, :reached] for share in shares])
-        return rows.mean(axis=0, dtype=float) if len(rows) else np.zeros(0)
+        experiment = self.plan.experiment
+        steps = experiment.schedule(condition.task).steps_of_minutes()
+        parts = [self.measured[condition]] if condition in self.measured else []
+        parts += [lives for key, lives in self.lives.items() if key.condition == condition]
+        counts = [part.minutes[part.valid] for part in parts]
+        for key in self.left:
+            if key.condition == condition:
+                minutes, valid = read_minutes(self.directory, experiment, key)
+                counts.append(minutes[valid])
+        reached = min(count.shape[1] for count in counts)
+        robots = np.concatenate([count[:, :reached] for count in counts])
+        return robots.mean(axis=0) / steps[:reached] if len(robots) else np.zeros(0)
 
     def begin(self) -> list[str]:
         """Writes the manifest and reads the cohorts that an earlier call finished.

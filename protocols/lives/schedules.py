@@ -6,17 +6,20 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from ...tasks.arena import CONTROL_TIMESTEP
-from ...tasks.starts import CORNERS
+from ...tasks.starts import CORNERS, random_poses, random_spots
+
+if TYPE_CHECKING:
+    from ...tasks.batch import Robots
 
 TASK_NAMES = {"wall_avoidance": "Wall avoidance", "spot_finding": "Spot finding"}
 
-Part = Literal["pre", "training", "post"]
-PARTS: tuple[Part, ...] = get_args(Part)
+Stage = Literal["pre", "training", "post"]
+STAGES: tuple[Stage, ...] = get_args(Stage)
 ProtocolName = Literal["paper", "walls"]
 
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
@@ -27,7 +30,7 @@ class Phase:
     """A stretch of a life with one rule of placement and learning.
 
     Attributes:
-      part: Part of the life: "pre" or "post", the tests before and after training, or "training".
+      stage: "pre" or "post", the tests before and after training, or "training".
       minutes: Duration in simulated minutes.
       learning: Whether the robot learns and explores.
       robot: Pose of the robot at the start, x, y in [m] and heading in [rad]; "random" draws it;
@@ -38,12 +41,21 @@ class Phase:
         places them once.
     """
 
-    part: Part
+    stage: Stage
     minutes: float
     learning: bool
     robot: tuple[float, float, float] | Literal["random"] | None = None
     spot: tuple[float, float] | Literal["random"] | None = None
     every_minutes: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Leg:
+    """A stretch of a life between two placements, from control step `start` to `stop`."""
+
+    start: int
+    stop: int
+    phase: Phase
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,10 +107,10 @@ class Schedule:
         """Returns the number of control steps of each phase, at least one."""
         return [control_steps(phase.minutes) for phase in self.phases]
 
-    def steps_of(self, part: Part) -> int:
-        """Returns the number of control steps of a part of the life."""
+    def steps_of(self, stage: Stage) -> int:
+        """Returns the number of control steps of a stage of the life."""
         pairs = zip(self.phases, self.steps(), strict=True)
-        return sum(steps for phase, steps in pairs if phase.part == part)
+        return sum(steps for phase, steps in pairs if phase.stage == stage)
 
     def steps_of_minutes(self) -> np.ndarray:
         """Returns the number of control steps of each simulated minute of a life, shape (M,)."""
@@ -107,14 +119,26 @@ class Schedule:
         steps[-1] = total - steps[:-1].sum()
         return steps
 
-    def minutes_of(self, part: Part) -> slice:
-        """Returns a slice: the part's minutes in a curve with one value per minute of the life.
+    def minutes_of(self, stage: Stage) -> slice:
+        """Returns a slice: the stage's minutes in a curve with one value per minute of the life.
 
-        With a small time scale two parts may share a minute, which then is in both.
+        With a small time scale two stages may share a minute, which then is in both.
         """
-        first = sum(self.steps_of(before) for before in PARTS[: PARTS.index(part)])
-        last, minute = first + self.steps_of(part), control_steps(1)
+        first = sum(self.steps_of(before) for before in STAGES[: STAGES.index(stage)])
+        last, minute = first + self.steps_of(stage), control_steps(1)
         return slice(first // minute, -(-last // minute))
+
+    def legs(self) -> list[Leg]:
+        """Returns the stretches of the life between two placements, in order."""
+        legs = []
+        now = 0
+        for phase, length in zip(self.phases, self.steps(), strict=True):
+            end = now + length
+            period = control_steps(phase.every_minutes) if phase.every_minutes else length
+            while now < end:
+                legs.append(Leg(now, min(now + period, end), phase))
+                now = legs[-1].stop
+        return legs
 
     @property
     def event(self) -> str:
@@ -132,12 +156,31 @@ def control_steps(minutes: float) -> int:
     return max(1, round(minutes * 60 / CONTROL_TIMESTEP))
 
 
-def _tests(part: Part) -> tuple[Phase, ...]:
-    return tuple(Phase(part, 10, False, robot=corner) for corner in (UPPER_LEFT, UPPER_RIGHT))
+def place(batch: Robots, phase: Phase, random: np.random.Generator) -> None:
+    """Places spots, then robots, as a phase begins; in this order robots sense the new spots.
+
+    Args:
+      batch: Robots to place.
+      phase: Phase that defines the places.
+      random: Random stream from which random places are drawn.
+    """
+    everyone = np.arange(batch.robots)
+    if phase.spot == "random":
+        batch.place_spot(everyone, random_spots(random, batch.dimensions, batch.robots))
+    elif phase.spot is not None:
+        batch.place_spot(everyone, np.tile(phase.spot, (batch.robots, 1)))
+    if phase.robot == "random":
+        batch.place(everyone, random_poses(random, batch.dimensions, batch.robots))
+    elif phase.robot is not None:
+        batch.place(everyone, np.tile(phase.robot, (batch.robots, 1)))
 
 
-def _search(part: Part) -> Phase:
-    return Phase(part, 60, False, robot=UPPER_LEFT, spot=UPPER_RIGHT[:2])
+def _tests(stage: Stage) -> tuple[Phase, ...]:
+    return tuple(Phase(stage, 10, False, robot=corner) for corner in (UPPER_LEFT, UPPER_RIGHT))
+
+
+def _search(stage: Stage) -> Phase:
+    return Phase(stage, 60, False, robot=UPPER_LEFT, spot=UPPER_RIGHT[:2])
 
 
 WALL_AVOIDANCE = Schedule(

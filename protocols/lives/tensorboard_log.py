@@ -1,146 +1,60 @@
 """`--log tensorboard`: the mean curve of each condition, in event files in `OUT/tensorboard`.
 
-A log only reads what the run keeps: no result depends on it.
+Each call writes all minutes anew; TensorBoard drops those of earlier calls (`purge_step`).
 """
 
 from __future__ import annotations
 
-import importlib
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from ..errors import InputError, missing_extra
-from ..progress import JobProgress
 from ..storage import check_own_folder
 from ..terminal import notice
 from .conditions import Condition
 from .schedules import SCHEDULES
 
 if TYPE_CHECKING:
-    from .jobs import Executor, Job
+    from .runs import UnfinishedRun
 
-FOLDER = "tensorboard"
-
-
-def check_tensorboard() -> None:
-    """Raises InputError if the extra `tensorboard` is not installed."""
-    _module("tensorboard")
+try:
+    from torch.utils.tensorboard import SummaryWriter
+except ModuleNotFoundError as error:
+    raise InputError(missing_extra(error)) from error
 
 
 class TensorBoardLog:
-    """Writes curves while their robots are simulated; an earlier call's log is continued.
+    """Scalars `contact` or `in_spot`: the mean share of each simulated minute, from minute 1."""
 
-    Each condition is a run of TensorBoard, named after its task, proposer and number of robots. It
-    has one scalar, `contact` or `in_spot`: the mean share of a minute. A step is a simulated
-    minute, counted from 1.
-    """
+    def __init__(self, run: UnfinishedRun, every: float) -> None:
+        """Takes a run that has begun, and the wall-clock seconds between two updates."""
+        self._run, self._every, self._updated = run, every, time.monotonic()
+        self._written = dict.fromkeys(run.plan.robots, 0)  # minutes of each condition
+        self._writers: dict[Condition, SummaryWriter] = {}
 
-    def __init__(
-        self,
-        folder: Path,
-        robots: Mapping[Condition, int],
-        curve: Callable[[Condition], np.ndarray],
-        every: float,
-    ) -> None:
-        """Initialises the log; nothing is written yet.
-
-        Args:
-          folder: Folder of the log.
-          robots: Number of robots of each condition.
-          curve: Function that returns a condition's mean share of each simulated minute so far,
-            shape (M,).
-          every: Wall-clock seconds between two updates.
-        """
-        self._curve, self._every = curve, every
-        self._folders = {
-            condition: folder / f"{condition.task}-{condition.proposer}-{number}".replace(":", ".")
-            for condition, number in robots.items()
-        }
-        self._written: dict[Condition, int] = {}  # minutes in the log
-        self._writers: dict[Condition, Any] = {}
-        self._updated = time.monotonic()
-        self._failed = False
-
-    def watching(self, executor: Executor) -> Executor:
-        """Returns an executor that also updates the log: now and then, and after each job."""
-
-        def run(jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
-            progress.watch(self._update_if_due)
-            running = executor(jobs, progress)
-            try:
-                for job in running:
-                    yield job
-                    self.update()
-            finally:
-                running.close()
-
-        return run
-
-    def update(self) -> None:
-        """Writes the minutes that are not in the log yet; a failure ends the log, not the run."""
-        self._updated = time.monotonic()
-        if self._failed:
+    def update(self, now: bool = False) -> None:
+        """Writes new minutes, now or where it is time; a failure ends the log, not the run."""
+        if not now and time.monotonic() - self._updated < self._every:
             return
+        self._updated = time.monotonic()
         try:
-            for condition in self._folders:
-                self._add(condition, self._curve(condition))
+            for condition, first in self._written.items():
+                tag = "in_spot" if SCHEDULES[condition.task].wanted else "contact"
+                shares = self._run.curve(condition)[first:]
+                for minute, share in enumerate(shares, first + 1):
+                    self._writer(condition).add_scalar(tag, share, minute)
+                self._written[condition] = first + len(shares)
+            for writer in self._writers.values():
+                writer.flush()
         except (OSError, InputError) as error:
-            self._fail(error)
-
-    def close(self) -> None:
-        """Updates the log a last time, and closes its files."""
-        self.update()
-        for writer in self._writers.values():
-            try:
-                writer.close()
-            except OSError as error:
-                self._fail(error)
-
-    def _update_if_due(self) -> None:
-        if time.monotonic() - self._updated >= self._every:
-            self.update()
-
-    def _add(self, condition: Condition, curve: np.ndarray) -> None:
-        folder = self._folders[condition]
-        if condition not in self._written:
-            for own in (folder.parent, folder):
-                check_own_folder(own)
-            self._written[condition] = _last_step(folder)
-        first = self._written[condition]
-        if len(curve) <= first:
-            return
-        if condition not in self._writers:
-            writer = _module("torch.utils.tensorboard").SummaryWriter
-            self._writers[condition] = writer(str(folder))
-        writer = self._writers[condition]
-        tag = "in_spot" if SCHEDULES[condition.task].wanted else "contact"
-        for minute in range(first, len(curve)):
-            writer.add_scalar(tag, curve[minute], minute + 1)
-        writer.flush()
-        self._written[condition] = len(curve)
-
-    def _fail(self, error: Exception) -> None:
-        if not self._failed:
             notice(f"the log of TensorBoard ends here ({error}); the run goes on")
-        self._failed = True
+            self._written, self._writers = {}, {}
 
-
-def _module(name: str) -> Any:
-    try:
-        return importlib.import_module(name)  # optional: type checkers may not find it
-    except ModuleNotFoundError as error:
-        raise InputError(missing_extra(error)) from error
-
-
-def _last_step(folder: Path) -> int:
-    """Returns the last step of the events in a folder, 0 without any."""
-    loader = _module("tensorboard.backend.event_processing.event_file_loader").EventFileLoader
-    last = 0
-    for path in folder.glob("events.out.tfevents.*"):
-        for event in loader(str(path)).Load():
-            last = max(last, event.step)
-    return last
+    def _writer(self, condition: Condition) -> SummaryWriter:
+        if condition not in self._writers:
+            name = f"{condition.task}-{condition.proposer}-{self._run.plan.robots[condition]}"
+            folder = self._run.directory / "tensorboard" / name.replace(":", ".")
+            check_own_folder(folder.parent)
+            check_own_folder(folder)
+            self._writers[condition] = SummaryWriter(str(folder), purge_step=1)
+        return self._writers[condition]

@@ -17,7 +17,7 @@ from ..lives.conditions import PAPER_TASKS, Condition
 from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES, Summary
 from ..lives.run import Run
-from ..lives.schedules import PARTS, SCHEDULES, TASK_NAMES, Schedule, control_steps
+from ..lives.schedules import SCHEDULES, STAGES, TASK_NAMES, Schedule, control_steps
 from .style import CATEGORY_COLOURS, DARK, INK, Look, canvas, colour, in_per_cent, looks
 
 _STEPS = 36  # of a learning curve, about
@@ -63,7 +63,7 @@ def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> No
     minutes = curves.shape[1]
     steps = schedule.steps_of_minutes()[:minutes]
     # A minute that two parts share is a stretch of its own.
-    parts = [schedule.minutes_of(part) for part in PARTS]
+    parts = [schedule.minutes_of(part) for part in STAGES]
     borders = sorted({min(end, minutes) for part in parts for end in (part.start, part.stop)})
     edges = [0]
     for first, last in zip(borders[:-1], borders[1:], strict=True):
@@ -84,7 +84,7 @@ def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> No
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     """Marks the tests and the training, and names them along the upper axis."""
-    hours = [experiment.schedule(task).steps_of(part) / control_steps(60) for part in PARTS]
+    hours = [experiment.schedule(task).steps_of(part) / control_steps(60) for part in STAGES]
     ends = np.cumsum(hours)
     for border in ends[:-1]:
         axis.axvline(border, color=INK, linewidth=0.7, linestyle=(0, (2, 3)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-import signal
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP
 from ..errors import InputError
-from ..lives.stop_requests import handling
+from ..lives.local import END_SIGNALS, handling
 from ..progress import StepProgress
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import notice
@@ -170,7 +169,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     """
     suffix = output.suffix.lower()
     with (
-        handling(_interrupt, signal.SIGTERM),
+        handling(_interrupt, *END_SIGNALS),
         tempfile.TemporaryDirectory(prefix="musebot-") as folder,
     ):
         # imageio's FFMPEG writer refuses names that end in .gif.

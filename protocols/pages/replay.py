@@ -24,10 +24,9 @@ from ..analysis.behaviour import Track
 from ..errors import InputError
 from ..lives.agent import make_agent
 from ..lives.conditions import Condition
-from ..lives.device import StepWork
-from ..lives.placement import place
+from ..lives.device import decide
 from ..lives.run import Run, When
-from ..lives.schedules import control_steps
+from ..lives.schedules import control_steps, place
 from ..progress import StepProgress
 
 if TYPE_CHECKING:
@@ -210,7 +209,7 @@ class StoredRobot:
         for name in ("radius", "wheel_base"):
             if (value := getattr(experiment.kinematics, name)) is not None:
                 raise InputError(f"films draw the ordinary robot; this run has {name}={value:g}")
-        start = next(p for p in experiment.schedule(task).phases if p.part == self.phase)
+        start = next(p for p in experiment.schedule(task).phases if p.stage == self.phase)
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         place(batch, start, random)
         kind = " proposer" if self.condition.has_brain else ""
@@ -303,7 +302,7 @@ def evaluate(
     agent = stored_brains(run, condition, which)
     batch = run.experiment.batch(condition.task, len(which))
     phases = run.experiment.schedule(condition.task).phases
-    start = next(phase for phase in phases if phase.part == "post")
+    start = next(phase for phase in phases if phase.stage == "post")
     place(batch, start, np.random.default_rng(SEED))
     return watch(batch, agent, control_steps(minutes), what=str(condition))
 
@@ -324,13 +323,11 @@ def watch(
     events = np.empty((steps, batch.robots), dtype=bool)
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
-    work = StepWork(agent, batch)
     with StepProgress(f"observing {what}", steps) as progress:
         for step in range(steps):
-            batch.step(work.decide(learning))
-            work.count()
+            batch.step(decide(agent, batch, learning))
             poses[step + 1] = batch.pose
-            events[step] = work.counted()
+            events[step] = batch.rules.event(batch.sensordata)
             nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
             progress.advance()
     return Track(poses, events, batch.spot[0], nose)

@@ -22,11 +22,11 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli.listing import LISTS
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.agent import make_agent
+from musebot.protocols.lives.cohort import random_streams
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.random_streams import random_streams
 from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import read_run, write_results
 from musebot.protocols.storage import read_json, write_json

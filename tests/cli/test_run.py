@@ -130,7 +130,7 @@ def test_the_same_agent_under_two_names_is_planned_once_only():
         (["--set", "kinematics.lag=1"], "kinematics need the body 'kinematic'"),
         (["--set", "signals=raw"], "settings and raw signals change agents only"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
-        (["--ray", "auto", "--processes", "2"], "--processes and --ray exclude each other"),
+        (["--ray", "h:1", "--processes", "2"], "--processes and --ray exclude each other"),
         (["--robots", "251"], "or name a cohort size"),
         (["--config", "nowhere.toml"], "there is no file nowhere.toml"),
     ],

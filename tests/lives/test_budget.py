@@ -8,12 +8,12 @@ from musebot.controller import BRAINS, PROPOSERS, Parameters
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives import budget
-from musebot.protocols.lives.cohort import check_agents
 from musebot.protocols.lives.conditions import PAPER_TASKS, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import RESULTS_FILE, write_results
+from musebot.protocols.lives.runs import check_agents
 
 MEGABYTE = 2**20
 CREATIVE = Condition("wall_avoidance", "creative")

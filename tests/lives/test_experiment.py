@@ -14,9 +14,9 @@ from strategies import CONDITIONS, experiments, quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
+from musebot.protocols.lives.cohort import random_streams
 from musebot.protocols.lives.conditions import PAPER_TASKS, CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment, check_same, differing
-from musebot.protocols.lives.random_streams import random_streams
 from musebot.protocols.lives.schedules import PROTOCOLS, SCHEDULES
 
 # Parameters
@@ -168,7 +168,7 @@ def test_the_brains_and_the_world_have_streams_of_their_own():
 def test_another_process_draws_the_same_streams():
     code = (
         "from musebot.protocols.lives.conditions import *\n"
-        "from musebot.protocols.lives.random_streams import *\n"
+        "from musebot.protocols.lives.cohort import *\n"
         "key = CohortKey(Condition('spot_finding', 'creative'), 5)\n"
         "brains, world = random_streams(3, key)\n"
         "print(brains, *world.integers(2**63, size=4))"

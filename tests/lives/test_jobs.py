@@ -1,172 +1,213 @@
-"""Jobs: a cohort as a piece of work that stops and continues, and jobs with progress."""
+"""The contract of jobs: stopped anywhere, they continue to the same bytes; and their progress."""
 
+import dataclasses
+import functools
 import itertools
 import queue
 
 import numpy as np
 import pytest
 
-from musebot.protocols.errors import Interrupted
+from musebot.protocols.compare.jobs import ArrayJob, lives
+from musebot.protocols.errors import Interrupted, RunError
 from musebot.protocols.lives import jobs
 from musebot.protocols.lives.checkpoints import checkpoint_file, read_lives
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.jobs import CohortJob, execute, run_job
+from musebot.tasks.batch import CapacityError
 
-KEY = CohortKey(Condition("wall_avoidance", "fixed"), 0)
-SHORT = Experiment(cohort_size=2, time_scale=0.004, body="kinematic")
-SECONDS = 2 * 38.4  # two robots, 160 minutes times 0.004
+SHORT = Experiment(cohort_size=2, time_scale=0.001, body="kinematic")
+KEYS = tuple(CohortKey(Condition("wall_avoidance", p), 0) for p in ("fixed", "creative"))
+LEARNER = Condition("spot_finding", "musebot:sarsa_lambda")
 
 
-def job_in(directory, save_every=60.0):
-    (directory / "checkpoints").mkdir(parents=True, exist_ok=True)
-    return CohortJob(directory, SHORT, (KEY,), save_every)
+def cohort_job(folder, keys=KEYS[:1], save_every=60.0, experiment=SHORT):
+    (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
+    return CohortJob(folder, experiment, keys, save_every)
+
+
+def evaluation(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    cost = SHORT.robot_seconds(sum(SHORT.schedule(LEARNER.task).steps()))
+    work = functools.partial(lives, SHORT, LEARNER)
+    return ArrayJob(folder / "one.safetensors", work, cost, {}, {"seed": SHORT.seed})
+
+
+JOBS = {
+    "kinematic": cohort_job,
+    "mujoco": lambda folder: cohort_job(
+        folder, experiment=Experiment(cohort_size=2, time_scale=0.001)
+    ),
+    "of a learner": lambda folder: cohort_job(folder, (CohortKey(LEARNER, 1),)),
+    "together": lambda folder: cohort_job(folder, KEYS),
+    "saved often": lambda folder: cohort_job(folder, save_every=0.0),
+    "of a study": evaluation,
+}
+
+
+@pytest.fixture(params=JOBS)
+def make(request, monkeypatch):
+    """Makes a job of one kind in a folder."""
+    monkeypatch.setattr(jobs, "_CHUNK", 7)
+    if request.param == "together":
+        monkeypatch.setattr(Experiment, "on_tensors", True)
+    return JOBS[request.param]
 
 
 def never():
     return False
 
 
-def test_the_cost_of_a_cohort_is_the_simulated_seconds_of_its_robots(tmp_path):
-    assert job_in(tmp_path).cost == pytest.approx(SECONDS)
-    assert str(job_in(tmp_path / "run")) == "run/wall_avoidance-fixed-0000"
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_job_leaves_its_file_and_no_checkpoint(tmp_path):
-    job, reports = job_in(tmp_path, save_every=0), []
-    assert not job.done()
-    assert job.run(never, lambda done, message: reports.append((done, message)))
-    assert job.done()
-    assert [path.name for path in (tmp_path / "checkpoints").iterdir()] == [job.path.name]
-    assert reports[0] == (0, "") and reports[-1] == (pytest.approx(SECONDS), "")
-    assert [done for done, _ in reports] == sorted(done for done, _ in reports)
+def run(job, stops=never):
+    """Runs a job; returns whether it is done, the amounts it reported, and its messages."""
+    reports = []
+    done = run_job(job, stops, lambda *report: reports.append(report))
+    return done, [amount for amount, _ in reports], [text for _, text in reports if text]
 
 
-@pytest.mark.parametrize(("save_every", "least", "most"), [(0, 2, 100), (60, 0, 0)])
-def test_a_job_saves_as_often_as_it_is_told(tmp_path, monkeypatch, save_every, least, most):
-    saved = []
-    monkeypatch.setattr(jobs, "save_checkpoint", lambda *_: saved.append(1))
-    job_in(tmp_path, save_every).run(never, lambda *_: None)
-    assert least <= len(saved) <= most
+def test_a_job_stopped_anywhere_continues_to_the_same_bytes(make, tmp_path):
+    whole, cut = make(tmp_path / "whole"), make(tmp_path / "cut")
+    done, amounts, messages = run(whole)
+    assert done and whole.done() and not messages
+    assert amounts[0] == 0 and amounts[-1] == pytest.approx(whole.cost)
+    assert amounts == sorted(amounts)
+
+    reached = 0.0
+    for looks in itertools.count(1):
+        calls = itertools.count()
+        done, amounts, _ = run(cut, lambda: next(calls) >= looks)  # noqa: B023
+        if amounts:  # it has begun
+            assert amounts[0] >= reached - 1e-9  # where it was stopped
+            reached = amounts[-1]
+        if done:
+            break
+        assert not cut.done()
+    assert files(tmp_path / "cut") == files(tmp_path / "whole")
 
 
-def test_the_time_between_two_saves_is_counted_from_the_last_one(tmp_path, monkeypatch):
+def test_a_job_that_is_done_is_not_run_again_and_one_that_must_stop_does_not_begin(make, tmp_path):
+    job = make(tmp_path)
+    before = files(tmp_path)
+    assert run(job, lambda: True) == (False, [], []) and files(tmp_path) == before
+    assert run(job)[0]
+    content = files(tmp_path)
+    assert run(job) == (True, [job.cost], []) and files(tmp_path) == content
+
+
+def test_the_cost_of_cohorts_is_the_simulated_seconds_of_their_robots(tmp_path):
+    assert cohort_job(tmp_path, KEYS).cost == pytest.approx(2 * 2 * 9.6)  # 160 min times 0.001
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip"])
+def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_starts_anew(damage, tmp_path):
+    whole, job = cohort_job(tmp_path / "whole"), cohort_job(tmp_path / "run")
+    run(whole)
+    looks = iter([False, False, True])
+    assert not run(job, lambda: next(looks))[0]
+    victim = checkpoint_file(job.directory, KEYS[0])
+    content = bytearray(victim.read_bytes())
+    content[len(content) // 2] ^= 1
+    victim.write_bytes(content[: len(content) // 2] if damage == "cut" else content)
+    done, amounts, [message] = run(job)
+    assert done and amounts[0] == 0 and victim.name in message
+    assert f"set aside, cohort {KEYS[0]} starts anew" in message
+    assert victim.with_suffix(".damaged").read_bytes() != b""
+    assert job.path.read_bytes() == whole.path.read_bytes()
+
+
+def test_the_time_between_two_checkpoints_is_counted_from_the_last_one(tmp_path, monkeypatch):
     saved, seconds = [], itertools.count()
     monkeypatch.setattr(jobs, "save_checkpoint", lambda *_: saved.append(next(seconds)))
     monkeypatch.setattr(jobs, "_CHUNK", 1)
     monkeypatch.setattr(jobs.time, "monotonic", lambda: next(seconds))  # a second a look
-    job_in(tmp_path, save_every=20).run(never, lambda *_: None)
-    assert len(saved) > 5
-    assert set(np.diff(saved)) <= {21, 22, 23, 24}
+    assert run(cohort_job(tmp_path, save_every=20))[0]
+    assert len(saved) > 5 and {*np.diff(saved)} <= {21, 22, 23, 24}
 
 
-def test_an_executor_is_closed_where_the_reader_of_its_jobs_fails(tmp_path):
-    closed = []
-
-    def executor(jobs, progress):
-        try:
-            yield jobs[0]
-            yield jobs[0]
-        finally:
-            closed.append(True)
-
-    def fail(job):
-        raise ValueError("full")
-
-    with pytest.raises(ValueError, match="full") as caught:  # it keeps the reader's frame alive
-        execute("x", [job_in(tmp_path)], executor, fail, quiet=True)
-    assert closed == [True] and caught
+# Robots that are stopped, and simulations that cannot go on
 
 
-def test_a_stopped_job_leaves_a_checkpoint_and_continues_to_the_same_file(tmp_path):
-    whole, cut = job_in(tmp_path / "whole"), job_in(tmp_path / "cut")
-    assert whole.run(never, lambda *_: None)
-    calls = 0
+@pytest.fixture
+def disturbed(monkeypatch):
+    """Lets a function treat the cohorts of jobs after each stretch that they simulate."""
 
-    def after_a_chunk():
-        nonlocal calls
-        calls += 1
-        return calls == 2
+    def disturb(function):
+        advance = jobs.advance_together
 
-    assert not cut.run(after_a_chunk, lambda *_: None)
-    assert not cut.done() and checkpoint_file(tmp_path / "cut", KEY).exists()
-    reports = []
-    assert cut.run(never, lambda done, message: reports.append(done))
-    assert reports[0] == pytest.approx(50 * 2 * 0.1)  # the steps before it was stopped
-    assert cut.path.read_bytes() == whole.path.read_bytes()
+        def advance_disturbed(cohorts, steps):
+            advance(cohorts, steps)
+            function(cohorts[0])
 
+        monkeypatch.setattr(jobs, "advance_together", advance_disturbed)
 
-def test_a_job_that_is_stopped_before_it_begins_leaves_nothing(tmp_path):
-    job = job_in(tmp_path)
-    assert not run_job(job, lambda: True, lambda *_: None)
-    assert list((tmp_path / "checkpoints").iterdir()) == []
-
-
-def test_a_job_that_is_done_does_nothing_and_reports_its_cost(tmp_path):
-    job, reports = job_in(tmp_path), []
-    job.run(never, lambda *_: None)
-    before = job.path.read_bytes()
-    job.path.write_bytes(b"not read")
-    assert run_job(job, never, lambda *report: reports.append(report))
-    assert reports == [(pytest.approx(SECONDS), "")]
-    job.path.write_bytes(before)
-    assert read_lives(job.path, job.experiment, job.keys[0]).valid.all()
-
-
-def test_a_damaged_checkpoint_is_reported(tmp_path):
-    job, messages = job_in(tmp_path), []
-    checkpoint_file(tmp_path, KEY).write_bytes(b"nonsense")
-    assert job.run(never, lambda done, message: messages.append(message))
-    assert f"set aside, cohort {KEY} starts anew" in messages[0]
-    assert not any(messages[1:])
-
-
-def reported(directory, broken):
-    """Returns what the job reports if `broken` treats the cohort after each of its chunks."""
-    messages = []
-
-    class Broken(Cohort):
-        def advance(self, steps):
-            super().advance(steps)
-            broken(self)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            jobs, "restored_cohorts", lambda folder, what, keys: ([Broken(what, keys[0])], "")
-        )
-        job_in(directory).run(never, lambda done, message: messages.append(message))
-    return [message for message in messages if message]
-
-
-def test_an_unstable_robot_is_reported_once(tmp_path):
-    def broken(cohort):
-        if cohort.step == 100:
-            cohort.batch.stop([1])
-
-    assert reported(tmp_path, broken) == [
-        f"unstable simulation in {tmp_path.name}/{KEY}: robots [1] stopped by step 100"
-    ]
-    job = job_in(tmp_path)
-    assert read_lives(job.path, job.experiment, job.keys[0]).valid.tolist() == [True, False]
+    monkeypatch.setattr(jobs, "_CHUNK", 20)
+    return disturb
 
 
 @pytest.mark.parametrize("later", [np.nan, 0.0], ids=["still", "no longer"])
-def test_a_robot_whose_weights_are_not_finite_is_not_called_unstable(tmp_path, later):
+def test_robots_that_are_stopped_are_reported_once_with_the_cause(later, tmp_path, disturbed):
     def broken(cohort):
-        if cohort.step == 50:
+        if cohort.step == 20:
             cohort.batch.stop([1])
-        if cohort.step == 100:
+        if cohort.step == 40:
             weights = next(iter(cohort.agent.weights().values()))
             weights[0] = np.nan
-            cohort._stop_unsound()
+            cohort.batch.stop(np.flatnonzero(cohort.unsound()))
             weights[0] = later
 
-    where = f"{tmp_path.name}/{KEY}"
-    assert reported(tmp_path, broken) == [
-        f"unstable simulation in {where}: robots [1] stopped by step 50",
-        f"weights that are not finite in {where}: robots [0] stopped by step 100",
+    disturbed(broken)
+    job = cohort_job(tmp_path)
+    where = f"in {tmp_path.name}/{KEYS[0]}: robots"
+    assert run(job)[2] == [
+        f"unstable simulation {where} [1] stopped by step 20",
+        f"weights that are not finite {where} [0] stopped by step 40",
     ]
+    if later == 0:
+        assert read_lives(job.path, SHORT, KEYS[0]).valid.tolist() == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (
+            RunError("the agent failed"),
+            "the agent failed, in {run}/{first} with {run}/{other} at step 20",
+        ),
+        (CapacityError("full", [3]), "full; in {run}/{other} this is robot 1"),
+        (OSError(28, "No space"), "a file could not be read or written .*No space"),
+        (SystemExit(3), r"^a process ended itself \(status 3\)$"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_what_stops_a_job_is_one_sentence(error, words, tmp_path, monkeypatch, disturbed):
+    def fail(cohort):
+        raise error
+
+    monkeypatch.setattr(Experiment, "on_tensors", True)
+    disturbed(fail)
+    words = words.format(run=tmp_path.name, first=KEYS[0], other=KEYS[1])
+    with pytest.raises(RunError, match=words):
+        run(cohort_job(tmp_path, KEYS))
+
+
+def test_on_a_gpu_robots_are_looked_at_once_a_minute(tmp_path, monkeypatch):
+    steps = []
+
+    def advance(cohorts, count):
+        steps.append(count)
+        cohorts[0].step = cohorts[0].steps
+
+    gpu = dataclasses.replace(SHORT, device="cuda")
+    monkeypatch.setattr(jobs, "advance_together", advance)
+    monkeypatch.setattr(jobs, "restored_cohorts", lambda *of: ([Cohort(SHORT, KEYS[0])], ""))
+    assert run(cohort_job(tmp_path, experiment=gpu))[0]
+    assert steps == [600]
 
 
 # Execution
@@ -182,10 +223,7 @@ class Number:
 
 
 def test_without_jobs_nothing_is_executed():
-    def refuse(jobs, progress):
-        raise AssertionError("it executes")
-
-    execute("nothing", [], refuse)
+    execute("nothing", [], pytest.fail)
 
 
 def test_every_job_is_handed_on_as_soon_as_it_is_done(capfd):
@@ -194,27 +232,17 @@ def test_every_job_is_handed_on_as_soon_as_it_is_done(capfd):
     def executor(jobs, progress):
         for job in jobs:
             events.append(f"ran {job.number}")
+            progress.show(reports_of([]))
             yield job
 
-    execute("numbers", numbers, executor, lambda job: events.append(f"got {job.number}"))
-    assert events == ["ran 0", "got 0", "ran 1", "got 1", "ran 2", "got 2"]
+    def finished(job):
+        events.append(f"got {job.number}")
+
+    execute("numbers", numbers, executor, finished, watcher=lambda: events.append("watched"))
+    assert events == [e for n in range(3) for e in (f"ran {n}", "watched", f"got {n}")]
     assert "numbers" in capfd.readouterr().err
-
-
-def test_messages_are_shown_first_and_nothing_is_shown_quietly(capfd):
-    def executor(jobs, progress):
-        progress.tell("a message of a job")
-        yield from jobs
-
-    execute("numbers", [Number(0)], executor, messages=["a damaged file"])
-    shown = capfd.readouterr().err
-    assert 0 <= shown.index("a damaged file") < shown.index("a message of a job")
-    execute("numbers", [Number(0)], lambda jobs, progress: iter_generator(jobs), quiet=True)
+    execute("numbers", numbers, executor, quiet=True)
     assert "numbers" not in capfd.readouterr().err
-
-
-def iter_generator(jobs):
-    yield from jobs
 
 
 @pytest.mark.parametrize("error", [Interrupted, OSError, KeyboardInterrupt])
@@ -233,25 +261,25 @@ def test_the_executor_is_closed_where_a_job_cannot_be_handed_on(error):
     def refuse(job):
         raise error
 
-    with pytest.raises(error):
+    with pytest.raises(error) as caught:  # it keeps the frame of the reader alive
         execute("numbers", [Number(n) for n in range(3)], executor, refuse, quiet=True)
-    assert events == ["ran 0", "closed"]
+    assert events == ["ran 0", "closed"] and caught
 
 
 def test_progress_counts_robots_where_every_job_is_a_cohort_and_jobs_otherwise(tmp_path, capfd):
     def executor(jobs, progress):
-        progress.show(iter_reports(jobs))
+        progress.show(reports_of(jobs))
         yield from jobs
 
     for own, words in (
-        ([job_in(tmp_path)], "2 of 2 robots done"),
-        ([job_in(tmp_path), Number(3)], "2 of 2 jobs done"),
+        ([cohort_job(tmp_path)], "2 of 2 robots done"),
+        ([cohort_job(tmp_path), Number(3)], "2 of 2 jobs done"),
     ):
         execute("work", own, executor)
         assert words in capfd.readouterr().err
 
 
-def iter_reports(jobs):
+def reports_of(jobs):
     reports = queue.Queue()
     for number, job in enumerate(jobs):
         reports.put((number, job.cost, ""))

@@ -1,9 +1,9 @@
 """A run leaves the same bytes however it is stopped, spread over processes or enlarged."""
 
-import collections
 import dataclasses
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,44 +12,44 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import files_below
+from helpers import LAZY_AGENT, files_below
 
-from musebot.controller import BRAINS
-from musebot.protocols import storage
+from musebot.protocols.agents import trust
+from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError, Interrupted
-from musebot.protocols.lives import checkpoints
-from musebot.protocols.lives.checkpoints import checkpoint_file, finished_file
+from musebot.protocols.lives import runs
+from musebot.protocols.lives.checkpoints import finished_file, save_lives
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.jobs import CohortJob
 from musebot.protocols.lives.local import Local
-from musebot.protocols.lives.manifest import MANIFEST, write_manifest
+from musebot.protocols.lives.manifest import MANIFEST
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Run, joined, results_of
-from musebot.protocols.lives.run_files import (
-    RESULTS_FILE,
-    ROBOTS_FILE,
-    read_run,
-    write_results,
+from musebot.protocols.lives.run import Lives, Run, results_of
+from musebot.protocols.lives.run_files import RESULTS_FILE, ROBOTS_FILE, read_run
+from musebot.protocols.lives.runs import (
+    UnfinishedRun,
+    check_agents,
+    check_same_weights,
+    simulate,
 )
-from musebot.protocols.lives.runs import UnfinishedRun, simulate
 from musebot.protocols.storage import locked, write_json
 
-FILES = (ROBOTS_FILE, RESULTS_FILE)
 BOTH = (Condition("wall_avoidance", "creative"), Condition("spot_finding", "random"))
 
 
-def contents(directory):
-    return {name: (Path(directory) / name).read_bytes() for name in FILES}
-
-
 def plan(robots=4, conditions=BOTH, **changes):
-    settings = {"cohort_size": 2, "time_scale": 0.004} | changes
+    settings = {"cohort_size": 2, "time_scale": 0.002} | changes
     return Plan.of(Experiment(**settings), conditions, robots)
 
 
-@pytest.fixture(scope="module")
+def contents(directory):
+    """Returns all files of a finished run; the manifest also names the machine and the time."""
+    paths = [path for path in Path(directory).iterdir() if path.name != MANIFEST]
+    return {path.name: path.read_bytes() for path in paths}
+
+
+@pytest.fixture
 def run(in_process):
     """Simulates robots in this process, or by another executor."""
 
@@ -60,288 +60,110 @@ def run(in_process):
 
 
 @pytest.fixture(scope="module")
-def whole(run, tmp_path_factory):
-    """A finished run of `plan()`."""
+def whole(in_process, tmp_path_factory):
+    """The folder of a finished run of `plan()`, and what `simulate` returned."""
     directory = tmp_path_factory.mktemp("whole") / "run"
-    run(directory, plan())
-    return directory
-
-
-def test_a_run_leaves_its_manifest_and_its_results_only(whole):
-    assert {path.name for path in whole.iterdir()} == {MANIFEST, *FILES}
-
-
-def test_a_run_returns_what_its_files_hold(run, whole, tmp_path):
-    returned = run(tmp_path / "run", plan())
-    read = read_run(tmp_path / "run")
-    assert (returned.name, returned.experiment) == ("run", plan().experiment)
-    assert (read.name, read.experiment) == ("run", plan().experiment)
-    assert_same(returned, read)
-
-
-def test_the_same_seed_leaves_the_same_bytes_with_any_number_of_processes(run, whole, tmp_path):
-    for processes in (1, 2):
-        run(tmp_path / str(processes), plan(), Local(processes))
-        assert contents(tmp_path / str(processes)) == contents(whole)
-
-
-def test_another_seed_gives_other_lives(run, whole, tmp_path):
-    run(tmp_path / "other", plan(seed=2))
-    assert contents(tmp_path / "other")[ROBOTS_FILE] != contents(whole)[ROBOTS_FILE]
-
-
-def assert_same(first: Run, second: Run):
-    assert first.conditions() == second.conditions()
-    for condition in first.conditions():
-        one, other = first.results[condition], second.results[condition]
-        assert str(one.robots) == str(other.robots)  # as text: NaN equals NaN
-        np.testing.assert_array_equal(one.curves, other.curves)
-        np.testing.assert_equal(one.networks, other.networks)
-
-
-def test_a_life_does_not_depend_on_the_other_conditions(run, whole, tmp_path):
-    alone = run(tmp_path / "alone", plan(conditions=BOTH[1:]))
-    both = read_run(whole)
-    assert alone.conditions() == [BOTH[1]]
-    assert_same(alone, Run("", both.experiment, {BOTH[1]: both.results[BOTH[1]]}))
-
-
-def test_robots_added_to_a_finished_run_are_new_cohorts_and_the_old_ones_stay(run, whole, tmp_path):
-    run(tmp_path / "grown", plan(robots=2))
-    run(tmp_path / "grown", plan(robots=4))
-    assert contents(tmp_path / "grown") == contents(whole)
-
-
-def test_conditions_can_be_added_to_a_finished_run(run, whole, tmp_path):
-    run(tmp_path / "grown", plan(conditions=BOTH[1:]))
-    run(tmp_path / "grown", plan())
-    assert contents(tmp_path / "grown") == contents(whole)
-
-
-def test_a_run_that_has_more_robots_than_the_plan_keeps_them(run, whole):
-    before = contents(whole)
-    larger = run(whole, plan(robots=2, conditions=BOTH[:1]))
-    assert [len(larger.robots(condition)) for condition in BOTH] == [4, 4]
-    assert contents(whole) == before
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"context_neurons": 2},
-        {"context_neurons": 10, "initial_range": 0.2},
-    ],
-)
-def test_arrays_that_are_not_drawn_from_the_initial_interval_are_sound(changes, run, tmp_path):
-    brain = dataclasses.replace(BRAINS["steady"], **changes)
-    own = plan(4, [Condition("spot_finding", "creative")], brain=brain)
-    first = run(tmp_path / "out", own)
-    again = run(tmp_path / "out", own)  # reads the finished files
-    assert_same(first, again)
-
-
-def test_a_finished_run_is_not_simulated_again_and_says_so(whole, capsys):
-    def refuse(*_):
-        raise AssertionError("it simulates again")
-
-    before = contents(whole)
-    simulate(whole, plan(), refuse)
-    assert contents(whole) == before
-    words = "is finished (all durations times 0.004; another folder starts another run), so nothing"
-    assert words in capsys.readouterr().err
-
-
-# Processes that are stopped or killed
-
-
-def command(directory, *more):
-    return [
-        sys.executable, "-m", "musebot", "run", str(directory), "--robots", "4",
-        "--cohort-size", "2", "--time-scale", "0.02", "--processes", "2",
-        "--task", "wall_avoidance", "--proposer", "creative", "fixed", *more,
-    ]  # fmt: skip
-
-
-LONGER = plan(
-    conditions=[Condition("wall_avoidance", proposer) for proposer in ("fixed", "creative")],
-    time_scale=0.02,
-)
-
-
-@pytest.fixture(scope="module")
-def undisturbed(run, tmp_path_factory):
-    """The files of a run of `LONGER` that was not stopped."""
-    directory = tmp_path_factory.mktemp("undisturbed") / "run"
-    run(directory, LONGER)
-    return contents(directory)
-
-
-def started(directory):
-    return subprocess.Popen(
-        command(directory, "--save-every", "0.3"),
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-    )  # fmt: skip
-
-
-def wait_for_checkpoints(directory, process, seconds=300):
-    for _ in range(seconds * 20):
-        if any((Path(directory) / "checkpoints").glob("*.safetensors")):
-            return
-        assert process.poll() is None, process.stdout.read()
-        time.sleep(0.05)
-    raise AssertionError("no checkpoint was written")
-
-
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_run_says_so_and_resumes_to_the_same_bytes(run, how, tmp_path, undisturbed):
-    process = started(tmp_path / "run")
-    wait_for_checkpoints(tmp_path / "run", process)
-    os.killpg(process.pid, how)
-    output = process.communicate(timeout=300)[0]
-    assert process.returncode == 130, output
-    assert "stopped; the same command continues from here" in output
-    assert not (tmp_path / "run" / ROBOTS_FILE).exists()
-    run(tmp_path / "run", LONGER)
-    assert contents(tmp_path / "run") == undisturbed
-
-
-def test_a_killed_run_leaves_no_process_and_resumes_to_the_same_bytes(run, tmp_path, undisturbed):
-    process = started(tmp_path / "run")
-    wait_for_checkpoints(tmp_path / "run", process)
-    group = os.getpgid(process.pid)
-    process.kill()
-    process.communicate()
-    for _ in range(100):
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            break
-        time.sleep(0.1)
-    else:
-        os.killpg(group, signal.SIGKILL)
-        raise AssertionError("its processes are still there")
-    run(tmp_path / "run", LONGER)
-    assert contents(tmp_path / "run") == undisturbed
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="needs root to mount a small file system")
-def test_a_full_disk_is_one_sentence_and_the_run_continues_once_there_is_room(
-    run, tmp_path, undisturbed
-):
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk)], check=False
-    )
-    if mounted.returncode:
-        pytest.skip("no small file system can be mounted here")
-    try:
-        ballast = disk / "ballast"
-        ballast.write_bytes(bytes(900 * 1024))
-        failed = subprocess.run(
-            command(disk / "run", "--save-every", "0.3"),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert failed.returncode == 1
-        assert "a file could not be read or written" in failed.stderr
-        assert "No space left" in failed.stderr
-        assert "Traceback" not in failed.stderr
-        ballast.unlink()
-        subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)
-        run(disk / "run", LONGER)
-        assert contents(disk / "run") == undisturbed
-    finally:
-        subprocess.run(["umount", str(disk)], check=True)
-
-
-@pytest.mark.parametrize("damage", ["truncated", "altered"])
-def test_a_damaged_checkpoint_is_named_set_aside_and_its_cohort_starts_anew(
-    damage, tmp_path, whole, capfd, in_process
-):
-    key = plan().cohorts()[0]
-    looks = iter([False, True])  # before the first steps, then stop
-    assert not CohortJob(tmp_path, plan().experiment, (key,), 60).run(
-        lambda: next(looks), lambda done, message: None
-    )
-    write_manifest(tmp_path, plan())
-    victim = checkpoint_file(tmp_path, key)
-    content = victim.read_bytes()
-    half = len(content) // 2
-    altered = content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
-    victim.write_bytes(content[:half] if damage == "truncated" else altered)
-    messages = []
-
-    def executor(jobs, progress):
-        for job in jobs:
-            assert job.run(lambda: False, lambda done, message: messages.append(message))
-            yield job
-
-    simulate(tmp_path, plan(), executor, quiet=True)
-    [message] = filter(None, messages)
-    assert victim.name in message
-    assert "set aside" in message
-    assert victim.with_suffix(".damaged").exists()
-    assert contents(tmp_path) == contents(whole)
-
-
-# What an earlier call finished
+    return directory, simulate(directory, plan(), in_process(), quiet=True)
 
 
 def keys(executor):
-    return [job.keys[0] for job in executor.jobs]
+    return [key for job in executor.jobs for key in job.keys]
 
 
-def test_a_finished_cohort_is_not_simulated_again_and_is_read_once(
-    whole, tmp_path, monkeypatch, in_process
+def assert_same(one, other, conditions):
+    for condition in conditions:
+        assert str(one.robots(condition)) == str(other.robots(condition))  # NaN equals NaN
+        np.testing.assert_array_equal(one.curves(condition), other.curves(condition))
+        for when in ("before", "after"):
+            networks = (part.results[condition].networks[when] for part in (one, other))
+            np.testing.assert_equal(*networks)
+
+
+def test_a_run_returns_what_its_files_hold_and_leaves_no_others(whole):
+    directory, returned = whole
+    read = read_run(directory)
+    assert (returned.name, returned.experiment) == (read.name, read.experiment)
+    assert (read.name, read.experiment) == ("run", plan().experiment)
+    assert returned.conditions() == read.conditions() == sorted(BOTH)
+    assert_same(returned, read, BOTH)
+    assert ROBOTS_FILE in contents(directory) and not (directory / "checkpoints").exists()
+
+
+def test_the_same_seed_leaves_the_same_bytes_in_any_processes_and_another_seed_does_not(
+    run, whole, tmp_path
 ):
-    early, late = in_process(most=3), in_process()
-    with pytest.raises(Interrupted):
-        simulate(tmp_path, plan(), early, quiet=True)
-    reads = collections.Counter()
+    run(tmp_path / "same", plan(), Local(2))
+    run(tmp_path / "other", plan(seed=2))
+    other = contents(tmp_path / "other")
+    assert contents(tmp_path / "same") == contents(whole[0])
+    assert any(other[name] != content for name, content in contents(whole[0]).items())
 
-    def load_arrays(path, check):
-        reads[path.name] += path.exists()
-        return storage.load_arrays(path, check)
 
-    monkeypatch.setattr(checkpoints, "load_arrays", load_arrays)
-    simulate(tmp_path, plan(), late, quiet=True)
-    assert sorted(keys(early) + keys(late)) == sorted(plan().cohorts())
-    assert +reads == {f"{key}.finished.safetensors": 1 for key in plan().cohorts()}
-    assert contents(tmp_path) == contents(whole)
+@pytest.mark.parametrize("part", [{"robots": 2}, {"conditions": BOTH[1:]}], ids=str)
+def test_a_finished_run_can_be_enlarged_and_is_never_made_smaller(part, run, whole, tmp_path):
+    small = run(tmp_path / "grown", plan(**part))
+    assert_same(run(tmp_path / "alone", plan(conditions=BOTH[1:])), whole[1], BOTH[1:])
+    run(tmp_path / "grown", plan())
+    assert contents(tmp_path / "grown") == contents(whole[0])
+    assert len(small.conditions()) == len(plan(**part).conditions)
+    again = run(tmp_path / "grown", plan(**part))
+    assert [len(again.robots(condition)) for condition in BOTH] == [4, 4]
+    assert contents(tmp_path / "grown") == contents(whole[0])
+
+
+@pytest.mark.parametrize("other_physics", [False, True])
+def test_a_finished_run_is_not_simulated_again_and_says_so(
+    other_physics, whole, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("musebot.protocols.lives.budget.machine_bytes", lambda: 10)
+    monkeypatch.setattr(runs, "check_device", pytest.fail)  # it needs neither
+    shutil.copytree(whole[0], folder := tmp_path / "run")
+    if other_physics:
+        content = json.loads((folder / MANIFEST).read_text())
+        content["physics"][0] += 1
+        write_json(folder / MANIFEST, content)
+    before = files_below(folder)
+    simulate(folder, plan(), pytest.fail)
+    assert files_below(folder) == before
+    words = "is finished (all durations times 0.002; another folder starts another run), so nothing"
+    assert words in capsys.readouterr().err
+
+
+def test_results_are_written_once_the_last_cohort_is_finished(run, whole, tmp_path, in_process):
+    """Each call finishes one cohort, and finds the earlier ones."""
+    done = []
+    while len(done) < len(plan().cohorts()):
+        assert not (tmp_path / ROBOTS_FILE).exists()
+        executor = in_process(most=1)
+        try:
+            run(tmp_path, plan(), executor)
+        except Interrupted:
+            assert finished_file(tmp_path, keys(executor)[0]).exists()
+        done += keys(executor)
+    assert sorted(done) == sorted(plan().cohorts())
+    assert contents(tmp_path) == contents(whole[0])
 
 
 def test_a_damaged_finished_cohort_is_named_set_aside_and_starts_anew(
-    whole, tmp_path, capfd, in_process
+    run, whole, tmp_path, capfd, in_process
 ):
     early, late = in_process(most=1), in_process()
     with pytest.raises(Interrupted):
-        simulate(tmp_path, plan(), early, quiet=True)
+        run(tmp_path, plan(), early)
     victim = finished_file(tmp_path, keys(early)[0])
     victim.write_bytes(victim.read_bytes()[:-1])
     simulate(tmp_path, plan(), late)
     assert sorted(keys(late)) == sorted(plan().cohorts())
     assert victim.name in capfd.readouterr().err.replace("\n", "")
-    assert victim.with_suffix(".damaged").exists()
-    assert contents(tmp_path) == contents(whole)
+    victim.with_suffix(".damaged").unlink()
+    victim.parent.rmdir()
+    assert contents(tmp_path) == contents(whole[0])
 
 
-def test_results_are_written_once_the_last_cohort_is_finished(tmp_path, in_process):
-    cohorts = len(plan().cohorts())
-    for done in range(1, cohorts + 1):
-        assert not (tmp_path / RESULTS_FILE).exists()
-        executor = in_process(most=1)
-        try:
-            simulate(tmp_path, plan(), executor, quiet=True)
-        except Interrupted:
-            assert done < cohorts
-    assert (tmp_path / ROBOTS_FILE).exists()
-    assert not (tmp_path / "checkpoints").exists()
-
-
-def test_the_executor_is_closed_where_results_cannot_be_written(tmp_path, monkeypatch, in_process):
-    closed = []
+def test_where_results_cannot_be_written_the_executor_is_closed_and_work_is_kept(
+    run, tmp_path, monkeypatch, in_process
+):
+    closed, one = [], plan(robots=2, conditions=BOTH[:1])
 
     def executor(jobs, progress):
         try:
@@ -350,152 +172,167 @@ def test_the_executor_is_closed_where_results_cannot_be_written(tmp_path, monkey
             closed.append(True)
             raise
 
-    def refuse(directory, experiment, measured):
+    def refuse(*of):
         raise OSError(28, "No space left on device")
 
-    one = plan(robots=2, conditions=BOTH[:1])
     with monkeypatch.context() as patch:
-        patch.setattr("musebot.protocols.lives.runs.write_results", refuse)
+        patch.setattr(runs, "write_results", refuse)
         with pytest.raises(OSError, match="No space left"):
-            simulate(tmp_path, one, executor, quiet=True)
-    assert closed == [True]
+            run(tmp_path, one, executor)
     late = in_process()
-    simulate(tmp_path, one, late, quiet=True)
-    assert late.jobs == []  # the cohort's file was kept
-    assert (tmp_path / ROBOTS_FILE).exists()
+    run(tmp_path, one, late)
+    assert closed == [True] and late.jobs == [] and (tmp_path / ROBOTS_FILE).exists()
 
 
-def test_a_run_that_had_not_begun_forgets_the_machine_that_stopped(tmp_path, monkeypatch):
-    def refuse(jobs, progress):
-        raise Interrupted
-        yield
-
-    def cores():
-        return [
-            made["cores"] for made in json.loads((tmp_path / MANIFEST).read_text())["made_with"]
-        ]
-
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_run_that_had_begun_names_both_machines(begun, run, tmp_path, monkeypatch, in_process):
+    here, small = os.cpu_count(), plan(robots=2)
     with pytest.raises(Interrupted):
-        simulate(tmp_path, plan(robots=2), refuse, quiet=True)
-    assert cores() == [os.cpu_count()]
+        run(tmp_path, small, in_process(most=begun))
     monkeypatch.setattr(os, "cpu_count", lambda: 1000)
-    with pytest.raises(Interrupted):
-        simulate(tmp_path, plan(robots=2), refuse, quiet=True)
-    assert cores() == [1000]
-
-
-def test_a_run_that_had_begun_names_both_machines(tmp_path, monkeypatch, in_process):
-    here = os.cpu_count()
-    with pytest.raises(Interrupted):
-        simulate(tmp_path, plan(robots=2), in_process(most=1), quiet=True)
-    monkeypatch.setattr(os, "cpu_count", lambda: 1000)
-    simulate(tmp_path, plan(robots=2), in_process(), quiet=True)
+    run(tmp_path, small)
     made_with = json.loads((tmp_path / MANIFEST).read_text())["made_with"]
-    assert [made["cores"] for made in made_with] == [here, 1000]
+    assert [made["cores"] for made in made_with] == [here, 1000][not begun :]
 
 
-# Runs that are refused
+# Processes that are stopped or killed
+
+
+LONGER = plan(conditions=BOTH[:1], time_scale=0.01)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(in_process, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("undisturbed") / "run"
+    simulate(directory, LONGER, in_process(), quiet=True)
+    return contents(directory)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGHUP, signal.SIGKILL])
+def test_a_run_that_is_stopped_or_killed_resumes_to_the_same_bytes(how, run, tmp_path, undisturbed):
+    out = tmp_path / "run"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "musebot", "run", str(out), "--robots", "4", "--processes", "2",
+         "--set", "cohort_size=2", "time_scale=0.01", "--task", "wall_avoidance",
+         "--proposer", "creative", "--save-every", "0.2"],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+    )  # fmt: skip
+    group = os.getpgid(process.pid)
+    while not any((out / "checkpoints").glob("*.safetensors")):
+        assert process.poll() is None, process.stdout.read()
+        time.sleep(0.02)
+    process.kill() if how == signal.SIGKILL else os.killpg(group, how)
+    output = process.communicate(timeout=300)[0]
+    if how != signal.SIGKILL:
+        assert process.returncode == 130, output
+        assert "stopped; the same command continues from here" in output
+    for _ in range(300):  # no process is left
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            break
+        time.sleep(0.1)
+    else:
+        os.killpg(group, signal.SIGKILL)
+        raise AssertionError("its processes are still there")
+    assert not (out / ROBOTS_FILE).exists()
+    run(out, LONGER)
+    assert contents(out) == undisturbed
+
+
+# What is refused
 
 
 @pytest.mark.parametrize(
-    ("what", "seed", "words"),
+    ("damage", "seed", "words"),
     [
-        ("robots", 1, "damaged"),
+        ("results", 1, "damaged"),
         ("seed", 2, "the robots of two experiments cannot be merged"),
         ("physics", 1, "was simulated in another physics"),
     ],
 )
 def test_nothing_is_changed_in_a_run_that_cannot_be_continued(
-    what, seed, words, tmp_path, in_process
+    damage, seed, words, run, tmp_path, in_process
 ):
     directory = tmp_path / "run"
-    simulate(directory, plan(conditions=BOTH[:1]), in_process(), quiet=True)
+    run(directory, plan(conditions=BOTH[:1]))
     with pytest.raises(Interrupted):
-        simulate(directory, plan(), in_process(most=1), quiet=True)
-    if what == "robots":
-        (directory / RESULTS_FILE).write_text("damaged")
-    if what == "physics":
+        run(directory, plan(), in_process(most=1))
+    if damage == "results":
+        (directory / RESULTS_FILE).write_bytes(b"damaged")
+    if damage == "physics":
         content = json.loads((directory / MANIFEST).read_text())
         content["physics"][0] += 1
         write_json(directory / MANIFEST, content)
     before, executor = files_below(tmp_path), in_process()
     with pytest.raises(InputError, match=words):
-        simulate(directory, plan(seed=seed), executor, quiet=True)
+        run(directory, plan(seed=seed), executor)
     assert files_below(tmp_path) == before and executor.jobs == []
 
 
-def test_a_finished_run_of_another_physics_can_be_read(tmp_path, in_process):
-    simulate(tmp_path, plan(robots=2), in_process(), quiet=True)
-    content = json.loads((tmp_path / MANIFEST).read_text())
-    content["physics"][0] += 1
-    write_json(tmp_path / MANIFEST, content)
-    executor = in_process()
-    simulate(tmp_path, plan(robots=2), executor, quiet=True)
-    assert executor.jobs == []
-
-
-def test_a_locked_folder_is_refused_before_anything_is_written(tmp_path, in_process):
-    executor = in_process()
-    with (
-        locked(tmp_path / "run"),
-        pytest.raises(InputError, match="another musebot is running in .*run"),
-    ):
-        simulate(tmp_path / "run", plan(), executor, quiet=True)
-    assert executor.jobs == []
+def test_what_the_folder_or_the_machine_cannot_hold_is_refused_before_it_is_begun(
+    run, tmp_path, monkeypatch
+):
+    with locked(tmp_path / "run"), pytest.raises(InputError, match="another musebot .*is running"):
+        run(tmp_path / "run", plan(), pytest.fail)
     assert not (tmp_path / "run" / MANIFEST).exists()
-
-
-def test_a_plan_that_the_machine_cannot_hold_is_refused_before_it_is_begun(tmp_path, monkeypatch):
     monkeypatch.setattr("musebot.protocols.lives.budget.machine_bytes", lambda: 10**6)
-    large = Plan.of(Experiment(cohort_size=1000), BOTH, 1000)
+    large = plan(1000, cohort_size=1000)
     with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
-        simulate(tmp_path / "new", large, Local(1), quiet=True)
-    assert [*tmp_path.iterdir()] == []
+        run(tmp_path / "new", large, pytest.fail)
+    assert not (tmp_path / "new").exists()
 
 
-def test_a_finished_run_needs_no_memory_and_no_device(tmp_path, monkeypatch, in_process):
-    simulate(tmp_path, plan(robots=2), in_process(), quiet=True)
-    monkeypatch.setattr("musebot.protocols.lives.budget.machine_bytes", lambda: 10)
-    monkeypatch.setattr("musebot.protocols.lives.runs.check_device", pytest.fail)
-    executor = in_process()
-    assert simulate(tmp_path, plan(robots=2), executor, quiet=True).results.keys() == {*BOTH}
-    assert executor.jobs == []
+def test_an_agent_with_the_wrong_motor_values_is_refused(run, tmp_path, monkeypatch):
+    (tmp_path / "one_for_all.py").write_text(LAZY_AGENT)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(trust, "_TRUSTED", {"one_for_all:Lazy"})
+    lazy = plan(2, [Condition("wall_avoidance", "one_for_all:Lazy")])
+    sentence = "^one_for_all:Lazy must return motor values of shape .2, 2., got .1, 2.$"
+    with pytest.raises(InputError, match=sentence):
+        run(tmp_path / "out", lazy, pytest.fail)
+    assert not (tmp_path / "out").exists()
 
 
-def test_cohorts_of_two_versions_of_an_agent_do_not_join(tmp_path):
-    lives = Cohort(Experiment(cohort_size=2, time_scale=0.004), CohortKey(BOTH[1], 0)).lives()
-    run = UnfinishedRun.read(tmp_path / "run", plan(conditions=BOTH[1:], robots=6))
-    run._add(CohortKey(BOTH[1], 0), lives)
-    run._add(CohortKey(BOTH[1], 1), lives)
-    doubled = {name: array.astype(float) for name, array in lives.after.items()}
-    other = dataclasses.replace(lives, after=doubled)
-    with pytest.raises(InputError, match="random-0002 keeps other weights than the robots"):
-        run._add(CohortKey(BOTH[1], 2), other)
+def test_robots_with_other_weights_than_those_of_the_run_are_not_added(tmp_path):
+    learner = Condition("spot_finding", recorded_name("q_learner"))
+    held = Lives(*[np.empty(0)] * 3, {}, {"old": np.empty(0)})
+    with pytest.raises(InputError, match="keeps other weights than the robots of the run.*: .*old"):
+        check_agents(plan(4, [learner]), {learner: held})
+    check_agents(plan(4, [learner]), {})
+    own = {"table": np.zeros((3, 4), np.float32)}
+    check_same_weights(learner, own, {"table": np.ones((9, 4), np.float32)})
+    for other in (np.zeros((3, 4)), np.zeros((3, 5), np.float32)):
+        with pytest.raises(InputError, match="which another version simulated: table"):
+            check_same_weights(learner, own, {"table": other})
+
+    (tmp_path / "checkpoints").mkdir()
+    unfinished = UnfinishedRun(tmp_path, plan(4, [learner]), {}, plan(4, [learner]).cohorts(), {})
+    for size, key in enumerate(unfinished.plan.cohorts(), 1):
+        weights = {"table": np.zeros((2, size))}
+        lives = Cohort(unfinished.plan.experiment, key).lives()
+        lives = dataclasses.replace(lives, before=weights, after=weights)
+        save_lives(finished_file(tmp_path, key), lives, unfinished.plan.experiment, key)
+    with pytest.raises(InputError, match="0001 keeps other weights than the robots of the run"):
+        unfinished.begin()
 
 
-# Unstable simulations
+# Robots that become unstable
 
 
-def test_an_unstable_robot_is_counted_as_invalid_and_the_others_are_not(tmp_path, monkeypatch):
-    experiment, key = Experiment(cohort_size=3, time_scale=0.01), CohortKey(BOTH[0], 0)
-    sound, broken = Cohort(experiment, key), Cohort(experiment, key)
+def test_an_unstable_robot_is_invalid_and_the_others_are_not_changed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would leave a log
+    experiment = Experiment(cohort_size=3, time_scale=0.01)
+    sound, broken = (Cohort(experiment, CohortKey(BOTH[0], 0)) for _ in range(2))
     sound.advance(100)
     broken.advance(100)
     broken.batch.arrays()["state"][1, 1] = np.nan
-    monkeypatch.chdir(tmp_path)  # MuJoCo leaves its log in the working directory
     sound.advance(10**9)
     broken.advance(10**9)
-    measured = joined({}, [(key, broken.lives())])
-    results = results_of(experiment, measured)
-    robots = results[BOTH[0]].robots
-    assert [robot.category == "invalid" for robot in robots] == [False, True, False]
-    summary = Run("run", experiment, results).summary(BOTH[0])
-    assert summary.invalid == 1
-    assert summary.robots == 2
+    ours, theirs = broken.lives(), sound.lives()
+    assert ours.valid.tolist() == [True, False, True]
     for name in ("events", "minutes"):
-        ours, theirs = getattr(broken.lives(), name), getattr(sound.lives(), name)
-        np.testing.assert_array_equal(ours[[0, 2]], theirs[[0, 2]])
-    write_manifest(tmp_path, Plan.of(experiment, BOTH[:1], experiment.cohort_size))
-    write_results(tmp_path, experiment, measured)
-    read = read_run(tmp_path).robots(BOTH[0])
-    assert [robot.category for robot in read] == [robot.category for robot in robots]
+        np.testing.assert_array_equal(getattr(ours, name)[[0, 2]], getattr(theirs, name)[[0, 2]])
+    run = Run("run", experiment, results_of(experiment, {BOTH[0]: ours}))
+    assert [robot.category == "invalid" for robot in run.robots(BOTH[0])] == [False, True, False]
+    assert (run.summary(BOTH[0]).invalid, run.summary(BOTH[0]).robots) == (1, 2)

@@ -1,4 +1,4 @@
-"""The schedules are those of sections 3.1 and 3.2."""
+"""Schedules: those of sections 3.1 and 3.2, and laws of any schedule."""
 
 import dataclasses
 import itertools
@@ -6,73 +6,74 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, arena_spec
 from musebot.protocols.lives.schedules import (
-    CONTINUAL,
-    PARTS,
     PROTOCOLS,
     SCHEDULES,
     SPOT_FINDING,
+    STAGES,
     UPPER_LEFT,
     UPPER_RIGHT,
     WALL_AVOIDANCE,
     WALLS_SENSED,
     Phase,
+    Schedule,
     control_steps,
+    place,
 )
 
-quick = settings(deadline=None, max_examples=100)
-both = pytest.mark.parametrize("schedule", SCHEDULES.values(), ids=SCHEDULES)
+coordinates = st.floats(-0.5, 0.5)
+poses = st.tuples(coordinates, coordinates, st.floats(-4, 4))
+phases = st.builds(
+    Phase,
+    stage=st.sampled_from(STAGES),
+    minutes=st.floats(0, 5),
+    learning=st.booleans(),
+    robot=st.none() | st.just("random") | poses,
+    spot=st.none() | st.just("random") | st.tuples(coordinates, coordinates),
+    every_minutes=st.none() | st.floats(0.001, 10),
+)
 
 
-def test_there_is_a_schedule_for_each_task_under_its_name():
-    assert SCHEDULES == {"wall_avoidance": WALL_AVOIDANCE, "spot_finding": SPOT_FINDING}
-    assert all(schedule.task == task for task, schedule in SCHEDULES.items())
+@st.composite
+def schedules(draw):
+    """A protocol's schedule, shortened, or any phases in the order of their stages."""
+    if draw(st.booleans()):
+        schedule = draw(st.sampled_from([*SCHEDULES.values(), WALLS_SENSED]))
+        return schedule.scaled(draw(st.floats(1e-4, 1)))
+    drawn = draw(st.lists(phases, min_size=1, max_size=5))
+    drawn.sort(key=lambda phase: STAGES.index(phase.stage))
+    return Schedule("wall_avoidance", tuple(drawn), False, "genius")
 
 
-def test_a_life_of_wall_avoidance_is_96000_control_steps():
+# The paper's
+
+
+def test_wall_avoidance_is_that_of_section_3_1():
+    def tests(stage):
+        return [Phase(stage, 10, False, robot=corner) for corner in (UPPER_LEFT, UPPER_RIGHT)]
+
+    training = Phase("training", 120, True, robot="random", every_minutes=5)
+    assert WALL_AVOIDANCE == Schedule(
+        "wall_avoidance", (*tests("pre"), training, *tests("post")), False, "genius"
+    )
     assert WALL_AVOIDANCE.steps() == [6_000, 6_000, 72_000, 6_000, 6_000]
-    assert sum(WALL_AVOIDANCE.steps()) == 96_000
 
 
-def test_a_life_of_spot_finding_is_216000_control_steps():
+def test_spot_finding_is_that_of_section_3_2_and_walls_are_sensed_in_a_task_of_their_own():
+    pre, post = (
+        Phase(stage, 60, False, robot=UPPER_LEFT, spot=UPPER_RIGHT[:2]) for stage in ("pre", "post")
+    )
+    training = Phase("training", 240, True, spot="random", every_minutes=60)
+    assert SPOT_FINDING == Schedule("spot_finding", (pre, training, post), True, "ignorant")
     assert SPOT_FINDING.steps() == [36_000, 144_000, 36_000]
-    assert sum(SPOT_FINDING.steps()) == 216_000
-
-
-def test_wall_avoidance_tests_ten_minutes_in_each_upper_corner():
-    left, right, training, *_ = WALL_AVOIDANCE.phases
-    assert left == Phase("pre", 10, learning=False, robot=UPPER_LEFT)
-    assert right == Phase("pre", 10, learning=False, robot=UPPER_RIGHT)
-    assert training == Phase("training", 120, learning=True, robot="random", every_minutes=5)
-
-
-def test_spot_finding_tests_an_hour_from_the_upper_left_to_a_spot_in_the_upper_right():
-    pre, training, _ = SPOT_FINDING.phases
-    assert pre == Phase("pre", 60, learning=False, robot=UPPER_LEFT, spot=UPPER_RIGHT[:2])
-    assert training == Phase("training", 240, learning=True, spot="random", every_minutes=60)
-
-
-@both
-def test_the_test_after_training_is_the_one_before(schedule):
-    pre = [phase for phase in schedule.phases if phase.part == "pre"]
-    post = [phase for phase in schedule.phases if phase.part == "post"]
-    assert [dataclasses.replace(phase, part="pre") for phase in post] == pre
-    parts = [part for part, _ in itertools.groupby(schedule.phases, key=lambda p: p.part)]
-    assert parts == ["pre", "training", "post"]
-
-
-@both
-def test_robots_learn_in_training_and_only_there(schedule):
-    assert all(phase.learning == (phase.part == "training") for phase in schedule.phases)
-
-
-def test_contact_is_unwanted_and_the_spot_is_wanted():
-    assert (WALL_AVOIDANCE.wanted, WALL_AVOIDANCE.unmeasured) == (False, "genius")
-    assert (SPOT_FINDING.wanted, SPOT_FINDING.unmeasured) == (True, "ignorant")
+    assert dataclasses.replace(WALLS_SENSED, task="spot_finding") == SPOT_FINDING
+    assert WALLS_SENSED.task == "spot_finding_walls"
+    assert SCHEDULES == {"wall_avoidance": WALL_AVOIDANCE, "spot_finding": SPOT_FINDING}
+    assert PROTOCOLS == {"paper": SCHEDULES, "walls": {"spot_finding": WALLS_SENSED}}
 
 
 @pytest.mark.parametrize(("start", "side"), [(UPPER_LEFT, -1), (UPPER_RIGHT, 1)])
@@ -85,81 +86,114 @@ def test_starts_are_10_cm_from_both_walls_and_face_the_corner(start, side):
     assert heading == pytest.approx(math.atan2(corner[1] - y, corner[0] - x))
 
 
-@quick
-@given(st.sampled_from(list(SCHEDULES.values())), st.floats(1e-4, 1))
-def test_scaling_multiplies_durations_and_nothing_else(schedule, factor):
-    scaled = schedule.scaled(factor)
-    for phase, short in zip(schedule.phases, scaled.phases, strict=True):
-        assert short.minutes == pytest.approx(phase.minutes * factor)
-        if phase.every_minutes:
-            assert short.every_minutes == pytest.approx(phase.every_minutes * factor)
-        restored = dataclasses.replace(
-            short, minutes=phase.minutes, every_minutes=phase.every_minutes
-        )
-        assert restored == phase
-    assert dataclasses.replace(scaled, phases=schedule.phases) == schedule
+# Any
 
 
-@both
-def test_a_factor_of_one_changes_nothing(schedule):
-    assert schedule.scaled(1.0) == schedule
-
-
-@quick
 @given(st.floats(0, 300))
 def test_minutes_are_rounded_to_the_nearest_control_step_of_a_tenth_of_a_second(minutes):
     steps = control_steps(minutes)
-    assert isinstance(steps, int)
-    assert steps >= 1
+    assert isinstance(steps, int) and steps >= 1
     assert steps == 1 or abs(steps - minutes * 600) <= 0.5 + 1e-9
 
 
-@pytest.mark.parametrize("schedule", [WALL_AVOIDANCE, SPOT_FINDING])
-def test_the_parts_of_a_life_follow_one_another_in_its_curve(schedule):
-    minutes = [schedule.minutes_of(part) for part in PARTS]
-    assert [part.start for part in minutes] == [0, *(part.stop for part in minutes[:-1])]
-    lengths = [sum(p.minutes for p in schedule.phases if p.part == part) for part in PARTS]
-    assert [part.stop - part.start for part in minutes] == lengths
-    assert sum(map(schedule.steps_of, PARTS)) == sum(schedule.steps())
+@given(schedules())
+def test_legs_cut_a_life_at_every_placement_without_a_gap(schedule):
+    legs = schedule.legs()
+    starts = [0, *itertools.accumulate(schedule.steps())]
+    assert legs[0].start == 0 and legs[-1].stop == starts[-1]
+    assert all(before.stop == after.start for before, after in itertools.pairwise(legs))
+    assert {*starts} <= {0, *(leg.stop for leg in legs)}
+    for phase, start, stop in zip(schedule.phases, starts, starts[1:], strict=False):
+        own = [leg for leg in legs if start <= leg.start < stop]
+        assert all(leg.phase is phase for leg in own)
+        period = control_steps(phase.every_minutes) if phase.every_minutes else stop - start
+        assert all(leg.stop - leg.start == period for leg in own[:-1])
+        assert 0 < own[-1].stop - own[-1].start <= period
 
 
-@pytest.mark.parametrize("factor", [0.001, 0.004, 0.01, 0.3])
-def test_no_part_of_a_rehearsal_is_without_a_minute(factor):
-    schedule = SPOT_FINDING.scaled(factor)
-    curve = np.zeros(-(-sum(schedule.steps()) // control_steps(1)))
-    assert all(len(curve[schedule.minutes_of(part)]) for part in PARTS)
+@given(schedules())
+def test_stages_share_the_steps_and_the_minutes_of_a_life(schedule):
+    steps = [schedule.steps_of(stage) for stage in STAGES]
+    assert sum(steps) == sum(schedule.steps()) == schedule.steps_of_minutes().sum()
+    assert (schedule.steps_of_minutes()[:-1] == 600).all()
+    of_minutes = schedule.steps_of_minutes().cumsum()
+    end = 0
+    for stage, own in zip(STAGES, steps, strict=True):
+        minutes, start, end = schedule.minutes_of(stage), end, end + own
+        within = [
+            of_minutes[m] > start and of_minutes[m] - 600 < end for m in range(len(of_minutes))
+        ]
+        if own:
+            assert [*range(len(of_minutes))[minutes]] == [*np.flatnonzero(within)], stage
 
 
-def test_the_protocols_beyond_the_paper_have_spot_finding_only():
-    assert PROTOCOLS["paper"] == SCHEDULES
-    assert PROTOCOLS["continual"] == {"spot_finding": CONTINUAL}
-    assert PROTOCOLS["walls"] == {"spot_finding": WALLS_SENSED}
+def unchanged_but(schedule, changed, *fields):
+    """Asserts that only some fields of phases have changed; returns pairs of the phases."""
+    pairs = [*zip(schedule.phases, changed.phases, strict=True)]
+    assert dataclasses.replace(changed, phases=schedule.phases) == schedule
+    for old, new in pairs:
+        assert dataclasses.replace(new, **{name: getattr(old, name) for name in fields}) == old
+    return pairs
 
 
-def test_the_continual_protocol_is_24_hours_in_which_the_spot_moves_every_ten_minutes():
-    pre, training, post = CONTINUAL.phases
-    assert (pre, post) == (SPOT_FINDING.phases[0], SPOT_FINDING.phases[2])
-    assert training == Phase("training", 1440, learning=True, spot="random", every_minutes=10)
-    assert dataclasses.replace(CONTINUAL, phases=SPOT_FINDING.phases) == SPOT_FINDING
+@given(schedules(), st.floats(1e-4, 1))
+def test_scaling_multiplies_durations_and_nothing_else(schedule, factor):
+    scaled = schedule.scaled(factor)
+    for old, new in unchanged_but(schedule, scaled, "minutes", "every_minutes"):
+        assert new.minutes == old.minutes * factor
+        assert new.every_minutes == (old.every_minutes and old.every_minutes * factor)
+    assert schedule.scaled(1.0) == schedule
 
 
-def test_the_protocol_walls_is_spot_finding_in_another_task():
-    assert WALLS_SENSED.task == "spot_finding_walls"
-    assert dataclasses.replace(WALLS_SENSED, task="spot_finding") == SPOT_FINDING
+@given(schedules(), st.floats(-4, 4))
+def test_turning_turns_fixed_poses_and_nothing_else(schedule, angle):
+    for old, new in unchanged_but(schedule, schedule.turned(angle), "robot"):
+        fixed = isinstance(old.robot, tuple)
+        assert new.robot == ((*old.robot[:2], old.robot[2] + angle) if fixed else old.robot)
 
 
-def test_schedules_cannot_be_changed():
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        WALL_AVOIDANCE.phases = ()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        WALL_AVOIDANCE.phases[0].minutes = 1
+@given(schedules(), st.floats(0, 1), st.floats(0, 1))
+def test_moving_out_moves_fixed_places_away_from_the_centre(schedule, x, y):
+    for old, new in unchanged_but(schedule, schedule.moved_out(x, y), "robot", "spot"):
+        for before, after in ((old.robot, new.robot), (old.spot, new.spot)):
+            if not isinstance(before, tuple):
+                assert after == before
+                continue
+            assert after[2:] == before[2:]
+            for moved, place_before, by in zip(after, before, (x, y), strict=False):
+                assert abs(moved) == pytest.approx(abs(place_before) + by)
+                assert moved * place_before >= 0
 
 
-def test_a_turned_schedule_turns_fixed_poses_and_nothing_else():
-    turned = WALL_AVOIDANCE.turned(0.25)
-    for before, after in zip(WALL_AVOIDANCE.phases, turned.phases, strict=True):
-        if before.robot == "random":
-            assert after == before
+# Placements
+
+
+class Recorder:
+    """Robots that keep what they are given."""
+
+    def __init__(self):
+        self.dimensions, self.robots = Dimensions.of(arena_spec().compile()), 2
+        self.calls = []
+
+    def place(self, which, poses):
+        self.calls.append(("robots", which.tolist(), poses.tolist()))
+
+    def place_spot(self, which, spots):
+        self.calls.append(("spots", which.tolist(), spots.tolist()))
+
+
+@given(phases)
+def test_a_phase_places_spots_before_robots_and_what_it_does_not_place_stays(phase):
+    first, again, other = Recorder(), Recorder(), Recorder()
+    for batch, seed in ((first, 0), (again, 0), (other, 1)):
+        place(batch, phase, np.random.default_rng(seed))
+    given_places = {"spots": phase.spot, "robots": phase.robot}
+    wanted = [what for what, where in given_places.items() if where is not None]
+    assert [what for what, *_ in first.calls] == wanted  # robots sense the new spots
+    assert first.calls == again.calls
+    for (what, which, places), (_, _, others) in zip(first.calls, other.calls, strict=True):
+        assert which == [0, 1]
+        if given_places[what] == "random":
+            assert all(a != b for a, b in zip(*places, strict=True)) and places != others
         else:
-            x, y, heading = before.robot
-            assert after == dataclasses.replace(before, robot=(x, y, heading + 0.25))
+            assert places == [[*given_places[what]]] * 2

@@ -1,60 +1,47 @@
 """TensorBoard's log holds each minute once, however often a run is stopped, and changes nothing."""
 
-import importlib
 import shutil
+import sys
 
 import numpy as np
 import pytest
 
 import musebot
 from musebot.protocols.errors import InputError, Interrupted
-from musebot.protocols.lives import tensorboard_log
 from musebot.protocols.lives.checkpoints import checkpoint_file, save_checkpoint
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import collect
 from musebot.protocols.lives.runs import UnfinishedRun, simulate
 
-CONDITIONS = (Condition("wall_avoidance", "fixed"), Condition("spot_finding", "fixed"))
-TAGS = {"wall_avoidance": "contact", "spot_finding": "in_spot"}
+WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "fixed")
+TAGS = {WALLS: "contact", SPOT: "in_spot"}
 
 
-def plan(robots=4, **changes):
-    settings = {"cohort_size": 2, "time_scale": 0.014, "body": "kinematic"} | changes
-    return Plan.of(Experiment(**settings), CONDITIONS, robots)
+def plan(robots=4):
+    return Plan.of(Experiment(cohort_size=2, time_scale=0.0065, body="kinematic"), TAGS, robots)
+
+
+def check_log(folder, run, robots=4):
+    """Checks that TensorBoard shows the mean curves of a run, each minute once."""
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    for condition, tag in TAGS.items():
+        path = folder / "tensorboard" / f"{condition.task}-{condition.proposer}-{robots}"
+        events = accumulator.EventAccumulator(str(path)).Reload()
+        assert events.Tags()["scalars"] == [tag]
+        wanted = run.curves(condition).mean(axis=0)
+        assert [one.step for one in events.Scalars(tag)] == [*range(1, len(wanted) + 1)]
+        np.testing.assert_allclose([one.value for one in events.Scalars(tag)], wanted, rtol=1e-6)
+        assert len(wanted) > 1 and (condition == SPOT or wanted.max() > 0)
 
 
 def files(folder):
-    """Returns the content of every file of a run but the log."""
-    paths = [path for path in folder.rglob("*") if path.is_file()]
     return {
         path.relative_to(folder): path.read_bytes()
-        for path in paths
-        if tensorboard_log.FOLDER not in path.parts
+        for path in folder.rglob("*")
+        if path.is_file() and "tensorboard" not in path.parts and path.name != "experiment.json"
     }
-
-
-def logged(folder, condition, robots=4):
-    """Returns the steps and values of a condition's log, in the order in which they are stored."""
-    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    path = folder / "tensorboard" / f"{condition.task}-{condition.proposer}-{robots}"
-    events = accumulator.EventAccumulator(str(path)).Reload()
-    assert events.Tags()["scalars"] == [TAGS[condition.task]]
-    scalars = events.Scalars(TAGS[condition.task])
-    return [one.step for one in scalars], np.array([one.value for one in scalars])
-
-
-def check(folder, run, robots=4):
-    highest = []
-    for condition in run.conditions():
-        steps, values = logged(folder, condition, robots)
-        wanted = run.curves(condition).mean(axis=0)
-        assert steps == [*range(1, len(wanted) + 1)] and len(steps) > 2
-        np.testing.assert_allclose(values, wanted, rtol=1e-6)
-        highest.append(values.max())
-    assert max(highest) > 0
 
 
 @pytest.fixture(scope="module")
@@ -64,95 +51,53 @@ def plain(tmp_path_factory, in_process):
     return folder, simulate(folder, plan(), in_process(), quiet=True)
 
 
-def test_a_resumed_run_continues_its_log_and_leaves_the_same_files(plain, tmp_path, in_process):
+def test_a_run_that_is_resumed_and_enlarged_has_each_minute_once(plain, tmp_path, in_process):
     for most in (1, 2):
         with pytest.raises(Interrupted):
             simulate(tmp_path, plan(), in_process(most), quiet=True, log=True)
-    kept = {path: path.read_bytes() for path in tmp_path.rglob("events.out.*")}
-    assert kept
-    run = simulate(tmp_path, plan(), in_process(), quiet=True, log=True)
-    check(tmp_path, run)
-    assert all(path.read_bytes() == content for path, content in kept.items())
-    ours, theirs = files(tmp_path), files(plain[0])
-    assert ours.keys() == theirs.keys()
-    differ = {str(name) for name, content in theirs.items() if ours[name] != content}
-    assert differ <= {"experiment.json"}  # which has the time of the beginning
+    for _ in range(2):  # the second time it is finished
+        check_log(tmp_path, simulate(tmp_path, plan(), in_process(), quiet=True, log=True))
+    assert files(tmp_path) == files(plain[0])
+    check_log(tmp_path, simulate(tmp_path, plan(6), in_process(), quiet=True, log=True), 6)
 
 
-def test_finished_and_enlarged_runs_get_the_whole_log_once(plain, tmp_path, in_process):
-    folder = tmp_path / "run"
-    shutil.copytree(plain[0], folder)
-    for _ in range(2):
-        simulate(folder, plan(), in_process(), quiet=True, log=True)
-        check(folder, plain[1])
-    run = simulate(folder, plan(6), in_process(), quiet=True, log=True)
-    check(folder, run, 6)
-
-
-def test_the_curve_of_running_cohorts_ends_where_the_slowest_is(plain, tmp_path):
-    condition = CONDITIONS[0]
-    the_plan = plan()
-    for index, minutes in enumerate((3, 2)):
-        cohort = Cohort(the_plan.experiment, key := CohortKey(condition, index))
-        cohort.advance(600 * minutes + 30)
-        (tmp_path / "checkpoints").mkdir(exist_ok=True)
-        save_checkpoint(checkpoint_file(tmp_path, key), cohort)
-        unfinished = UnfinishedRun(tmp_path, the_plan, {}, the_plan.cohorts(), {})
-        assert len(unfinished.curve(condition)) == (0, 2)[index]
-    wanted = plain[1].curves(condition)[:, :2].mean(axis=0, dtype=float)
-    np.testing.assert_array_equal(unfinished.curve(condition), wanted)
-    (tmp_path / "checkpoints" / f"{key}.safetensors").write_bytes(b"damaged")
-    assert len(unfinished.curve(condition)) == 0
-
-
-def test_a_robot_that_was_stopped_is_in_no_part_of_the_curve(tmp_path):
-    condition, the_plan = CONDITIONS[0], plan()
+def test_the_curve_of_running_cohorts_ends_where_the_slowest_is_without_stopped_robots(tmp_path):
     (tmp_path / "checkpoints").mkdir()
-    cohorts = []
-    for index in range(2):
-        cohort = Cohort(the_plan.experiment, key := CohortKey(condition, index))
-        cohorts.append((key, cohort))
-        cohort.advance(30)
+    cohorts = [Cohort(plan().experiment, CohortKey(SPOT, index)) for index in range(2)]
+    run = UnfinishedRun(tmp_path, plan(), {}, plan().cohorts(), {})
+    for cohort, minutes, reached in zip(cohorts, (2, 1), (0, 1), strict=True):
         cohort.batch.stop(np.array([1]))
-        cohort.advance(600 * 2)
-        save_checkpoint(checkpoint_file(tmp_path, key), cohort)
-    (first, lives), (second, _) = cohorts
-    valid = lives.lives()
-    running = UnfinishedRun(tmp_path, the_plan, {}, the_plan.cohorts(), {})
-    one_finished = UnfinishedRun(tmp_path, the_plan, {}, the_plan.cohorts(), {first: valid})
-    rows = collect(the_plan.experiment, [(key, one.lives()) for key, one in cohorts])[condition]
-    collected = UnfinishedRun(tmp_path, the_plan, {condition: rows}, the_plan.cohorts(), {})
-    wanted = rows.curves[[0, 2]].mean(axis=0, dtype=float)
-    everybody = rows.curves.mean(axis=0, dtype=float)
-    for unfinished in (running, one_finished, collected):
-        found = unfinished.curve(condition)
-        assert len(found) >= 2
-        np.testing.assert_allclose(found[:2], wanted[:2])
-        assert not np.allclose(found[:2], everybody[:2])
+        cohort.advance(600 * minutes + 30)
+        save_checkpoint(checkpoint_file(tmp_path, cohort.key), cohort)
+        assert len(run.curve(SPOT)) == reached
+    counts = [cohort.lives().minutes[0, :1] for cohort in cohorts]
+    np.testing.assert_allclose(run.curve(SPOT), np.mean(counts, axis=0) / 600, rtol=1e-6)
+    cohorts[0].advance(10**9)
+    run.lives[cohorts[0].key] = cohorts[0].lives()
+    run.left.remove(cohorts[0].key)
+    np.testing.assert_allclose(run.curve(SPOT), np.mean(counts, axis=0) / 600, rtol=1e-6)
+    checkpoint_file(tmp_path, cohorts[1].key).write_bytes(b"damaged")
+    assert len(run.curve(SPOT)) == 0
 
 
-def test_the_log_is_updated_while_jobs_run(tmp_path):
-    pytest.importorskip("tensorboard", reason="needs the extra `tensorboard`")
-    curve = np.zeros(2)
-    log = tensorboard_log.TensorBoardLog(
-        tmp_path / "tensorboard", {CONDITIONS[0]: 4}, lambda condition: curve, every=0
-    )
-    watchers = []
+def test_the_log_is_updated_while_jobs_run_where_it_is_due(tmp_path, monkeypatch):
+    pytest.importorskip("tensorboard")
+    from musebot.protocols.lives import tensorboard_log
 
-    class Progress:
-        def watch(self, watcher):
-            watchers.append(watcher)
-
-    def executor(jobs, progress):
-        yield from jobs
-
-    assert [*log.watching(executor)([], Progress())] == []
-    watchers[0]()
-    assert logged(tmp_path, CONDITIONS[0])[0] == [1, 2]
+    now, curve = [0.0], np.zeros(2)
+    run = UnfinishedRun(tmp_path, plan(), {}, [], {})
+    monkeypatch.setattr(tensorboard_log.time, "monotonic", lambda: now[0])
+    run.curve = lambda condition: curve
+    log = tensorboard_log.TensorBoardLog(run, every=60)
+    log.update()
+    assert not (tmp_path / "tensorboard").exists()
+    now[0] = 60.0
+    log.update()
+    sizes = [path.stat().st_size for path in tmp_path.rglob("events.*")]
+    assert len(sizes) == 2
     curve = np.zeros(3)
-    watchers[0]()
-    assert logged(tmp_path, CONDITIONS[0])[0] == [1, 2, 3]
-    log.close()
+    log.update(now=True)
+    assert all(p.stat().st_size > size for p, size in zip(tmp_path.rglob("events.*"), sizes))  # noqa: B905
 
 
 def test_a_log_that_cannot_be_written_does_not_end_the_run(plain, tmp_path, in_process, capsys):
@@ -167,21 +112,9 @@ def test_a_log_that_cannot_be_written_does_not_end_the_run(plain, tmp_path, in_p
 
 
 def test_without_the_extra_nothing_is_written(tmp_path, monkeypatch):
-    find = importlib.import_module
-
-    def missing(name, *package):
-        if name.startswith("tensorboard"):
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-        return find(name, *package)
-
-    monkeypatch.setattr(importlib, "import_module", missing)
-    out = tmp_path / "out"
+    for name in [name for name in sys.modules if "tensorboard" in name]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "tensorboard", None)
     with pytest.raises(InputError, match=r"^tensorboard is not installed; pip install 'musebot\["):
-        musebot.run(out, log="tensorboard")
-    assert not out.exists()
-
-
-def test_an_unknown_log_is_refused(tmp_path):
-    with pytest.raises(InputError, match="^log must be one of none, tensorboard, got 'wandb'$"):
-        musebot.run(tmp_path / "out", log="wandb")
+        musebot.run(tmp_path / "out", tensorboard=True)
     assert not (tmp_path / "out").exists()
