@@ -14,13 +14,11 @@ from torch.utils._pytree import tree_leaves
 
 from musebot.controller import BRAINS, NoisePatterns, Parameters
 from musebot.models import Kinematics
-from musebot.protocols.cli.shared_options import Workers
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort, advance_together
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.device import robots_on_device
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.local import Local
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import check_device
 from musebot.tasks.tensors import capture
@@ -308,24 +306,3 @@ def test_a_gpu_that_is_missing_or_too_small_is_refused(monkeypatch):
     agents = Plan.of(gpu, [Condition("spot_finding", "hand_coded:make")], 4)
     with pytest.raises(InputError, match="only robots with a brain are simulated on cuda:1"):
         check_device(agents)
-
-
-@pytest.mark.parametrize(
-    ("workers", "device", "sentence"),
-    [
-        (Workers(engine="ray", address="h:1"), "cuda", "ray needs the device cpu, got cuda"),
-        (Workers(engine="ray"), "cpu", "the engine ray needs --address HOST:PORT"),
-        (Workers(2, "ray", "h:1"), "cpu", "--processes is for the engine local"),
-        (Workers(engine="Ray"), "cpu", "engine must be local or ray, got 'Ray'"),  # type: ignore[arg-type]
-        (Workers(address="h:1"), "cpu", "--address is for the engine ray, got h:1"),
-        (Workers(processes=0), "cpu", "processes must be at least 1, got 0"),
-    ],
-)
-def test_options_of_workers_that_exclude_each_other_are_refused(workers, device, sentence):
-    with pytest.raises(InputError, match=sentence):
-        workers.executor(device)
-
-
-def test_on_a_gpu_one_job_runs_at_a_time():
-    assert Workers(processes=4).executor() == Local(4)
-    assert Workers(processes=4).executor("cuda") == Local(1)
