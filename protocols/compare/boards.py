@@ -25,7 +25,6 @@ from ..lives.experiment import Body, Experiment, Signals, differing
 from ..lives.overrides import brain_name
 from ..lives.run import Run
 from ..lives.schedules import TASK_NAMES
-from .tune import run_words
 
 DRAWS = 100_000
 """Bootstrap draws of a score: with 10,000 p of 0.05 changed by 0.01 and more with the seed."""

@@ -296,12 +296,6 @@ class Tune(Study):
         return found
 
 
-def run_words(agent: str, signals: str, settings: Sequence[str]) -> str:
-    """Returns the words of `musebot run` that choose an agent, its signals and its settings."""
-    chosen = [*(["signals=raw"] if signals == "raw" else []), *(f"agent.{one}" for one in settings)]
-    return " ".join([f"--agent {agent}", *(["--set", *chosen] if chosen else [])])
-
-
 def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: str) -> np.ndarray:
     """Returns each robot's shares of time after and during training, shape (2, B).
 
