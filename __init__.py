@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import pathlib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
@@ -76,7 +77,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
       out: Folder of the run; an unfinished run continues.
       quiet: Whether to show no progress.
       **options: Options of `musebot run`, with underscores, such as `task`, `robots` and `brain`;
-        see `protocols.commands.run.run`.
+        see `protocols.cli.run.run`.
 
     Returns:
       The run with all robots of the folder.
@@ -86,7 +87,8 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
       ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: A value is invalid, or the folder holds something else.
     """
-    return _with_brain("cli.run").run(out, quiet=quiet, **options)
+    with _brain_needed():
+        return _protocol("cli.run").run(out, quiet=quiet, **options)
 
 
 def load_run(out: str | Path, networks: bool = True) -> Run:
@@ -101,14 +103,21 @@ def load_run(out: str | Path, networks: bool = True) -> Run:
       protocols.errors.InputError: The folder holds no run, none of its robots is finished, or what
         it holds is damaged.
     """
-    return _with_brain("lives.run_files").read_run(pathlib.Path(out), networks=networks)
+    with _brain_needed():
+        return _protocol("lives.run_files").read_run(pathlib.Path(out), networks=networks)
 
 
-def _with_brain(module: str) -> Any:
+def _protocol(module: str) -> Any:
     """Imports a module of `protocols` by name: they import this module's version."""
+    return importlib.import_module(f"{__name__}.protocols.{module}")
+
+
+@contextlib.contextmanager
+def _brain_needed() -> Iterator[None]:
+    """Says of a package that is missing which extra installs it."""
     try:
-        return importlib.import_module(f"{__name__}.protocols.{module}")
-    except ModuleNotFoundError as error:  # without the extra `brain`
+        yield
+    except ModuleNotFoundError as error:
         from .protocols.errors import missing_extra
 
         raise ModuleNotFoundError(missing_extra(error), name=error.name) from error

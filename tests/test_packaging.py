@@ -118,7 +118,7 @@ def test_a_missing_requirement_is_a_sentence_that_names_its_extra():
 @pytest.mark.parametrize(
     ("code", "absent", "extra"),
     [
-        ("import musebot.controller", "torch", "brain"),
+        ("import musebot.controller as c; c.Neurocontroller", "torch", "brain"),
         ("import musebot; musebot.run('out')", "torch", "brain"),
         ("import musebot.tasks.stable_baselines", "stable_baselines3", "baselines"),
         ("import musebot; musebot.register_gymnasium()", "gymnasium", "gym"),

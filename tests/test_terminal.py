@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from musebot.protocols import terminal
+from musebot.protocols import progress as module
 from musebot.protocols.exit_status import exit_status
 from musebot.protocols.progress import JobProgress
 from musebot.protocols.terminal import notice, printable, say
@@ -47,7 +47,7 @@ def test_what_an_earlier_call_did_is_not_this_ones_speed():
 def later(progress, seconds, monkeypatch):
     """Lets a progress display believe that some seconds have passed."""
     now = time.monotonic() + seconds
-    monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
 
 
 def test_a_log_gets_lines_with_robots_speed_and_time_left(capfd, monkeypatch):
@@ -98,8 +98,8 @@ def test_a_run_continued_counts_the_time_left_by_this_calls_speed():
 
 def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(monkeypatch):
     now = 0.0
-    monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
-    pace, due = terminal._Pace(), []
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    pace, due = module._Pace(), []
     for second in range(300):
         now = float(second)
         if pace.due():
@@ -109,14 +109,14 @@ def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(monkeypatch):
 
 def test_steps_of_one_process_leave_lines_with_the_time_left(capfd, monkeypatch):
     now = 0.0
-    monkeypatch.setattr(terminal.time, "monotonic", lambda: now)
-    with terminal.StepProgress("watching\n", 40) as progress:
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    with module.StepProgress("watching\n", 40) as progress:
         for _ in range(8):
             now += 1
             progress.advance()
     lines = capfd.readouterr().err.splitlines()
     assert lines == [r"musebot: watching\n: 12.5 %, 0:00:35 left"]
-    with terminal.StepProgress("nothing", 0):
+    with module.StepProgress("nothing", 0):
         pass
     assert capfd.readouterr().err == ""
 
@@ -138,7 +138,7 @@ def test_bars_are_drawn_on_terminals_only(tty, variables, bars, monkeypatch):
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    assert terminal._draws_bars() == bars
+    assert module._draws_bars() == bars
     with JobProgress("jobs", [1.0]) as progress:
         progress.tell("a message")
     assert ("\x1b" in stream.getvalue()) == bars and "a message" in stream.getvalue()
@@ -156,7 +156,7 @@ def test_a_full_disk_under_stderr_stops_no_work(monkeypatch):
     with JobProgress("jobs", [1.0]) as progress:
         progress.tell("a message")
         progress.show(queue.Queue())
-    with terminal.StepProgress("steps", 1) as steps:
+    with module.StepProgress("steps", 1) as steps:
         steps._pace._wait = 0.0
         steps.advance()
     assert exit_status(lambda: notice("unheard"), check=False) == 0

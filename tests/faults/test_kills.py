@@ -16,7 +16,6 @@ import time
 import pytest
 
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.cli.verbs import VERBS
 from musebot.protocols.lives import jobs
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
@@ -112,9 +111,9 @@ def commands(tmp_path_factory):
 
 TUNE = "--agent q_learner --robots 4 --trials 4 --kept 2 --time-scale 0.02 --processes 2"
 LINES = {
-    "run": "run OUT --task wall_avoidance --proposer creative fixed --robots 4 --cohort-size 2 "
+    "run": "run OUT --task wall_avoidance --proposer creative fixed --robots 4 --set cohort_size=2 "
     "--time-scale 0.002 --processes 2 --save-every 0.05",
-    "tune": f"{'benchmark' if 'benchmark' in VERBS else 'study'} tune OUT {TUNE}",
+    "tune": f"benchmark tune OUT {TUNE}",
 }
 
 

@@ -65,7 +65,7 @@ SOUND = {
     "benchmark rank": "OUT --runs RUN",
     "benchmark ppo": "OUT --task spot_finding_unit",
 }
-VERBS = [verb for verb in SOUND if verb in {**verbs.VERBS, **getattr(verbs, "BENCHMARK", {})}]
+VERBS = [*SOUND]
 
 
 def options_of(verb):
@@ -149,8 +149,8 @@ class _Stage:
     def __init__(self, task, half_length):
         del task, half_length
 
-    def draw(self, shot):
-        del shot
+    def draw(self, shot, trail):
+        del shot, trail
         return np.zeros((496, 720, 3), np.uint8)
 
     def close(self):
@@ -243,7 +243,7 @@ def _value(draw, name, where):
     """Returns a hostile value; most are of the kind that the option takes."""
     if (name in PLACES) == (draw.random() < 0.9):
         return one(draw, where)
-    if "set" in name or name == "--kinematics":
+    if name == "--set":
         values = (*NUMBERS, *NESTED, *TEXTS) if draw.random() < 0.5 else NUMBERS
         return f"{one(draw, NAMES)}={one(draw, values)}"
     return one(draw, NUMBERS if draw.random() < 0.5 else TEXTS)

@@ -186,9 +186,9 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
     ("words", "sentence"),
     [
         ("film RUN --task wall_avoidance --output NEW.mp4 --seconds 1e9", "3600"),
-        ("run NEW --body kinematic --robots 1000000000", "at most"),
+        ("run NEW --body kinematic --robots 1000000000", "from 1 to 1000000"),
         ("run NEW --robots 1000000", "GiB of memory; this machine has"),
-        ("run NEW --set fixed_motors=" + "[" * 100_000, "fixed_motors must be"),
+        ("run NEW --set brain.fixed_motors=" + "[" * 100_000, "fixed_motors must be"),
     ],
 )
 def test_a_number_that_no_machine_could_serve_is_refused(

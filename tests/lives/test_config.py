@@ -64,7 +64,7 @@ def test_a_brain_is_a_name_or_the_paper_s_with_changes(written):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("seed = 1", "the file has no 'seed'; there are experiment, plan"),
+        ("seed = 1", "the file has no 'seed'; there are format, experiment"),
         ("experiment = [1]", "experiment must have names with values, got [1]"),
         ("experiment.soul = 1", "experiment has no 'soul'"),
         ("experiment.sed = 1", "experiment has no 'sed'; did you mean seed?"),

@@ -339,8 +339,7 @@ def test_a_cluster_runs_nothing_without_its_token(token, cluster, tmp_path, monk
     else:
         monkeypatch.delenv("RAY_AUTH_MODE")
     run = subprocess.run(
-        [sys.executable, "-m", "musebot", "run", str(tmp_path / "run"), "--engine", "ray",
-         "--address", cluster],
+        [sys.executable, "-m", "musebot", "run", str(tmp_path / "run"), "--ray", cluster],
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert run.returncode == 2, run.stderr
