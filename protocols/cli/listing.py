@@ -7,16 +7,12 @@ from collections.abc import Mapping
 from importlib.metadata import entry_points
 from types import MappingProxyType
 
+from ...controller.brains import INGREDIENTS
 from ..errors import InputError, nearest
 from ..terminal import say
 from .options import argument
 
 # The names are written here too, so that the list needs no heavy import; a test compares them.
-_INGREDIENTS = (
-    "hidden_neurons", "centred_inputs", "raw_signals", "raw_reward", "reward_difference",
-    "max_target", "clipped_bootstrap", "advantage", "adam", "best_action_memory", "random_ideas",
-    "persistent_exploration", "epsilon_decay",
-)  # fmt: skip
 NAMES: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "tasks": {
@@ -46,7 +42,7 @@ NAMES: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "brains": {
             "paper": "The paper's brain.",
             "steady": "Two larger networks with other inputs and another learning rule.",
-            **{f"steady-{one}": f"`steady` without its ingredient {one}." for one in _INGREDIENTS},
+            **{f"steady-{one}": f"`steady` without its ingredient {one}." for one in INGREDIENTS},
             "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
         },
         "protocols": {
