@@ -126,7 +126,7 @@ class Neurocontroller:
         return error
 
     # `select` and `update` are the work of `act` and `learn` on the device: a GPU captures and
-    # replays them (see `protocols.simulation.device`). `begin` and `end` are the host's part.
+    # replays them (see `protocols.lives.device`). `begin` and `end` are the host's part.
 
     def select(self, state: Tensor, explore: bool) -> Tensor:
         """Selects each robot's action, as `act`, after `begin`."""

@@ -6,7 +6,6 @@ import dataclasses
 from typing import Literal, get_args
 
 from ..fields import Checked, choice, flag, number, numbers, whole
-from ..fields import shown as shown
 
 ActivationName = Literal["logistic", "tanh"]
 RewardForm = Literal["signal", "difference"]

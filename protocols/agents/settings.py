@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...controller.parameters import shown
+from ...fields import shown
 from ..errors import InputError, nearest
 
 _SETTINGS = "agent_settings"

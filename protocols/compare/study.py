@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ...controller.parameters import shown
+from ...fields import shown
 from ..errors import DamagedFileError, InputError
 from ..lives.budget import check_memory
 from ..lives.experiment import Experiment, check_same
