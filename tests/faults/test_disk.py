@@ -16,7 +16,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.cli.verbs import VERBS
 from musebot.protocols.lives import jobs
 from musebot.protocols.lives.run_files import RESULTS_FILE, read_so_far
 from musebot.protocols.pages import film, measured_behaviour, report
@@ -120,11 +119,11 @@ class Writer:
 
 RUN = "run OUT --task wall_avoidance --proposer fixed creative --set cohort_size=1 "
 RUN += "--time-scale 0.0001 --save-every 1e-9 --robots {} --body {}"
-TUNE = "tune OUT --agent q_learner --robots 2 --time-scale 0.0005 --trials 2 --kept 1"
+TUNE = "benchmark tune OUT --agent q_learner --robots 2 --time-scale 0.0005 --trials 2 --kept 1"
 CASES = {
     "run": ([], [RUN.format(2, "kinematic")]),
     "larger": ([RUN.format(1, "mujoco")], [RUN.format(2, "mujoco")]),
-    "tune": ([], [f"{'benchmark' if 'benchmark' in VERBS else 'study'} {TUNE}"]),
+    "tune": ([], [TUNE]),
     "report": ([RUN.format(2, "kinematic")], ["report OUT"]),
     "tables": ([RUN.format(2, "kinematic")], ["tables OUT", "tables OUT --json"]),
 }
@@ -135,13 +134,13 @@ def quick(monkeypatch, commands_in_process):
     """Checkpoints after four steps, empty figures, no films, robots observed once."""
     seen = []
 
-    def observe(run, tick):
-        seen.extend([] if seen else [real(run, tick)])
+    def observe(run):
+        seen.extend([] if seen else [real(run)])
         return seen[0]
 
-    def figures(run, behaviour, tick):
+    def figures(run, behaviour):
         for name in ("first", "second"):
-            yield report.PlannedFigure(name, name, name, name, Figure)
+            yield name, Figure()
 
     real = measured_behaviour.observe
     monkeypatch.setattr(measured_behaviour, "observe", observe)
@@ -181,11 +180,12 @@ class Sweep:
         """Does the case once; returns the disk, the exit status and what was printed."""
         self._capsys.readouterr()
         with Disk(out, *failure).mounted() as disk:
-            status = None
-            with contextlib.suppress(Dead):
-                for line in self._lines:
-                    if status := cli.main(line.replace("OUT", str(out)).split()):
-                        break
+            status = 0
+            for line in self._lines:
+                if status == 0:
+                    status = None  # that of a killed command
+                    with contextlib.suppress(Dead):
+                        status = cli.main(line.replace("OUT", str(out)).split())
         return disk, status, self._capsys.readouterr()
 
     def fails(self, number, mode, again=()):

@@ -62,7 +62,7 @@ SOUND = {
     "doctor": "",
     "benchmark run": f"OUT --agent q_learner {_SHORT} --body kinematic --signals raw",
     "benchmark tune": f"OUT --agent q_learner {_SHORT} --trials 2 --kept 1",
-    "benchmark rank": "OUT --runs RUN",
+    "benchmark rank": "OUT --runs BOARD",
     "benchmark ppo": "OUT --task spot_finding_unit",
 }
 VERBS = [*SOUND]
@@ -93,7 +93,8 @@ def places(base, folder):
     """
     folder.mkdir()
     run, foreign = folder / "run", folder / "foreign"
-    shutil.copytree(base / "a" / "run", run)
+    for name in ("run", "board"):
+        shutil.copytree(base / "a" / name, folder / name)
     foreign.mkdir()
     (foreign / ".secret").write_text("mine")
     (foreign / "notes.txt").write_text("mine")
@@ -218,9 +219,14 @@ def sound_words(verb, where):
 
 
 def _placed(words, where, other):
-    """Returns words with paths for OUT, FILE and RUN."""
+    """Returns words with paths for OUT, FILE, RUN and BOARD."""
     own = Path(where[0]).parent
-    paths = {"OUT": own / "new", "FILE": own / "new.mp4", "RUN": own / "run"}
+    paths = {
+        "OUT": own / "new",
+        "FILE": own / "new.mp4",
+        "RUN": own / "run",
+        "BOARD": own / "board",
+    }
     return [(other() or str(paths[word])) if word in paths else word for word in words]
 
 

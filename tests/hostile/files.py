@@ -13,6 +13,7 @@ from hostile import mutations as change
 from hostile.mutations import one
 
 from musebot.protocols import exit_status
+from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.ppo import Policies, policy_arrays
 from musebot.protocols.lives import checkpoints
 from musebot.protocols.lives.cohort import Cohort
@@ -39,18 +40,12 @@ def make(folder, seed, invented):
       seed: Seed of all random streams; two folders of different seeds are of different robots.
       invented: Function `conftest.invented_lives`.
     """
-    run, short = folder / "run", dataclasses.replace(SHORT, seed=seed)
+    short = dataclasses.replace(SHORT, seed=seed)
     experiment = dataclasses.replace(short, time_scale=0.05)
-    run.mkdir(parents=True)
-    measured = {}
-    for condition, robots in ((WALLS, 4), (SPOT, 2)):
-        names = (condition.task, condition.proposer, seed)
-        times = [(float(n), 2.0 * n) for n in range(robots)]
-        kinds = ["invalid" if n == 1 else "L < 0" for n in range(robots)]
-        rows = [Robot(*names, 0, n, *times[n], 0.0, kinds[n]) for n in range(robots)]
-        measured[condition] = invented(experiment, rows, seed)
-    write_manifest(run, Plan(experiment, {WALLS: 4, SPOT: 2}))
-    write_results(run, experiment, measured)
+    _make_run(folder / "run", experiment, {WALLS: 4, SPOT: 2}, invented)
+    whole = dataclasses.replace(short, time_scale=1)
+    bounds = [Condition("spot_finding", recorded_name(name)) for name in ("newborn", "hand_coded")]
+    _make_run(folder / "board", whole, dict.fromkeys([SPOT, *bounds], 2), invented)
     cohort = Cohort(short, KEY)
     cohort.advance(cohort.steps // 2)
     checkpoints.save_checkpoint(checkpoints.checkpoint_file(folder, KEY), cohort)
@@ -65,6 +60,19 @@ def make(folder, seed, invented):
         shape = shapes[int(layer)][: 1 if what == "biases" else 2]
         arrays[name] = draw.normal(0, 0.3, (2, *shape)).astype(np.float32)
     save_arrays(folder / "policies.safetensors", arrays, task=TASK, seed=seed)
+
+
+def _make_run(folder, experiment, robots, invented):
+    """Writes a run with invented robots, of which the second of each condition is invalid."""
+    folder.mkdir(parents=True)
+    measured = {}
+    for condition, number in robots.items():
+        names = (condition.task, condition.proposer, experiment.seed)
+        kinds = ["invalid" if n == 1 else "L < 0" for n in range(number)]
+        rows = [Robot(*names, 0, n, float(n), 2.0 * n, 0.0, kinds[n]) for n in range(number)]
+        measured[condition] = invented(experiment, rows, experiment.seed)
+    write_manifest(folder, Plan(experiment, robots))
+    write_results(folder, experiment, measured)
 
 
 # ---- Readers: each returns a value that is equal if and only if the results are ----
