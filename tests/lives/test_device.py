@@ -108,11 +108,13 @@ def test_cohorts_on_one_batch_live_as_alone_and_those_behind_catch_up(base, tens
     if base is WARP:
         pytest.importorskip("mujoco_warp")
         base = dataclasses.replace(base, time_scale=0.0005)
-    keys = [CohortKey(Condition("wall_avoidance", proposer), 0) for proposer in PROPOSERS]
-    alone = [lived(cohort(proposer=proposer, base=base)) for proposer in PROPOSERS]
+    keys = [CohortKey(Condition("spot_finding", proposer), 0) for proposer in PROPOSERS]
+    alone = [
+        lived(cohort(proposer=proposer, task="spot_finding", base=base)) for proposer in PROPOSERS
+    ]
 
     def made():
-        batches = robots_on_device(base, "wall_avoidance", len(keys))
+        batches = robots_on_device(base, "spot_finding", len(keys))
         return [Cohort(base, *pair) for pair in zip(keys, batches, strict=True)]
 
     together, saved = made(), []

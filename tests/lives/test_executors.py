@@ -131,6 +131,7 @@ def test_jobs_start_in_their_order_and_each_is_handed_on_and_run_once(
 
 @pytest.mark.parametrize("how", [signal.SIGTERM])  # tests/lives/test_runs.py has the others
 def test_a_signal_stops_the_jobs_and_keeps_what_is_done(how, executor, kinds, tmp_path):
+    made = executor(2)  # Ray sets a handler of its own
     before = signal.getsignal(how)
     looks = {"quick": 0, "slow": FOREVER, "slow too": FOREVER, "never": 0}
     jobs = [kinds.Write(tmp_path / name, number) for name, number in looks.items()]
@@ -143,7 +144,7 @@ def test_a_signal_stops_the_jobs_and_keeps_what_is_done(how, executor, kinds, tm
         threading.Thread(target=kill).start()
 
     with pytest.raises(Interrupted):
-        execute_all(jobs, executor(2), stop)
+        execute_all(jobs, made, stop)
     assert [job.done() for job in jobs] == [True, False, False, False]
     assert len([*tmp_path.glob("*.stopped")]) == 2 and not (tmp_path / "never.begun").exists()
     assert {path.suffix for path in tmp_path.iterdir()} == {"", ".begun", ".stopped"}

@@ -77,6 +77,7 @@ def test_a_job_stopped_anywhere_continues_to_the_same_bytes(make, tmp_path):
     assert done and whole.done() and not messages
     assert amounts[0] == 0 and amounts[-1] == pytest.approx(whole.cost)
     assert amounts == sorted(amounts)
+    assert all(".finished" in name or name == whole.path.name for name in files(tmp_path / "whole"))
 
     reached = 0.0
     for looks in itertools.count(1):
