@@ -1,16 +1,16 @@
 """Fields of dataclasses that declare which values they allow, in which unit, and why.
 
 Example:
-  A class with two fields, a value that is refused, a description and a replacement:
+  A class with two fields, and a value that is refused:
 
     @dataclasses.dataclass(frozen=True)
     class Settings(Checked):
         speed: float = number(0.2, 0, 10, "(]", unit="m/s")
         steps: int = whole(1, 1, 1000, reason="more take hours")
 
-    Settings(speed=0)                       # speed must be a number in (0, 10] m/s, got 0
-    described(field_of(Settings, "speed"))  # a number in (0, 10] m/s
-    with_words(Settings(), ["speed=0.1"])   # Settings(speed=0.1, steps=1)
+    Settings(speed=0)  # speed must be a number in (0, 10] m/s, got 0
+
+An object that says which values are allowed is a container of them; `str` describes them.
 """
 
 from __future__ import annotations
@@ -19,32 +19,12 @@ import dataclasses
 import re
 import reprlib
 import sys
-from collections.abc import Iterable
-from typing import Any, TypeVar, get_args
-
-Instance = TypeVar("Instance")
-
-_WHOLE = re.compile(r"[+-]?[0-9]{1,100}")
-
-
-class Allowed:
-    """The values that a field allows; `str` describes them, as in "a number in [0, 1]"."""
-
-    def __contains__(self, value: Any) -> bool:
-        """Returns whether a value is allowed; no value raises an error."""
-        raise NotImplementedError
-
-    def read(self, text: str) -> Any:
-        """Returns the value that a text means, allowed or not: here the text.
-
-        Raises:
-          ValueError: The text is of another kind.
-        """
-        return text
+from collections.abc import Container
+from typing import Any, get_args
 
 
 @dataclasses.dataclass(frozen=True)
-class Flag(Allowed):
+class Flag:
     """True and false."""
 
     def __contains__(self, value: Any) -> bool:
@@ -53,15 +33,9 @@ class Flag(Allowed):
     def __str__(self) -> str:
         return "true or false"
 
-    def read(self, text: str) -> Any:
-        """Reads "true" or "false"."""
-        if text not in ("true", "false"):
-            raise ValueError(text)
-        return text == "true"
-
 
 @dataclasses.dataclass(frozen=True)
-class Choice(Allowed):
+class Choice:
     """Some strings."""
 
     options: tuple[str, ...]
@@ -74,7 +48,7 @@ class Choice(Allowed):
 
 
 @dataclasses.dataclass(frozen=True)
-class Text(Allowed):
+class Text:
     """Strings that match a pattern as a whole; `words` describes them."""
 
     pattern: str
@@ -88,7 +62,7 @@ class Text(Allowed):
 
 
 @dataclasses.dataclass(frozen=True)
-class Whole(Allowed):
+class Whole:
     """Whole numbers from `low` to `high`."""
 
     low: int
@@ -100,15 +74,9 @@ class Whole(Allowed):
     def __str__(self) -> str:
         return f"a whole number from {self.low} to {self.high}"
 
-    def read(self, text: str) -> Any:
-        """Reads a decimal number."""
-        if not _WHOLE.fullmatch(text):
-            raise ValueError(text)
-        return int(text)
-
 
 @dataclasses.dataclass(frozen=True)
-class Number(Allowed):
+class Number:
     """Numbers from `low` to `high`; "(" or ")" in `ends` excludes an end."""
 
     low: float
@@ -125,16 +93,12 @@ class Number(Allowed):
     def __str__(self) -> str:
         return f"a number in {self.ends[0]}{self.low:g}, {self.high:g}{self.ends[1]}"
 
-    def read(self, text: str) -> Any:
-        """Reads a decimal number."""
-        return int(text) if _WHOLE.fullmatch(text) else float(text)
-
 
 @dataclasses.dataclass(frozen=True)
-class Several(Allowed):
-    """Tuples of 1 to `most` values; a text has commas between them."""
+class Several:
+    """Tuples of 1 to `most` values."""
 
-    each: Allowed
+    each: Container[Any]
     most: int
 
     def __contains__(self, value: Any) -> bool:
@@ -145,18 +109,13 @@ class Several(Allowed):
     def __str__(self) -> str:
         return f"1 to {self.most} values, each {self.each}"
 
-    def read(self, text: str) -> Any:
-        """Reads values with commas between them, with or without brackets."""
-        inner = text[1:-1] if text[:1] + text[-1:] == "[]" else text
-        return tuple(self.each.read(one.strip()) for one in inner.split(","))
 
-
-def field(default: Any, allowed: Allowed, unit: str = "", reason: str = "") -> Any:
+def field(default: Any, allowed: Container[Any], unit: str = "", reason: str = "") -> Any:
     """Returns a dataclass field that allows certain values; see `whole`, `number` and so on.
 
     Args:
       default: Default of the field; None makes the field optional.
-      allowed: Allowed values.
+      allowed: Container[Any] values.
       unit: Unit of the value, such as "m/s"; "" for none.
       reason: Reason for the range, for the reference page; "" if it is plain.
     """
@@ -246,73 +205,6 @@ def described(one: dataclasses.Field[Any]) -> str:
     notes = one.metadata
     words = [str(notes["allowed"]), notes["unit"], "or none" if notes["optional"] else ""]
     return " ".join(filter(None, words))
-
-
-def field_of(owner: Any, name: str) -> dataclasses.Field[Any]:
-    """Returns a field of a dataclass, or of an instance, by its name.
-
-    Raises:
-      KeyError: There is no such field.
-    """
-    return {one.name: one for one in dataclasses.fields(owner)}[name]
-
-
-def read(one: dataclasses.Field[Any], text: str) -> Any:
-    """Returns the value of a declared field that a text means: "0.1", "true", "none".
-
-    Raises:
-      ValueError: The text is of another kind, or its value is not allowed.
-    """
-    if text in ("none", "null") and one.metadata["optional"]:
-        return None
-    try:
-        value = one.metadata["allowed"].read(text)
-    except ValueError:
-        raise _refusal(one, text) from None
-    return checked(one, value)
-
-
-def with_words(instance: Instance, words: Iterable[str]) -> Instance:
-    """Returns a dataclass instance with some fields replaced.
-
-    Args:
-      instance: Instance to start from.
-      words: Replacements NAME=VALUE; a field of a field that is a dataclass has a dotted name,
-        as in "brain.epsilon=0.1".
-
-    Raises:
-      ValueError: A word has another form, a name is unknown or given twice, or a value is not
-        allowed.
-    """
-    names = names_of(instance)
-    fields: dict[str, Any] = {}
-    inner: dict[str, list[str]] = {}
-    for word in words:
-        name, given, value = word.partition("=")
-        if not given or name not in names:
-            raise ValueError(f"{shown(word)} must be NAME=VALUE, NAME one of {', '.join(names)}")
-        owner, dotted, rest = name.partition(".")
-        if dotted:
-            inner.setdefault(owner, []).append(f"{rest}={value}")
-        elif name in fields:
-            raise ValueError(f"{name} is given twice")
-        else:
-            fields[name] = read(field_of(instance, name), value)
-    for owner, its_words in inner.items():
-        fields[owner] = with_words(getattr(instance, owner), its_words)
-    return dataclasses.replace(instance, **fields)  # type: ignore[type-var]
-
-
-def names_of(instance: Any) -> list[str]:
-    """Returns the names that `with_words` takes, those of inner dataclasses dotted."""
-    names = []
-    for one in dataclasses.fields(instance):
-        value = getattr(instance, one.name)
-        if dataclasses.is_dataclass(value):
-            names += [f"{one.name}.{name}" for name in names_of(value)]
-        elif "allowed" in one.metadata:
-            names.append(one.name)
-    return names
 
 
 class _Short(reprlib.Repr):

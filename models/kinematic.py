@@ -38,6 +38,7 @@ _NONE_TO_ALL = np.array([0.0, 1.0])
 # turning, above the second the full rate.
 _SLIPPING, _TURNING = np.array([0.08, 0.2]), np.array([0.14, 0.2])
 _MOST_PIECES = 1000  # far more than change a path
+_WIDEST, _LONGEST_LAG = 10, 1000  # in [m] and [s]: beyond, a robot hardly moves
 
 
 def _field(default: Any, allows: Callable[[Any], bool], must: str) -> Any:
@@ -50,12 +51,8 @@ def _choice(default: str, literal: Any) -> Any:
     return _field(default, names.__contains__, f"be one of {', '.join(names)}")
 
 
-def _size() -> Any:
-    return _field(
-        None,
-        lambda size: size is None or (type(size) in (int, float) and 0 < size < np.inf),
-        "be finite and positive, or none",
-    )
+def _number(value: Any) -> bool:
+    return type(value) in (int, float)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,15 +79,23 @@ class Kinematics:
         method, straight along the heading at the start of the part.
     """
 
-    radius: float | None = _size()
-    wheel_base: float | None = _size()
+    radius: float | None = _field(
+        None,
+        lambda radius: radius is None or (_number(radius) and 0 < radius < np.inf),
+        "be finite and positive, or none",
+    )
+    wheel_base: float | None = _field(
+        None,
+        lambda base: base is None or (_number(base) and 0 < base <= _WIDEST),
+        f"lie in (0, {_WIDEST}] m, or be none",
+    )
     wall: Wall = _choice("holds", Wall)
     felt: Felt = _choice("near", Felt)
     any_contact: bool = _field(False, lambda flag: isinstance(flag, bool), "be true or false")
     lag: float = _field(
         0.0,
-        lambda lag: type(lag) in (int, float) and 0 <= lag < np.inf,
-        "be a finite number, not negative",
+        lambda lag: _number(lag) and 0 <= lag <= _LONGEST_LAG,
+        f"be a number in [0, {_LONGEST_LAG}] s",
     )
     pieces: int = _field(
         4,

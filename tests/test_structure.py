@@ -26,7 +26,7 @@ ROOT_LAYERS = {
     "controller": {"controller", "fields"},
     "protocols": {*PACKAGES, "fields"},
 }
-MOST_LINES, MOST_MODULES, MOST_PARAMETERS = 450, 21, 6
+MOST_LINES, MOST_MODULES, MOST_PARAMETERS = 450, 20, 6
 MOST_LEVELS, MOST_LEVELS_OF_PROTOCOLS = 18, 14
 
 

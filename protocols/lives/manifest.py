@@ -139,11 +139,6 @@ def _shown(value: Any) -> str:
     return value[:60] if isinstance(value, str) else reprlib.repr(value)
 
 
-def check_same_experiment(directory: Path, held: Experiment, wanted: Mapping[str, Any]) -> None:
-    """Refuses to continue a run with other values of its experiment's fields; `check_identity`."""
-    check_identity(directory, json.loads(json.dumps(dataclasses.asdict(held))), wanted)
-
-
 # ---- Physics ----
 
 

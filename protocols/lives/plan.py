@@ -1,7 +1,4 @@
-"""Plans: which robots of an experiment are wanted, and into which cohorts they split.
-
-A variant is a plan's difference from a baseline.
-"""
+"""Plans: which robots of an experiment are wanted, and into which cohorts they split."""
 
 from __future__ import annotations
 
@@ -10,10 +7,9 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ...controller.proposers import PROPOSERS
 from ...fields import shown
 from ..errors import InputError
-from .conditions import PAPER_TASKS, CohortKey, Condition
+from .conditions import CohortKey, Condition
 from .experiment import Experiment
 
 MOST_ROBOTS = 1_000_000  # in a condition
@@ -127,33 +123,3 @@ def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
         return dataclasses.replace(experiment, **fields)
     except ValueError as error:
         raise InputError(str(error)) from error
-
-
-@dataclasses.dataclass(frozen=True)
-class Variant:
-    """A run that differs from the baseline in one thing.
-
-    Attributes:
-      name: Name of the run and of its folder.
-      fields: Fields of the experiment that differ from the baseline's, as for `changed`.
-      tasks: Tasks in which the difference can affect the robots; in other tasks, their lives would
-        equal the baseline's bit-exactly.
-      proposers: Proposers with which the difference can affect the robots; with other proposers,
-        their lives would equal the baseline's bit-exactly.
-      says: The difference in words, for a page.
-    """
-
-    name: str
-    fields: Mapping[str, Any]
-    tasks: tuple[str, ...] = PAPER_TASKS
-    proposers: tuple[str, ...] = PROPOSERS
-    says: str = ""
-
-    @property
-    def conditions(self) -> list[Condition]:
-        """Conditions in which the difference can affect the robots, in the order of the tables."""
-        return [Condition(task, proposer) for task in self.tasks for proposer in self.proposers]
-
-    def experiment(self, baseline: Experiment) -> Experiment:
-        """Returns the baseline's experiment, changed by this difference."""
-        return changed(baseline, self.fields)

@@ -80,7 +80,7 @@ def test_overrides_of_kinematics_turn_the_reference_into_them():
         ),
         (["lag"], "a value is set as NAME=VALUE, got 'lag'"),
         (["lag=0", "lag=1"], "lag is given twice"),
-        (["lag=long", "wall=slides"], "lag must be a finite number"),
+        (["lag=long", "wall=slides"], "lag must be a number in [0, 1000] s, got 'long'"),
         (["wall=soft"], "wall must be"),
     ],
 )

@@ -173,11 +173,11 @@ SIZES = (0.01, 1, 1e300, None), (0, -1, np.inf, np.nan, True, "1", np.float64(1)
 WORDS = ("eats", None, 0, [], "")
 RANGES = {  # values that a field takes, and values that it refuses
     "radius": SIZES,
-    "wheel_base": SIZES,
+    "wheel_base": ((0.01, 1, 10, None), (*SIZES[1], 10.1, 10**9)),
     "wall": (WALLS, WORDS),
     "felt": (("near", "pushed"), WORDS),
     "any_contact": ((True, False), (0, 1, None, "true")),
-    "lag": ((0, 0.0, 0.08, 100), (-1e-9, np.inf, np.nan, None, True, "0")),
+    "lag": ((0, 0.0, 0.08, 1000), (-1e-9, 1000.1, 10**9, np.inf, np.nan, None, True, "0")),
     "pieces": ((1, 4, 1000), (0, -1, 1001, 1.0, True, None, "4")),
     "path": (("arc", "euler"), WORDS),
 }
