@@ -47,12 +47,7 @@ class StepProgress:
     """Progress of steps of about equal length, in this process: a bar, or lines in a file."""
 
     def __init__(self, what: str, steps: int) -> None:
-        """Prepares the display.
-
-        Args:
-          what: Description of the steps.
-          steps: Number of steps; nothing is shown for 0.
-        """
+        """Takes a description and the number of the steps; nothing is shown for 0."""
         self._what, self._steps, self._done = printable(what), steps, 0
         self._lines = not _draws_bars()
         self._progress = Progress(
@@ -102,6 +97,7 @@ class JobProgress:
         costs: Sequence[float],
         quiet: bool = False,
         robots: Sequence[int] = (),
+        watcher: Callable[[], None] = lambda: None,
     ) -> None:
         """Prepares the display.
 
@@ -110,8 +106,9 @@ class JobProgress:
           costs: Cost of each job, in simulated seconds.
           quiet: Whether to show nothing.
           robots: Number of robots of each job; empty if the jobs are not made of robots' lives.
+          watcher: Function that is called whenever reports are shown, several times a second.
         """
-        self._costs, self._robots = costs, robots
+        self._costs, self._robots, self._watcher = costs, robots, watcher
         self._done: dict[int, float] = {}
         self._first: dict[int, float] = {}  # the speed does not count earlier calls
         self._lines = not (quiet or _draws_bars())
@@ -132,7 +129,6 @@ class JobProgress:
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
         self._began, self._pace = time.monotonic(), _Pace()
         self._shown: float | None = None  # simulated seconds done at the last line
-        self._watcher: Callable[[], None] = lambda: None
 
     def __enter__(self) -> JobProgress:
         self._progress.start()
@@ -144,10 +140,6 @@ class JobProgress:
         self._progress.stop()
         if self._lines and self._shown != sum(self._done.values()):
             notice(self.line())
-
-    def watch(self, watcher: Callable[[], None]) -> None:
-        """Sets a function that is called whenever reports are shown, several times a second."""
-        self._watcher = watcher
 
     def tell(self, sentence: str) -> None:
         """Prints a sentence above the bar."""

@@ -1,7 +1,7 @@
 """Files that are whole or absent: atomic writes, arrays with a digest, locks. No pickle.
 
-All files that a command leaves are created, replaced and deleted by the functions of this module,
-which follow no link below the folder that the user has named; but TensorBoard writes its own.
+The functions of this module create, replace and delete all files of a command, and follow no link
+below the folder that the user has named. Only TensorBoard writes files of its own.
 """
 
 from __future__ import annotations
@@ -14,19 +14,20 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import safetensors
 from safetensors.numpy import save
 
+from ..fields import shown
 from .errors import DamagedFileError, InputError, RunError
 
 _MOST_BYTES_OF_PATH = 1000  # of OUT
-_MOST_BYTES_OF_JSON = 2**24  # a larger file is not read
+_MOST_BYTES = 2**24  # of a text or of JSON; a larger file is not read
 _BITS = {"float": (16, 32, 64), "int": (8, 16, 32, 64), "uint": (8, 16, 32, 64)}
 DTYPES: Mapping[np.dtype, str] = MappingProxyType(
     {np.dtype(f"{kind}{n}"): f"{kind[0].upper()}{n}" for kind in _BITS for n in _BITS[kind]}
@@ -39,7 +40,8 @@ Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
 
 _DIGEST = "digest"  # of a file of JSON, in it
 # A temporary file of an interrupted write: no name that anything else would give to a file.
-_DRAFT = re.compile(r"\..*\.[0-9a-f]{16}\.musebot", re.DOTALL)
+_DRAFT = re.compile(r"\.(.*)\.[0-9a-f]{16}\.musebot", re.DOTALL)
+_LONGEST = 40  # characters of a name that its temporary file repeats, for every file system
 
 
 # ---- Checks before the work ----
@@ -47,24 +49,16 @@ _DRAFT = re.compile(r"\..*\.[0-9a-f]{16}\.musebot", re.DOTALL)
 
 def check_place(path: Path) -> None:
     """Raises InputError if a file could not be written; called before the work on its content."""
-    if path.is_dir():
-        raise InputError(f"{path} is a folder")
-    if path.is_symlink():
-        raise InputError(f"{path} is a link; name the file itself")
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path} is no regular file")
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent}")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        kind = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
+        raise InputError(f"{path} is {kind}; name a file")
     if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise InputError(f"{path.parent} cannot be written")
+        missing = "cannot be written" if path.parent.is_dir() else "is no folder"
+        raise InputError(f"{path.parent} {missing}")
 
 
 def resolved(path: Path) -> Path:
-    """Returns the absolute path that a path's links lead to.
-
-    Raises:
-      InputError: its links lead in a circle.
-    """
+    """Returns the absolute path that a path's links lead to; InputError if they form a circle."""
     try:
         return path.resolve()
     except RuntimeError as error:  # an OSError since Python 3.13
@@ -89,7 +83,7 @@ def check_folder(path: Path) -> None:
     if not path.is_dir():
         raise InputError(f"{path} is not a folder")
     if not os.access(path, os.R_OK | os.W_OK | os.X_OK):
-        raise InputError(f"{path} cannot be {'read' if os.access(path, os.W_OK) else 'written'}")
+        raise InputError(f"{path} cannot be read and written")
 
 
 def check_own_folder(path: Path) -> None:
@@ -125,18 +119,12 @@ def locked(directory: Path) -> Iterator[None]:
         except (OSError, InputError, RunError) as error:
             if directory.exists() and os.path.samestat(directory.stat(), os.fstat(handle)):
                 raise
-            raise RunError(_moved(directory, handle)) from error
+            place = Path(f"/proc/self/fd/{handle}")  # Linux knows where the folder is now
+            found = place.readlink() if place.is_symlink() else None
+            where = f"; what is done lies in {found}" if found and found.exists() else ""
+            raise RunError(f"{directory} was moved or deleted during the work{where}") from error
     finally:
         os.close(handle)
-
-
-def _moved(directory: Path, handle: int) -> str:
-    """Returns a sentence about an open folder that is no longer at its path."""
-    place = Path(f"/proc/self/fd/{handle}")
-    found = place.readlink() if place.is_symlink() else None  # Linux knows
-    if found is None or not found.exists():
-        return f"{directory} was moved or deleted during the work"
-    return f"{directory} was moved during the work; what is done lies in {found}"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -176,23 +164,13 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text as UTF-8, atomically; bytes of file names that are no text are escaped.
-
-    Raises:
-      InputError, OSError: see `write_atomically`.
-    """
+    """Writes a text as UTF-8, atomically; bytes of file names that are no text are escaped."""
     write_atomically(path, text.encode(errors="backslashreplace"))
-
-
-def create_empty(path: Path) -> None:
-    """Makes an empty file where there is none; raises OSError where it cannot be made."""
-    with contextlib.suppress(FileExistsError):
-        open(path, "xb").close()
 
 
 def draft_name(name: str) -> str:
     """Returns a new name of a temporary file, which `remove_drafts` removes."""
-    return f"{_draft_prefix(name)}{secrets.token_hex(8)}.musebot"
+    return f".{name[:_LONGEST]}.{secrets.token_hex(8)}.musebot"
 
 
 def is_draft(path: Path) -> bool:
@@ -207,20 +185,16 @@ def remove_drafts(folder: Path, of: str = "") -> None:
       folder: Folder in which no other process writes such files.
       of: Name of the file whose temporary files are removed; empty for those of all files.
     """
-    begins = _draft_prefix(of) if of else ""
-    remove_files(folder, lambda name: name.startswith(begins) and bool(_DRAFT.fullmatch(name)))
 
+    def ours(name: str) -> bool:
+        draft = _DRAFT.fullmatch(name)
+        return draft is not None and of[:_LONGEST] in ("", draft[1])
 
-def _draft_prefix(name: str) -> str:
-    return f".{name[:40]}."  # short enough for every file system, however long the name
+    remove_files(folder, ours)
 
 
 def remove_files(folder: Path, ours: Callable[[str], bool]) -> None:
-    """Removes files from a folder, neither links nor folders; does nothing without the folder.
-
-    Args:
-      folder: Folder.
-      ours: Returns whether a file of a name is ours.
+    """Removes the files whose names are ours from a folder, if there is one; no links, no folders.
 
     Raises:
       InputError: the folder is a link.
@@ -243,11 +217,8 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
 
     Args:
       path: File to write.
-      arrays: Arrays by name, of any shape and dtype that safetensors knows.
+      arrays: Arrays by name, of any shape and a dtype of `DTYPES`.
       **notes: Values that JSON can represent.
-
-    Raises:
-      OSError: the file cannot be written.
     """
     # Not ascontiguousarray, which would turn an array of shape () into one of shape (1,).
     contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
@@ -263,7 +234,7 @@ def load_arrays(
     check: Callable[[Shapes], None] | None = None,
     wanted: Callable[[str], bool] | None = None,
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Reads what `save_arrays` wrote: the arrays and the notes. The digest is that of all arrays.
+    """Reads the arrays and the notes that `save_arrays` wrote.
 
     Args:
       path: File to read.
@@ -276,90 +247,72 @@ def load_arrays(
       DamagedFileError: the file is truncated, altered or foreign.
       OSError: it cannot be read.
     """
-    check_file(path)
-    path.open("rb").close()  # safetensors calls a file that cannot be opened an invalid one
+    _opened(path).close()  # safetensors calls a file that cannot be opened an invalid one
     arrays: dict[str, np.ndarray] = {}
+
+    def each(file: Any) -> Iterator[tuple[str, np.ndarray]]:
+        for name in sorted(file.keys()):
+            array = file.get_tensor(name)
+            if wanted is None or wanted(name):
+                arrays[name] = array
+            yield name, array
+
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = parsed(path, (file.metadata() or {})["musebot"])
-            names = sorted(file.keys())
             if check is not None:
-                slices = {name: file.get_slice(name) for name in names}
+                slices = {name: file.get_slice(name) for name in file.keys()}
                 check({k: (x.get_dtype(), tuple(x.get_shape())) for k, x in slices.items()})
-            content = _digest_of_notes(metadata["notes"])
-            for name in names:
-                array = file.get_tensor(name)
-                _add_array(content, name, array)
-                if wanted is None or wanted(name):
-                    arrays[name] = array
-        sound = metadata["digest"] == content.hexdigest()
-        notes = parsed(path, metadata["notes"])
+            if metadata["digest"] != _digest(each(file), metadata["notes"]):
+                raise ValueError("its content does not match its digest")
+        if not isinstance(notes := parsed(path, metadata["notes"]), dict):
+            raise ValueError("its notes are no object of JSON")
     except DamagedFileError:
         raise
     except (safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
-    if not sound:
-        raise DamagedFileError(f"{path} is damaged (its content does not match its digest)")
-    if not isinstance(notes, dict):
-        raise DamagedFileError(f"{path} is damaged (its notes are no object of JSON)")
     return arrays, notes
 
 
 def digest(arrays: Mapping[str, np.ndarray], notes: str = "") -> str:
     """Returns 32 hexadecimal digits that identify arrays and notes."""
-    content = _digest_of_notes(notes)
-    for name, array in sorted(arrays.items()):
-        _add_array(content, name, array)
+    return _digest(sorted(arrays.items()), notes)
+
+
+def _digest(arrays: Iterable[tuple[str, np.ndarray]], notes: str) -> str:
+    content = hashlib.blake2b(notes.encode(), digest_size=16)
+    for name, array in arrays:
+        content.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        content.update(np.ascontiguousarray(array).data)
     return content.hexdigest()
 
 
-def _digest_of_notes(notes: str) -> Any:
-    return hashlib.blake2b(notes.encode(), digest_size=16)
-
-
-def _add_array(content: Any, name: str, array: np.ndarray) -> None:
-    content.update(f"{name} {array.dtype.str} {array.shape}".encode())
-    content.update(np.ascontiguousarray(array).data)
-
-
-# ---- JSON ----
-
-
-def check_file(path: Path) -> None:
-    """Checks that a file can be read: a pipe is refused, not waited for.
-
-    Raises:
-      FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file.
-      OSError: it cannot be read, which is no damage of it.
-    """
+def _opened(path: Path) -> IO[bytes]:
+    """Opens a regular file for reading: a pipe is refused, not waited for."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError as error:
         raise FileNotFoundError(f"there is no file {path}") from error
     if not stat.S_ISREG(mode):
         raise DamagedFileError(f"{path} is not a regular file")
+    return path.open("rb")
 
 
-def read_whole(path: Path, most: int = _MOST_BYTES_OF_JSON) -> bytes:
-    """Reads a regular file of at most so many bytes; raises as `check_file`."""
-    check_file(path)
-    with path.open("rb") as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise DamagedFileError(f"{path} must have at most {most} bytes")
+# ---- JSON ----
+
+
+def read_whole(path: Path) -> bytes:
+    """Reads a file of at most 16 MiB; raises as `read_json`."""
+    with _opened(path) as file:
+        content = file.read(_MOST_BYTES + 1)
+    if len(content) > _MOST_BYTES:
+        raise DamagedFileError(f"{path} must have at most {_MOST_BYTES} bytes")
     return content
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes an object of JSON atomically, with a digest of its other values.
-
-    Raises:
-      InputError, OSError: see `write_atomically`.
-    """
-    values = {name: value for name, value in content.items() if name != _DIGEST}
-    text = json.dumps(values | {_DIGEST: _digest_of_json(values)}, indent=2)
-    write_atomically(path, f"{text}\n".encode())
+    """Writes an object of JSON atomically, with a digest of its other values."""
+    write_atomically(path, f"{json.dumps(_signed(content), indent=2)}\n".encode())
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -371,16 +324,16 @@ def read_json(path: Path) -> dict[str, Any]:
       OSError: it cannot be read.
     """
     content = parsed(path, read_whole(path))
-    if not isinstance(content, dict) or _DIGEST not in content:
-        raise DamagedFileError(f"{path} is damaged (it has no digest)")
-    values = {name: value for name, value in content.items() if name != _DIGEST}
-    if content[_DIGEST] != _digest_of_json(values):
+    if not isinstance(content, dict) or content != _signed(content):
         raise DamagedFileError(f"{path} was changed after musebot had written it")
     return content
 
 
-def _digest_of_json(values: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+def _signed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns an object of JSON with the digest of its other values."""
+    values = {name: value for name, value in content.items() if name != _DIGEST}
+    text = json.dumps(values, sort_keys=True)
+    return values | {_DIGEST: hashlib.sha256(text.encode()).hexdigest()}
 
 
 def parsed(path: Path, text: str | bytes) -> Any:
@@ -392,14 +345,14 @@ def parsed(path: Path, text: str | bytes) -> Any:
     """
     try:
         return json.loads(text, object_pairs_hook=_object)
-    except RecursionError as error:
-        raise DamagedFileError(f"{path} is damaged (its JSON is nested too deeply)") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise ValueError("a name is given twice")
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise ValueError(f"{shown(name)} is given twice")
+        found[name] = value
     return found

@@ -112,9 +112,8 @@ def invented_lives(experiment, rows, seed=0):
 
     The minutes have the robots' times in the tests at their beginning.
     """
-    from musebot.protocols.lives.agent import network_shapes
     from musebot.protocols.lives.conditions import Condition
-    from musebot.protocols.lives.run import Lives
+    from musebot.protocols.lives.run import Lives, network_shapes
 
     draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
     schedule = experiment.schedule(condition.task)

@@ -18,9 +18,8 @@ from musebot.protocols.cli.parser import parsed
 from musebot.protocols.cli.run import Run
 from musebot.protocols.cli.verbs import BENCHMARK, VERBS, verb_class
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.config import read_config
+from musebot.protocols.lives.config import named_brain, read_config, values_of
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.overrides import named_brain, values_of
 from musebot.protocols.lives.plan import changed
 
 ROOT = Path(__file__).parents[1]

@@ -153,7 +153,8 @@ class Run:
 
     def _plan(self, rows: Mapping[Condition, int], held: Plan | None, config: Config) -> Plan:
         """Returns the plan: words first, then the file, then OUT, then the defaults."""
-        from ..lives.experiment import Experiment, check_same
+        from ..lives.experiment import Experiment
+        from ..lives.manifest import check_identity
         from ..lives.plan import Plan, changed, check_robots, default_cohort_size
 
         if self.robots is not None:
@@ -163,7 +164,7 @@ class Run:
         experiment = changed(base, values)
         robots = self._robots(rows, held.robots if held else {}, experiment.tasks)
         if held:
-            check_same(f"{self.out} holds an experiment", held.experiment, experiment)
+            check_identity(self.out, vars(held.experiment), vars(experiment))
         elif "cohort_size" not in values:
             size = default_cohort_size(*robots.values())
             experiment = changed(experiment, {"cohort_size": size})
@@ -180,7 +181,7 @@ class Run:
         from ...controller import Parameters
         from ...models import Kinematics
         from ..agents.settings import settings_from
-        from ..lives.overrides import named_brain, named_reading, values_of
+        from ..lives.config import named_brain, named_reading, values_of
 
         values: dict[str, Any] = {}
         if self.reading is not None:

@@ -31,10 +31,10 @@ from ..agents.names import (
 from ..agents.senses import senses_of
 from ..agents.trust import trust
 from ..errors import InputError
-from ..lives.agent import make_agent
+from ..lives.cohort import make_agent
 from ..lives.conditions import Condition
+from ..lives.config import with_overrides
 from ..lives.experiment import Body, Experiment, Signals
-from ..lives.overrides import with_overrides
 from ..lives.plan import Plan
 from ..lives.run import Run
 from ..lives.run_files import read_runs

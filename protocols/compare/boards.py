@@ -21,8 +21,7 @@ from ..analysis.hypothesis_tests import holm, same_draws
 from ..analysis.intervals import FEWEST
 from ..errors import InputError
 from ..lives.conditions import Condition
-from ..lives.experiment import Body, Experiment, Signals, differing
-from ..lives.overrides import brain_name
+from ..lives.experiment import Body, Experiment, Signals, brain_name, differing
 from ..lives.run import Run
 from ..lives.schedules import TASK_NAMES
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -13,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..agents.trust import trust
-from ..errors import DamagedFileError, InputError, RunError
+from ..errors import InputError, RunError
 from ..lives.checkpoints import restored_cohort, save_checkpoint
 from ..lives.conditions import CohortKey, Condition
 from ..lives.experiment import Experiment
 from ..lives.jobs import Report, Stop
+from ..lives.manifest import check_identity
 from ..lives.run import check_same_shapes
 from ..lives.schedules import control_steps
 from ..storage import Shapes, load_arrays, remove_files, save_arrays
@@ -101,11 +101,7 @@ class ArrayJob:
           DamagedFileError: the file is damaged, or another job's.
         """
         arrays, notes = load_arrays(self.path, functools.partial(check_same_shapes, self.shapes))
-        for name, wanted in json.loads(json.dumps(self.identity)).items():  # tuples as lists
-            if (held := notes.get(name)) != wanted:
-                raise DamagedFileError(
-                    f"{self.path} is another's: its {name} is {held!r:.100}, not {wanted!r:.100}"
-                )
+        check_identity(self.path, notes, self.identity, "a job")
         return arrays
 
 

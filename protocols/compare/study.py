@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...fields import shown
 from ..errors import DamagedFileError, InputError
-from ..lives.budget import check_memory
-from ..lives.experiment import Experiment, check_same
+from ..lives.experiment import Experiment
 from ..lives.jobs import Executor, Job, execute
-from ..lives.manifest import UNREADABLE, is_physics_of, machine, physics_probe
-from ..lives.plan import MOST_ROBOTS, Plan
+from ..lives.manifest import UNREADABLE, check_identity, is_physics_of, machine, physics_probe
+from ..lives.plan import MOST_ROBOTS, Plan, check_memory
 from ..lives.run_files import has_all_robots, planned
 from ..lives.runs import UnfinishedRun, check_agents
 from ..pages import style
@@ -183,11 +182,7 @@ def _check(study: Study, identity: Mapping[str, Any], out: Path) -> list[Any]:
         raise DamagedFileError(f"{path} is no study of musebot's ({error!r:.200})") from error
     if name != study.name:
         raise InputError(f"{out} holds the study {name}, not {study.name}")
-    for one, wanted in identity.items():
-        if known.get(one) != wanted:
-            raise InputError(
-                f"{out} holds a study with {one} {known.get(one)!r:.100}, not {wanted!r:.100}"
-            )
+    check_identity(out, known, identity, "a study")
     if not is_physics_of(probe, study.experiment()):
         raise InputError(f"{out} was simulated in another physics than this version's")
     return made_with
@@ -201,7 +196,7 @@ def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
     """
     for name, plan in plans.items():
         if (held := planned(out / name)) is not None:
-            check_same(f"{out / name} holds an experiment", held.experiment, plan.experiment)
+            check_identity(out / name, vars(held.experiment), vars(plan.experiment))
         if not has_all_robots(out / name, plan):
             check_memory(plan)
             check_agents(plan)

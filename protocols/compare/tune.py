@@ -22,12 +22,11 @@ from ..agents.settings import Setting, settings_of
 from ..agents.trust import trust
 from ..analysis import intervals
 from ..errors import InputError
-from ..lives.budget import check_memory
 from ..lives.conditions import PAPER_TASKS, Condition, check_proposer
+from ..lives.config import with_overrides
 from ..lives.experiment import Experiment, Signals
 from ..lives.manifest import UNREADABLE
-from ..lives.overrides import with_overrides
-from ..lives.plan import Plan
+from ..lives.plan import Plan, check_memory
 from ..lives.schedules import STAGES
 from ..pages.markdown import mean_cell, table
 from ..storage import read_json

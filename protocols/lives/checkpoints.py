@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,13 @@ import numpy as np
 
 from ...tasks.batch import Robots
 from ..errors import DamagedFileError
-from ..storage import load_arrays, save_arrays
+from ..storage import Shapes, load_arrays, save_arrays
 from .cohort import Cohort
 from .conditions import CohortKey
 from .device import robots_on_device
 from .experiment import Experiment
-from .manifest import check_identity
-from .run import Lives, check_lives, check_lives_shapes
+from .manifest import UNREADABLE, check_identity
+from .run import Lives, check_lives, check_same_shapes, lives_shapes
 from .schedules import control_steps
 
 CHECKPOINTS = "checkpoints"
@@ -35,11 +34,7 @@ def finished_file(directory: Path, key: CohortKey) -> Path:
 
 
 def save_checkpoint(path: Path, cohort: Cohort) -> None:
-    """Writes a cohort's checkpoint.
-
-    Raises:
-      OSError: the file cannot be written.
-    """
+    """Writes a cohort's checkpoint."""
     arrays, notes = cohort.checkpoint()
     save_arrays(path, arrays, **_identity(cohort.experiment, cohort.key), **notes)
 
@@ -61,14 +56,13 @@ def restored_cohort(
         arrays, notes = load_arrays(path, cohort.check_shapes)
         check_identity(path, notes, _identity(experiment, key))
         cohort.restore(arrays, notes)
+        return cohort, ""
     except FileNotFoundError:
         return cohort, ""
     except DamagedFileError as error:
-        damage = error
-    except (ValueError, KeyError) as error:
-        damage = DamagedFileError(f"{path} is damaged ({error})")
-    else:
-        return cohort, ""
+        damage = str(error)
+    except UNREADABLE as error:
+        damage = f"{path} is damaged ({error!r:.200})"
     if batch is not None:
         batch.set_state(unmoved)
     return Cohort(experiment, key, batch), set_aside(path, key, damage)
@@ -77,12 +71,9 @@ def restored_cohort(
 def restored_cohorts(
     directory: Path, experiment: Experiment, keys: Sequence[CohortKey]
 ) -> tuple[list[Cohort], str]:
-    """Returns cohorts that share their physics, and a message about damaged files.
+    """Returns cohorts of one task that share their physics, and a message about damaged files.
 
-    Args:
-      directory: Folder of the run.
-      experiment: Experiment that decides the robots' lives.
-      keys: Keys of the cohorts, of one task; several for robots on tensors only.
+    Several cohorts are for robots on tensors only.
     """
     if len(keys) == 1:
         cohort, message = restored_cohort(checkpoint_file(directory, keys[0]), experiment, keys[0])
@@ -95,52 +86,39 @@ def restored_cohorts(
     return [cohort for cohort, _ in found], "; ".join(message for _, message in found if message)
 
 
-def read_minutes(
-    directory: Path, experiment: Experiment, key: CohortKey
-) -> tuple[np.ndarray, np.ndarray]:
+def read_minutes(directory: Path, experiment: Experiment, key: CohortKey) -> np.ndarray:
     """Reads from a cohort's checkpoint how often the measured event happened so far.
 
     Returns:
-      Number of control steps in contact, or in the spot, in each whole simulated minute, shape
-      (B, m), and whether each robot is valid, shape (B,). Without a readable checkpoint m is 0.
+      Number of control steps in contact, or in the spot, of each valid robot in each whole
+      simulated minute, shape (n, m). Without a readable checkpoint m is 0.
     """
     try:
         arrays, notes = load_arrays(path := checkpoint_file(directory, key))
         check_identity(path, notes, _identity(experiment, key))
-        return arrays["minutes"][:, : notes["step"] // control_steps(1)], arrays["batch.valid"]
+        whole = notes["step"] // control_steps(1)
+        return arrays["minutes"][arrays["batch.valid"], :whole]
     except (OSError, DamagedFileError, KeyError):  # the job itself says what is wrong with it
-        robots = experiment.cohort_size
-        return np.zeros((robots, 0), np.int16), np.ones(robots, dtype=bool)
+        return np.zeros((experiment.cohort_size, 0), np.int16)
 
 
 def save_lives(path: Path, lives: Lives, experiment: Experiment, key: CohortKey) -> None:
-    """Writes what a finished cohort leaves.
-
-    Args:
-      path: File to write.
-      lives: What the cohort leaves.
-      experiment: Experiment that decided the robots' lives.
-      key: Condition and number of the cohort.
-
-    Raises:
-      OSError: the file cannot be written.
-    """
+    """Writes what a finished cohort leaves."""
     save_arrays(path, lives.arrays(), **_identity(experiment, key))
 
 
 def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
     """Reads what a finished cohort left, and checks that it can be of this experiment.
 
-    Args:
-      path: File to read.
-      experiment: Experiment of the run.
-      key: Condition and number of the cohort.
-
     Raises:
       FileNotFoundError: there is no such file.
       DamagedFileError: the file is damaged, or of another cohort or experiment.
     """
-    check = functools.partial(check_lives_shapes, experiment, key.condition, experiment.cohort_size)
+
+    def check(found: Shapes) -> None:
+        robots = experiment.cohort_size
+        check_same_shapes(lives_shapes(experiment, key.condition, robots, found), found)
+
     arrays, notes = load_arrays(path, check)
     check_identity(path, notes, _identity(experiment, key))
     lives = Lives.of(arrays)
@@ -156,7 +134,7 @@ def _identity(experiment: Experiment, key: CohortKey) -> dict[str, Any]:
     return {"cohort": str(key), **dataclasses.asdict(experiment)}
 
 
-def set_aside(path: Path, key: CohortKey, error: Exception) -> str:
+def set_aside(path: Path, key: CohortKey, damage: str) -> str:
     """Renames a damaged file, and returns the message that says so."""
     path.replace(path.with_suffix(".damaged"))
-    return f"{error}; set aside, cohort {key} starts anew"
+    return f"{damage}; set aside, cohort {key} starts anew"

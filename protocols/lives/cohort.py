@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import functools
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from ...controller.neurocontroller import Neurocontroller
+from ...controller.proposers import PROPOSERS
+from ...controller.senses import Senses
 from ...tasks.batch import Robots
-from ..agents.base import sound
+from ..agents.base import Agent, sound
+from ..agents.checked_agent import CheckedAgent
+from ..agents.factory import factory_of
+from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
+from ..agents.neurocontroller import NeurocontrollerAgent
+from ..agents.raw_signals import RawSignals
+from ..agents.senses import senses_of
+from ..agents.settings import checked_settings, settings_from
+from ..errors import InputError
 from ..storage import DTYPES, Shapes
-from .agent import make_agent
-from .conditions import CohortKey
+from .conditions import CohortKey, Condition
 from .device import (
     add_events,
     captured_steps,
@@ -24,7 +35,7 @@ from .device import (
     zero_counts,
 )
 from .experiment import Experiment
-from .run import Lives, check_events, check_finite, check_same_shapes
+from .run import Lives, check_same_shapes
 from .schedules import STAGES, Leg, Phase, control_steps, place
 
 _MINUTE = control_steps(1)
@@ -48,6 +59,43 @@ def random_streams(seed: int, key: CohortKey) -> tuple[int, np.random.Generator]
     return int(brains.generate_state(1, np.uint64)[0] >> 1), np.random.default_rng(world)
 
 
+def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:
+    """Makes the untrained agent of B robots.
+
+    Args:
+      experiment: Experiment that decides the brain's parameters.
+      condition: Task of the robots, and the name of their proposer or of their agent's factory.
+      robots: Number of robots, B.
+      seed: Seed of the agent's random stream.
+
+    Raises:
+      InputError: the factory is not trusted, is not found, fails to import, has not these settings,
+        or returns no agent.
+      RunError: the factory's module or the factory exits.
+    """
+    senses = senses_of(experiment.arena_task(condition.task))
+    proposer = condition.proposer
+    if proposer in PROPOSERS:
+        controller = Neurocontroller(
+            experiment.brain, proposer, robots, len(senses.state), seed, senses
+        )
+        return NeurocontrollerAgent(controller, experiment.learn_across_placement)
+    if experiment.nose == "printed" and proposer in OWN_BOUNDS:
+        if any(signal.maximal for signal in senses.state):
+            name = short_name(proposer)
+            raise InputError(f"{name} uses the maximal smell: it needs the nose 'inverse'")
+    factory = factory_of(proposer)
+    words = settings_from(experiment.settings, several=True)
+    settings = checked_settings(short_name(proposer), factory, words, robots) if words else {}
+
+    def make(sensed: Senses) -> Agent:
+        agent = functools.partial(factory, robots, sensed, seed, **settings)
+        return agent() if is_own(proposer) else CheckedAgent(proposer, agent, robots)
+
+    raw = experiment.signals == "raw" and proposer not in OWN_ENCODING
+    return RawSignals(senses, make) if raw else make(senses)
+
+
 class Cohort:
     """B robots that follow a schedule.
 
@@ -56,6 +104,7 @@ class Cohort:
       key: Condition and number of the cohort.
       batch: Robots in their arenas.
       agent: Agent that drives the robots.
+      decide: The function `device.decide` of a bool `learning`, captured where the device can.
       step: Number of control steps simulated so far.
       steps: Number of control steps of a whole life.
     """
@@ -75,14 +124,17 @@ class Cohort:
         with device_of(experiment):
             self.agent = make_agent(experiment, key.condition, robots, seed)
         self._counts = zero_counts(self.batch)  # events that `store` has not seen
-        self._captured = captured_steps(self.agent, self.batch, self._counts)
+        self.decide: Callable[[bool], Any] = functools.partial(decide, self.agent, self.batch)
+        self._count_events = functools.partial(add_events, self.batch, self._counts)
+        if captured := captured_steps(self.agent, self.batch, self._counts):
+            self.decide, self._count_events = captured.decide, captured.count
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = experiment.schedule(task).legs()
         self.step = 0
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(STAGES)), dtype=np.int32)
         self._minutes = np.zeros((robots, -(-self.steps // _MINUTE)), dtype=np.int16)
-        self._unsound = np.zeros(robots, dtype=bool)
+        self._unsound, self._stopped = np.zeros((2, robots), dtype=bool)
         self.batch.stop(np.flatnonzero(self.unsound()))
 
     @property
@@ -110,18 +162,9 @@ class Cohort:
         if phase.robot is not None:
             self.agent.reset()
 
-    def decide(self, learning: bool) -> Any:
-        """Returns motor values as the function `decide`, captured where the device can do that."""
-        if self._captured is not None:
-            return self._captured.decide(learning)
-        return decide(self.agent, self.batch, learning)
-
     def count(self) -> None:
         """Counts a control step, and its events, after the physics' step."""
-        if self._captured is not None:
-            self._captured.count()
-        else:
-            add_events(self.batch, self._counts)
+        self._count_events()
         self.step += 1
 
     def store(self, phase: Phase) -> None:
@@ -140,6 +183,18 @@ class Cohort:
         """Returns which robots have, or were seen to have, a weight that is not finite."""
         self._unsound |= ~sound(self.agent.weights(), self.batch.robots)
         return self._unsound
+
+    def newly_stopped(self) -> dict[str, list[int]]:
+        """Returns the robots that were stopped since the last call, by the cause."""
+        new = ~self.valid & ~self._stopped
+        self._stopped |= new
+        unsound = self.unsound() if new.any() else new
+        # An action that is not finite stops a robot before its weights are looked at.
+        causes = {
+            "unstable simulation": new & ~unsound,
+            "weights that are not finite": new & unsound,
+        }
+        return {cause: np.flatnonzero(own).tolist() for cause, own in causes.items() if own.any()}
 
     def lives(self) -> Lives:
         """Returns the results of the finished cohort."""
@@ -170,7 +225,10 @@ class Cohort:
         Raises:
           ValueError: an array is missing, foreign, or of another dtype or shape.
         """
-        wanted = shapes_of(self.checkpoint()[0])
+        wanted: Shapes = {
+            name: (DTYPES.get(array.dtype, array.dtype.str), array.shape)
+            for name, array in self.checkpoint()[0].items()
+        }
         if not self.key.condition.has_brain:
             wanted, shapes = (
                 {name: shape for name, shape in group.items() if not name.startswith("brain.")}
@@ -179,14 +237,11 @@ class Cohort:
         check_same_shapes(wanted, shapes)
 
     def restore(self, arrays: Mapping[str, np.ndarray], notes: Mapping[str, Any]) -> None:
-        """Continues from a checkpoint of the same cohort.
-
-        Args:
-          arrays: Arrays of the checkpoint, of the shapes that `check_shapes` allows.
-          notes: Notes of the checkpoint.
+        """Continues from the arrays, which `check_shapes` allows, and the notes of a checkpoint.
 
         Raises:
-          KeyError, ValueError: an array is missing, its shape differs, or a value is impossible.
+          ArithmeticError, AttributeError, KeyError, TypeError, ValueError: an array or a note is
+            missing, or not of a checkpoint.
         """
         groups: dict[str, dict[str, Any]] = {"before": {}, "brain": {}, "batch": {}}
         for name, array in arrays.items():
@@ -196,11 +251,10 @@ class Cohort:
         step = notes["step"]
         if type(step) is not int or not 0 <= step <= self.steps:
             raise ValueError(f"step must be a whole number in [0, {self.steps}], got {step!r:.60}")
-        schedule = self.experiment.schedule(self.key.condition.task)
-        check_events(schedule, arrays["events"], arrays["minutes"], step)
-        for group in ("batch", "before"):
-            check_finite(groups[group], groups["batch"]["valid"])
-        self._set_random(notes["random"])
+        generator = self._random.bit_generator
+        generator.state = notes["random"]
+        if generator.state != notes["random"]:
+            raise ValueError("its random stream is damaged")
         self.batch.load_arrays(groups["batch"])
         try:
             self.agent.load_state(groups["brain"])
@@ -213,16 +267,6 @@ class Cohort:
         self._events[:] = arrays["events"]
         self._minutes[:] = arrays["minutes"]
         self.step = step
-
-    def _set_random(self, state: Any) -> None:
-        """Sets the world's random stream; raises ValueError where a state is not one."""
-        generator = self._random.bit_generator
-        try:
-            generator.state = state
-        except (ValueError, TypeError, KeyError, OverflowError, AttributeError) as error:
-            raise ValueError(f"its random stream is damaged ({error!r:.100})") from error
-        if generator.state != state:
-            raise ValueError("its random stream is damaged")
 
 
 def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
@@ -254,11 +298,3 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
             cohort.store(leg.phase)
     for cohort, state in zip(resting, states, strict=True):
         cohort.batch.set_state(state)
-
-
-def shapes_of(arrays: Mapping[str, np.ndarray]) -> Shapes:
-    """Returns the dtype, as safetensors names it, and the shape of each array."""
-    return {
-        name: (DTYPES.get(array.dtype, array.dtype.str), array.shape)
-        for name, array in arrays.items()
-    }

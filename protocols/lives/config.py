@@ -1,27 +1,131 @@
-"""Reads an experiment and its robots from a file: TOML, or the `experiment.json` of a run."""
+"""Experiments in words: names of brains and readings, NAME=VALUE, and files.
+
+A file is TOML, or the `experiment.json` of a run.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeVar
 
+from ...controller.brains import BRAINS
 from ...controller.parameters import Parameters
 from ...fields import shown
 from ...models import Kinematics
-from ..errors import InputError, nearest
-from ..storage import read_whole
+from ..errors import InputError, nearest, similar
+from ..storage import parsed, read_whole
 from .experiment import Experiment
-from .overrides import named_brain
 from .plan import changed
 
-_MOST_BYTES = 2**20
+Numbers = TypeVar("Numbers", Parameters, Kinematics)
+
+# Readings of the paper: fields of an experiment. "body": the brain in a physical body. "plain": the
+# plainest program that the paper's text describes (docs/paper.md).
+READINGS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "body": MappingProxyType(
+            {"body": "mujoco", "kinematics": Kinematics(), "nose": "inverse", "nose_place": "front"}
+        ),
+        "plain": MappingProxyType(
+            {
+                "body": "kinematic",
+                "kinematics": Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler"),
+                "nose": "printed",
+                "nose_place": "centre",
+            }
+        ),
+    }
+)
+
 # What a run's manifest holds; only the first two are read.
-_SECTIONS = ("format", "experiment", "plan", "physics", "made_with", "digest")
+_SECTIONS = ("experiment", "plan", "format", "physics", "made_with", "digest")
 _ROW = ("task", "proposer", "robots")
+
+
+# ---- Names ----
+
+
+def named_reading(name: str) -> Mapping[str, Any]:
+    """Returns the fields of an experiment that a reading of the paper sets; InputError for none."""
+    if name not in READINGS:
+        raise InputError(f"the reading must be one of {', '.join(READINGS)}, got {shown(name)}")
+    return READINGS[name]
+
+
+def named_brain(name: str) -> Parameters:
+    """Returns the parameters of a named brain; raises InputError where there is none."""
+    if name not in BRAINS:
+        if question := similar(name, BRAINS):
+            raise InputError(f"there is no brain {shown(name)}: {question}")
+        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {shown(name)}")
+    return BRAINS[name]
+
+
+# ---- Words NAME=VALUE ----
+
+
+def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
+    """Returns parameters of a brain or of the kinematic simulator with some of them replaced.
+
+    Args:
+      numbers: Parameters to start from.
+      words: Overrides such as "epsilon=0.1" or "wall=slides"; a list is written as JSON.
+
+    Raises:
+      InputError: a name is unknown or given twice, or a value is invalid.
+    """
+    return _replaced(numbers, values_of(words, _names(numbers)))
+
+
+def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
+    """Reads words NAME=VALUE.
+
+    Args:
+      words: Words; a value is a number, true, false, null, a list as JSON, or else a text.
+      known: Names that are allowed.
+
+    Raises:
+      InputError: a word has another form, or a name is unknown or given twice.
+    """
+    names = [*known]
+    values: dict[str, Any] = {}
+    for word in words:
+        name, given, value = word.partition("=")
+        if not given:
+            raise InputError(f"a value is set as NAME=VALUE, got {shown(word)}")
+        if name not in names:
+            raise InputError(f"there is no parameter {shown(name)}; {nearest(name, names)}")
+        if name in values:
+            raise InputError(f"{name} is given twice")
+        values[name] = _value(value)
+    return values
+
+
+def _value(text: str) -> Any:
+    for read in (json.loads, float):
+        with contextlib.suppress(ValueError, RecursionError):
+            return _plain(read(text))
+    return text
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _replaced(numbers: Numbers, values: Mapping[str, Any]) -> Numbers:
+    try:
+        return dataclasses.replace(numbers, **values)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+# ---- Files ----
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,83 +155,61 @@ def read_config(path: Path) -> Config:
       InputError: there is no such file, it cannot be read, or a name or a value is invalid.
     """
     try:
-        text = read_whole(path, _MOST_BYTES).decode()
+        text = read_whole(path)
         is_json = path.suffix.lower() == ".json"
-        content = json.loads(text, object_pairs_hook=_once) if is_json else tomllib.loads(text)
+        content = parsed(path, text) if is_json else tomllib.loads(text.decode())
     except FileNotFoundError as error:
         raise InputError(str(error)) from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({' '.join(str(error).split())})") from error
     try:
-        _check_names(content, _SECTIONS, "the file")
+        content = _checked(content, _SECTIONS, "the file")
         values = _values(content.get("experiment", {}))
         changed(Experiment(), values)  # refuses what is invalid
-        return Config(values, _robots(content.get("plan", [])))
+        return Config(values, _robots(content.get("plan", ())))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Returns an object of JSON; raises ValueError for a name that is given twice."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"{shown(twice)} is given twice")
-    return found
-
-
 def _values(given: Any) -> dict[str, Any]:
-    _check_names(given, _names(Experiment), "experiment")
-    values = {name: _plain(value) for name, value in given.items()}
+    values = _checked(given, _names(Experiment), "experiment")
     if "brain" in values:
-        brain = given["brain"]
+        brain = values["brain"]
         own = {"name": brain} if isinstance(brain, str) else brain
-        _check_names(own, ("name", *_names(Parameters)), "brain")
-        own = {name: _plain(value) for name, value in own.items()}
-        values["brain"] = _replaced(named_brain(own.pop("name", "paper")), own)
+        own = _checked(own, ("name", *_names(Parameters)), "brain")
+        values["brain"] = _replaced(named_brain(str(own.pop("name", "paper"))), own)
     if "kinematics" in values:
-        _check_names(given["kinematics"], _names(Kinematics), "kinematics")
-        values["kinematics"] = _replaced(Kinematics(), given["kinematics"])
+        own = _checked(values["kinematics"], _names(Kinematics), "kinematics")
+        values["kinematics"] = _replaced(Kinematics(), own)
     return values
 
 
-def _replaced(numbers: Any, values: Mapping[str, Any]) -> Any:
-    try:
-        return dataclasses.replace(numbers, **values)
-    except ValueError as error:
-        raise InputError(str(error)) from error
-
-
 def _robots(rows: Any) -> dict[tuple[str, str], int]:
-    if not isinstance(rows, list):
+    if not isinstance(rows, tuple):
         raise InputError(f"plan must be a list of rows, got {shown(rows)}")
     robots: dict[tuple[str, str], int] = {}
     for row in rows:
-        _check_names(row, _ROW, "a row of the plan")
-        if missing := [name for name in _ROW if name not in row]:
+        own = _checked(row, _ROW, "a row of the plan")
+        if missing := [name for name in _ROW if name not in own]:
             raise InputError(f"a row of the plan needs {', '.join(_ROW)}, got no {missing[0]}")
-        pair = row["task"], row["proposer"]
-        for name in pair:
-            if not isinstance(name, str):
-                raise InputError(f"task and proposer must be texts, got {shown(name)}")
+        pair = own["task"], own["proposer"]
+        if not all(isinstance(name, str) for name in pair):
+            raise InputError(f"task and proposer must be texts, got {shown(pair)}")
         if pair in robots:
             raise InputError(f"{'/'.join(pair)} is planned twice")
-        robots[pair] = row["robots"]
+        robots[pair] = own["robots"]
     return robots
 
 
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _names(cls: Any) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(cls))
-
-
-def _check_names(given: Any, allowed: tuple[str, ...], what: str) -> None:
+def _checked(given: Any, allowed: tuple[str, ...], what: str) -> dict[str, Any]:
+    """Returns values by name, lists as tuples; raises InputError for a name that is not allowed."""
     if not isinstance(given, Mapping):
         raise InputError(f"{what} must have names with values, got {shown(given)}")
     for name in given:
         if name not in allowed:
             raise InputError(f"{what} has no {shown(name)}; {nearest(name, allowed)}")
+    return {name: _plain(value) for name, value in given.items()}
+
+
+def _names(numbers: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(numbers))

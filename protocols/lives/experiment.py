@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
+from ...controller.brains import BRAINS
 from ...controller.parameters import Parameters
 from ...fields import check, choice, flag, number, shown, text, whole
 from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, scale_torque
@@ -19,7 +21,6 @@ from ...tasks.sensors import NoseForm
 from ...tasks.starts import FROM_WALLS
 from ...tasks.suite import Edit, make_batch
 from ..errors import InputError
-from .overrides import brain_name
 from .schedules import PROTOCOLS, ProtocolName, Schedule
 
 Body = Literal["mujoco", "kinematic"]
@@ -96,37 +97,28 @@ class Experiment:
             isinstance(word, str) for word in self.settings
         ):
             raise InputError(f"settings must be words NAME=VALUE, got {shown(self.settings)}")
-        excluded = [
-            (
-                self.nose == "printed" and self.brain.needs_maximal_smell,
-                "a brain that uses the maximal smell needs the nose 'inverse'",
+        printed, radius = self.nose == "printed", self.kinematics.radius
+        warp, kinematic = self.physics == "warp", self.body == "kinematic"
+        excluded = {
+            "a brain that uses the maximal smell needs the nose 'inverse'": (
+                printed and self.brain.needs_maximal_smell
             ),
-            (
-                self.nose == "printed" and self.signals == "raw",
-                "raw signals need the nose 'inverse'",
+            "raw signals need the nose 'inverse'": printed and self.signals == "raw",
+            f"the radius must be less than {FROM_WALLS:g} m, got {radius}": (
+                (radius or 0) >= FROM_WALLS
             ),
-            (
-                (self.kinematics.radius or 0) >= FROM_WALLS,
-                f"the radius must be less than {FROM_WALLS:g} m, got {self.kinematics.radius}",
+            "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU": (
+                self.device != "cpu" and not kinematic and not warp
             ),
-            (
-                self.device != "cpu" and self.body != "kinematic" and self.physics != "warp",
-                "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU",
+            "the physics 'warp' needs the body 'mujoco'": warp and kinematic,
+            "kinematics need the body 'kinematic'": (
+                not kinematic and self.kinematics != Kinematics()
             ),
-            (
-                self.physics == "warp" and self.body != "mujoco",
-                "the physics 'warp' needs the body 'mujoco'",
+            "the motor torque needs the body 'mujoco'": (
+                kinematic and self.motor_torque != "constant"
             ),
-            (
-                self.body == "mujoco" and self.kinematics != Kinematics(),
-                "kinematics need the body 'kinematic'",
-            ),
-            (
-                self.body == "kinematic" and self.motor_torque != "constant",
-                "the motor torque needs the body 'mujoco'",
-            ),
-        ]
-        for wrong, sentence in excluded:
+        }
+        for sentence, wrong in excluded.items():
             if wrong:
                 raise InputError(sentence)
 
@@ -153,12 +145,10 @@ class Experiment:
     def schedule(self, task: str) -> Schedule:
         """Returns the schedule of a task: scaled durations, turned starts, corners of the arena."""
         schedule = PROTOCOLS[self.protocol][task].scaled(self.time_scale)
-        if self.turned_start:
-            schedule = schedule.turned(math.radians(self.turned_start))
-        if self.arena_scale != 1:
-            x, y = half_size(arena_spec())
-            schedule = schedule.moved_out((self.arena_scale - 1) * x, (self.arena_scale - 1) * y)
-        return schedule
+        if self.arena_scale == 1 and not self.turned_start:
+            return schedule
+        x, y = ((self.arena_scale - 1) * half for half in half_size(arena_spec()))
+        return schedule.moved(x, y, math.radians(self.turned_start))
 
     def robot_seconds(self, steps: int) -> float:
         """Returns the simulated seconds of some control steps, added up over a cohort's robots."""
@@ -193,34 +183,35 @@ class Experiment:
         return make_batch(task, robots, **shared)
 
 
+def brain_name(brain: Parameters) -> str:
+    """Returns the name of the nearest named brain, with the overrides that turn it into `brain`."""
+    overrides = {name: overrides_of(brain, named) for name, named in BRAINS.items()}
+    closest = min(overrides, key=lambda name: len(overrides[name]))
+    return " ".join([closest, *overrides[closest]])
+
+
+def overrides_of(numbers: Parameters | Kinematics, reference: Parameters | Kinematics) -> list[str]:
+    """Returns the words NAME=VALUE that turn a reference into the given parameters."""
+    theirs = dataclasses.asdict(reference)
+    return [
+        f"{name}={value if isinstance(value, str) else json.dumps(value, separators=(',', ':'))}"
+        for name, value in dataclasses.asdict(numbers).items()
+        if value != theirs[name]
+    ]
+
+
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
     """Returns the fields in which two experiments differ, by dotted name, with both values."""
-    first, second = flat(ours), flat(other)
+    first, second = flat(dataclasses.asdict(ours)), flat(dataclasses.asdict(other))
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
 
-def check_same(what: str, held: Experiment, wanted: Experiment) -> None:
-    """Raises InputError if a stored experiment differs from the wanted one.
-
-    Args:
-      what: Beginning of the error message, up to the name of the field that differs.
-      held: Stored experiment.
-      wanted: Experiment that was asked for.
-    """
-    for field, (own, other) in differing(held, wanted).items():
-        raise InputError(f"{what} with {field} {own}, not {other}")
-
-
-def flat(experiment: Experiment) -> dict[str, Any]:
-    """Returns an experiment's fields by dotted name, such as "brain.noise"."""
-    return _flat(dataclasses.asdict(experiment))
-
-
-def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns nested values by dotted name, such as "brain.noise"."""
     found: dict[str, Any] = {}
-    for name, value in fields.items():
+    for name, value in values.items():
         inner = isinstance(value, dict)
-        found |= _flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+        found |= flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
     return found
 
 

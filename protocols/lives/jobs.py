@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Protocol
-
-import numpy as np
 
 from ...tasks.batch import CapacityError
 from ..agents.trust import trust
@@ -37,17 +36,18 @@ _REPORT_EVERY = 0.5  # seconds
 
 
 class Job(Protocol):
-    """A piece of work that runs in a process of its own and writes a file, or a few."""
+    """A piece of work that runs in a process of its own and writes a file, or a few.
+
+    Attributes:
+      path: File that the job writes last, in an existing folder.
+      cost: Amount of work: simulated seconds, added up over the job's robots.
+    """
 
     @property
-    def path(self) -> Path:
-        """The file that the job writes last, in an existing folder."""
-        ...
+    def path(self) -> Path: ...
 
     @property
-    def cost(self) -> float:
-        """Amount of work: simulated seconds, added up over the job's robots."""
-        ...
+    def cost(self) -> float: ...
 
     def done(self) -> bool:
         """Returns whether the job's files exist."""
@@ -63,9 +63,6 @@ class Job(Protocol):
 
         Returns:
           Whether the work is done and its file is written.
-
-        Raises:
-          OSError: a file cannot be written.
         """
         ...
 
@@ -148,19 +145,23 @@ class CohortJob:
             trust(key.condition.proposer)  # checked by `UnfinishedRun.read`
         cohorts, message = restored_cohorts(self.directory, self.experiment, self.keys)
         report(self._seconds(cohorts), message)
-        reported, saved = _Clock(_REPORT_EVERY), _Clock(self.save_every)
-        watches = [_Watch(cohort, self._name(cohort.key)) for cohort in cohorts]
+        reported = saved = time.monotonic()
         while not all(cohort.finished for cohort in cohorts):
             if stop():
                 self._save(cohorts)
                 return False
             self._advance(cohorts)
-            for sentence in (each for watch in watches for each in watch.stopped()):
-                report(self._seconds(cohorts), sentence)
-            if reported.is_due():
+            for cohort in cohorts:
+                for cause, robots in cohort.newly_stopped().items():
+                    where = f"{self._name(cohort.key)}: robots {robots}"
+                    sentence = f"{cause} in {where} stopped by step {cohort.step}"
+                    report(self._seconds(cohorts), sentence)
+            if (now := time.monotonic()) - reported > _REPORT_EVERY:
                 report(self._seconds(cohorts), "")
-            if saved.is_due():
+                reported = now
+            if now - saved > self.save_every:
                 self._save(cohorts)
+                saved = now
         self._finish(cohorts)
         report(self._seconds(cohorts), "")
         return True
@@ -201,47 +202,6 @@ class CohortJob:
         return self.experiment.robot_seconds(sum(cohort.step for cohort in cohorts))
 
 
-class _Clock:
-    """Says when some seconds of the wall clock have passed since it last did."""
-
-    def __init__(self, seconds: float) -> None:
-        self._seconds, self._last = seconds, time.monotonic()
-
-    def is_due(self) -> bool:
-        now = time.monotonic()
-        due = now - self._last > self._seconds
-        if due:
-            self._last = now
-        return due
-
-
-class _Watch:
-    """Notices which robots of a cohort are stopped, and why."""
-
-    def __init__(self, cohort: Cohort, name: str) -> None:
-        self._cohort, self._name = cohort, name
-        self._known = np.zeros(cohort.experiment.cohort_size, dtype=bool)
-
-    def stopped(self) -> list[str]:
-        """Returns sentences about the robots that were stopped since the last call."""
-        stopped = ~self._cohort.valid
-        new, self._known = stopped & ~self._known, stopped
-        if not new.any():
-            return []
-        # An action that is not finite stops a robot before its weights are looked at.
-        unsound = self._cohort.unsound()
-        causes = {
-            "unstable simulation": new & ~unsound,
-            "weights that are not finite": new & unsound,
-        }
-        return [
-            f"{cause} in {self._name}: robots {np.flatnonzero(robots).tolist()} stopped by step "
-            f"{self._cohort.step}"
-            for cause, robots in causes.items()
-            if robots.any()
-        ]
-
-
 def execute(
     what: str,
     jobs: Sequence[Job],
@@ -266,15 +226,12 @@ def execute(
     """
     if not jobs:
         return
-    cohort_jobs = [job for job in jobs if isinstance(job, CohortJob)]
-    robots = [job.experiment.cohort_size * len(job.keys) for job in cohort_jobs]
-    if len(cohort_jobs) < len(jobs):
-        robots = []
-    with JobProgress(what, [job.cost for job in jobs], quiet, robots) as progress:
-        progress.watch(watcher)
-        running = executor(jobs, progress)
-        try:
-            for job in running:
-                finished(job)
-        finally:
-            running.close()
+    robots = [len(j.keys) * j.experiment.cohort_size for j in jobs if isinstance(j, CohortJob)]
+    robots = robots if len(robots) == len(jobs) else []
+    costs = [job.cost for job in jobs]
+    with (
+        JobProgress(what, costs, quiet, robots, watcher) as progress,
+        contextlib.closing(executor(jobs, progress)) as running,
+    ):
+        for job in running:
+            finished(job)

@@ -102,18 +102,14 @@ def _end(processes: Iterable[BaseProcess]) -> None:
 
 
 class StopRequest:
-    """A request to stop, set by signals.
+    """Handler of signals that sets the flag `stop`.
 
-    A handler only sets a plain flag: an Event has a lock that the interrupted thread may hold.
-
-    Attributes:
-      stop: Whether a signal has asked to stop.
+    A plain flag: an Event has a lock that the interrupted thread may hold.
     """
 
     stop = False
 
     def __call__(self, number: int, frame: object) -> None:
-        """Handles a signal."""
         self.stop = True
 
 
@@ -136,20 +132,18 @@ def handling(
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {
-        number: signal.signal(number, handler)
-        for number in numbers
-        if not _is_ignored_hangup(number)
-    }
+    before = [(number, signal.signal(number, handler)) for number in _heard(numbers)]
     try:
         yield
     finally:
-        for number, old in before.items():
+        for number, old in before:
             signal.signal(number, old)
 
 
-def _is_ignored_hangup(number: signal.Signals) -> bool:
-    return number == signal.SIGHUP and signal.getsignal(number) == signal.SIG_IGN
+def _heard(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
+    """Returns signals without a hang-up that is ignored."""
+    ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    return [number for number in numbers if number != signal.SIGHUP or not ignored]
 
 
 # ---- Processes ----
@@ -169,16 +163,14 @@ def single_threaded_children() -> Iterator[None]:
     Several threads only slow down tensors as small as these, and nothing is drawn.
     """
     settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
-    before = {name: os.environ.get(name) for name in settings}
+    before = {name: os.environ[name] for name in settings if name in os.environ}
     os.environ.update(settings)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in settings:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 @contextlib.contextmanager
@@ -198,17 +190,6 @@ def children_without_script() -> Iterator[None]:
         vars(main).update(hidden)
 
 
-def follow_parent() -> None:
-    """Ends this process as soon as the one that started it ends."""
-
-    def follow() -> None:
-        if (parent := multiprocessing.parent_process()) is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
-
-
 _STOP: Any
 _REPORTS: Any
 _REQUEST = StopRequest()
@@ -218,11 +199,17 @@ def _prepare(stop: Any, reports: Any) -> None:
     global _STOP, _REPORTS
     _STOP, _REPORTS = stop, reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
-    for number in END_SIGNALS:
-        if not _is_ignored_hangup(number):
-            signal.signal(number, _REQUEST)
-    follow_parent()
+    for number in _heard(END_SIGNALS):
+        signal.signal(number, _REQUEST)
+    threading.Thread(target=_follow_parent, daemon=True).start()
     prepare_process()
+
+
+def _follow_parent() -> None:
+    """Ends this process as soon as the one that started it ends."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _run(number: int, job: Job) -> bool:

@@ -11,7 +11,6 @@ import functools
 import json
 import os
 import platform
-import reprlib
 import subprocess
 from collections.abc import Mapping, Sequence
 from importlib import metadata
@@ -21,29 +20,28 @@ from typing import Any
 import numpy as np
 
 from ... import __version__
+from ...fields import shown
 from ...models import Kinematics
 from ..errors import DamagedFileError, InputError
 from ..storage import read_json, write_json
 from .conditions import Condition
-from .experiment import Body, Experiment, experiment_from
+from .experiment import Body, Experiment, experiment_from, flat
 from .plan import Plan
 
 MANIFEST = "experiment.json"
 FORMAT = 1
 _LAST_COMMIT = "9e668f6"  # reads what was written before there were numbers of formats
 _VALUES = {"format", "experiment", "plan", "physics", "made_with", "digest"}
-_REQUIRED = ("mujoco", "dm-control", "numpy", "scipy", "torch")  # those that compute results
+_WARP = ("mujoco-warp", "warp-lang")
+_PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "torch", *_WARP, "cmaes")  # that compute
 _IDEAL = Kinematics()
 
-# Exceptions of reading JSON whose fields are not those of an experiment.
+# Exceptions of reading values that are not those of an experiment.
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 
 
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     """Writes `experiment.json`: the plan, its physics, and the versions that simulate it.
-
-    `made_with` lists every combination of versions and machine with which the run was begun,
-    continued or enlarged.
 
     Args:
       directory: Folder of the run; `check_physics` accepts it.
@@ -76,67 +74,53 @@ def read_manifest(directory: Path) -> Plan:
     """
     path = directory / MANIFEST
     content = read_json(path)
-    if content.get("format", 0) != FORMAT:
+    if (number := content.get("format", "none")) != FORMAT:
         raise DamagedFileError(
-            f"{path} must have the format {FORMAT}, got "
-            f"{reprlib.repr(content.get('format', 'none'))}: the commit {_LAST_COMMIT} is the last "
-            "that reads runs without a format"
+            f"{path} must have the format {FORMAT}, got {shown(number)}: the commit {_LAST_COMMIT} "
+            "is the last that reads runs without a format"
         )
     try:
         if {*content} != _VALUES:
             raise ValueError(f"it must have {', '.join(sorted(_VALUES))}")
-        experiment = experiment_from(content["experiment"])
-        robots = {Condition(r["task"], r["proposer"]): r["robots"] for r in content["plan"]}
-        if len(robots) < len(content["plan"]):
+        rows = [(Condition(r["task"], r["proposer"]), r["robots"]) for r in content["plan"]]
+        if len(robots := dict(rows)) < len(rows):
             raise ValueError("a condition is planned twice")
         if not np.isfinite(np.array(content["physics"], dtype=float)).all():
             raise ValueError("its physics is not finite")
         _ = [one["cpu"] for one in content["made_with"]]
-        return Plan(experiment, robots)
-    except UNREADABLE as error:
+        return Plan(experiment_from(content["experiment"]), robots)
+    except (*UNREADABLE, InputError) as error:
         text = f"{error!r:.200}"
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({text})") from error
-    except InputError as error:
-        raise DamagedFileError(f"{path} is damaged ({error})") from error
 
 
 # ---- Whether it is of this experiment ----
 
 
-def check_identity(path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Checks that a file or a folder is of the experiment that is wanted.
+def check_identity(
+    path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any], what: str = "an experiment"
+) -> None:
+    """Checks that a file or a folder is of the experiment, or of the study, that is wanted.
 
     Args:
       path: File or folder.
-      held: Values that it stores, by name, as plain data.
-      wanted: Values that are wanted of it; it may store others besides. Plain data or dataclasses.
+      held: Values that it stores, by name: plain data or dataclasses.
+      wanted: Values that are wanted of it; it may store others besides.
+      what: What it holds, in words.
 
     Raises:
       DamagedFileError: a value is missing or differs; the text names it, as "brain.noise".
     """
-    plain = json.loads(json.dumps(wanted, default=dataclasses.asdict))  # tuples become lists
-    own = {name: value for name, value in held.items() if name in plain}
-    if difference := _difference(own, plain):
-        name, value, other = difference
-        raise DamagedFileError(
-            f"{path} holds an experiment with {name} {_shown(value)}, not {_shown(other)}"
-        )
-
-
-def _difference(held: Mapping, wanted: Mapping, group: str = "") -> tuple[str, Any, Any] | None:
-    """Returns the name and both values of the first field that differs; None if all are equal."""
-    for key in {**wanted, **held}:
-        own, other = held.get(key), wanted.get(key)
-        if isinstance(own, Mapping) and isinstance(other, Mapping):
-            if found := _difference(own, other, f"{group}{key}."):
-                return found
-        elif own != other or key not in held or key not in wanted:
-            return f"{group}{key}", own, other
-    return None
-
-
-def _shown(value: Any) -> str:
-    return value[:60] if isinstance(value, str) else reprlib.repr(value)
+    # As JSON, in which tuples are lists.
+    held, wanted = json.loads(json.dumps([held, wanted], default=dataclasses.asdict))
+    if all(name in held and held[name] == value for name, value in wanted.items()):
+        return
+    own, other = flat({name: held.get(name) for name in wanted}), flat(wanted)
+    names = [name for name in {**other, **own} if own.get(name) != other.get(name)]
+    name = [*names, *wanted][0]
+    values = own.get(name), other.get(name)
+    first, second = (f"{v:.60}" if isinstance(v, str) else shown(v) for v in values)
+    raise DamagedFileError(f"{path} holds {what} with {name} {first}, not {second}")
 
 
 # ---- Physics ----
@@ -156,10 +140,9 @@ def same_physics(directory: Path) -> bool:
     content = read_json(directory / MANIFEST)
     experiment = experiment_from(content["experiment"])
     if experiment.physics == "warp":  # in single precision each version rounds in its own way
-        ours = machine()
-        for one in content["made_with"]:
-            if any(one.get(name) != ours.get(name) for name in ("mujoco-warp", "warp-lang")):
-                return False
+        versions = [[m.get(n) for n in _WARP] for m in (machine(), *content["made_with"])]
+        if any(one != versions[0] for one in versions):
+            return False
     return is_physics_of(content["physics"], experiment)
 
 
@@ -169,10 +152,6 @@ def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tup
 
     A changed mass, friction or timestep changes these numbers; decoration does not. With
     non-default kinematics, robots also drive along a wall at several angles.
-
-    Args:
-      body: Body of the robot.
-      kinematics: Parameters of the kinematic simulator.
     """
     experiment = Experiment(body=body, kinematics=kinematics)
     batch = experiment.batch("spot_finding", 1)
@@ -204,25 +183,19 @@ def is_physics_of(probe: Sequence[float], experiment: Experiment) -> bool:
 
 def machine() -> dict[str, Any]:
     """Returns the versions, the processor and the system of this process, for JSON."""
+    versions = {}
+    for name in _PACKAGES:
+        with contextlib.suppress(metadata.PackageNotFoundError):  # of an extra
+            versions[name] = metadata.version(name)
     return {
         "python": platform.python_version(),
         "musebot": __version__,
         "commit": _commit(),
-        **{name: metadata.version(name) for name in _REQUIRED},
-        **_versions("mujoco-warp", "warp-lang", "cmaes"),
+        **versions,
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "platform": platform.platform(),
     }
-
-
-def _versions(*names: str) -> dict[str, str]:
-    """Returns the versions of those optional packages that are installed."""
-    found = {}
-    for name in names:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
 
 
 @functools.cache

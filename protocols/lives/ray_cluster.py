@@ -12,7 +12,7 @@ from collections.abc import Generator, Iterable, Sequence
 
 from ..errors import InputError, Interrupted, RunError
 from ..progress import JobProgress
-from ..storage import create_empty, draft_name, remove_files
+from ..storage import draft_name, remove_files, write_text
 from .jobs import Job, run_job, stopped_by
 from .local import prepare_process, stop_on_signals
 
@@ -87,8 +87,7 @@ class RayCluster:
 def _stop(jobs: Iterable[Job], stop_file: str) -> None:
     for folder in {job.path.parent for job in jobs}:
         with contextlib.suppress(OSError, InputError):
-            folder.mkdir(exist_ok=True)
-            create_empty(folder / stop_file)
+            write_text(folder / stop_file, "")
 
 
 def _run(number: int, job: Job, reports: Queue, stop_file: str) -> bool:

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 
+from ...controller.neurocontroller import Neurocontroller
 from ...tasks.arena import CONTROL_TIMESTEP
+from ..agents.senses import senses_of
 from ..errors import InputError
 from ..storage import Shapes
-from .agent import network_shapes
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
 from .learn_ability import INVALID, Summary, category, classes, learn_ability, summarise
-from .schedules import SCHEDULES, STAGES, Schedule, control_steps
+from .schedules import STAGES, Schedule
 
 When = Literal["before", "after"]
 WHEN: tuple[When, When] = ("before", "after")
 NetworkArrays = dict[str, np.ndarray]
-_TESTS: tuple[Literal["pre", "post"], ...] = ("pre", "post")
 
 
 # ---- What is measured ----
@@ -81,57 +83,55 @@ def joined(older: Measured, cohorts: Iterable[tuple[CohortKey, Lives]]) -> Measu
     }
 
 
-def check_lives_shapes(
-    experiment: Experiment,
-    condition: Condition,
-    robots: int,
-    shapes: Shapes,
-    *,
-    networks: bool = True,
-) -> None:
-    """Checks names, dtypes and shapes of the arrays of lives, before any array is read.
+@functools.lru_cache(maxsize=64)
+def network_shapes(
+    experiment: Experiment, condition: Condition
+) -> Mapping[str, tuple[int, ...]] | None:
+    """Returns the shape of each array of one robot's networks; None for an agent of a user's."""
+    if not condition.has_brain:
+        return None
+    senses = senses_of(experiment.arena_task(condition.task))
+    controller = Neurocontroller(
+        experiment.brain, condition.proposer, 1, len(senses.state), 0, senses
+    )
+    shapes = {name: tuple(tensor.shape[1:]) for name, tensor in controller.networks().items()}
+    return MappingProxyType(shapes)
+
+
+def lives_shapes(
+    experiment: Experiment, condition: Condition, robots: int, found: Shapes, networks: bool = True
+) -> Shapes:
+    """Returns the dtype and the shape that each array of lives must have, by `Lives.arrays`.
 
     Args:
       experiment: Experiment of the robots.
       condition: Condition of the robots.
       robots: Number of robots, N.
-      shapes: Dtype and shape of each array, by its name in `Lives.arrays`.
+      found: Dtypes and shapes in a file, which decide those of the weights of a user's agent.
       networks: Whether the networks are among the arrays.
-
-    Raises:
-      ValueError: an array is missing, foreign, or of another dtype or shape.
     """
     minutes = len(experiment.schedule(condition.task).steps_of_minutes())
-    counts: Shapes = {
+    wanted: dict[str, tuple[str, tuple[int, ...]]] = {
         "events": ("I32", (robots, len(STAGES))),
         "minutes": ("I16", (robots, minutes)),
         "valid": ("BOOL", (robots,)),
     }
-    found: Shapes = {}
-    if networks:
-        own = network_shapes(experiment, condition)
-        if own is None:  # an agent has weights of any kind
-            found = {k.partition("/")[2]: x for k, x in shapes.items() if k.startswith("after/")}
-        else:
-            found = {name: ("F32", (robots, *shape)) for name, shape in own.items()}
-    both = {
-        f"{when}/{name}": (dtype, (robots, *shape[1:]))
-        for when in WHEN
-        for name, (dtype, shape) in found.items()
-    }
-    check_same_shapes({**counts, **both}, shapes)
+    own = network_shapes(experiment, condition)
+    if not networks:
+        weights: Shapes = {}
+    elif own is None:
+        weights = {k.partition("/")[2]: x for k, x in found.items() if k.startswith("after/")}
+        weights = {name: (dtype, (robots, *shape[1:])) for name, (dtype, shape) in weights.items()}
+    else:
+        weights = {name: ("F32", (robots, *shape)) for name, shape in own.items()}
+    return wanted | {f"{when}/{name}": kind for when in WHEN for name, kind in weights.items()}
 
 
 def check_same_shapes(wanted: Shapes, found: Shapes) -> None:
     """Raises ValueError where arrays are missing or foreign, or differ in dtype or shape."""
     for name in sorted({*wanted, *found}):
-        if name not in found:
-            raise ValueError(f"{name} is missing")
-        if name not in wanted:
-            raise ValueError(f"{name} is no array of it")
-        if found[name] != wanted[name]:
-            (dtype, shape), (own, size) = wanted[name], found[name]
-            raise ValueError(f"{name} must be {dtype} of shape {shape}, got {own} of shape {size}")
+        if (must := wanted.get(name, "absent")) != (own := found.get(name, "missing")):
+            raise ValueError(f"{name} must be {must}, is {own}")
 
 
 def check_lives(schedule: Schedule, lives: Lives) -> None:
@@ -140,46 +140,18 @@ def check_lives(schedule: Schedule, lives: Lives) -> None:
     Raises:
       ValueError: a count is impossible, or a weight of a valid robot is not finite.
     """
-    check_events(schedule, lives.events, lives.minutes, sum(schedule.steps()))
-    for networks in (lives.before, lives.after):
-        check_finite(networks, lives.valid)
-
-
-def check_events(schedule: Schedule, events: np.ndarray, minutes: np.ndarray, step: int) -> None:
-    """Checks the counts of events of robots up to a control step.
-
-    Args:
-      schedule: Schedule of the robots.
-      events: Control steps with the event in each part of the life, shape (N, 3).
-      minutes: Control steps with the event in each minute, shape (N, M).
-      step: Number of control steps simulated.
-
-    Raises:
-      ValueError: a count is impossible.
-    """
-    done = np.array([schedule.steps_of(part) for part in STAGES])
-    within = np.clip(step - np.concatenate([[0], done.cumsum()[:-1]]), 0, done)
-    whole = schedule.steps_of_minutes()
-    of_minutes = np.clip(step - np.arange(len(whole)) * control_steps(1), 0, whole)
-    for name, counts, most in (("events", events, within), ("minutes", minutes, of_minutes)):
-        wrong = np.argwhere((counts < 0) | (counts > most))
-        if len(wrong):
-            robot, column = wrong[0]
-            raise ValueError(
-                f"{name}, row {robot}, column {column}: must lie in [0, {most[column]}], "
-                f"got {counts[robot, column]}"
-            )
-    apart = np.flatnonzero(events.sum(axis=1) != minutes.sum(axis=1))
-    if len(apart):
-        raise ValueError(f"row {apart[0]}: its events and its minutes have different sums")
-
-
-def check_finite(arrays: Mapping[str, np.ndarray], valid: np.ndarray) -> None:
-    """Raises ValueError where a valid robot has a number that is not finite; each (N, ...)."""
-    for name, array in arrays.items():
-        broken = ~np.isfinite(array).reshape(len(array), -1).all(axis=1) & valid
-        if broken.any():
-            raise ValueError(f"{name}, row {broken.argmax()}: must be finite")
+    stages = [schedule.steps_of(stage) for stage in STAGES]
+    for name, counts, most in (
+        ("events", lives.events, stages),
+        ("minutes", lives.minutes, schedule.steps_of_minutes()),
+    ):
+        if ((counts < 0) | (counts > most)).any():
+            raise ValueError(f"{name} must be numbers of control steps, at most {max(most)}")
+    if (lives.events.sum(axis=1) != lives.minutes.sum(axis=1)).any():
+        raise ValueError("its events and its minutes have different sums")
+    for name, array in lives.arrays().items():
+        if not np.isfinite(array[lives.valid]).all():
+            raise ValueError(f"{name} must be finite")
 
 
 # ---- What is derived ----
@@ -238,7 +210,9 @@ class ConditionResults:
         """Derives the results of a condition from what was measured of all its robots."""
         task, schedule = condition.task, experiment.schedule(condition.task)
         pre, post = (lives.events[:, part] * CONTROL_TIMESTEP for part in (0, 2))
-        found = learn_ability(pre, post, schedule.wanted)
+        found = np.where(lives.valid, learn_ability(pre, post, schedule.wanted), np.nan)
+        names = {"unmeasured": schedule.unmeasured}
+        kinds = [names.get(kind, kind) for kind in map(category, found)]
         robots = [
             Robot(
                 task,
@@ -248,8 +222,8 @@ class ConditionResults:
                 index,
                 round(float(pre[index]), 1),
                 round(float(post[index]), 1),
-                float(found[index]) if valid else float("nan"),
-                category_in(task, found[index]) if valid else INVALID,
+                float(found[index]),
+                kinds[index] if valid else INVALID,
             )
             for index, valid in enumerate(lives.valid)
         ]
@@ -265,17 +239,6 @@ Results = Mapping[Condition, ConditionResults]
 def results_of(experiment: Experiment, measured: Measured) -> Results:
     """Derives the results of a run from what was measured."""
     return {c: ConditionResults.of(experiment, c, lives) for c, lives in measured.items()}
-
-
-def collect(experiment: Experiment, cohorts: Iterable[tuple[CohortKey, Lives]]) -> Results:
-    """Derives the results of finished cohorts, which are all cohorts of their conditions."""
-    return results_of(experiment, joined({}, cohorts))
-
-
-def category_in(task: str, ability: float) -> str:
-    """Returns the class of a robot of a task: "genius" or "ignorant" if its L is NaN."""
-    name = category(ability)
-    return SCHEDULES[task].unmeasured if name == "unmeasured" else name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -329,7 +292,7 @@ class Run:
 
     def abilities(self, condition: Condition) -> np.ndarray:
         """Returns L of each valid robot, NaN for a genius or an ignorant, shape (n,)."""
-        return abilities(self.valid(condition))
+        return np.array([row.learn_ability for row in self.valid(condition)], dtype=float)
 
     def classes(self, condition: Condition) -> list[str]:
         """Returns the class of each valid robot, a row of tables 1 and 2."""
@@ -337,16 +300,16 @@ class Run:
 
     def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
         """Returns each valid robot's share of a test in contact, or in the spot, shape (n,)."""
-        return shares(self.valid(condition), self.test_seconds(condition.task), part)
+        times = [getattr(row, f"t_{part}_s") for row in self.valid(condition)]
+        return np.array(times, dtype=float) / self.test_seconds(condition.task)
 
     def summary(self, condition: Condition) -> Summary:
         """Returns the column of table 1 or 2 that a condition fills."""
-        rows = self.valid(condition)
         return summarise(
-            abilities(rows),
-            [row.t_post_s for row in rows],
+            self.abilities(condition),
+            [row.t_post_s for row in self.valid(condition)],
             self.test_seconds(condition.task),
-            invalid=len(self.robots(condition)) - len(rows),
+            invalid=len(self.robots(condition)) - len(self.valid(condition)),
             exact=self.exact_classes,
         )
 
@@ -367,24 +330,9 @@ class Run:
             pandas = importlib.import_module("pandas")  # optional, in no extra
         except ModuleNotFoundError as error:
             raise InputError("Run.to_frame needs pandas: pip install pandas") from error
-        rows = [
-            dataclasses.asdict(row)
-            | {
-                f"{part}_share": float(shares([row], self.test_seconds(row.task), part)[0])
-                for part in _TESTS
-            }
-            for condition in self.conditions()
-            for row in self.robots(condition)
-        ]
+        rows = []
+        for row in [row for condition in self.conditions() for row in self.robots(condition)]:
+            seconds = self.test_seconds(row.task)
+            shares = {"pre_share": row.t_pre_s / seconds, "post_share": row.t_post_s / seconds}
+            rows.append(dataclasses.asdict(row) | shares)
         return pandas.DataFrame(rows)
-
-
-def abilities(rows: list[Robot]) -> np.ndarray:
-    """Returns L of each robot, NaN for a genius or an ignorant, shape (n,)."""
-    return np.array([row.learn_ability for row in rows], dtype=float)
-
-
-def shares(rows: list[Robot], test_seconds: float, part: Literal["pre", "post"]) -> np.ndarray:
-    """Returns each robot's share of a test in contact, or in the spot, in [0, 1], shape (n,)."""
-    times = [row.t_pre_s if part == "pre" else row.t_post_s for row in rows]
-    return np.array(times, dtype=float) / test_seconds

@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,13 +35,13 @@ from .experiment import Experiment
 from .manifest import MANIFEST, check_identity, read_manifest, same_physics
 from .plan import Plan
 from .run import (
-    WHEN,
     Lives,
     Measured,
     Robot,
     Run,
     check_lives,
-    check_lives_shapes,
+    check_same_shapes,
+    lives_shapes,
     results_of,
 )
 
@@ -69,11 +70,7 @@ def planned(directory: Path) -> Plan | None:
 
 
 def write_results(directory: Path, experiment: Experiment, measured: Measured) -> None:
-    """Writes what was measured, and its export before it: so the export is never an older one.
-
-    Raises:
-      OSError: a file cannot be written.
-    """
+    """Writes what was measured, and its export before it: so the export is never an older one."""
     export_robots(directory, experiment, measured)
     arrays = {
         f"{condition}/{name}": array
@@ -84,11 +81,7 @@ def write_results(directory: Path, experiment: Experiment, measured: Measured) -
 
 
 def export_robots(directory: Path, experiment: Experiment, measured: Measured) -> None:
-    """Writes robots.csv, a row for each robot, which nothing reads back.
-
-    Raises:
-      OSError: the file cannot be written.
-    """
+    """Writes robots.csv, a row for each robot, which nothing reads back."""
     text = io.StringIO()
     writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -111,23 +104,20 @@ def read_measured(directory: Path, experiment: Experiment, networks: bool = True
     Raises:
       DamagedFileError: the file is damaged, or of another experiment.
     """
-    path = directory / RESULTS_FILE
+    path, size = directory / RESULTS_FILE, experiment.cohort_size
     if not os.path.lexists(path):
         return {}
 
     def check(shapes: Shapes) -> None:
         for condition, own in _by_condition(shapes).items():
-            shape = own["events"][1] if "events" in own else ()
-            robots, size = shape[0] if shape else 0, experiment.cohort_size
+            robots = math.prod(own["valid"][1])
             if not robots or robots % size:
                 raise ValueError(f"{condition} must have cohorts of {size}, got {robots} robots")
-            kept = any(map(_is_network, own))
-            check_lives_shapes(experiment, condition, robots, own, networks=kept)
+            kept = any("/" in name for name in own)
+            check_same_shapes(lives_shapes(experiment, condition, robots, own, kept), own)
 
     try:
-        arrays, notes = load_arrays(
-            path, check, lambda name: networks or not _is_network(name.split("/", 2)[-1])
-        )
+        arrays, notes = load_arrays(path, check, lambda name: networks or name.count("/") == 2)
     except FileNotFoundError as error:  # a link to nothing
         raise DamagedFileError(str(error)) from error
     check_identity(path, notes, dataclasses.asdict(experiment))
@@ -138,10 +128,6 @@ def read_measured(directory: Path, experiment: Experiment, networks: bool = True
     except ValueError as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     return measured
-
-
-def _is_network(name: str) -> bool:
-    return name.startswith(tuple(f"{when}/" for when in WHEN))
 
 
 def _by_condition(items: Mapping[str, Any]) -> dict[Condition, dict[str, Any]]:
@@ -159,9 +145,8 @@ def _by_condition(items: Mapping[str, Any]) -> dict[Condition, dict[str, Any]]:
 
 def check_kept_networks(directory: Path, measured: Measured) -> None:
     """Raises InputError where a run is kept without the networks of its robots."""
-    for condition, lives in measured.items():
-        if condition.has_brain and not lives.after:
-            raise InputError(f"{directory} is kept without the networks of its robots")
+    if any(condition.has_brain and not lives.after for condition, lives in measured.items()):
+        raise InputError(f"{directory} is kept without the networks of its robots")
 
 
 # ---- Runs ----
@@ -177,23 +162,17 @@ def read_so_far(directory: Path, networks: bool = True) -> Run:
     Raises:
       InputError: the folder holds no run, what it holds is damaged, or it lacks the networks.
     """
+    if not directory.exists():
+        raise InputError(f"there is no folder {directory}")
     if not (directory / MANIFEST).is_file():
-        raise InputError(_no_run(directory))
+        inside = sorted(path.parent.name for path in directory.glob(f"*/{MANIFEST}"))
+        runs = f"; it has the runs {', '.join(inside[:9])}" if inside else ""
+        raise InputError(f"{directory} holds no experiment of musebot's{runs}")
     experiment = read_manifest(directory).experiment
     measured = read_measured(directory, experiment, networks)
     if networks:
         check_kept_networks(directory, measured)
     return Run(resolved(directory).name, experiment, results_of(experiment, measured))
-
-
-def _no_run(directory: Path) -> str:
-    """Returns why a folder cannot be read as a run, and which of its folders can."""
-    if not directory.exists():
-        return f"there is no folder {directory}"
-    inside = sorted(path.parent.name for path in directory.glob(f"*/{MANIFEST}"))
-    more = f" and {len(inside) - 9} more" if len(inside) > 9 else ""
-    runs = f"; it has the runs {', '.join(inside[:9])}{more}" if inside else ""
-    return f"{directory} holds no experiment of musebot's{runs}"
 
 
 def read_run(
@@ -264,8 +243,8 @@ def has_all_robots(directory: Path, plan: Plan) -> bool:
 def run_names(directories: Sequence[Path]) -> list[str]:
     """Returns the folders' names, with as many folders above them as make the names differ."""
     paths = [resolved(directory) for directory in directories]
-    for length in range(1, max((len(path.parts) for path in paths), default=0) + 1):
-        names = ["/".join(path.parts[-length:]) for path in paths]
-        if len({*names}) == len(names):
-            return names
-    return [str(directory) for directory in directories]  # a folder is given twice
+    names = [path.name for path in paths]
+    for length in range(2, max([len(path.parts) for path in paths], default=0) + 1):
+        if len({*names}) < len(names):
+            names = [str(Path(*path.parts[-length:])) for path in paths]
+    return names

@@ -8,19 +8,17 @@ import dataclasses
 import importlib.util
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
+from ..agents.base import Agent
 from ..agents.names import TRAINED_BEFORE, is_own, short_name
 from ..agents.settings import settings_from
 from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, InputError, RunError
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from ..terminal import notice
-from .agent import make_agent
-from .budget import check_agent_memory, check_memory, job_bytes
 from .checkpoints import (
     CHECKPOINTS,
     checkpoint_file,
@@ -29,12 +27,12 @@ from .checkpoints import (
     read_minutes,
     set_aside,
 )
-from .cohort import Cohort
+from .cohort import Cohort, make_agent
 from .conditions import CohortKey, Condition
 from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
 from .manifest import MANIFEST, check_physics, read_manifest, write_manifest
-from .plan import Plan
+from .plan import Plan, check_agent_memory, check_memory, job_bytes
 from .run import Lives, Measured, Run, joined, results_of
 from .run_files import (
     RESULTS_FILE,
@@ -45,9 +43,6 @@ from .run_files import (
     read_measured,
     write_results,
 )
-
-if TYPE_CHECKING:
-    from .tensorboard_log import TensorBoardLog
 
 
 def simulate(
@@ -79,14 +74,15 @@ def simulate(
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
-    log_class = _tensorboard_log() if log else None
+    if log:  # raises InputError without the extra
+        from .tensorboard_log import TensorBoardLog
     directory = resolved(directory)  # an agent may change the working directory
     held = UnfinishedRun.read(directory, plan)
-    if (missing := held.missing) is not None:  # before anything is written
-        check_device(missing)
+    if (remaining := held.remaining) is not None:  # before anything is written
+        check_device(remaining)
         at_once = getattr(executor, "processes", 1)  # a cluster's nodes are not counted
-        check_memory(held.remaining, at_once, held.plan)
-        check_agents(missing, held.measured)
+        check_memory(remaining, at_once, held.plan)
+        check_agents(remaining, held.measured)
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
         for message in run.begin():
@@ -97,26 +93,15 @@ def simulate(
             scaled = run.plan.experiment.rehearsal
             words = f" ({scaled}; another folder starts another run)" if scaled else ""
             notice(f"{directory} is finished{words}, so nothing is simulated")
-        update = log_class(run, save_every).update if log_class else lambda now=False: None
-        what = _cohorts(sum(len(job.keys) for job in jobs))
+        update = TensorBoardLog(run, save_every).update if log else lambda now=False: None
+        what = f"cohorts: {len(run.left)}"
         try:
             execute(what, jobs, executor, run.finished, watcher=update, quiet=quiet)
         finally:
             update(now=True)
     if run.left:
-        raise RunError(f"unfinished: {_cohorts(len(run.left))}; the same command continues")
+        raise RunError(f"unfinished cohorts: {len(run.left)}; the same command continues")
     return run.run
-
-
-def _tensorboard_log() -> type[TensorBoardLog]:
-    """Returns the class; raises InputError where TensorBoard, which is optional, is missing."""
-    from .tensorboard_log import TensorBoardLog
-
-    return TensorBoardLog
-
-
-def _cohorts(number: int) -> str:
-    return "1 cohort" if number == 1 else f"{number} cohorts"
 
 
 def check_device(plan: Plan) -> None:
@@ -124,12 +109,9 @@ def check_device(plan: Plan) -> None:
     device, warp = plan.experiment.device, plan.experiment.physics == "warp"
     if not plan.experiment.on_tensors:
         return
-    for condition in plan.conditions:
-        if not condition.has_brain:
-            where = "in MuJoCo Warp" if warp else f"on {device}"
-            raise InputError(
-                f"only robots with a brain are simulated {where}, not {condition.proposer}"
-            )
+    if others := [condition.proposer for condition in plan.conditions if not condition.has_brain]:
+        where = "in MuJoCo Warp" if warp else f"on {device}"
+        raise InputError(f"only robots with a brain are simulated {where}, not {others[0]}")
     if warp and not importlib.util.find_spec("mujoco_warp"):
         raise InputError("MuJoCo Warp is not installed; pip install 'musebot[warp]' gets it")
     if device == HOST:
@@ -158,39 +140,29 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
       InputError: there is no such agent, it needs more memory than the machine has, does not
         return motor values, or keeps other weights than the robots that are there.
     """
-    for condition in plan.conditions:
-        if condition.has_brain:
-            continue
-        _check_few(plan, condition)
-        cohort = Cohort(plan.experiment, CohortKey(condition, 0))
-        cohort.agent.reset()
-        cohort.decide(learning=False)  # checks what the agent returns
-        state, weights = cohort.checkpoint()[0], cohort.agent.weights()
-        check_agent_memory(plan, condition, _bytes(state), _bytes(weights))
-        if held and condition in held:
-            check_same_weights(condition, weights, held[condition].after)
-
-
-def _check_few(plan: Plan, condition: Condition) -> None:
-    """Estimates the memory of one of our agents from few robots, before all are allocated."""
     experiment = plan.experiment
     settings = settings_from(experiment.settings, several=True)
     differ = any(len(values) > 1 for values in settings.values())  # the robots of a tuning
-    if differ or not is_own(condition.proposer) or short_name(condition.proposer) == TRAINED_BEFORE:
-        return  # it may need all its robots
-    one, two = (make_agent(experiment, condition, robots, 0) for robots in (1, 2))
-    sizes = [
-        first + (experiment.cohort_size - 1) * (second - first)
-        for first, second in (
-            (_bytes(one.state()), _bytes(two.state())),
-            (_bytes(one.weights()), _bytes(two.weights())),
-        )
-    ]
-    check_agent_memory(plan, condition, *sizes)
+    for condition in plan.conditions:
+        if condition.has_brain:
+            continue
+        proposer = condition.proposer
+        if is_own(proposer) and not differ and short_name(proposer) != TRAINED_BEFORE:
+            # Before all are allocated; other agents may need all their robots.
+            one, two = (_sizes(make_agent(experiment, condition, n, 0)) for n in (1, 2))
+            check_agent_memory(plan, condition, *(two - one))
+        cohort = Cohort(experiment, CohortKey(condition, 0))
+        cohort.agent.reset()
+        cohort.decide(False)  # checks what the agent returns
+        check_agent_memory(plan, condition, *(_sizes(cohort.agent) / experiment.cohort_size))
+        if held and condition in held:
+            check_same_weights(condition, cohort.agent.weights(), held[condition].after)
 
 
-def _bytes(arrays: Mapping[str, np.ndarray]) -> int:
-    return sum(array.nbytes for array in arrays.values())
+def _sizes(agent: Agent) -> np.ndarray:
+    """Returns the bytes of an agent's state and of its weights."""
+    both = agent.state(), agent.weights()
+    return np.array([sum(array.nbytes for array in arrays.values()) for arrays in both])
 
 
 def check_same_weights(
@@ -198,10 +170,7 @@ def check_same_weights(
 ) -> None:
     """Raises InputError where an agent's weights are not of the kind that earlier robots have.
 
-    Args:
-      who: Whose weights they are.
-      own: Weights of the agent, by name, each of shape (B, ...).
-      kept: Weights of robots that another version of the agent may have simulated.
+    Another version of the agent may have simulated those.
     """
     kinds, known = (
         {(name, array.dtype, array.shape[1:]) for name, array in weights.items()}
@@ -263,17 +232,11 @@ class UnfinishedRun:
         return Run(self.directory.name, experiment, results_of(experiment, self.measured))
 
     @property
-    def missing(self) -> Plan | None:
-        """The plan of the conditions that have robots to simulate; None if there are none."""
-        robots = {key.condition: self.plan.robots[key.condition] for key in self.left}
-        return dataclasses.replace(self.plan, robots=robots) if robots else None
-
-    @property
-    def remaining(self) -> Plan:
-        """The plan of the robots that are left to simulate."""
+    def remaining(self) -> Plan | None:
+        """The plan of the robots that are left to simulate; None if there are none."""
         counts = collections.Counter(key.condition for key in self.left)
-        size = self.plan.experiment.cohort_size
-        return dataclasses.replace(self.plan, robots={c: n * size for c, n in counts.items()})
+        robots = {c: n * self.plan.experiment.cohort_size for c, n in counts.items()}
+        return dataclasses.replace(self.plan, robots=robots) if robots else None
 
     def curve(self, condition: Condition) -> np.ndarray:
         """Returns the mean share of each simulated minute that all robots have reached, shape (M,).
@@ -282,13 +245,11 @@ class UnfinishedRun:
         """
         experiment = self.plan.experiment
         steps = experiment.schedule(condition.task).steps_of_minutes()
-        parts = [self.measured[condition]] if condition in self.measured else []
-        parts += [lives for key, lives in self.lives.items() if key.condition == condition]
-        counts = [part.minutes[part.valid] for part in parts]
-        for key in self.left:
-            if key.condition == condition:
-                minutes, valid = read_minutes(self.directory, experiment, key)
-                counts.append(minutes[valid])
+        done = [lives for key, lives in self.lives.items() if key.condition == condition]
+        done += [lives for one, lives in self.measured.items() if one == condition]
+        counts = [lives.minutes[lives.valid] for lives in done]
+        for key in [key for key in self.left if key.condition == condition]:
+            counts.append(read_minutes(self.directory, experiment, key))
         reached = min(count.shape[1] for count in counts)
         robots = np.concatenate([count[:, :reached] for count in counts])
         return robots.mean(axis=0) / steps[:reached] if len(robots) else np.zeros(0)
@@ -318,7 +279,7 @@ class UnfinishedRun:
             except FileNotFoundError:
                 continue
             except DamagedFileError as error:
-                messages.append(set_aside(path, key, error))
+                messages.append(set_aside(path, key, str(error)))
             else:
                 self._add(key, lives)
         return messages

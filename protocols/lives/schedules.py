@@ -84,22 +84,20 @@ class Schedule:
             }
         )
 
-    def turned(self, angle: float) -> Schedule:
-        """Returns the schedule with every fixed pose of the robot turned by an angle in [rad]."""
+    def moved(self, x: float, y: float, angle: float) -> Schedule:
+        """Returns the schedule with other fixed places.
 
-        def turned(pose: Any) -> Any:
-            return (*pose[:2], pose[2] + angle) if isinstance(pose, tuple) else pose
-
-        return self._changed(lambda phase: {"robot": turned(phase.robot)})
-
-    def moved_out(self, x: float, y: float) -> Schedule:
-        """Returns the schedule with every fixed place moved away from the centre by x and y [m]."""
+        Args:
+          x: Distance in [m] by which places move away from the centre along x.
+          y: Distance in [m] by which places move away from the centre along y.
+          angle: Angle in [rad] by which poses of the robot are turned.
+        """
 
         def moved(place: Any) -> Any:
             if not isinstance(place, tuple):
                 return place
-            return (place[0] + math.copysign(x, place[0]), place[1] + math.copysign(y, place[1]),
-                    *place[2:])  # fmt: skip
+            away = place[0] + math.copysign(x, place[0]), place[1] + math.copysign(y, place[1])
+            return (*away, *(heading + angle for heading in place[2:]))
 
         return self._changed(lambda phase: {"robot": moved(phase.robot), "spot": moved(phase.spot)})
 

@@ -22,7 +22,7 @@ from ..agents.names import recorded_name, short_name
 from ..agents.trust import trust
 from ..analysis.behaviour import Track
 from ..errors import InputError
-from ..lives.agent import make_agent
+from ..lives.cohort import make_agent
 from ..lives.conditions import Condition
 from ..lives.device import decide
 from ..lives.run import Run, When

@@ -8,7 +8,7 @@ from musebot.protocols.agents.bounds import hand_coded, newborn
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.agent import make_agent
+from musebot.protocols.lives.cohort import make_agent
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks.starts import random_poses, random_spots

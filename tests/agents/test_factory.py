@@ -20,8 +20,7 @@ from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.agents.trust import trust
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.agent import make_agent
-from musebot.protocols.lives.cohort import random_streams
+from musebot.protocols.lives.cohort import make_agent, random_streams
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import write_manifest

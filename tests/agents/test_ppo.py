@@ -9,8 +9,7 @@ from musebot.protocols.agents import ppo
 from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
 from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.lives.agent import make_agent
-from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.cohort import Cohort, make_agent
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.storage import save_arrays

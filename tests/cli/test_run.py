@@ -17,10 +17,9 @@ from musebot.protocols.cli import run as module
 from musebot.protocols.cli.run import Run
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.config import Config
+from musebot.protocols.lives.config import READINGS, Config
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import MANIFEST, read_manifest
-from musebot.protocols.lives.overrides import READINGS
 from musebot.protocols.lives.plan import Plan
 
 SHORT = {"time_scale": 0.001, "body": "kinematic", "quiet": True}

@@ -17,9 +17,9 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli import verbs
 from musebot.protocols.errors import Interrupted
 from musebot.protocols.lives import local
-from musebot.protocols.lives.budget import cohort_bytes
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.jobs import CohortJob
+from musebot.protocols.lives.plan import cohort_bytes
 from musebot.protocols.pages import film, measured_behaviour, paper_figures, robot_figures
 
 SEED = 20041

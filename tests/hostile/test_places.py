@@ -194,8 +194,8 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
 def test_a_number_that_no_machine_could_serve_is_refused(
     words, sentence, run, tmp_path, capsys, monkeypatch
 ):
-    from musebot.protocols.lives import budget
+    from musebot.protocols.lives import plan
 
-    monkeypatch.setattr(budget, "machine_bytes", lambda: 2**27)
+    monkeypatch.setattr(plan, "machine_bytes", lambda: 2**27)
     words = words.replace("RUN", str(run)).replace("NEW", str(tmp_path / "new")).split()
     assert sentence in refused(capsys, words, run, tmp_path)

@@ -377,4 +377,4 @@ def test_robots_of_the_walls_protocol_sense_walls_and_their_brains_have_the_inpu
     state = cohort.batch.rules.state(cohort.batch.sensordata)
     nose, distances, contact = np.split(state, [1, 5], axis=1)
     assert (nose == 0).all() and (distances > 0).any(axis=1).all() and (contact == 0).all()
-    assert cohort.decide(learning=False).shape == (2, 2)
+    assert cohort.decide(False).shape == (2, 2)

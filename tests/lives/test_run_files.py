@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.lives.agent import network_shapes
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import MANIFEST, write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Lives, joined
+from musebot.protocols.lives.run import Lives, joined, network_shapes
 from musebot.protocols.lives.run_files import (
     RESULTS_FILE,
     ROBOTS_FILE,

@@ -115,7 +115,7 @@ def test_a_finished_run_can_be_enlarged_and_is_never_made_smaller(part, run, who
 def test_a_finished_run_is_not_simulated_again_and_says_so(
     other_physics, whole, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr("musebot.protocols.lives.budget.machine_bytes", lambda: 10)
+    monkeypatch.setattr("musebot.protocols.lives.plan.machine_bytes", lambda: 10)
     monkeypatch.setattr(runs, "check_device", pytest.fail)  # it needs neither
     shutil.copytree(whole[0], folder := tmp_path / "run")
     if other_physics:
@@ -276,7 +276,7 @@ def test_what_the_folder_or_the_machine_cannot_hold_is_refused_before_it_is_begu
     with locked(tmp_path / "run"), pytest.raises(InputError, match="another musebot .*is running"):
         run(tmp_path / "run", plan(), pytest.fail)
     assert not (tmp_path / "run" / MANIFEST).exists()
-    monkeypatch.setattr("musebot.protocols.lives.budget.machine_bytes", lambda: 10**6)
+    monkeypatch.setattr("musebot.protocols.lives.plan.machine_bytes", lambda: 10**6)
     large = plan(1000, cohort_size=1000)
     with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
         run(tmp_path / "new", large, pytest.fail)

@@ -14,7 +14,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import Run, collect
+from musebot.protocols.lives.run import Run, results_of
 from musebot.protocols.lives.schedules import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.pages import replay
 from musebot.protocols.pages.replay import Episode, StoredRobot, robots_named
@@ -142,7 +142,7 @@ def lived(experiment, condition):
     """Returns a cohort at the end of its lives, and the run of it."""
     cohort = Cohort(experiment, CohortKey(condition, 0))
     cohort.advance(cohort.steps)
-    results = collect(experiment, [(CohortKey(condition, 0), cohort.lives())])
+    results = results_of(experiment, {condition: cohort.lives()})
     return cohort, Run("own", experiment, results)
 
 
