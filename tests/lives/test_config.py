@@ -1,5 +1,6 @@
-"""A file instead of options: what it may hold, and what is refused."""
+"""Experiments in words: named brains, words NAME=VALUE, and a file instead of options."""
 
+import dataclasses
 import json
 
 import pytest
@@ -10,7 +11,8 @@ from strategies import quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.config import read_config
+from musebot.protocols.lives.config import named_brain, read_config, with_overrides
+from musebot.protocols.lives.experiment import brain_name, overrides_of
 
 EXAMPLE = """
 [experiment]
@@ -32,6 +34,57 @@ robots = 4
 """
 
 
+# Brains and overrides
+
+
+def test_a_named_brain_is_found_by_its_name_and_named_by_it():
+    for name, brain in BRAINS.items():
+        assert named_brain(name) == brain and brain_name(brain) == name
+        words = overrides_of(brain, Parameters())
+        assert with_overrides(Parameters(), words) == brain and overrides_of(brain, brain) == []
+    brain = dataclasses.replace(BRAINS["steady"], discount=0.8, keep_main_idea=True)
+    assert brain_name(brain) == "steady discount=0.8 keep_main_idea=true"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words", "changed"),
+    [
+        (Parameters(), ["epsilon=0.1", "ideas=5"], {"epsilon": 0.1, "ideas": 5}),
+        (Parameters(), ["fixed_motors=[0.0,0.5]"], {"fixed_motors": (0.0, 0.5)}),
+        (BRAINS["steady"], ["initial_epsilon=null"], {"initial_epsilon": None}),
+        (
+            Kinematics(),
+            ["wall=slides", "felt=pushed", "any_contact=true", "lag=0.08"],
+            {"wall": "slides", "felt": "pushed", "lag": 0.08, "any_contact": True},
+        ),
+    ],
+)
+def test_overrides_replace_the_named_parameters_only(numbers, words, changed):
+    found = with_overrides(numbers, words)
+    assert found == dataclasses.replace(numbers, **changed)
+    assert with_overrides(numbers, overrides_of(found, numbers)) == found
+
+
+def test_invalid_names_and_overrides_are_refused_in_a_sentence():
+    for words, sentence in (
+        (["soul=1"], "there is no parameter 'soul'; there are radius, wheel_base, wall, felt, "),
+        (["lga=1"], "there is no parameter 'lga'; did you mean lag?"),
+        (["lag"], "a value is set as NAME=VALUE, got 'lag'"),
+        (["lag=0", "lag=1"], "lag is given twice"),
+        (["lag=long", "wall=slides"], "lag must be a number in [0, 1000] s, got 'long'"),
+    ):
+        with pytest.raises(InputError) as caught:
+            with_overrides(Kinematics(), words)
+        assert sentence in str(caught.value)
+    with pytest.raises(InputError, match=r"there is no brain 'stedy': did you mean steady\?"):
+        named_brain("stedy")
+    with pytest.raises(InputError, match="the brain must be one of paper, .*, got 'divine'"):
+        named_brain("divine")
+
+
+# Files
+
+
 @pytest.fixture
 def written(tmp_path):
     def written(text, name="run.toml"):
@@ -49,58 +102,43 @@ def test_a_file_gives_the_fields_and_the_robots_of_an_experiment(written):
     assert (brain.epsilon, brain.fixed_motors) == (0.1, (0.0, 0.5))
     assert brain.learn_rate == BRAINS["steady"].learn_rate
     assert config.values["kinematics"] == Kinematics(wall="slides")
-    assert config.robots == {
-        ("wall_avoidance", "fixed"): 2, ("spot_finding", "creative"): 4,
-    }  # fmt: skip
-
-
-def test_a_brain_is_a_name_or_the_paper_s_with_changes(written):
+    pairs = ("wall_avoidance", "fixed"), ("spot_finding", "creative")
+    assert config.robots == dict(zip(pairs, (2, 4), strict=True))
     named = read_config(written('experiment.brain = "steady"'))
     assert named.values == {"brain": BRAINS["steady"]}
-    changed = read_config(written("experiment.brain.noise = 0.5"))
+    changed = read_config(written('{"experiment": {"brain": {"noise": 0.5}}}', "run.json"))
     assert changed.values == {"brain": Parameters(noise=0.5)}
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("seed = 1", "the file has no 'seed'; there are format, experiment"),
-        ("experiment = [1]", "experiment must have names with values, got [1]"),
-        ("experiment.soul = 1", "experiment has no 'soul'"),
-        ("experiment.sed = 1", "experiment has no 'sed'; did you mean seed?"),
-        ("experiment.brain.soul = 1", "brain has no 'soul'"),
-        ('experiment.brain = "divine"', "brain must be one of paper, steady, "),
-        ("experiment.brain.epsilon = 2", "epsilon must be a number in [0, 1], got 2"),
-        ("experiment.brain = 3", "brain must have names with values, got 3"),
-        ('experiment.kinematics.tyre = "flat"', "kinematics has no 'tyre'"),
-        ('experiment.seed = "one"', "seed must be a whole number"),
-        ("experiment.seed = 010", "cannot be read"),
-        ("experiment.seed = 1:30", "cannot be read"),
-        ("experiment.seed = 1\nexperiment.seed = 2", "cannot be read"),
-        ("experiment = {seed = 1", "cannot be read"),
-        ("plan = {a = 1}", "plan must be a list of rows"),
-        ('plan = [{task = "spot_finding"}]', "needs task, proposer, robots, got no proposer"),
-        ('plan = [{task = [1], proposer = "fixed", robots = 1}]', "must be texts, got [1]"),
-        (
-            'plan = [{task = "a", proposer = "b", robots = 1}, {task = "a", proposer = "b",'
-            " robots = 2}]",
-            "a/b is planned twice",
-        ),
-    ],
-)
-def test_a_wrong_file_is_one_sentence_that_names_the_file(text, words, written):
-    path = written(text)
-    with pytest.raises(InputError) as caught:
-        read_config(path)
-    sentence = str(caught.value)
-    assert words in sentence and sentence.startswith(str(path)) and "\n" not in sentence
+ROW = '{task = "a", proposer = "b", robots = 1}'
+WRONG = {
+    "seed = 1": "the file has no 'seed'; there are experiment, plan, ",
+    "experiment = [1]": "experiment must have names with values, got (1,)",
+    "experiment.sed = 1": "experiment has no 'sed'; did you mean seed?",
+    "experiment.brain.soul = 1": "brain has no 'soul'",
+    'experiment.brain = "divine"': "brain must be one of paper, steady, ",
+    "experiment.brain.epsilon = 2": "epsilon must be a number in [0, 1], got 2",
+    "experiment.brain = 3": "brain must have names with values, got 3",
+    "experiment.brain.name = [1]": "brain must be one of paper, steady, ",
+    'experiment.kinematics.tyre = "flat"': "kinematics has no 'tyre'",
+    'experiment.seed = "one"': "seed must be a whole number",
+    "experiment.seed = 010": "cannot be read",
+    "experiment.seed = 1\nexperiment.seed = 2": "cannot be read",
+    "plan = {a = 1}": "plan must be a list of rows",
+    'plan = [{task = "spot_finding"}]': "needs task, proposer, robots, got no proposer",
+    'plan = [{task = [1], proposer = "fixed", robots = 1}]': "must be texts, got ((1,), 'fixed')",
+    f"plan = [{ROW}, {ROW}]": "a/b is planned twice",
+    '{"experiment": {"seed": 1, "seed": 2}}': "'seed' is given twice",
+}
 
 
-def test_json_with_a_name_given_twice_is_refused(written):
-    path = written('{"experiment": {"seed": 1, "seed": 2}}', "run.json")
-    with pytest.raises(InputError, match="'seed' is given twice"):
-        read_config(path)
-    assert read_config(written('{"experiment": {"seed": 3}}', "a.json")).values == {"seed": 3}
+def test_a_wrong_file_is_one_sentence_that_names_the_file(written):
+    for text, words in WRONG.items():
+        path = written(text, "run.json" if text.startswith("{") else "run.toml")
+        with pytest.raises(InputError) as caught:
+            read_config(path)
+        sentence = str(caught.value)
+        assert words in sentence and sentence.startswith(str(path)) and "\n" not in sentence
 
 
 PLAIN = st.recursive(

@@ -1,4 +1,4 @@
-"""Plans: which robots are wanted, and into which cohorts they split."""
+"""Plans: which robots are wanted, into which cohorts they split, and what memory they need."""
 
 import dataclasses
 
@@ -7,33 +7,37 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import CONDITIONS, plans, quick
 
+from musebot.controller import BRAINS, Parameters
+from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives import plan as module
+from musebot.protocols.lives.conditions import PAPER_TASKS, CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan, default_cohort_size
+from musebot.protocols.lives.plan import Plan, check_memory, cohort_bytes, default_cohort_size
+from musebot.protocols.lives.run import Robot
+from musebot.protocols.lives.run_files import RESULTS_FILE, write_results
+from musebot.protocols.lives.runs import check_agents
+
+MEGABYTE = 2**20
 
 
-@pytest.mark.parametrize(
-    ("conditions", "robots", "sentence"),
-    [
-        ((), 50, "at least one task and one proposer are needed"),
-        (CONDITIONS, 0, "robots must be a whole number from 1 to 1000000, got 0"),
-        (CONDITIONS, 10**9, "robots must be a whole number from 1 to 1000000, got 1000000000"),
-        (CONDITIONS, True, "robots must be a whole number from 1 to 1000000, got True"),
-        (CONDITIONS, 75, "robots must be a multiple of the cohort size, 50, got 75"),
-    ],
-)
-def test_an_invalid_plan_is_refused_in_a_sentence(conditions, robots, sentence):
-    with pytest.raises(InputError) as caught:
-        Plan.of(Experiment(cohort_size=50), conditions, robots)
-    assert sentence in str(caught.value)
+def test_an_invalid_plan_is_refused_in_a_sentence():
+    walls = Experiment(cohort_size=1, protocol="walls")
+    assert Plan.of(walls, [Condition("spot_finding", "fixed")], 1).conditions
+    for conditions, robots, experiment, sentence in (
+        ((), 50, Experiment(), "at least one task and one proposer are needed"),
+        (CONDITIONS, 0, Experiment(), "a whole number from 1 to 1000000, got 0"),
+        (CONDITIONS, 1_000_050, Experiment(), "a whole number from 1 to 1000000, got 1000050"),
+        (CONDITIONS, True, Experiment(), "a whole number from 1 to 1000000, got True"),
+        (CONDITIONS, 75, Experiment(), "must be a multiple of the cohort size, 50, got 75"),
+        (CONDITIONS, 1, walls, "the protocol walls has only spot_finding, got wall_avoidance"),
+    ):
+        with pytest.raises(InputError) as caught:
+            Plan.of(experiment, conditions, robots)
+        assert sentence in str(caught.value)
 
 
-def test_a_plan_has_only_tasks_of_its_protocol():
-    experiment = Experiment(cohort_size=1, protocol="walls")
-    assert Plan.of(experiment, [Condition("spot_finding", "fixed")], 1).conditions
-    with pytest.raises(InputError, match="the protocol walls has only spot_finding, got wall_"):
-        Plan.of(experiment, CONDITIONS, 1)
+# Cohorts
 
 
 @quick
@@ -54,15 +58,6 @@ def test_cohorts_of_equally_long_lives_keep_the_order_of_the_plan():
 
 
 @quick
-@given(plans(), st.integers(1, 5))
-def test_more_robots_are_more_cohorts(plan, more):
-    extra = more * plan.experiment.cohort_size
-    robots = {condition: count + extra for condition, count in plan.robots.items()}
-    larger = dataclasses.replace(plan, robots=robots)
-    assert set(plan.cohorts()) < set(larger.cohorts())
-
-
-@quick
 @given(plans(), plans())
 def test_a_merged_plan_asks_for_the_robots_of_both(plan, other):
     other = Plan.of(plan.experiment, other.conditions, plan.experiment.cohort_size * 3)
@@ -72,12 +67,9 @@ def test_a_merged_plan_asks_for_the_robots_of_both(plan, other):
         c for c in CONDITIONS if c in {*plan.conditions, *other.conditions}
     )
     assert merged == other.merged_with(plan)
-
-
-def test_plans_of_two_experiments_do_not_merge():
-    first, second = (Plan.of(Experiment(seed=seed), CONDITIONS, 50) for seed in (1, 2))
+    foreign = dataclasses.replace(plan.experiment, seed=plan.experiment.seed + 1)
     with pytest.raises(InputError, match="two experiments cannot be merged"):
-        first.merged_with(second)
+        merged.merged_with(dataclasses.replace(plan, experiment=foreign))
 
 
 @quick
@@ -92,13 +84,86 @@ def test_the_default_cohort_size_is_the_largest_divisor_up_to_the_most(robots, m
 
 
 def test_cohorts_divide_the_robots_of_all_conditions():
-    assert default_cohort_size(500, 300) == 100
-    with pytest.raises(
-        InputError, match="499 and 500 robots do not split .* larger common divisor"
-    ):
+    assert (default_cohort_size(500, 300), default_cohort_size(500)) == (100, 250)
+    words = "499 and 500 robots do not split .* larger common divisor"
+    with pytest.raises(InputError, match=words):
         default_cohort_size(500, 499)
 
 
-def test_500_robots_are_two_cohorts_and_60_are_one():
-    assert default_cohort_size(500) == 250
-    assert default_cohort_size(60) == 60
+# Memory
+
+
+@pytest.fixture
+def memory(monkeypatch):
+    """Sets the bytes of the machine's memory."""
+    return lambda size: monkeypatch.setattr(module, "machine_bytes", lambda: size)
+
+
+def test_the_estimate_is_right_within_a_factor_of_two():
+    for size, changes, measured in (  # peak of a process beyond its imports, in [MB]
+        (4000, {}, 97),
+        (100, {"ideas": 1000}, 72),
+        (100, {"memory_hidden": 1000}, 2213),
+        (100, {"ideas": 1000, "evaluation_hidden": 300, "memory_hidden": 300}, 1330),
+    ):
+        brain = dataclasses.replace(BRAINS["steady"], **changes)
+        experiment = Experiment(cohort_size=size, brain=brain)
+        found = cohort_bytes(experiment, CONDITIONS[2]) / MEGABYTE
+        assert measured / 2 < found < measured * 2
+
+
+def test_what_is_usual_fits_a_small_machine_and_more_is_refused_in_a_sentence(memory):
+    memory(1280 * MEGABYTE)
+    for brain in BRAINS.values():
+        check_memory(Plan.of(Experiment(cohort_size=250, brain=brain), CONDITIONS, 10_000))
+    memory(4096 * MEGABYTE)
+    for size, ideas, robots in ((100_000, 1000, 100_000), (100, 25, 1_000_000)):
+        experiment = Experiment(cohort_size=size, brain=Parameters(ideas=ideas))
+        with pytest.raises(InputError) as caught:
+            check_memory(Plan.of(experiment, CONDITIONS, robots))
+        assert str(caught.value).startswith(f"{6 * robots} robots in cohorts of {size}, ")
+        assert str(caught.value).endswith(" GiB of memory; this machine has 4.0 GiB")
+
+
+@pytest.mark.parametrize("robots", [100, 300])
+def test_cohorts_that_run_at_a_time_need_their_memory_together(robots, memory):
+    plan = Plan.of(Experiment(cohort_size=100), CONDITIONS, robots)
+    each, results = module.job_bytes(plan), module.results_bytes(plan)
+    for at_once in (1, 2, 5, 40):
+        count = min(at_once, 6 * robots // 100)
+        needed = results + count * each + (count - 1) * module._PROCESS
+        memory(needed)
+        check_memory(plan, at_once)
+        memory(needed - 1)
+        with pytest.raises(InputError, match=f", {count} at a time"):
+            check_memory(plan, at_once)
+
+
+def test_jobs_on_tensors_have_all_conditions_of_a_task():
+    experiment = Experiment(cohort_size=100, physics="warp")
+    each = dict.fromkeys(PAPER_TASKS, 0)
+    for condition in CONDITIONS:
+        each[condition.task] += cohort_bytes(experiment, condition)
+    assert module.job_bytes(Plan.of(experiment, CONDITIONS, 200)) == max(each.values())
+
+
+def test_the_size_of_the_results_is_that_of_their_file(tmp_path, invented):
+    experiment = Experiment(cohort_size=20, body="kinematic")
+    lives = {}
+    for condition in CONDITIONS:
+        row = Robot(condition.task, condition.proposer, 1, 0, 0, 0.0, 0.0, 0.0, "L = 0")
+        lives[condition] = invented(experiment, 40 * [row])
+    write_results(tmp_path, experiment, lives)
+    size = (tmp_path / RESULTS_FILE).stat().st_size
+    estimate = module.results_bytes(Plan.of(experiment, CONDITIONS, 40)) / module._COPIES
+    assert size == pytest.approx(estimate, abs=15_000)
+
+
+def test_an_agent_that_needs_more_memory_than_there_is_is_refused(memory):
+    """DQN's memory has 50,000 transitions of a robot."""
+    experiment, dqn = Experiment(cohort_size=100, body="kinematic"), recorded_name("dqn")
+    plan = Plan.of(experiment, [Condition("spot_finding", dqn)], 100)
+    check_agents(plan)
+    memory(50 * MEGABYTE)
+    with pytest.raises(InputError, match=r"spot_finding/.*dqn would need about 0\.[12]"):
+        check_agents(plan)
