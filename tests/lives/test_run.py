@@ -17,11 +17,8 @@ from musebot.protocols.lives.run import (
     Lives,
     Robot,
     Run,
-    abilities,
-    check_events,
-    collect,
     joined,
-    shares,
+    results_of,
 )
 
 quick = settings(deadline=None, max_examples=50)
@@ -94,32 +91,8 @@ def test_joined_cohorts_stand_in_the_order_of_the_tables_and_of_their_numbers(or
         assert own.events[:, 0].tolist() == own.minutes[:, 0].tolist() == marks
         assert own.before[HIDDEN][:, 0].tolist() == marks
         assert own.after[HIDDEN][:, 0].tolist() == [mark + 0.5 for mark in marks]
-    results = collect(SHORT, [*first, *second])
+    results = results_of(SHORT, found)
     assert [r.robot for r in results[SPOT].robots] == [*range(6)]
-
-
-# Counts
-
-
-@pytest.mark.parametrize("step", [1, 5, 100, 600, 700, 1056])
-def test_counts_are_possible_exactly_up_to_the_steps_that_were_simulated(step):
-    schedule = SHORT.schedule("wall_avoidance")
-    parts = [schedule.steps_of(part) for part in ("pre", "training", "post")]
-    starts = [0, parts[0], parts[0] + parts[1]]
-    events = np.array([[min(max(step - a, 0), n) for a, n in zip(starts, parts, strict=True)]])
-    steps = schedule.steps_of_minutes()
-    minutes = np.array([[min(max(step - 600 * m, 0), n) for m, n in enumerate(steps)]])
-    check_events(schedule, events, minutes, step)
-    for counts, name in ((events, "events"), (minutes, "minutes")):
-        for column in range(counts.shape[1]):
-            for change in (1, -1 - counts[0, column]):  # one too many, and below zero
-                counts[0, column] += change
-                with pytest.raises(ValueError, match=f"{name}, row 0, column {column}: must lie"):
-                    check_events(schedule, events, minutes, step)
-                counts[0, column] -= change
-    events[0, 0] -= 1
-    with pytest.raises(ValueError, match="different sums"):
-        check_events(schedule, events, minutes, step)
 
 
 # A run
@@ -168,17 +141,15 @@ def test_invalid_robots_count_nowhere_but_among_the_rows(run):
     assert summary.post_share == pytest.approx(10.0 / 3 / 1200)
 
 
-def test_networks_are_those_of_all_robots(run):
+def test_networks_are_those_of_all_robots_and_a_condition_without_robots_is_empty(run):
     assert run.networks(WALLS, "before")["a.weights"][:, 0].tolist() == [0, 1, 2, 3]
     assert run.networks(WALLS, "after")["a.weights"][:, 0].tolist() == [0.5, 1.5, 2.5, 3.5]
     assert run.networks(AGENT, "after") == {}
-
-
-def test_a_condition_without_robots_is_empty(run):
     missing = Condition("spot_finding", "fixed")
     assert run.robots(missing) == run.valid(missing) == []
     assert run.networks(missing, "after") == {}
     assert run.summary(missing).robots == 0
+    assert run.abilities(missing).shape == run.shares(missing, "post").shape == (0,)
 
 
 def test_the_test_after_training_lasts_20_minutes_or_an_hour(run):
@@ -188,13 +159,9 @@ def test_the_test_after_training_lasts_20_minutes_or_an_hour(run):
     assert half.test_seconds("spot_finding") == pytest.approx(30 * 60)
 
 
-def test_abilities_and_shares_of_rows():
-    np.testing.assert_array_equal(abilities(ROWS), [0.5, NAN, 1, NAN])
-    assert shares(ROWS, 100.0, "pre").tolist() == pytest.approx([0.3, 0.09, 0.3, 0])
-    assert abilities([]).shape == shares([], 100.0, "post").shape == (0,)
-
-
-def test_a_frame_has_a_row_for_each_robot_with_the_shares_of_the_tests(run, monkeypatch):
+def test_a_frame_has_a_row_for_each_robot_with_the_shares_of_the_tests_or_says_what_helps(
+    run, monkeypatch
+):
     frames = []
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=frames.append))
     run.to_frame()
@@ -207,9 +174,6 @@ def test_a_frame_has_a_row_for_each_robot_with_the_shares_of_the_tests(run, monk
         seconds = run.test_seconds(robot.task)
         assert row["pre_share"] == pytest.approx(robot.t_pre_s / seconds)
         assert row["post_share"] == pytest.approx(robot.t_post_s / seconds)
-
-
-def test_without_pandas_one_sentence_says_what_helps(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(InputError, match="pip install pandas$"):
         run.to_frame()

@@ -76,14 +76,12 @@ def test_spot_finding_is_that_of_section_3_2_and_walls_are_sensed_in_a_task_of_t
     assert PROTOCOLS == {"paper": SCHEDULES, "walls": {"spot_finding": WALLS_SENSED}}
 
 
-@pytest.mark.parametrize(("start", "side"), [(UPPER_LEFT, -1), (UPPER_RIGHT, 1)])
-def test_starts_are_10_cm_from_both_walls_and_face_the_corner(start, side):
+def test_starts_are_10_cm_from_both_walls_and_face_the_corner():
     arena = Dimensions.of(arena_spec().compile())
-    x, y, heading = start
-    corner = (side * arena.half_length, arena.half_width)
-    assert abs(corner[0] - x) == pytest.approx(0.10)
-    assert abs(corner[1] - y) == pytest.approx(0.10)
-    assert heading == pytest.approx(math.atan2(corner[1] - y, corner[0] - x))
+    for (x, y, heading), side in ((UPPER_LEFT, -1), (UPPER_RIGHT, 1)):
+        away = side * arena.half_length - x, arena.half_width - y
+        assert np.abs(away) == pytest.approx([0.1, 0.1])
+        assert heading == pytest.approx(math.atan2(away[1], away[0]))
 
 
 # Any
@@ -144,24 +142,17 @@ def test_scaling_multiplies_durations_and_nothing_else(schedule, factor):
     assert schedule.scaled(1.0) == schedule
 
 
-@given(schedules(), st.floats(-4, 4))
-def test_turning_turns_fixed_poses_and_nothing_else(schedule, angle):
-    for old, new in unchanged_but(schedule, schedule.turned(angle), "robot"):
-        fixed = isinstance(old.robot, tuple)
-        assert new.robot == ((*old.robot[:2], old.robot[2] + angle) if fixed else old.robot)
-
-
-@given(schedules(), st.floats(0, 1), st.floats(0, 1))
-def test_moving_out_moves_fixed_places_away_from_the_centre(schedule, x, y):
-    for old, new in unchanged_but(schedule, schedule.moved_out(x, y), "robot", "spot"):
+@given(schedules(), st.floats(0, 1), st.floats(0, 1), st.floats(-4, 4))
+def test_moving_moves_fixed_places_away_from_the_centre_and_turns_poses(schedule, x, y, angle):
+    moved = schedule.moved(x, y, angle)
+    for old, new in unchanged_but(schedule, moved, "robot", "spot"):
         for before, after in ((old.robot, new.robot), (old.spot, new.spot)):
             if not isinstance(before, tuple):
                 assert after == before
                 continue
-            assert after[2:] == before[2:]
-            for moved, place_before, by in zip(after, before, (x, y), strict=False):
-                assert abs(moved) == pytest.approx(abs(place_before) + by)
-                assert moved * place_before >= 0
+            assert after[2:] == tuple(heading + angle for heading in before[2:])
+            for now, earlier, by in zip(after, before, (x, y), strict=False):
+                assert abs(now) == pytest.approx(abs(earlier) + by) and now * earlier >= 0
 
 
 # Placements
