@@ -141,11 +141,8 @@ def test_the_export_has_a_row_for_each_robot_and_nothing_reads_it(folder):
 
 
 def test_the_export_is_never_older_than_the_results(folder, monkeypatch):
-    def fail(*_, **__):
-        raise OSError("no space")
-
-    monkeypatch.setattr("musebot.protocols.lives.run_files.save_arrays", fail)
-    with pytest.raises(OSError, match="no space"):
+    monkeypatch.setattr("musebot.protocols.lives.run_files.save_arrays", lambda *_, **__: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
         write_results(folder, EXPERIMENT, {WALLS: sample(WALLS, 6), SPOT: sample(SPOT, 4)})
     assert len((folder / ROBOTS_FILE).read_text().splitlines()) == 11
     assert sum(len(read_run(folder).robots(c)) for c in (WALLS, SPOT)) == 6
@@ -163,11 +160,16 @@ def test_a_run_that_is_kept_without_networks_has_all_else(folder):
         read_run(folder)
 
 
-def test_a_folder_without_results_has_no_robots_yet(folder):
+def test_a_folder_without_results_has_no_robots_yet(folder, tmp_path):
     (folder / RESULTS_FILE).unlink()
     assert read_so_far(folder).conditions() == []
-    with pytest.raises(InputError, match="holds no finished robots yet"):
-        read_run(folder)
+    for path, words in (
+        (folder, "holds no finished robots yet"),
+        (tmp_path, "; it has the runs run$"),
+        (tmp_path / "nowhere", "there is no folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read_run(path)
 
 
 # Damage; tests/hostile changes every byte
@@ -180,70 +182,31 @@ def refusal(folder):
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", [RESULTS_FILE, MANIFEST])
-def test_every_flipped_byte_is_found_and_named(folder, name):
-    whole = (folder / name).read_bytes()
-    for index in range(0, len(whole), 1 + len(whole) // 200):
-        flipped = bytearray(whole)
-        flipped[index] ^= 1 << index % 8
-        (folder / name).write_bytes(flipped)
-        assert name in refusal(folder), index
-        (folder / name).write_bytes(whole[:index])
-        assert name in refusal(folder), index
-
-
-@pytest.mark.parametrize("other", [{"seed": 2}, {"learn_across_placement": True}])
-def test_results_of_another_experiment_are_refused(folder, tmp_path, other):
-    experiment = dataclasses.replace(EXPERIMENT, **other)
+def test_results_of_another_experiment_are_refused(folder, tmp_path):
+    other = dataclasses.replace(PLAN, experiment=dataclasses.replace(EXPERIMENT, seed=2))
     (tmp_path / "other").mkdir()
-    written(
-        tmp_path / "other", {SPOT: sample(SPOT)}, dataclasses.replace(PLAN, experiment=experiment)
-    )
+    written(tmp_path / "other", {SPOT: sample(SPOT)}, other)
     (folder / RESULTS_FILE).write_bytes((tmp_path / "other" / RESULTS_FILE).read_bytes())
-    ((name, value),) = other.items()
-    assert f"with {name} {value}, not {getattr(EXPERIMENT, name)}" in refusal(folder)
+    assert "with seed 2, not 1" in refusal(folder)
 
 
-FORGED = [
-    ("valid", lambda x: x[:-1]),
-    ("events", lambda x: x.astype(np.int64)),
-    ("events", lambda x: x[:, :2]),
-    ("events", lambda x: x + 1),
-    ("events", lambda x: -x - 1),
-    ("minutes", lambda x: x + 30_000),
-    ("minutes", lambda x: x[:, :-1]),
-    ("after/evaluation.hidden_weights", lambda x: np.where(True, np.nan, x).astype(np.float32)),
-    ("before/evaluation.hidden_weights", lambda x: x[:, :1]),
-    ("before/evaluation.hidden_weights", lambda x: None),
-    ("before/foreign", lambda x: np.zeros(2)),
-    ("events", lambda x: None),
-]
-
-
-@pytest.mark.parametrize(("name", "forge"), FORGED)
-def test_impossible_arrays_with_a_digest_of_their_own_are_refused(folder, name, forge):
+def test_impossible_arrays_with_a_digest_of_their_own_are_refused(folder):
     arrays, notes = load_arrays(folder / RESULTS_FILE)
-    valid = arrays[f"{WALLS}/valid"]
-    valid[:] = True
-    array = forge(arrays.pop(f"{WALLS}/{name}", None))
-    save_arrays(
-        folder / RESULTS_FILE,
-        arrays | ({} if array is None else {f"{WALLS}/{name}": array}),
-        **notes,
-    )
-    refusal(folder)
-
-
-@pytest.mark.parametrize("name", ["events", "a/b/events", "wall_avoidance/divine/events"])
-def test_an_array_of_no_condition_is_refused(folder, name):
-    arrays, notes = load_arrays(folder / RESULTS_FILE)
-    save_arrays(folder / RESULTS_FILE, arrays | {name: np.zeros((2, 3), np.int32)}, **notes)
-    assert name in refusal(folder)
-
-
-def test_robots_that_are_no_whole_cohorts_are_refused(folder):
-    lives = {WALLS: sample(WALLS, 3)}
-    write_results(folder, EXPERIMENT, lives)
+    events = arrays[f"{WALLS}/events"]
+    for name, array in {
+        f"{WALLS}/events": events + 1,
+        f"{WALLS}/minutes": None,
+        f"{WALLS}/valid": None,
+        f"{WALLS}/before/foreign": np.zeros(2),
+        "events": events,
+        "a/b/events": events,
+        "wall_avoidance/divine/events": events,
+    }.items():
+        others = {k: x for k, x in arrays.items() if k != name}
+        changed = others | ({} if array is None else {name: array})
+        save_arrays(folder / RESULTS_FILE, changed, **notes)
+        assert RESULTS_FILE in refusal(folder)
+    write_results(folder, EXPERIMENT, {WALLS: sample(WALLS, 3)})
     assert "cohorts of 2, got 3 robots" in refusal(folder)
 
 
@@ -260,13 +223,6 @@ def test_a_folder_holds_a_plan_or_can_hold_a_new_run_or_is_foreign(folder, tmp_p
     for path in (tmp_path / "new", tmp_path / "new" / "thesis.tex"):
         with pytest.raises(InputError, match=str(path)):
             planned(path)
-
-
-def test_a_folder_without_a_run_names_the_runs_that_it_has(folder, tmp_path):
-    with pytest.raises(InputError, match="; it has the runs run$"):
-        read_run(tmp_path)
-    with pytest.raises(InputError, match="there is no folder"):
-        read_run(tmp_path / "nowhere")
 
 
 def test_a_folder_has_all_robots_of_a_plan_or_not(folder, tmp_path):
@@ -289,7 +245,7 @@ def test_runs_have_distinct_names_and_none_is_given_twice(folder, tmp_path):
         read_runs([])
 
 
-def test_a_replay_tells_of_another_physics(folder, capsys):
+def test_a_replay_tells_of_another_physics_and_runs_mujoco_warps_in_c(folder, tmp_path, capsys):
     read_run(folder, replay=True)
     assert capsys.readouterr().err == ""
     content = json.loads((folder / MANIFEST).read_text())
@@ -298,11 +254,8 @@ def test_a_replay_tells_of_another_physics(folder, capsys):
     assert capsys.readouterr().err == ""
     read_run(folder, replay=True)
     assert "another physics" in capsys.readouterr().err
-
-
-def test_a_run_of_mujoco_warp_is_replayed_in_c(tmp_path, capsys):
-    experiment = dataclasses.replace(EXPERIMENT, physics="warp")
-    written(tmp_path, {SPOT: sample(SPOT)}, dataclasses.replace(PLAN, experiment=experiment))
+    warp = dataclasses.replace(EXPERIMENT, physics="warp")
+    written(tmp_path, {SPOT: sample(SPOT)}, dataclasses.replace(PLAN, experiment=warp))
     assert read_run(tmp_path).experiment.physics == "warp"
     assert read_run(tmp_path, replay=True).experiment.physics == "c"
     assert "now run in C MuJoCo" in capsys.readouterr().err
