@@ -140,15 +140,11 @@ def life(request):
 # Acting and learning
 
 
-def test_every_control_step_acts_once_and_drives_the_chosen_motors(life):
-    steps = [*range(life.timeline.end)]
+def test_every_control_step_acts_once_and_only_training_explores_and_learns(life):
+    steps, training = [*range(life.timeline.end)], [*life.timeline.training]
     assert life.act["at"].tolist() == life.step["at"].tolist() == steps
     assert life.cohort.step == life.cohort.steps == len(steps)
     np.testing.assert_array_equal(life.step["motors"], life.act["motors"])
-
-
-def test_robots_explore_and_learn_in_every_step_of_training_and_in_no_other(life):
-    training = [*life.timeline.training]
     assert np.flatnonzero(life.act["explore"]).tolist() == training
     assert life.learn["at"].tolist() == training
 
@@ -180,24 +176,24 @@ def test_robots_and_spots_are_placed_when_the_schedule_says_and_at_no_other_time
     assert (np.flatnonzero(fresh) + 1).tolist() == [*life.timeline.robot_placed[1:]]
 
 
-TESTS = [
-    *(("walls", step, UPPER_LEFT, None) for step in (0, 840)),
-    *(("walls", step, UPPER_RIGHT, None) for step in (60, 900)),
-    *(("spots", step, UPPER_LEFT, UPPER_RIGHT[:2]) for step in (0, 900)),
-]
+TESTS = {
+    "walls": {0: UPPER_LEFT, 60: UPPER_RIGHT, 840: UPPER_LEFT, 900: UPPER_RIGHT},
+    "spots": {0: UPPER_LEFT, 900: UPPER_LEFT},
+}
 
 
-@pytest.mark.parametrize(("which", "step", "robot", "spot"), TESTS)
-def test_tests_start_at_rest_in_the_papers_places(which, step, robot, spot, request):
+@pytest.mark.parametrize("which", TESTS)
+def test_tests_start_at_rest_in_the_papers_places(which, request):
     life = request.getfixturevalue(which)
-    batch = make_batch(life.task, ROBOTS)
-    if spot is not None:
-        batch.place_spot(np.arange(ROBOTS), np.tile(spot, (ROBOTS, 1)))
-    batch.place(np.arange(ROBOTS), np.tile(robot, (ROBOTS, 1)))
-    np.testing.assert_array_equal(life.act["physics"][step], batch.arrays()["state"])
-    np.testing.assert_array_equal(life.act["sensordata"][step], batch.sensordata)
-    np.testing.assert_array_equal(life.act["spot"][step], batch.spot)
-    np.testing.assert_allclose(life.act["pose"][step], np.tile(robot, (ROBOTS, 1)), atol=1e-12)
+    for step, robot in TESTS[which].items():
+        batch = make_batch(life.task, ROBOTS)
+        if which == "spots":
+            batch.place_spot(np.arange(ROBOTS), np.tile(UPPER_RIGHT[:2], (ROBOTS, 1)))
+        batch.place(np.arange(ROBOTS), np.tile(robot, (ROBOTS, 1)))
+        np.testing.assert_array_equal(life.act["physics"][step], batch.arrays()["state"])
+        np.testing.assert_array_equal(life.act["sensordata"][step], batch.sensordata)
+        np.testing.assert_array_equal(life.act["spot"][step], batch.spot)
+        np.testing.assert_allclose(life.act["pose"][step], np.tile(robot, (ROBOTS, 1)), atol=1e-12)
 
 
 @pytest.mark.parametrize(("which", "what", "times"), [("walls", "pose", 24), ("spots", "spot", 4)])
@@ -296,23 +292,21 @@ def small_cohort(time_scale=0.01, proposer="fixed"):
     return Cohort(experiment, CohortKey(Condition("wall_avoidance", proposer), 0))
 
 
-@pytest.mark.parametrize(
-    ("time_scale", "broken_at", "noticed_at"),
-    [(0.01, 100, MINUTE), (0.01, 700, 960), (0.004, 100, 384)],
-    ids=["at the end of a minute", "at the end of a life", "at the end of a short life"],
-)
-def test_a_robot_with_a_weight_that_is_not_finite_is_stopped(time_scale, broken_at, noticed_at):
-    cohort = small_cohort(time_scale)
-    cohort.advance(broken_at)
-    cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
-    cohort.advance(noticed_at - 1 - broken_at)
-    assert cohort.valid.tolist() == [True, True, True]
-    cohort.advance(1)
-    assert cohort.step == noticed_at and cohort.valid.tolist() == [True, False, True]
-    cohort.agent.weights()["evaluation.output_weights"][1] = 0.0
-    assert cohort.unsound().tolist() == [False, True, False]  # it is remembered
-    cohort.advance(10**9)
-    assert cohort.lives().valid.tolist() == [True, False, True]
+def test_a_robot_with_a_weight_that_is_not_finite_is_stopped_at_the_end_of_a_minute_or_a_life():
+    for time_scale, broken_at, noticed_at in (
+        (0.01, 100, MINUTE), (0.01, 700, 960), (0.004, 100, 384)
+    ):  # fmt: skip
+        cohort = small_cohort(time_scale)
+        cohort.advance(broken_at)
+        cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
+        cohort.advance(noticed_at - 1 - broken_at)
+        assert cohort.valid.tolist() == [True, True, True]
+        cohort.advance(1)
+        assert cohort.step == noticed_at and cohort.valid.tolist() == [True, False, True]
+        cohort.agent.weights()["evaluation.output_weights"][1] = 0.0
+        assert cohort.unsound().tolist() == [False, True, False]  # it is remembered
+        cohort.advance(10**9)
+        assert cohort.lives().valid.tolist() == [True, False, True]
 
 
 def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
@@ -320,50 +314,6 @@ def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
     healthy.weights()["evaluation.hidden_weights"][2] = np.inf
     monkeypatch.setattr("musebot.protocols.lives.cohort.make_agent", lambda *of: healthy)
     assert small_cohort().valid.tolist() == [True, True, False]
-
-
-# Checkpoints
-
-
-@pytest.mark.parametrize("body", BODIES)
-@pytest.mark.parametrize("stride", [13, 10**9])
-def test_however_a_life_is_cut_it_is_the_same(body, stride):
-    experiment = Experiment(cohort_size=2, time_scale=0.001, body=body, seed=3)
-    key = CohortKey(Condition("spot_finding", "creative"), 1)
-    whole, cut = Cohort(experiment, key), Cohort(experiment, key)
-    whole.advance(10**9)
-    while not cut.finished:
-        cut.advance(stride)
-        arrays, notes = cut.checkpoint()
-        cut = Cohort(experiment, key)
-        cut.restore({name: array.copy() for name, array in arrays.items()}, notes)
-    np.testing.assert_equal(cut.checkpoint(), whole.checkpoint())
-    lives = whole.lives()
-    assert (lives.events.sum(axis=1) == lives.minutes.sum(axis=1)).all()
-
-
-@pytest.mark.parametrize("step", [-1, 961, 10**9, True, 5.0, "5", None])
-def test_a_checkpoint_of_a_step_outside_the_life_is_refused(step):
-    cohort = small_cohort()
-    assert cohort.steps == 960
-    arrays, notes = cohort.checkpoint()
-    with pytest.raises(ValueError, match=r"step must be a whole number in \[0, 960\], got"):
-        cohort.restore(arrays, {**notes, "step": step})
-    cohort.restore(arrays, {**notes, "step": 960})
-    assert cohort.finished
-    cohort.restore(arrays, notes)
-    assert cohort.step == notes["step"] == 0
-
-
-def test_an_agent_that_refuses_its_state_is_a_value_error(monkeypatch):
-    cohort = small_cohort()
-
-    def refuse(state):
-        raise RuntimeError("a state of another agent")
-
-    monkeypatch.setattr(cohort.agent, "load_state", refuse)
-    with pytest.raises(ValueError, match="its agent does not continue .*a state of another agent"):
-        cohort.restore(*cohort.checkpoint())
 
 
 # Walls
