@@ -5,43 +5,10 @@ import io
 import queue
 import time
 
-import pytest
-
 from musebot.protocols import progress as module
 from musebot.protocols.exit_status import exit_status
 from musebot.protocols.progress import JobProgress
 from musebot.protocols.terminal import notice, printable, say
-
-
-def task_of(progress):
-    (task,) = progress._progress.tasks
-    return task
-
-
-def test_jobs_are_weighed_by_their_costs():
-    reports = queue.Queue()
-    with JobProgress("jobs", [2.0, 40.0], quiet=True) as progress:
-        assert task_of(progress).total == 42.0
-        reports.put((1, 20.0, ""))
-        progress.show(reports)
-        assert task_of(progress).completed == 20.0
-        reports.put((0, 1.0, ""))
-        reports.put((1, 25.0, ""))
-        progress.show(reports)
-        assert task_of(progress).completed == 26.0
-
-
-def test_what_an_earlier_call_did_is_not_this_ones_speed():
-    reports = queue.Queue()
-    with JobProgress("jobs", [3600.0], quiet=True) as progress:
-        reports.put((0, 1800.0, ""))
-        progress.show(reports)
-        assert task_of(progress).completed == 1800.0
-        assert task_of(progress).fields["speed"] == ""
-        progress._began -= 10  # ten seconds later
-        reports.put((0, 2800.0, ""))
-        progress.show(reports)
-        assert task_of(progress).fields["speed"] == "100 x real time"
 
 
 def later(progress, seconds, monkeypatch):
@@ -84,13 +51,18 @@ def test_the_last_line_of_a_log_is_not_printed_twice(capfd, monkeypatch):
     assert capfd.readouterr().err.splitlines()[1:] == ["musebot: 100.0 %, 1 of 1 jobs done"]
 
 
-def test_a_run_continued_counts_the_time_left_by_this_calls_speed():
+def test_jobs_are_weighed_by_cost_and_what_an_earlier_call_did_is_not_this_ones_speed():
     reports = queue.Queue()
+    with JobProgress("one cohort", [4000.0, 1000.0], quiet=True) as progress:
+        for number, done in ((0, 3000.0), (1, 500.0), (1, 1000.0)):
+            reports.put((number, done, ""))
+        progress.show(reports)
+        assert progress.line().startswith("80.0 %, 1 of 2 jobs done, ")
     with JobProgress("one cohort", [4000.0], quiet=True) as progress:
         reports.put((0, 3000.0, ""))
         progress.show(reports)
         assert progress.line() == "75.0 %, 0 of 1 jobs done"
-        progress._began -= 10
+        progress._began -= 10  # ten seconds later
         reports.put((0, 3100.0, ""))
         progress.show(reports)
         assert progress.line() == "77.5 %, 0 of 1 jobs done, 10 x real time, 0:01:30 left"
@@ -121,16 +93,18 @@ def test_steps_of_one_process_leave_lines_with_the_time_left(capfd, monkeypatch)
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    ("tty", "variables", "bars"),
-    [
+def test_bars_are_drawn_on_terminals_only(monkeypatch):
+    for tty, variables, bars in (
         (False, {}, False),
         (False, {"FORCE_COLOR": "1"}, False),
         (True, {"TERM": "dumb"}, False),
         (True, {"TERM": "xterm"}, True),
-    ],
-)
-def test_bars_are_drawn_on_terminals_only(tty, variables, bars, monkeypatch):
+    ):
+        with monkeypatch.context() as patch:
+            check_bars(patch, tty, variables, bars)
+
+
+def check_bars(monkeypatch, tty, variables, bars):
     stream = io.StringIO()
     stream.isatty = lambda: tty
     monkeypatch.setattr("sys.stderr", stream)
@@ -162,42 +136,33 @@ def test_a_full_disk_under_stderr_stops_no_work(monkeypatch):
     assert exit_status(lambda: notice("unheard"), check=False) == 0
 
 
-@pytest.mark.parametrize("quiet", [False, True])
-def test_messages_are_shown_above_the_bar(quiet, capfd):
-    reports = queue.Queue()
-    with JobProgress("three cohorts", [7200.0], quiet) as progress:
-        reports.put((0, 0.0, "a robot was stopped"))
-        progress.show(reports)
-    shown = capfd.readouterr().err
-    assert "a robot was stopped" in shown
-    assert ("three cohorts, 2 robot-hours" in shown) != quiet
+def test_messages_are_shown_above_the_bar_and_in_quiet_too(capfd):
+    for quiet in (False, True):
+        reports = queue.Queue()
+        with JobProgress("three cohorts", [7200.0], quiet) as progress:
+            reports.put((0, 0.0, "a robot was stopped"))
+            progress.show(reports)
+        shown = capfd.readouterr().err
+        assert "a robot was stopped" in shown
+        assert ("three cohorts, 2 robot-hours" in shown) != quiet
 
 
-def test_a_notice_is_a_sentence_on_stderr(capsys):
-    notice("the physics is another version's")
-    captured = capsys.readouterr()
-    assert (captured.out, captured.err) == ("", "musebot: the physics is another version's\n")
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
+def test_no_character_controls_the_terminal(capfd):
+    for text, shown in (
         ("a[/]b [red]c", "a[/]b [red]c"),
         ("\x1b[2J\x07\r\n", r"\x1b[2J\x07\r\n"),
         ("a\u202eb\u2028c", r"a\u202eb\u2028c"),
         ("runs/\udcff", r"runs/\udcff"),
         ("10 µs – 20 µs", "10 µs – 20 µs"),
-    ],
-)
-def test_no_character_controls_the_terminal(text, shown, capfd):
-    assert printable(text) == shown
-    notice(text)
-    with JobProgress(text, [1.0]) as progress:
-        progress.tell(text)
-    lines = capfd.readouterr().err.splitlines()
-    assert lines[0] == f"musebot: {shown}"
-    assert shown in lines
-    assert any(line == f"musebot: {shown}, 0.00028 robot-hours" for line in lines)
+    ):
+        assert printable(text) == shown
+        notice(text)
+        with JobProgress(text, [1.0]) as progress:
+            progress.tell(text)
+        out, err = capfd.readouterr()
+        lines = err.splitlines()
+        assert out == "" and lines[0] == f"musebot: {shown}" and shown in lines
+        assert f"musebot: {shown}, 0.00028 robot-hours" in lines
 
 
 def test_a_sentence_has_a_bounded_length_and_a_page_has_none():
@@ -212,24 +177,17 @@ def test_a_stream_without_the_characters_gets_escapes():
     assert stream.buffer.getvalue() == b"10 \\xb5s\n"
 
 
-@pytest.mark.parametrize(
-    ("number", "status"),
-    [
-        (errno.EISDIR, 2), (errno.ENOTDIR, 2), (errno.ENAMETOOLONG, 2), (errno.ELOOP, 2),
-        (errno.ENOSPC, 1), (errno.EIO, 1), (errno.EACCES, 1), (errno.EROFS, 1),
-    ],
-)  # fmt: skip
-def test_the_exit_status_follows_the_cause_and_not_the_type_of_an_error(number, status, capsys):
-    def fail():
-        raise OSError(number, "so it is", "runs\n")
+def test_the_exit_status_follows_the_cause_and_not_the_type_of_an_error(capsys):
+    def failing(error):
+        def fail():
+            raise error
 
-    assert exit_status(fail, check=False) == status
-    assert len(capsys.readouterr().err.splitlines()) == 1
+        return fail
 
-
-def test_too_little_memory_is_one_sentence(capsys):
-    def fail():
-        raise MemoryError
-
-    assert exit_status(fail, check=False) == 1
+    for name in "EISDIR ENOTDIR ENAMETOOLONG ELOOP ENOSPC EIO EACCES EROFS".split():
+        error = OSError(getattr(errno, name), "so it is", "runs\n")
+        bad_path = name in ("EISDIR", "ENOTDIR", "ENAMETOOLONG", "ELOOP")
+        assert exit_status(failing(error), check=False) == (2 if bad_path else 1)
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert exit_status(failing(MemoryError()), check=False) == 1
     assert capsys.readouterr().err == "musebot: there is not enough memory\n"
