@@ -54,21 +54,13 @@ def similar(name: str, known: Iterable[str]) -> str:
         begins = bool(name) and other.startswith(name)
         return max(0.95 * begins, difflib.SequenceMatcher(None, other, name).ratio())
 
-    ratios = {other: likeness(other) for other in known}
-    best = max(ratios.values(), default=0)
-    near = sorted(
-        (other for other, ratio in ratios.items() if ratio >= max(0.6, best - 0.1)),
-        key=lambda other: -ratios[other],
-    )
+    ratios = sorted(((likeness(other), other) for other in known), key=lambda pair: -pair[0])
+    near = [other for ratio, other in ratios if ratio >= max(0.6, ratios[0][0] - 0.1)]
     return f"did you mean {' or '.join(near[:3])}?" if near else ""
 
 
 def missing_extra(error: ImportError) -> str:
-    """Returns a sentence about a failed import, with the command that installs the module's extra.
-
-    Args:
-      error: Error of the import; its own text is returned if the module belongs to no extra.
-    """
+    """Returns how to install the extra of a module that is missing; else the error's own text."""
     module = (error.name or "").partition(".")[0]
     for extra, modules in _EXTRAS.items():
         if isinstance(error, ModuleNotFoundError) and module in modules.split():

@@ -22,11 +22,9 @@ _DESCRIPTION = TextColumn("{task.description}", markup=False)
 
 def _draws_bars() -> bool:
     """Returns whether stderr is a terminal that can draw a bar; else progress is lines of text."""
-    try:
-        terminal = sys.stderr is not None and sys.stderr.isatty()
-    except (AttributeError, ValueError):  # a replacement, or closed
-        return False
-    return terminal and not Console(stderr=True).is_dumb_terminal
+    with contextlib.suppress(AttributeError, ValueError):  # none, a replacement, or closed
+        return sys.stderr.isatty() and not Console(stderr=True).is_dumb_terminal
+    return False
 
 
 class _Pace:
@@ -122,8 +120,7 @@ class JobProgress:
             console=Console(stderr=True),
             disable=quiet or self._lines,
         )
-        total = sum(costs)
-        hours = total / 3600
+        total, hours = sum(costs), sum(costs) / 3600
         amount = f"{hours:,.0f}" if hours >= 10 else f"{hours:.2g}"
         self._what = f"{printable(what)}, {amount} robot-hours"
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")

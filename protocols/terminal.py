@@ -32,13 +32,7 @@ def printable(text: str, *, lines: bool = False) -> str:
 
 
 def say(text: str, stream: TextIO | None = None, *, lines: bool = False) -> None:
-    """Prints a text: no character of it controls the terminal, or fails in its encoding.
-
-    Args:
-      text: Text.
-      stream: Where to; None for stdout.
-      lines: Whether it has several lines.
-    """
+    """Prints a text, on stdout: no character controls the terminal, or fails in its encoding."""
     if (stream := stream or sys.stdout) is None:  # closed
         return
     encoding = getattr(stream, "encoding", None) or "utf-8"

@@ -44,11 +44,7 @@ def restored_cohort(
 ) -> tuple[Cohort, str]:
     """Returns a cohort from its checkpoint, or a new one, and a message about a damaged file.
 
-    Args:
-      path: File of the checkpoint, if there is one.
-      experiment: Experiment that decides the robots' lives.
-      key: Condition and number of the cohort.
-      batch: Robots that have not moved yet; None makes them.
+    Its robots are made, or are those of a `batch` that have not moved yet.
     """
     unmoved = {} if batch is None else batch.get_state()
     cohort = Cohort(experiment, key, batch)

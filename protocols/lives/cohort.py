@@ -47,10 +47,6 @@ def random_streams(seed: int, key: CohortKey) -> tuple[int, np.random.Generator]
     They depend only on the seed, the condition's name and the cohort's number: robots that are
     added later, and the number of processes, change nothing.
 
-    Args:
-      seed: Seed of the experiment.
-      key: Condition and number of the cohort.
-
     Returns:
       The seed of the cohort's brains, and the generator that draws its placements.
     """
@@ -60,13 +56,7 @@ def random_streams(seed: int, key: CohortKey) -> tuple[int, np.random.Generator]
 
 
 def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:
-    """Makes the untrained agent of B robots.
-
-    Args:
-      experiment: Experiment that decides the brain's parameters.
-      condition: Task of the robots, and the name of their proposer or of their agent's factory.
-      robots: Number of robots, B.
-      seed: Seed of the agent's random stream.
+    """Makes the untrained agent of some robots, with a seed of its random stream.
 
     Raises:
       InputError: the factory is not trusted, is not found, fails to import, has not these settings,

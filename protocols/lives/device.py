@@ -31,10 +31,7 @@ def device_of(experiment: Experiment) -> contextlib.AbstractContextManager[Any]:
 def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
     """Returns the robots of some cohorts, at the origin, on the experiment's device.
 
-    Args:
-      experiment: Experiment that decides the robots' lives.
-      task: Task of the protocol.
-      cohorts: Number of cohorts; several are parts of one batch, for robots on tensors only.
+    Several cohorts are parts of one batch, for robots on tensors only.
     """
     batch = experiment.batch(task, cohorts * experiment.cohort_size)
     if not experiment.on_tensors:

@@ -43,11 +43,7 @@ UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     """Writes `experiment.json`: the plan, its physics, and the versions that simulate it.
 
-    Args:
-      directory: Folder of the run; `check_physics` accepts it.
-      plan: Plan with at least the robots in the plan of the existing file (see `Plan.merged_with`).
-      begun: Whether to keep the list of versions in the existing file; False if no robot was
-        simulated with those versions.
+    Versions in an existing file are kept if robots were simulated with them: if it was `begun`.
     """
     path = directory / MANIFEST
     made_with: list[Any] = []

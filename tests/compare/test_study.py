@@ -190,7 +190,7 @@ def test_an_edited_manifest_or_another_jobs_file_is_refused(tmp_path, in_process
         refused(Squares(), tmp_path, "is no study of musebot's", in_process)
     path.write_text(text)
     (numbers / "1.safetensors").replace(numbers / "2.safetensors")
-    refused(Squares(), tmp_path, "is another's: its number is 1, not 2", in_process)
+    refused(Squares(), tmp_path, "holds a job with number 1, not 2", in_process)
 
 
 def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, in_process, monkeypatch):

@@ -244,7 +244,7 @@ def test_a_folder_that_is_moved_during_a_run_is_named_with_its_new_place(
     out.rename(moved)
     assert commands.ended(session, 300) == 1
     assert last_line(commands) == (
-        f"musebot: {out} was moved during the work; what is done lies in {moved}"
+        f"musebot: {out} was moved or deleted during the work; what is done lies in {moved}"
     )
     assert not out.exists()
     assert commands.run(words("run", moved)) == 0

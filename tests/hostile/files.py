@@ -144,22 +144,23 @@ def policies_of(folder):
 # ---- Changes ----
 
 
-def _in_place(*mutators):
+def _in_place(**mutators):
     """Returns a change of a file's bytes."""
 
     def changed(draw, path, other):
         del other
-        mutator = one(draw, mutators)
-        path.write_bytes(mutator(draw, path.read_bytes()))
-        return mutator.__name__
+        name = one(draw, [*mutators])
+        path.write_bytes(mutators[name](draw, path.read_bytes()))
+        return name
 
     return changed
 
 
 def _placed(draw, path, other):
-    place = one(draw, change.PLACES)
-    place(draw, path, other)
-    return place.__name__
+    name = one(draw, [*change.PLACES])
+    path.unlink()
+    change.PLACES[name](path, other)
+    return name
 
 
 def _swapped(draw, path, other):
@@ -207,7 +208,7 @@ def _forged(draw, path, other):
     return "forged"
 
 
-BYTES, TENSORS = _in_place(*change.BYTES), _in_place(change.tensors_mutated)
+BYTES, TENSORS = _in_place(**change.BYTES), _in_place(tensors=change.tensors_mutated)
 _ANY = ((BYTES, 4), (_placed, 1), (_swapped, 0.4), (_mixed_up, 0.4))
 _ARRAYS = (*_ANY, (TENSORS, 3), (_forged, 4))
 
@@ -243,7 +244,7 @@ class Kind:
 
 KINDS = (
     Kind("experiment.json", "run/experiment.json", run_of,
-         (*_ANY, (_in_place(change.json_mutated), 6))),
+         (*_ANY, (_in_place(json=change.json_mutated), 6))),
     Kind("results", "run/results.safetensors", run_of),
     Kind("robots.csv", "run/robots.csv", run_of, _ANY, harmless=True),
     Kind("film of a run", "run/results.safetensors", film_of),

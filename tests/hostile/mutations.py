@@ -18,64 +18,26 @@ def one(draw, values):
 # ---- Bytes ----
 
 
-def flip(draw, data):
-    """Flips 1 to 4 bits."""
+def _flip(draw, data):
     data = bytearray(data)
     for _ in range(draw.integers(1, 5)):
         data[draw.integers(len(data))] ^= 1 << int(draw.integers(8))
     return bytes(data)
 
 
-def truncate(draw, data):
-    """Cuts the end."""
-    return data[: draw.integers(len(data))]
-
-
-def extend(draw, data):
-    """Appends bytes."""
-    return data + draw.bytes(int(draw.integers(1, 5000)))
-
-
-def insert(draw, data):
-    """Inserts bytes."""
+def _insert(draw, data, piece):
     at = draw.integers(len(data) + 1)
-    return data[:at] + draw.bytes(int(draw.integers(1, 50))) + data[at:]
+    return data[:at] + piece + data[at:]
 
 
-def cut(draw, data):
-    """Removes bytes from within."""
+def _cut(draw, data):
     at = draw.integers(len(data))
     return data[:at] + data[at + draw.integers(1, 200) :]
 
 
-def repeat(draw, data):
-    """Repeats a part."""
+def _part(draw, data, change):
     start, stop = sorted(draw.integers(0, len(data) + 1, 2))
-    return data[:stop] + data[start:stop] + data[stop:]
-
-
-def blank(draw, data):
-    """Sets a part to zeros, as a file system does after a crash."""
-    start, stop = sorted(draw.integers(0, len(data) + 1, 2))
-    return data[:start] + bytes(stop - start) + data[stop:]
-
-
-def noise(draw, data):
-    """Replaces everything."""
-    return draw.bytes(int(draw.integers(0, len(data) + 1)))
-
-
-def bytes_of_text(draw, data):
-    """Puts in what text must not contain, or what changes its meaning."""
-    pieces = (b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", "\u202e".encode(), b"\r", b"\x1b[2J", b"\xc3")
-    at = draw.integers(len(data) + 1)
-    return data[:at] + one(draw, pieces) + data[at:]
-
-
-def pickled(draw, data):
-    """Replaces everything by a pickle that makes a folder where it is loaded."""
-    del draw, data
-    return pickle.dumps(Bomb())
+    return data[:start] + change(data[start:stop]) + data[stop:]
 
 
 class Bomb:
@@ -85,73 +47,43 @@ class Bomb:
         return os.mkdir, (os.environ["HOSTILE_MARK"],)
 
 
-BYTES = (
-    flip,
-    flip,
-    flip,
-    truncate,
-    extend,
-    insert,
-    cut,
-    repeat,
-    blank,
-    noise,
-    bytes_of_text,
-    pickled,
-)
+# What text must not contain, or what changes its meaning.
+NO_TEXT = (b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", "\u202e".encode(), b"\r", b"\x1b[2J", b"\xc3")
+BYTES = {
+    "flip": _flip,
+    "flip_again": _flip,
+    "truncate": lambda draw, data: data[: draw.integers(len(data))],
+    "extend": lambda draw, data: data + draw.bytes(int(draw.integers(1, 5000))),
+    "insert": lambda draw, data: _insert(draw, data, draw.bytes(int(draw.integers(1, 50)))),
+    "cut": _cut,
+    "repeat": lambda draw, data: _part(draw, data, lambda part: part + part),
+    "blank": lambda draw, data: _part(draw, data, lambda part: bytes(len(part))),  # after a crash
+    "noise": lambda draw, data: draw.bytes(int(draw.integers(0, len(data) + 1))),
+    "no_text": lambda draw, data: _insert(draw, data, one(draw, NO_TEXT)),
+    "pickled": lambda draw, data: pickle.dumps(Bomb()),
+}
 
 
-# ---- What stands in the place of a file ----
+# ---- What stands in the place of a file, of a path and of the same file of another run ----
 
 
-def no_file(draw, path, other):
-    """Deletes the file."""
-    del draw, other
-    path.unlink()
-
-
-def pipe(draw, path, other):
-    """Puts a pipe there that nobody writes to."""
-    del draw, other
-    path.unlink()
-    os.mkfifo(path)
-
-
-def folder(draw, path, other):
-    """Puts a folder there."""
-    del draw, other
-    path.unlink()
-    path.mkdir()
-
-
-def link_to_other(draw, path, other):
-    """Puts a link to the same file of another run there."""
-    del draw
-    path.unlink()
-    path.symlink_to(other)
-
-
-def link_to_device(draw, path, other):
-    """Puts a link to a device there."""
+def _huge(path, other):
     del other
-    path.unlink()
-    path.symlink_to(("/dev/zero", "/dev/full", "/dev/null", "/dev/stdin")[draw.integers(4)])
+    path.touch()
+    os.truncate(path, HUGE)  # without blocks on the disk
 
 
-def link_to_itself(draw, path, other):
-    """Puts a link there that leads nowhere."""
-    del draw, other
-    path.unlink()
-    path.symlink_to(path.name)
-
-
-def huge(draw, path, other):
-    """Makes the file huge, without blocks on the disk."""
-    del draw, other
-    os.truncate(path, HUGE)
-
-
-PLACES = (no_file, pipe, folder, link_to_other, link_to_device, link_to_itself, huge)
+PLACES = {
+    "no_file": lambda path, other: None,
+    "pipe": lambda path, other: os.mkfifo(path),
+    "folder": lambda path, other: path.mkdir(),
+    "link_to_other": lambda path, other: path.symlink_to(other),
+    "link_to_itself": lambda path, other: path.symlink_to(path.name),
+    "link_to_zeros": lambda path, other: path.symlink_to("/dev/zero"),
+    "link_to_full": lambda path, other: path.symlink_to("/dev/full"),
+    "link_to_stdin": lambda path, other: path.symlink_to("/dev/stdin"),
+    "huge": _huge,
+}
 
 
 # ---- JSON ----
@@ -211,12 +143,9 @@ def json_mutated(draw, data):
         return b'{"a":' * n + data + b"}" * n
     if draw.random() < 0.03:
         return hostile_value(draw).encode()
-    places = _containers(content)
-    place = one(draw, places)
+    place = one(draw, _containers(content))
     if isinstance(place, dict):
-        keys = [*place]
-        key = one(draw, keys)
-        what = draw.integers(6)
+        key, what = one(draw, [*place]), draw.integers(6)
         if what == 0:
             del place[key]
         elif what == 1:

@@ -8,6 +8,7 @@ import pytest
 from hostile import oracle
 
 from musebot.protocols.cli import parser as cli
+from musebot.protocols.lives import plan
 from musebot.protocols.pages import measured_behaviour, report
 
 SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --task wall_avoidance"
@@ -45,21 +46,19 @@ def refused(capsys, words, *kept):
 # ---- Links below OUT ----
 
 
-@pytest.mark.parametrize(
-    ("place", "words"),
-    [
+def test_a_link_in_the_place_of_what_is_ours_is_refused(run, victim, capsys):
+    for place, words in (
         ("checkpoints", "run OUT"),
         ("checkpoints", "run OUT --robots 2"),
         ("figures", "report OUT"),
         ("films", "report OUT"),
         ("page.html", "report OUT --output OUT/page.html"),
         ("film.mp4", "film OUT --task wall_avoidance --output OUT/film.mp4"),
-    ],
-)
-def test_a_link_in_the_place_of_what_is_ours_is_refused(place, words, run, victim, capsys):
-    (run / place).symlink_to(victim / "notes.txt" if "." in place else victim)
-    said = refused(capsys, words.replace("OUT", str(run)).split(), run, victim)
-    assert f"{run / place} is a link" in said
+    ):
+        (run / place).symlink_to(victim / "notes.txt" if "." in place else victim)
+        said = refused(capsys, words.replace("OUT", str(run)).split(), run, victim)
+        assert f"{run / place} is a link" in said
+        (run / place).unlink()
 
 
 def test_a_page_shows_no_film_that_is_a_link(run, victim):
@@ -71,21 +70,20 @@ def test_a_page_shows_no_film_that_is_a_link(run, victim):
 # ---- Folders that are not ours ----
 
 
-@pytest.mark.parametrize(
-    "name",
-    [".novel.2024.draft", ".x.17.draft", ".git", ".x.musebot", ".x.0123456789abcdeg.musebot"],
-)
-def test_a_folder_with_a_hidden_file_of_the_users_is_foreign(name, tmp_path, capsys):
-    (tmp_path / name).write_text("mine")
-    assert "is not empty and holds no" in refused(capsys, ["run", tmp_path], tmp_path)
+def test_a_folder_with_a_hidden_file_of_the_users_is_foreign(tmp_path, capsys):
+    for name in (".novel.2024.draft", ".git", ".x.musebot", ".x.0123456789abcdeg.musebot"):
+        (tmp_path / name).write_text("mine")
+        assert "is not empty and holds no" in refused(capsys, ["run", tmp_path], tmp_path)
+        (tmp_path / name).unlink()
 
 
-@pytest.mark.parametrize("name", [".novel.2024.draft", "checkpoints/notes.txt", "figures/mine.svg"])
-def test_a_file_of_the_users_in_a_run_stays(run, name):
-    (run / name).parent.mkdir(exist_ok=True)
-    (run / name).write_text("mine")
+def test_a_file_of_the_users_in_a_run_stays(run):
+    names = (".novel.2024.draft", "checkpoints/notes.txt", "figures/mine.svg")
+    for name in names:
+        (run / name).parent.mkdir(exist_ok=True)
+        (run / name).write_text("mine")
     assert cli.main(["run", str(run), "--robots", "2"]) == 0
-    assert (run / name).read_text() == "mine"
+    assert [(run / name).read_text() for name in names] == ["mine"] * 3
 
 
 # ---- Names ----
@@ -118,35 +116,35 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     assert "\x1b" not in printed.out and "\x1b[2J" not in printed.err
 
 
-@pytest.mark.parametrize("name", ["x/" * 1900, f"{'y' * 250}/" * 15, "z" * 300])
-def test_an_out_that_the_system_could_not_name_is_refused(name, tmp_path, capsys):
-    refused(capsys, ["run", tmp_path / name], tmp_path)
-
-
-def test_an_out_of_a_long_path_holds_a_run(tmp_path, commands_in_process):
+def test_an_out_that_the_system_could_not_name_is_refused_and_a_long_one_is_not(
+    tmp_path, capsys, commands_in_process
+):
+    for name in ("x/" * 1900, f"{'y' * 250}/" * 15, "z" * 300):
+        refused(capsys, ["run", tmp_path / name], tmp_path)
     out = tmp_path.joinpath(*["y" * 250] * 3)
     assert cli.main(["run", str(out), *SHORT.split()]) == 0
     assert cli.main(["tables", str(out)]) == 0
 
 
-@pytest.mark.parametrize("verb", [["run"], ["tables"], ["report"]])
-def test_an_out_whose_links_lead_in_a_circle_is_refused(verb, tmp_path, capsys):
+def test_an_out_whose_links_lead_in_a_circle_is_refused(tmp_path, capsys):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
-    refused(capsys, [*verb, tmp_path / "a"], tmp_path)
-    refused(capsys, [*verb, tmp_path / "a" / "b"], tmp_path)
+    for verb in ("run", "tables", "report"):
+        refused(capsys, [verb, tmp_path / "a"], tmp_path)
+        refused(capsys, [verb, tmp_path / "a" / "b"], tmp_path)
 
 
 # ---- Streams and machines ----
 
 
-@pytest.mark.parametrize("stream", ["stdout", "stderr"])
-def test_a_closed_stream_changes_no_status_and_no_result(stream, run, monkeypatch):
+def test_a_closed_stream_changes_no_status_and_no_result(run, monkeypatch):
     tables = (run / "tables.md").read_bytes()
-    monkeypatch.setattr(sys, stream, None)
-    assert cli.main(["run", str(run)]) == 0
-    assert cli.main(["tables", str(run), "--json"]) == 0
-    assert cli.main(["tables", str(run / "nothing")]) == 2
+    for stream in ("stdout", "stderr"):
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, stream, None)
+            assert cli.main(["run", str(run)]) == 0
+            assert cli.main(["tables", str(run), "--json"]) == 0
+            assert cli.main(["tables", str(run / "nothing")]) == 2
     assert (run / "tables.md").read_bytes() == tables
 
 
@@ -182,20 +180,13 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
 # ---- Bounds ----
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
+def test_a_number_that_no_machine_could_serve_is_refused(run, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(plan, "machine_bytes", lambda: 2**27)
+    for words, sentence in (
         ("film RUN --task wall_avoidance --output NEW.mp4 --seconds 1e9", "3600"),
         ("run NEW --body kinematic --robots 1000000000", "from 1 to 1000000"),
         ("run NEW --robots 1000000", "GiB of memory; this machine has"),
         ("run NEW --set brain.fixed_motors=" + "[" * 100_000, "fixed_motors must be"),
-    ],
-)
-def test_a_number_that_no_machine_could_serve_is_refused(
-    words, sentence, run, tmp_path, capsys, monkeypatch
-):
-    from musebot.protocols.lives import plan
-
-    monkeypatch.setattr(plan, "machine_bytes", lambda: 2**27)
-    words = words.replace("RUN", str(run)).replace("NEW", str(tmp_path / "new")).split()
-    assert sentence in refused(capsys, words, run, tmp_path)
+    ):
+        words = words.replace("RUN", str(run)).replace("NEW", str(tmp_path / "new")).split()
+        assert sentence in refused(capsys, words, run, tmp_path)
