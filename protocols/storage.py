@@ -98,9 +98,7 @@ def check_own_folder(path: Path) -> None:
 
 @contextlib.contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Makes a folder and keeps other processes of musebot from working in it.
-
-    The system releases the lock of a process that has ended, however it ended.
+    """Makes a folder and keeps other processes of musebot from working in it until this one ends.
 
     Raises:
       InputError: another process works in it, or it is a link or a file.
@@ -179,11 +177,9 @@ def is_draft(path: Path) -> bool:
 
 
 def remove_drafts(folder: Path, of: str = "") -> None:
-    """Removes the temporary files of interrupted writes from a folder.
+    """Removes the temporary files of interrupted writes, `of` one file or of all, from a folder.
 
-    Args:
-      folder: Folder in which no other process writes such files.
-      of: Name of the file whose temporary files are removed; empty for those of all files.
+    No other process may write such files there.
     """
 
     def ours(name: str) -> bool:

@@ -224,9 +224,6 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
     """
     brain = dict(fields["brain"])
     brain["fixed_motors"] = tuple(brain["fixed_motors"])
-    parts: dict[str, Any] = {
-        "brain": Parameters(**brain),
-        "kinematics": Kinematics(**fields["kinematics"]),
-        "settings": tuple(fields["settings"]),
-    }
+    kinematics, settings = Kinematics(**fields["kinematics"]), tuple(fields["settings"])
+    parts: Any = {"brain": Parameters(**brain), "kinematics": kinematics, "settings": settings}
     return Experiment(**{**fields, **parts})

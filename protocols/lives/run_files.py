@@ -210,12 +210,7 @@ def read_run(
 def read_runs(
     directories: Sequence[Path], *, replay: bool = False, networks: bool = True
 ) -> list[Run]:
-    """Reads several runs, with distinct names.
-
-    Args:
-      directories: Folders of the runs.
-      replay: See `read_run`.
-      networks: See `read_run`.
+    """Reads several runs, with distinct names; see `read_run`.
 
     Raises:
       InputError: there is none, one is given twice, or see `read_run`.

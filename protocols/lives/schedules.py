@@ -208,8 +208,5 @@ WALLS_SENSED = dataclasses.replace(SPOT_FINDING, task="spot_finding_walls")
 
 SCHEDULES = {schedule.task: schedule for schedule in (WALL_AVOIDANCE, SPOT_FINDING)}
 PROTOCOLS: Mapping[ProtocolName, Mapping[str, Schedule]] = MappingProxyType(
-    {
-        "paper": SCHEDULES,
-        "walls": {SPOT_FINDING.task: WALLS_SENSED},
-    }
+    {"paper": SCHEDULES, "walls": {SPOT_FINDING.task: WALLS_SENSED}}
 )

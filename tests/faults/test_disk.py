@@ -103,10 +103,7 @@ class Writer:
     """A file that is written through a function."""
 
     def __init__(self, file, write):
-        self._file, self.write = file, write
-
-    def __getattr__(self, name):
-        return getattr(self._file, name)
+        self._file, self.write, self.flush, self.fileno = file, write, file.flush, file.fileno
 
     def __enter__(self):
         return self

@@ -2,6 +2,7 @@
 
 import collections
 import contextlib
+import itertools
 import json
 import os
 import queue
@@ -283,30 +284,23 @@ def test_a_deleted_working_directory_is_one_sentence(tmp_path):
 # Clocks
 
 
-@pytest.mark.parametrize(
-    "steps", [(0.0,), (1e6, -1e6), (-3600.0,)], ids=["stands", "jumps", "runs backwards"]
-)
-def test_a_clock_that_stands_or_steps_backwards_changes_nothing(
-    steps, tmp_path, in_process, monkeypatch
-):
-    plan = Plan.of(
-        Experiment(cohort_size=1, time_scale=0.0005, body="kinematic"),
-        [Condition("wall_avoidance", "fixed")],
-        2,
-    )
+def test_a_clock_that_stands_or_steps_backwards_changes_nothing(tmp_path, in_process, monkeypatch):
+    experiment = Experiment(cohort_size=1, time_scale=0.0005, body="kinematic")
+    plan = Plan.of(experiment, [Condition("wall_avoidance", "fixed")], 2)
     simulate(tmp_path / "whole", plan, in_process(), quiet=True)
-    now = [time.time()]
-    looks = iter(range(10**9))
-
-    def clock():
-        now[0] += steps[next(looks) % len(steps)]
-        return now[0]
-
     monkeypatch.setattr(jobs, "_CHUNK", 4)
-    monkeypatch.setattr(time, "time", clock)
-    monkeypatch.setattr(time, "monotonic", clock)
-    simulate(tmp_path / "out", plan, in_process(), save_every=1e-9, quiet=False)
-    assert files(tmp_path / "out") == files(tmp_path / "whole")
+    for name, steps in {"stands": (0.0,), "jumps": (1e6, -1e6), "backwards": (-3600.0,)}.items():
+        now, looks = [time.time()], itertools.cycle(steps)
+
+        def clock(now=now, looks=looks):
+            now[0] += next(looks)
+            return now[0]
+
+        with monkeypatch.context() as patch:
+            patch.setattr(time, "time", clock)
+            patch.setattr(time, "monotonic", clock)
+            simulate(tmp_path / name, plan, in_process(), save_every=1e-9, quiet=False)
+        assert files(tmp_path / name) == files(tmp_path / "whole")
 
 
 def test_progress_is_shown_before_the_clock_has_moved(monkeypatch):

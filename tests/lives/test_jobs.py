@@ -110,7 +110,7 @@ def test_the_time_between_two_checkpoints_is_counted_from_the_last_one(tmp_path,
     monkeypatch.setattr(jobs, "_CHUNK", 1)
     monkeypatch.setattr(jobs.time, "monotonic", lambda: next(seconds))  # a second a look
     assert run(cohort_job(tmp_path, save_every=20))[0]
-    assert len(saved) > 5 and {*np.diff(saved)} <= {21, 22, 23, 24}
+    assert len(saved) > 3 and {*np.diff(saved)} <= {21, 22, 23, 24}
 
 
 # Robots that are stopped, and simulations that cannot go on
