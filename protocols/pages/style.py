@@ -27,6 +27,7 @@ EVENT = "#8811ff"  # of a path in contact, or in the spot
 _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
 _OTHERS = ("#cc66ff", "#776600", "#cc0044", "#775599")
 PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # for anything but proposers
+_GAP = 0.045  # smallest distance of two labels, in shares of the axes' height
 CATEGORY_COLOURS = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -115,18 +116,20 @@ def check_output(path: Path, formats: Sequence[str] = FORMATS) -> None:
     check_place(path)
 
 
-def label_ends(
-    axis: Axes, x: float, ends: Mapping[str, tuple[float, str]], gap: float = 0.045
-) -> None:
+def label_ends(axis: Axes, x: float, ends: Mapping[str, tuple[float, str]]) -> None:
     """Writes the name of each line beside its end, in its colour, without overlaps.
 
     Args:
       axis: Axes of the lines, whose range on y is 0 to 1.
       x: Where the lines end.
       ends: Height of the end and colour of the line, by name.
-      gap: Smallest distance of two labels; low axes need a larger one.
     """
-    heights = _apart(np.array([height for height, _ in ends.values()]), gap)
+    heights = np.array([height for height, _ in ends.values()], dtype=float)
+    order = np.argsort(heights)
+    for _ in range(200):  # each pair that is too close moves apart by what it lacks
+        short = np.maximum(_GAP - np.diff(heights[order]), 0) / 2
+        heights[order[:-1]] -= short
+        heights[order[1:]] += short
     for (name, (_, shade)), height in zip(ends.items(), heights, strict=True):
         axis.annotate(
             name, (x, height), (5, 0), textcoords="offset points", color=shade, fontsize=7,
@@ -134,16 +137,7 @@ def label_ends(
         )  # fmt: skip
 
 
-def _apart(heights: np.ndarray, gap: float) -> np.ndarray:
-    """Returns heights of labels with at least a gap between two, close to those wanted."""
-    order, placed = np.argsort(heights), heights.astype(float)
-    for _ in range(200):
-        short = np.maximum(gap - np.diff(placed[order]), 0) / 2
-        placed[order[:-1]] -= short
-        placed[order[1:]] += short
-    return placed
-
-
-def in_per_cent(axis: Axes) -> None:
-    """Labels shares along y with per cent."""
+def in_per_cent(axis: Axes, top: float | None = None) -> None:
+    """Labels shares along y with per cent, from 0 up to `top`, or as high as what is drawn."""
+    axis.set_ylim(0, top)
     axis.yaxis.set_major_formatter(PercentFormatter(1))

@@ -194,6 +194,7 @@ def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell])
     """Returns how two runs differ, with their cells as `comparison.compare_runs` returns them."""
     names = md.escape(ours.name), md.escape(other.name)
     found = [cell for cell in cells if cell.differs]
+    lines = [f"**{names[0]}** compared with **{names[1]}**. {_differ_in(ours, other)}", ""]
     lines += [f"After Holm's correction {len(found)} of {len(cells)} cells differ", ""]
     lines[-2] += ":" if found else "."
     for cell in found:
