@@ -56,16 +56,6 @@ class Cell:
     corrected: float = float("nan")
 
     @property
-    def task(self) -> str:
-        """Task of the condition."""
-        return self.condition.task
-
-    @property
-    def proposer(self) -> str:
-        """Proposer of the condition."""
-        return self.condition.proposer
-
-    @property
     def difference(self) -> float:
         """Our value minus the other."""
         return self.ours - self.other

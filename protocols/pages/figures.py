@@ -31,7 +31,7 @@ _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its
 def learning_curves(run: Run) -> Figure:
     """Draws the mean share of the time in contact (or in the spot) over a life, with 95 % bands."""
     tasks = run.tasks()
-    look = looks_of(run)
+    look = looks(condition.proposer for condition in run.conditions())
     figure, axes = canvas(2.5 * len(tasks) + 0.3, len(tasks), 1)
     for task, axis in zip(tasks, axes[:, 0], strict=True):
         for proposer in run.proposers(task):
@@ -45,11 +45,6 @@ def learning_curves(run: Run) -> Figure:
     shown = {short_name(name): {"color": o.colour, "ls": o.dashes} for name, o in look.items()}
     _legend(figure, shown)
     return figure
-
-
-def looks_of(run: Run) -> dict[str, Look]:
-    """Returns the look of each proposer and agent of a run, by its recorded name."""
-    return looks(condition.proposer for condition in run.conditions())
 
 
 def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> None:
@@ -148,7 +143,7 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
 def abilities(run: Run) -> Figure:
     """Draws how L is distributed among the measured robots, with L = -1 and L = 1 apart."""
     tasks = run.tasks()
-    look = looks_of(run)
+    look = looks(condition.proposer for condition in run.conditions())
     figure, axes = canvas(1.35 * len(look) + 0.6, len(look), len(tasks), sharex=True, sharey="col")
     for task, column in zip(tasks, axes.T, strict=True):
         for axis, (proposer, own) in zip(column, look.items(), strict=True):

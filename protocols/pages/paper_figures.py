@@ -166,21 +166,13 @@ def _arrow(
 
 
 class Part(NamedTuple):
-    """A part of the robot that the figure names.
-
-    Attributes:
-      words: The label.
-      at: Place of the label in pixels from the upper left, at its outer end.
-      kind: Kind of MuJoCo object that shows where the part is.
-      names: Names of the objects that are the part; the label points at the nearest one.
-      offset: From the object to the point that the label points at, in [m].
-    """
+    """A part of the robot that the figure names."""
 
     words: str
-    at: tuple[float, float]
-    kind: str
-    names: tuple[str, ...]
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    at: tuple[float, float]  # the label's outer end, in pixels from the upper left
+    kind: str  # of MuJoCo's objects that are the part; the label points at the nearest one
+    names: tuple[str, ...]  # of these objects
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the point from the object, in [m]
 
 
 PARTS = (

@@ -73,25 +73,15 @@ class Moment:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """A robot at its start pose, and the driver that acts from there.
+    """A robot at its start pose, and the driver that acts from there."""
 
-    Attributes:
-      task: Name of a task of the domain "arena".
-      driver: Description of the driver in a few words.
-      trained: Whether the driver has been trained.
-      batch: Batch of one robot.
-      act: Function that returns the driver's motor values for the sensor signals.
-      steps: Number of control steps in the episode; infinity for an episode without end.
-      random: Random stream of the spot's places, for tasks in which it jumps.
-    """
-
-    task: str
-    driver: str
-    trained: bool
-    batch: Robots
+    task: str  # of the domain "arena"
+    driver: str  # in a few words
+    trained: bool  # whether the driver has been trained
+    batch: Robots  # of one robot
     act: Act
-    steps: float
-    random: np.random.Generator
+    steps: float  # control steps; infinity for an episode without end
+    random: np.random.Generator  # of the spot's places, for tasks in which it jumps
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str, seed: int) -> Episode:

@@ -30,7 +30,7 @@ from ..storage import (
 from ..terminal import printable
 from . import figures, markdown, measured_behaviour, paper_figures, robot_figures, style, tables
 from . import film as films
-from .replay import SEED, StoredRobot
+from .replay import StoredRobot
 
 PAGE = "report.html"
 FIGURES = ("architecture", "robot", "typical")
@@ -145,7 +145,7 @@ def _film(run: Run, folder: Path) -> str:
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
-            episode = StoredRobot(run, condition, example.robot, "post", SEED).episode()
+            episode = StoredRobot(run, condition, example.robot, "post").episode()
             films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed:

@@ -231,25 +231,15 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
 
 
 class Typical(NamedTuple):
-    """A robot that is typical of a behaviour.
-
-    Attributes:
-      kind: Name of the behaviour.
-      condition: Condition of the robot.
-      row: Row of the robot within its condition.
-      track: Track of a batch with the robot; the part of it that is drawn.
-      index: Index of the robot in the track.
-      words: What was measured.
-      window: Middle, shape (2,), and half of the height of the part of the arena that is drawn, in
-        [m]; None for all of it.
-    """
+    """A robot that is typical of a behaviour."""
 
     kind: str
     condition: Condition
-    row: int
-    track: Track
-    index: int
-    words: str
+    row: int  # within the condition
+    track: Track  # of a batch with the robot; the part of it that is drawn
+    index: int  # of the robot in the track
+    words: str  # what was measured
+    # Middle, shape (2,), and half of the height of the part of the arena that is drawn, in [m].
     window: tuple[np.ndarray, float] | None = None
 
 
@@ -272,18 +262,19 @@ def typical(run: Run) -> Figure:
 
 def typical_robots(run: Run) -> Iterator[Typical]:
     """Yields the typical robots of a run; a kind without a robot is left out."""
-    if walls := _condition(run, "wall_avoidance", ("fixed", "creative", "random")):
-        yield from _spinner(run, walls)
+    walls = _condition(run, "wall_avoidance", ("fixed", "creative", "random"))
+    if walls and (rows := run.valid_rows(walls)[:SAMPLE]):
+        yield from _spinner(run, walls, rows)
     spot = Condition("spot_finding", "creative")
-    if spot in run.results:
-        yield from _follower(run, spot)
-        yield from _slow_approacher(run, spot)
+    if rows := finders(run, spot) if spot in run.results else []:
+        yield from _follower(run, spot, rows)
+    arriving = [row for row in run.valid_rows(spot) if run.robots(spot)[row].t_post_s > 0]
+    if arriving:
+        yield from _slow_approacher(run, spot, arriving[:_APPROACHERS])
 
 
-def _spinner(run: Run, condition: Condition) -> Iterator[Typical]:
+def _spinner(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
     """Yields the robot that spins most at the start of the test, for at least `SPINS` of it."""
-    if not (rows := run.valid_rows(condition)[:SAMPLE]):
-        return
     minutes = SPIN_MINUTES * run.experiment.time_scale
     track = evaluate(run, condition, [(row, "after") for row in rows], minutes)
     shares = spins(track.poses).mean(axis=0)
@@ -299,14 +290,12 @@ def _spinner(run: Run, condition: Condition) -> Iterator[Typical]:
     yield Typical("spinner", condition, rows[best], track, best, words, (middle, 0.06))
 
 
-def _follower(run: Run, condition: Condition) -> Iterator[Typical]:
+def _follower(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
     """Yields the newborn that starts at the rim, learns, and changes from following to spinning.
 
     Its share of following the spot's contour in the first third of its time there, plus its share
     of spinning inside in the last third, is the largest.
     """
-    if not (rows := finders(run, condition)):
-        return
     track, radius = from_the_rim(run, condition, rows)
     stay = stay_of(track, radius)
     change = np.where(stay.staying, stay.following[:, 0] + stay.spinning[:, 1], np.nan)
@@ -326,14 +315,10 @@ def _follower(run: Run, condition: Condition) -> Iterator[Typical]:
     yield Typical("contour follower", condition, rows[index], drawn, index, words, window)
 
 
-def _slow_approacher(run: Run, condition: Condition) -> Iterator[Typical]:
+def _slow_approacher(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
     """Yields the robot that arrives at the spot nearest to `SLOW` minutes after the test began."""
-    robots, scale = run.robots(condition), run.experiment.time_scale
-    rows = [row for row in run.valid_rows(condition) if robots[row].t_post_s > 0][:_APPROACHERS]
-    if not rows:
-        return
-    which: list[tuple[int, When]] = [(row, "after") for row in rows]
-    track = evaluate(run, condition, which, APPROACH_MINUTES * scale)
+    scale = run.experiment.time_scale
+    track = evaluate(run, condition, [(row, "after") for row in rows], APPROACH_MINUTES * scale)
     arrived = np.flatnonzero(track.events.any(axis=0) & ~track.events[0])
     if len(arrived):
         times = track.events.argmax(axis=0) * CONTROL_TIMESTEP / 60

@@ -25,17 +25,11 @@ _REACH, _SLICES = 0.24, 12  # of the sector in which a nose smells, in [m], and 
 
 
 class Trail(NamedTuple):
-    """Earlier positions of the robot, the latest last.
+    """Earlier positions of the robot, the latest last."""
 
-    Attributes:
-      points: x, y in [m], shape (n, 2).
-      events: Whether the event happened at each position, shape (n,).
-      ages: Age of each position in [0, 1], shape (n,): 0 is now, at 1 a position disappears.
-    """
-
-    points: np.ndarray
-    events: np.ndarray
-    ages: np.ndarray
+    points: np.ndarray  # x, y in [m], shape (n, 2)
+    events: np.ndarray  # whether the event happened at each position, shape (n,)
+    ages: np.ndarray  # in [0, 1], shape (n,): 0 is now, at 1 a position disappears
 
 
 class Scene:

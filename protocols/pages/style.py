@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +27,6 @@ EVENT = "#8811ff"  # of a path in contact, or in the spot
 _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
 _OTHERS = ("#cc66ff", "#776600", "#cc0044", "#775599")
 PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # for anything but proposers
-_GAP = 0.045  # smallest distance of two labels, in shares of the axes' height
 CATEGORY_COLOURS = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -72,12 +71,10 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
     """
     found = {}
     for name in dict.fromkeys(names):
-        if name in _PROPOSERS:
-            found[name] = Look(_PROPOSERS[name], "-")
-            continue
         turn, place = divmod(len(found.keys() - _PROPOSERS.keys()), len(_OTHERS))
-        dots = (1, 1.5) * (turn - 1)
-        found[name] = Look(_OTHERS[place], (0, (4, 1.5, *dots)) if turn else "-")
+        dashes = (0, (4, 1.5, *(1, 1.5) * (turn - 1))) if turn else "-"
+        own = name in _PROPOSERS
+        found[name] = Look(_PROPOSERS[name], "-") if own else Look(_OTHERS[place], dashes)
     return found
 
 
@@ -114,27 +111,6 @@ def check_output(path: Path, formats: Sequence[str] = FORMATS) -> None:
     if path.suffix[1:].lower() not in formats:
         raise InputError(f"the figure must be one of .{', .'.join(formats)}, got {path}")
     check_place(path)
-
-
-def label_ends(axis: Axes, x: float, ends: Mapping[str, tuple[float, str]]) -> None:
-    """Writes the name of each line beside its end, in its colour, without overlaps.
-
-    Args:
-      axis: Axes of the lines, whose range on y is 0 to 1.
-      x: Where the lines end.
-      ends: Height of the end and colour of the line, by name.
-    """
-    heights = np.array([height for height, _ in ends.values()], dtype=float)
-    order = np.argsort(heights)
-    for _ in range(200):  # each pair that is too close moves apart by what it lacks
-        short = np.maximum(_GAP - np.diff(heights[order]), 0) / 2
-        heights[order[:-1]] -= short
-        heights[order[1:]] += short
-    for (name, (_, shade)), height in zip(ends.items(), heights, strict=True):
-        axis.annotate(
-            name, (x, height), (5, 0), textcoords="offset points", color=shade, fontsize=7,
-            va="center", annotation_clip=False,
-        )  # fmt: skip
 
 
 def in_per_cent(axis: Axes, top: float | None = None) -> None:

@@ -199,16 +199,16 @@ def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell])
     lines[-2] += ":" if found else "."
     for cell in found:
         first, second, difference = _numbers(cell)
-        name = f"{cell.task}, {short_name(cell.proposer)}: {cell.name}"
+        name = f"{cell.condition.task}, {short_name(cell.condition.proposer)}: {cell.name}"
         lines.append(f"- {name} {first} against {second}, {difference}")
     lines += [""] * bool(found)
     for task in md.TITLES:
-        if own := [cell for cell in cells if cell.task == task]:
+        if own := [cell for cell in cells if cell.condition.task == task]:
             rows = [["", "", *names, "difference", "p", "Holm"]]
             for cell in own:
                 holm = md.probability(cell.corrected)
                 p = md.probability(cell.p), f"**{holm}**" if cell.differs else holm
-                rows.append([short_name(cell.proposer), cell.name, *_numbers(cell), *p])
+                rows.append([short_name(cell.condition.proposer), cell.name, *_numbers(cell), *p])
             lines += [f"### {md.escape(md.title(task, ours.experiment, other.experiment))}", ""]
             lines += [*md.table(rows, "llrrrrr"), ""]
     return "\n".join([*lines, _comparison_note(cells)])
@@ -259,7 +259,7 @@ def _comparison_note(cells: Sequence[comparison.Cell]) -> str:
 def _left_out(cells: Sequence[comparison.Cell]) -> str:
     """Returns in words how many pairs lack a value of one robot, empty if none does."""
     found = ", ".join(
-        f"{cell.incomplete} ({cell.task}, {short_name(cell.proposer)})"
+        f"{cell.incomplete} ({cell.condition.task}, {short_name(cell.condition.proposer)})"
         for cell in cells
         if cell.name == "mean L" and cell.incomplete
     )

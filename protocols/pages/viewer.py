@@ -31,19 +31,12 @@ Policy = Callable[[dm_env.TimeStep], np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Driver:
-    """Driver of the robot in the window.
-
-    Attributes:
-      name: Description of the driver.
-      policy: Policy that drives.
-      nose: Form of Eq. 3 by which the robot's nose computes the smell.
-      task: Task of the domain "arena" that the driver has learned; None if it can drive in any.
-    """
+    """Driver of the robot in the window."""
 
     name: str
     policy: Policy
-    nose: NoseForm = "inverse"
-    task: str | None = None
+    nose: NoseForm = "inverse"  # form of Eq. 3 by which the robot's nose computes the smell
+    task: str | None = None  # that the driver has learned; None if it can drive in any
 
     @classmethod
     def of_robot(cls, robot: StoredRobot) -> Driver:

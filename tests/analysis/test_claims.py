@@ -247,20 +247,19 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("says", "three_kinds", "proposer", "most"), RANKS)
-def test_a_claim_about_the_most_or_the_least(says, three_kinds, proposer, most):
-    for own, expected in ((70, YES if most else NO), (5, NO if most else YES), (30, OPEN)):
-        numbers = [own if other == proposer else 30 for other in PROPOSERS]
-        assert verdict(says, three_kinds(*numbers)) == expected
-        numbers[PROPOSERS.index(proposer) - 1] = own  # one other has as many
-        assert verdict(says, three_kinds(*numbers)) == (NO if expected == NO else OPEN)
+def test_a_claim_about_the_most_or_the_least():
+    for says, three_kinds, proposer, most in RANKS:
+        for own, expected in ((70, YES if most else NO), (5, NO if most else YES), (30, OPEN)):
+            numbers = [own if other == proposer else 30 for other in PROPOSERS]
+            assert verdict(says, three_kinds(*numbers)) == expected, says
+            numbers[PROPOSERS.index(proposer) - 1] = own  # one other has as many
+            assert verdict(says, three_kinds(*numbers)) == (NO if expected == NO else OPEN), says
 
 
-@pytest.mark.parametrize("case", CASES, ids=[case[0] for case in CASES])
-def test_a_claim_has_the_verdict_that_everybody_sees(case):
-    says, *cases = case
-    for given, expected in zip(cases, (YES, NO, OPEN, NEVER), strict=False):
-        assert given is None or verdict(says, given) == expected
+def test_a_claim_has_the_verdict_that_everybody_sees():
+    for says, *cases in CASES:
+        for given, expected in zip(cases, (YES, NO, OPEN, NEVER), strict=False):
+            assert given is None or verdict(says, given) == expected, says
 
 
 def test_every_claim_can_hold_and_fail():
@@ -287,7 +286,6 @@ def test_every_claim_about_degenerate_runs_has_a_verdict_and_a_reason(given, rec
     for result in results:
         assert result.verdict in (YES, OPEN, NO, NEVER)
         assert result.why.endswith(".")
-        json.dumps(result.as_json(), allow_nan=False)
     assert "nan" not in tables.markdown(given)
     json.dumps(tables.as_json(given), allow_nan=False)
     assert not recwarn.list
@@ -309,13 +307,13 @@ def test_the_table_and_the_single_robots_of_the_paper_give_the_same_verdicts():
     assert tested and all(f.paper == f.verdict for f in tested)
 
 
-@pytest.mark.parametrize("brain", [name for name in BRAINS if name != "paper"])
-def test_no_claim_is_judged_for_another_brain(brain):
+def test_no_claim_is_judged_for_another_brain():
     run = three(WA, "one", 90, 80, 10).run
     assert judge_all(run)
-    other = dataclasses.replace(run, experiment=Experiment(brain=BRAINS[brain]))
-    assert judge_all(other) == []
-    assert "claims" not in tables.markdown(other)
+    for brain in BRAINS.values():
+        other = dataclasses.replace(run, experiment=Experiment(brain=brain))
+        assert (judge_all(other) == []) == (brain != BRAINS["paper"])
+        assert ("claims" in tables.markdown(other)) == (brain == BRAINS["paper"])
 
 
 def test_each_result_has_the_verdict_by_the_papers_tables():
