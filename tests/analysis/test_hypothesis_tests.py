@@ -154,21 +154,6 @@ def test_few_robots_are_not_tested(recwarn):
     assert not recwarn.list
 
 
-@pytest.mark.parametrize("paired", [False, True])
-def test_equal_runs_differ_in_any_cell_with_a_probability_of_5_per_cent(paired):
-    random = np.random.default_rng(4)
-    wrong = 0
-    for _ in range(100):
-        p = []
-        for _ in range(4):
-            common = random.normal(0, 1, 30) * paired
-            first, second = (common + random.normal(0, 1, 30) for _ in range(2))
-            p.append(same_mean(first, second, paired, draws=4000))
-            p.append(same_share(first > 0.5, second > 0.5, paired))
-        wrong += holm(np.array(p)).min() < 0.05
-    assert wrong <= 11  # at most 5, give or take three deviations
-
-
 # ---- Inequalities ----
 
 

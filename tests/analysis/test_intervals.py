@@ -151,16 +151,6 @@ def test_gaffkes_bounds_of_zeros_and_ones_are_those_of_clopper_and_pearson():
         assert found == pytest.approx(tuple(exact), abs=0.04 * (exact.high - exact.low))
 
 
-def test_gaffkes_bounds_move_with_the_values():
-    values = np.array([0.0] * 55 + [0.001, 0.02, 0.3, 0.4, 0.9])
-    low, high = intervals.mean(values, SHARE)
-    assert 0 < low < values.mean() < high < 1
-    scaled = intervals.mean(2 * values - 1, ABILITY)
-    assert scaled == pytest.approx((2 * low - 1, 2 * high - 1), abs=1e-9)
-    mirrored = intervals.mean(1 - values, SHARE)
-    assert mirrored == pytest.approx((1 - high, 1 - low), abs=0.02 * (high - low))
-
-
 def test_a_mean_is_near_an_end_below_five_robots_worth_of_distance():
     for count, changed in ((4, True), (6, False), (54, False), (56, True)):
         values = marks(count, 60).astype(float)

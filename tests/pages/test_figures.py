@@ -127,26 +127,22 @@ def test_lines_and_legend_tell_agents_apart():
     assert shown[0] == shown[1] and len(shown[0]) == 6
 
 
-def test_robots_with_l_of_0_are_drawn_at_0():
-    run = run_of(WALLS_FIXED)
-    rows = run.results[WALLS_FIXED].robots
-    rows[:] = [dataclasses.replace(row, learn_ability=0.0, category="L = 0") for row in rows]
-    with style.styled():
-        axis = figures.abilities(run).axes[0]
-    ((left, width),) = [(b.get_x(), b.get_width()) for b in axis.patches if b.get_height() == 1]
-    assert left + width / 2 == pytest.approx(0)
-
-
 def test_a_histogram_has_a_scale_and_no_shares_where_nothing_was_measured():
-    run = run_of(WALLS_FIXED, Condition(SF, "fixed"))
-    rows = run.results[WALLS_FIXED].robots
-    rows[:] = [dataclasses.replace(row, learn_ability=NAN, category="genius") for row in rows]
+    run = run_of(WALLS_FIXED, Condition(SF, "fixed"), Condition(SF, "random"))
+    for condition, ability, kind in (
+        (WALLS_FIXED, NAN, "genius"),
+        (Condition(SF, "random"), 0.0, "L = 0"),
+    ):
+        rows = run.results[condition].robots
+        rows[:] = [dataclasses.replace(one, learn_ability=ability, category=kind) for one in rows]
     with style.styled():
-        empty, full = figures.abilities(run).axes
+        empty, full, _, zeros = figures.abilities(run).axes
     assert not empty.texts and [text.get_text() for text in full.texts] == ["17%", "50%"]
     assert empty.get_title(loc="left") == "Wall avoidance\nfixed, 0 measured"
     assert full.get_title(loc="left") == "Spot finding\nfixed, 6 measured, mean 0.17"
     assert all([*axis.get_yticks()] == [0, 0.5, 1] for axis in (empty, full))
+    ((left, width),) = [(b.get_x(), b.get_width()) for b in zeros.patches if b.get_height() == 1]
+    assert left + width / 2 == pytest.approx(0)
 
 
 def test_numbers_in_bars_contrast_with_them():

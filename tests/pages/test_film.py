@@ -114,8 +114,10 @@ def ended():
     yield from grey(100)
 
 
-@pytest.mark.parametrize(("frames", "error"), [(failing, RuntimeError), (ended, KeyboardInterrupt)])
-@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+@pytest.mark.parametrize(
+    ("suffix", "frames", "error"),
+    [(".mp4", failing, RuntimeError), (".gif", ended, KeyboardInterrupt)],
+)
 def test_failed_film_leaves_the_older_one_and_no_draft(
     tmp_path, monkeypatch, suffix, frames, error
 ):
@@ -150,11 +152,9 @@ except OSError as error:
 """
 
 
-# With many frames ffmpeg ends before the last one.
-@pytest.mark.parametrize(("suffix", "count"), [(".mp4", 300), (".gif", 20)])
-def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path, suffix, count):
-    output = tmp_path / f"film{suffix}"
-    command = [sys.executable, "-c", FULL, str(output), str(count)]
+def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path):
+    output = tmp_path / "film.mp4"  # with many frames ffmpeg ends before the last one
+    command = [sys.executable, "-c", FULL, str(output), "300"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{output} could not be written completely; is the disk full?\n"
@@ -179,31 +179,31 @@ class Unstable:
         return np.array([self._left > 0])
 
 
-@pytest.mark.parametrize(
-    ("seconds", "stable", "sentence"),
-    [
-        (2.0, 99, ""),
-        (5.0, 99, "the episode lasts 2 s, so the film lasts 2 s"),
-        (2.0, 5, "the simulation became unstable: the film ends there, after 0.44 s"),
-    ],
-)
-def test_a_film_that_is_shorter_than_asked_says_so(
-    seconds, stable, sentence, tmp_path, monkeypatch, capsys
-):
-    batch = Unstable(make_batch("wall_avoidance", 1), stable)
-    episode = Episode(
-        "wall_avoidance", "nobody", True, batch, lambda _: np.zeros((1, 2)), 20,
-        np.random.default_rng(0),
-    )  # fmt: skip
-    picture = np.zeros((HEIGHT - 44, WIDTH - 240, 3), np.uint8)
+def test_a_film_that_is_shorter_than_asked_says_so(tmp_path, monkeypatch, capsys):
+    picture, counts = np.zeros((HEIGHT - 44, WIDTH - 240, 3), np.uint8), []
     scene = types.SimpleNamespace(
         renderer="nothing", close=lambda: None, draw=lambda shot, trail: picture
     )
     monkeypatch.setattr(film, "Scene", lambda task, dimensions: scene)
-    monkeypatch.setattr(film, "write", lambda output, frames, count: len([*frames]))
-    film.film(episode, tmp_path / "film.mp4", seconds=seconds, speed=1.0)
-    said = capsys.readouterr().err
-    assert sentence in said and said.count("musebot:") == 1 + bool(sentence)
+
+    def write(output, frames, count):
+        counts.append((count, len([*frames])))
+        return counts[-1][1]
+
+    monkeypatch.setattr(film, "write", write)
+    for seconds, speed, stable, frames, sentence in (
+        (2.0, 1.0, 99, (50, 50), ""),
+        (5.0, 1.0, 99, (50, 50), "the episode lasts 2 s, so the film lasts 2 s"),
+        (1.0, 4.0, 99, (12, 12), "the episode lasts 2 s, so the film lasts 0.48 s"),
+        (5.0, 1e9, 99, (1, 1), "the episode lasts 2 s, so the film lasts 0.04 s"),
+        (2.0, 1.0, 5, (50, 11), "the simulation became unstable: the film ends there, after 0.44"),
+    ):
+        batch, random = Unstable(make_batch("wall_avoidance", 1), stable), np.random.default_rng(0)
+        driver = "wall_avoidance", "nobody", True, batch, lambda _: np.zeros((1, 2)), 20, random
+        film.film(Episode(*driver), tmp_path / "film.mp4", seconds=seconds, speed=speed)
+        said = capsys.readouterr().err
+        assert sentence in said and said.count("musebot:") == 1 + bool(sentence)
+        assert counts.pop() == frames
 
 
 def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened_meanwhile():
