@@ -10,7 +10,7 @@ EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 # Modules of packages that an extra installs; those of its other requirements are not listed.
 _EXTRAS = {
     "baselines": "stable_baselines3",
-    "brain": "PIL imageio_ffmpeg jinja2 matplotlib rich safetensors scipy torch",
+    "brain": "PIL imageio_ffmpeg jinja2 markdown_it matplotlib rich safetensors scipy torch",
     "cluster": "ray",
     "gym": "gymnasium moviepy",
     "tensorboard": "tensorboard",

@@ -105,7 +105,7 @@ def test_what_the_site_needs_is_pinned_once():
 
 
 def test_a_missing_requirement_is_a_sentence_that_names_its_extra():
-    modules = {"pillow": "PIL", "imageio-ffmpeg": "imageio_ffmpeg"}
+    modules = {"pillow": "PIL", "markdown-it-py": "markdown_it"}
     for extra in ("brain", "gym", "cluster", "baselines", "tensorboard"):
         for name in requirements(extra):
             module = modules.get(name, name.replace("-", "_"))

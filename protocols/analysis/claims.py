@@ -151,17 +151,10 @@ def rises(statistic: Callable[[Evidence, Condition], Described], condition: Cond
     return test
 
 
-@dataclasses.dataclass(frozen=True)
-class Claim:
-    """A claim of the paper: a sentence of its section 4.
+class Claim(NamedTuple):
+    """A sentence of the paper's section 4, and the tests of the inequalities that it needs."""
 
-    Attributes:
-      task: Task of the table that the sentence is about.
-      says: The sentence.
-      tests: Tests of the inequalities that the claim needs.
-    """
-
-    task: str
+    task: str  # of the table that the sentence is about
     says: str
     tests: tuple[Test, ...]
 
@@ -192,20 +185,14 @@ class ClaimResult:
         return f"{self.why}{own}"
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the result as plain data; NaN as None."""
+        """Returns the result as plain data."""
         return {
             "task": self.claim.task,
             "claim": self.claim.says,
             "verdict": self.verdict,
             "why": self.why,
             "verdict_by_paper_tables": self.paper,
-            "inequalities": [
-                {
-                    name: None if isinstance(x, float) and math.isnan(x) else x
-                    for name, x in dataclasses.asdict(one).items()
-                }
-                for one in self.inequalities
-            ],
+            "inequalities": [dataclasses.asdict(one) for one in self.inequalities],
         }
 
 

@@ -7,8 +7,11 @@ import functools
 
 import numpy as np
 
-from ..errors import InputError
-from ..lives.conditions import Condition
+from ..errors import InputError, RunError
+from ..lives.agent import make_agent
+from ..lives.cohort import random_streams
+from ..lives.conditions import CohortKey, Condition
+from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES
 from ..lives.run import Run
 from ..progress import StepProgress
@@ -53,16 +56,6 @@ class Cell:
     corrected: float = float("nan")
 
     @property
-    def task(self) -> str:
-        """Task of the condition."""
-        return self.condition.task
-
-    @property
-    def proposer(self) -> str:
-        """Proposer of the condition."""
-        return self.condition.proposer
-
-    @property
     def difference(self) -> float:
         """Our value minus the other."""
         return self.ours - self.other
@@ -94,21 +87,30 @@ def shared_conditions(ours: Run, other: Run) -> list[Condition]:
 
 
 def is_paired(ours: Run, other: Run, condition: Condition) -> bool:
-    """Returns whether robots with the same number have the same initial brain in both runs."""
-    first, second = (run.networks(condition, "before") for run in (ours, other))
+    """Returns whether robots with the same number have the same initial brain in both runs.
+
+    The brains of a first cohort of each are made again, so that a run can be kept without brains.
+    """
+    if ours.experiment.device != other.experiment.device:
+        return False  # whose random streams differ
+    try:
+        first, second = (_newborns(run.experiment, condition) for run in (ours, other))
+    except (InputError, RunError):  # of an agent that is not trusted or not found
+        return False
     shared = first.keys() & second.keys()  # one brain may have state that the other lacks
-    both = min((len(side[name]) for side in (first, second) for name in shared), default=0)
-    return bool(shared) and all(
-        np.array_equal(first[name][:both], second[name][:both]) for name in shared
-    )
+    return bool(shared) and all(np.array_equal(first[name], second[name]) for name in shared)
 
 
-def compare(ours: Run, other: Run, condition: Condition, draws: int = DRAWS) -> list[Cell]:
+def _newborns(experiment: Experiment, condition: Condition) -> dict[str, np.ndarray]:
+    seed, _ = random_streams(experiment.seed, CohortKey(condition, 0))
+    return make_agent(experiment, condition, experiment.cohort_size, seed).weights()
+
+
+def _column(ours: Run, other: Run, condition: Condition, draws: int) -> list[Cell]:
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
     left out too; and for each cell the pairs in which a robot has no value, such as a genius's L.
-    Each test has at most so many `draws` of permutations.
     """
     paired = is_paired(ours, other, condition)
     first, second = (_measures(run, condition) for run in (ours, other))
@@ -146,12 +148,11 @@ def _cell(
     draws: int,
 ) -> Cell:
     known = [~np.isnan(values.astype(float)) for values in pair]
-    first, second = (values[own] for values, own in zip(pair, known, strict=True))
     incomplete = 0
     if paired:
-        both = known[0] & known[1]
-        first, second = pair = pair[0][both], pair[1][both]
-        incomplete = int((known[0] ^ known[1]).sum())
+        both, incomplete = known[0] & known[1], int((known[0] ^ known[1]).sum())
+        pair, known = (pair[0][both], pair[1][both]), [both[both]] * 2
+    first, second = (values[own] for values, own in zip(pair, known, strict=True))
     share = first.dtype == bool
     statistic = np.mean
     if share:
@@ -185,7 +186,7 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
     found: list[Cell] = []
     with StepProgress("comparing", len(conditions)) as progress:
         for condition in conditions:
-            found += compare(ours, other, condition, draws)
+            found += _column(ours, other, condition, draws)
             progress.advance()
     values = holm(np.array([cell.p for cell in found]))
     return [

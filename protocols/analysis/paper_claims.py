@@ -68,9 +68,11 @@ def in_class(category: str) -> Callable[[Evidence, Condition], Share]:
     return statistic
 
 
-def stuck(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share of robots in contact for 95 % of the test after training or more."""
-    return Share.of(evidence.robots(condition).shares(condition, "post") >= 0.95)
+def held(part: Literal["pre", "post"], share: float) -> Callable[[Evidence, Condition], Share]:
+    """Returns the statistic "share of robots with the event for so much of a test or more"."""
+    return lambda evidence, condition: Share.of(
+        evidence.robots(condition).shares(condition, part) >= share
+    )
 
 
 def spoiled_without_contact(evidence: Evidence, condition: Condition) -> Share:
@@ -82,13 +84,8 @@ def spoiled_without_contact(evidence: Evidence, condition: Condition) -> Share:
     return Share.of(run.shares(condition, "pre")[spoiled] == 0)
 
 
-def settlers(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share of robots in the spot for half of the test before training."""
-    return Share.of(evidence.robots(condition).shares(condition, "pre") >= 0.5)
-
-
 def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share in the spot for half of training's last quarter, among `settlers`."""
+    """Returns the share in the spot for half of the last quarter of training, among settlers."""
     run = evidence.robots(condition)
     chosen = run.shares(condition, "pre") >= 0.5
     if not chosen.any():
@@ -268,7 +265,7 @@ _OF_WALLS: tuple[_Row, ...] = (
     (
         "After training fixed has the most robots that do not leave the wall: in contact for 95 % "
         "of the test or more.",
-        more(stuck, _FIXED_W),
+        more(held("post", 0.95), _FIXED_W),
     ),
     (_SPINS, most(spinners, *_W)),
     (
@@ -301,7 +298,7 @@ _OF_SPOT: tuple[_Row, ...] = (
     (
         "Before training quite a few creative robots, more than 5 %, stay in the spot, for half of "
         "the test or more.",
-        most(settlers, _CREATIVE_S, border=0.05),
+        most(held("pre", 0.5), _CREATIVE_S, border=0.05),
     ),
     (
         "Most of these are easily trained: in the spot for half of training's last quarter.",

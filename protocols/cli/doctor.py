@@ -33,6 +33,7 @@ _MODULES = {
     "absl-py": "absl",
     "dm-control": "dm_control.suite.base",
     "dm-tree": "tree",
+    "markdown-it-py": "markdown_it",
     "matplotlib": "matplotlib.figure",
     "pillow": "PIL.Image",
     "protobuf": "google.protobuf",

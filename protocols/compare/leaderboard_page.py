@@ -185,10 +185,9 @@ def _tuned(entry: Entry, tunings: Tunings) -> str:
 
 
 def draw(ranking: Sequence[Ranked]) -> Figure:
-    """Draws the learning curve of each entry, ten minutes a point, named at its end."""
+    """Draws the learning curve of each entry, ten minutes a point."""
     figure, axes = style.canvas(3.2, 1, 1)
     axis = axes.flat[0]
-    ends = {}
     for number, entry in enumerate(one.entry for one in ranking):
         width = min(10, len(entry.curve))  # a rehearsal may have fewer minutes
         whole = len(entry.curve) // width * width
@@ -197,8 +196,8 @@ def draw(ranking: Sequence[Ranked]) -> Figure:
         shade = style.PALETTE[number % len(style.PALETTE)]
         dashes = _LINE_STYLES[number // len(style.PALETTE) % len(_LINE_STYLES)]
         mark = "o" if len(points) == 1 else None
-        axis.plot(hours, points, color=shade, linestyle=dashes, linewidth=1.2, marker=mark)
-        ends[entry.name] = (float(points[-1]), shade)
+        line = axis.plot(hours, points, color=shade, linestyle=dashes, linewidth=1.2, marker=mark)
+        line[0].set_label(entry.name)
     axis.set(xlabel="hours of training", ylabel="share of time", ylim=(-0.02, 1.02))
-    style.label_ends(axis, float(axis.lines[0].get_xdata()[-1]), ends)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     return figure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,7 +31,7 @@ _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its
 def learning_curves(run: Run) -> Figure:
     """Draws the mean share of the time in contact (or in the spot) over a life, with 95 % bands."""
     tasks = run.tasks()
-    look = looks_of(run)
+    look = looks(condition.proposer for condition in run.conditions())
     figure, axes = canvas(2.5 * len(tasks) + 0.3, len(tasks), 1)
     for task, axis in zip(tasks, axes[:, 0], strict=True):
         for proposer in run.proposers(task):
@@ -40,19 +41,10 @@ def learning_curves(run: Run) -> Figure:
         _parts(axis, run.experiment, task)
         axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
-        axis.set_ylim(0, None)
         in_per_cent(axis)
-    handles = [
-        Line2D([], [], color=one.colour, ls=one.dashes, label=short_name(name))
-        for name, one in look.items()
-    ]
-    _legend(figure, handles, 3)
+    shown = {short_name(name): {"color": o.colour, "ls": o.dashes} for name, o in look.items()}
+    _legend(figure, shown)
     return figure
-
-
-def looks_of(run: Run) -> dict[str, Look]:
-    """Returns the look of each proposer and agent of a run, by its recorded name."""
-    return looks(condition.proposer for condition in run.conditions())
 
 
 def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> None:
@@ -95,10 +87,11 @@ def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     upper.spines[:].set_visible(False)
 
 
-def _legend(figure: Figure, handles: list[Line2D], columns: int) -> None:
-    """Draws a legend below a figure."""
+def _legend(figure: Figure, styles: Mapping[str, Mapping[str, Any]]) -> None:
+    """Draws a legend below a figure, from the properties of the line of each name."""
+    handles = [Line2D([], [], label=name, **{"color": INK, **own}) for name, own in styles.items()]
     where = "outside lower center"
-    figure.legend(handles=handles, loc=where, ncols=columns, frameon=False, fontsize=8)
+    figure.legend(handles=handles, loc=where, ncols=3, frameon=False, fontsize=8)
 
 
 # ---- Categories ----
@@ -106,15 +99,15 @@ def _legend(figure: Figure, handles: list[Line2D], columns: int) -> None:
 
 def categories(run: Run) -> Figure:
     """Draws the share of the robots in each category, ours above the paper's."""
-    rows: dict[str, list[tuple[str, str, Summary]]] = {}
+    bars: dict[str, list[tuple[str, str, Summary]]] = {}
     for condition in run.conditions():
-        own = rows.setdefault(condition.task, [])
+        own = bars.setdefault(condition.task, [])
         own.append((condition.proposer, "here", run.summary(condition)))
         if paper := paper_column(run.experiment, condition):
             own.append((condition.proposer, "paper", paper.summary))
-    heights = [0.29 * len(own) + 0.95 for own in rows.values()]
-    figure, axes = canvas(sum(heights), len(rows), 1, height_ratios=heights)
-    for (task, own), axis in zip(rows.items(), axes[:, 0], strict=True):
+    heights = [0.29 * len(own) + 0.95 for own in bars.values()]
+    figure, axes = canvas(sum(heights), len(bars), 1, height_ratios=heights)
+    for (task, own), axis in zip(bars.items(), axes[:, 0], strict=True):
         _stacks(axis, task, own)
     return figure
 
@@ -123,13 +116,11 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
     """Draws a stacked bar for each row, a tuple of proposer, source (ours, paper) and column."""
     proposers = [proposer for proposer, _, _ in rows]
     places = [i + 0.35 * len({*proposers[: i + 1]}) for i in range(len(rows))]
-    shares = np.array([summary.shares for _, _, summary in rows])
+    shares = np.array([summary.shares for _, _, summary in rows]).T
     names = [c if c != "unmeasured" else SCHEDULES[task].unmeasured for c in CATEGORIES]
     left = np.zeros(len(rows))
-    for name, values, shade in zip(names, shares.T, CATEGORY_COLOURS, strict=True):
-        bars = axis.barh(
-            places, values, left=left, height=0.86, color=shade, linewidth=0, label=name
-        )
+    for name, values, shade in zip(names, shares, CATEGORY_COLOURS, strict=True):
+        bars = axis.barh(places, values, left=left, height=0.86, color=shade, lw=0, label=name)
         texts = [f"{100 * share:.0f}" if share >= _LEAST_LABELLED else "" for share in values]
         ink = "white" if shade == CATEGORY_COLOURS[0] else DARK  # the darkest
         axis.bar_label(bars, texts, label_type="center", fontsize=8, color=ink)
@@ -152,15 +143,14 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
 def abilities(run: Run) -> Figure:
     """Draws how L is distributed among the measured robots, with L = -1 and L = 1 apart."""
     tasks = run.tasks()
-    look = looks_of(run)
+    look = looks(condition.proposer for condition in run.conditions())
     figure, axes = canvas(1.35 * len(look) + 0.6, len(look), len(tasks), sharex=True, sharey="col")
-    for row, (proposer, own) in enumerate(look.items()):
-        for column, task in enumerate(tasks):
-            title = _histogram(axes[row, column], run, Condition(task, proposer), own.colour)
-            title = f"{TASK_NAMES[task]}\n{title}" if row == 0 else title
-            axes[row, column].set_title(title, fontsize=8)
-            if row == len(look) - 1:
-                axes[row, column].set_xlabel("Learn Ability L")
+    for task, column in zip(tasks, axes.T, strict=True):
+        for axis, (proposer, own) in zip(column, look.items(), strict=True):
+            title = _histogram(axis, run, Condition(task, proposer), own.colour)
+            first = f"{TASK_NAMES[task]}\n" if axis is column[0] else ""
+            axis.set_title(f"{first}{title}", fontsize=8)
+        column[-1].set_xlabel("Learn Ability L")
     return figure
 
 
@@ -177,8 +167,8 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
     if len(values):
         axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8)
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
-    axis.set(yticks=[0, 0.5, 1], ylim=(0, 1.15))
-    in_per_cent(axis)
+    axis.set_yticks([0, 0.5, 1])
+    in_per_cent(axis, 1.15)
     mean = f", mean {values.mean():z.2f}" if len(values) else ""
     return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
 
@@ -194,29 +184,23 @@ def spinning(behaviour: Behaviour) -> Figure:
     for task, axis in zip(tasks, axes[0], strict=True):
         names = [condition.proposer for condition in behaviour.spinning if condition.task == task]
         for place, proposer in enumerate(names):
-            shares, shade = behaviour.spinning[Condition(task, proposer)], colour(proposer)
-            for side, when in enumerate((-0.2, 0.2)):
-                x = place + when + jitter.uniform(-0.09, 0.09, len(shares))
+            own, shade = behaviour.spinning[Condition(task, proposer)], colour(proposer)
+            for shares, middle, face in zip(own.T, (-0.2, 0.2), ("none", shade), strict=True):
+                x = place + middle + jitter.uniform(-0.09, 0.09, len(shares))
                 axis.plot(
-                    x, shares[:, side], "o", ms=3.5, mew=0.8, mec=shade, alpha=0.7,
-                    mfc=shade if side else "none", clip_on=False,
-                )  # fmt: skip
-                mean = shares[:, side].mean()
-                axis.plot(
-                    [place + when - 0.15, place + when + 0.15], [mean, mean], color=shade, lw=2
+                    x, shares, "o", ms=3.5, mew=0.8, mec=shade, alpha=0.7, mfc=face, clip_on=False
                 )
+                ends = place + middle - 0.15, place + middle + 0.15
+                axis.plot(ends, [shares.mean()] * 2, color=shade, lw=2)
         axis.set_xticks(range(len(names)), names)
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
-        axis.set_ylim(0, 1)
-        in_per_cent(axis)
         axis.set_title(TASK_NAMES[task], pad=10)
+        in_per_cent(axis, 1)
     axes[0, 0].set_ylabel("share of the time spinning")
-    handles = [
-        Line2D([], [], marker="o", ls="", ms=3.5, color=INK, mfc=face, label=f"{when} training")
-        for when, face in (("before", "none"), ("after", INK))
-    ]
-    _legend(figure, handles, 2)
+    marks = {"marker": "o", "ls": "", "ms": 3.5}
+    faces = {"before training": {"mfc": "none"}, "after training": {"mfc": INK}}
+    _legend(figure, {name: marks | face for name, face in faces.items()})
     return figure
 
 
@@ -230,9 +214,7 @@ def stays(found: Mapping[str, Stay]) -> Figure:
             axis.plot(minutes + 0.5, values, color=colour(proposer), linestyle=style)
         axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots")
         axis.set_xlabel("simulated minutes")
-        axis.set_ylim(0, 1)
-        in_per_cent(axis)
+        in_per_cent(axis, 1)
     axes[0, 0].set_ylabel("share of the time at the spot")
-    handles = [Line2D([], [], color=INK, linestyle=s, label=name) for name, s in styles.items()]
-    _legend(figure, handles, 2)
+    _legend(figure, {name: {"ls": style} for name, style in styles.items()})
     return figure

@@ -33,16 +33,11 @@ _GIF = (
     "scale=iw/2:-2:flags=area,split[one][other];[one]palettegen=max_colors=48[palette];"
     "[other][palette]paletteuse=dither=none:diff_mode=rectangle"
 )
-_H264 = ["-crf", "18", "-movflags", "+faststart"]
 _FPS = {".mp4": 25, ".gif": 8}
-# Options for imageio's FFMPEG writer.
-_ENCODERS: dict[str, dict[str, Any]] = {
-    ".mp4": {"codec": "libx264", "pixelformat": "yuv420p", "output_params": _H264},
-    ".gif": {
-        "codec": "gif",
-        "pixelformat": "pal8",
-        "output_params": ["-f", "gif", "-filter_complex", _GIF],
-    },
+# Codec, format of pixels and further options of ffmpeg.
+_ENCODERS = {
+    ".mp4": ("libx264", "yuv420p", ["-crf", "18", "-movflags", "+faststart"]),
+    ".gif": ("gif", "pal8", ["-f", "gif", "-filter_complex", _GIF]),
 }
 
 
@@ -66,29 +61,22 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
     if seconds > _LONGEST:
         raise InputError(f"the film must last at most {_LONGEST} s, got {seconds:g}")
     output = resolved_file(output)
-    if (suffix := output.suffix.lower()) not in _FPS:
+    if output.suffix.lower() not in _FPS:
         raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
     check_place(output)
-    fps = _FPS[suffix]
-    count = frame_count(seconds, speed, episode.seconds, fps)
+    fps = _FPS[output.suffix.lower()]
+    count = max(1, round(min(seconds, episode.seconds / speed) * fps))
+    times = np.arange(count) * speed / fps
     with contextlib.closing(Scene(episode.task, episode.batch.dimensions)) as scene:
         notice(f"drawing with {scene.renderer}")
         if count < round(seconds * fps):
             notice(f"the episode lasts {episode.seconds:g} s, so the film lasts {count / fps:g} s")
-        panel = Panel(
-            episode.task, episode.driver, episode.trained, speed, seconds=count * speed / fps
-        )
-        times = (number * speed / fps for number in range(count))
+        panel = Panel(episode.task, episode.driver, episode.trained, speed, count * speed / fps)
         shots = shots_at(times, episode.moments(), speed)
         frames = (panel.frame(scene.draw(shot, trail), shot) for shot, trail in shots)
         written = write(output, frames, count)
     if written < count:
         notice(f"the simulation became unstable: the film ends there, after {written / fps:g} s")
-
-
-def frame_count(seconds: float, speed: float, episode_seconds: float, fps: int) -> int:
-    """Returns the number of frames of a film that ends with the episode at the latest."""
-    return max(1, round(min(seconds, episode_seconds / speed) * fps))
 
 
 def shots_at(
@@ -115,8 +103,10 @@ def shots_at(
         if past[-1].time <= time:  # the episode is over
             now = len(past) - 1
         moment, after = past[now], past[min(now + 1, len(past) - 1)]
-        span = after.time - moment.time
-        pose = between(moment.pose, after.pose, (time - moment.time) / span if span else 0.0)
+        way = after.pose - moment.pose
+        way[2] = (way[2] + np.pi) % (2 * np.pi) - np.pi  # the heading turns the shorter way
+        span = (after.time - moment.time) or 1.0
+        pose = moment.pose + (time - moment.time) / span * way
         unseen = past[min(shown + 1, now) : now + 1]
         shot = dataclasses.replace(
             moment,
@@ -140,19 +130,6 @@ def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed
     )
 
 
-def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
-    """Interpolates between two poses; the heading turns the shorter way.
-
-    Args:
-      first: x, y in [m] and heading in [rad] of the first pose, shape (3,).
-      second: x, y in [m] and heading in [rad] of the second pose, shape (3,).
-      share: Share of the way from the first to the second pose, in [0, 1].
-    """
-    way = second - first
-    way[2] = (way[2] + np.pi) % (2 * np.pi) - np.pi
-    return first + share * way
-
-
 def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     """Writes frames into a film; an existing file is replaced when the film is complete.
 
@@ -168,20 +145,17 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
       OSError: the film could not be written completely; the partial film is deleted.
     """
     suffix = output.suffix.lower()
+    codec, pixels, options = _ENCODERS[suffix]
     with (
         handling(_interrupt, *END_SIGNALS),
         tempfile.TemporaryDirectory(prefix="musebot-") as folder,
     ):
-        # imageio's FFMPEG writer refuses names that end in .gif.
-        draft = Path(folder) / "film.mp4"
+        draft = Path(folder) / "film.mp4"  # imageio's FFMPEG writer refuses names in .gif
         writer: Any = imageio.get_writer(
-            draft,
-            "FFMPEG",
-            fps=_FPS[suffix],
-            macro_block_size=2,
+            draft, "FFMPEG", fps=_FPS[suffix], codec=codec, pixelformat=pixels,
+            output_params=options, macro_block_size=2,
             ffmpeg_log_level="fatal",  # the number of frames shows a failure, see below
-            **_ENCODERS[suffix],
-        )
+        )  # fmt: skip
         given = 0
         with StepProgress(output.name, count) as progress, writer:
             for frame in frames:

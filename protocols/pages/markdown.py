@@ -6,7 +6,7 @@ import html
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,16 +23,6 @@ TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot fi
 _STATED_APART = ("seed", "cohort_size", "time_scale", "protocol")
 
 
-class Cell(NamedTuple):
-    """A cell of a table: a value, and what stands in brackets behind it; either can be empty."""
-
-    value: str
-    bracket: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.value} {self.bracket}".strip()
-
-
 # ---- Tables ----
 
 
@@ -47,12 +37,6 @@ def table(rows: Sequence[Sequence[object]], align: str = "") -> list[str]:
     align = align or "l" + "r" * (len(rows[0]) - 1)
     rule = ["---:" if letter == "r" else "---" for letter in align]
     return [f"| {' | '.join(map(str, row))} |" for row in (rows[0], rule, *rows[1:])]
-
-
-def section(title: str, text: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Returns a heading, a paragraph and a table with a head and rows as Markdown."""
-    lines = "\n".join(table([head, *rows]))
-    return f"### {title}\n\n{text}\n\n{lines}\n"
 
 
 def escape(text: str) -> str:
@@ -73,15 +57,10 @@ def probability(value: float) -> str:
     return "< 0.0001" if value < 1e-4 else number(value)
 
 
-def bracket(interval: Interval, form: str = ".3f") -> str:
-    """Returns an interval in brackets, its ends in a format; empty text if it is unknown."""
-    low, high = interval
-    return "" if math.isnan(low + high) else f"[{low:{form}}, {high:{form}}]"
-
-
 def with_interval(value: str, interval: Interval, form: str = ".3f") -> str:
     """Returns a value with its interval in brackets, if the interval is known."""
-    return str(Cell(value, bracket(interval, form)))
+    low, high = interval
+    return value if math.isnan(low + high) else f"{value} [{low:{form}}, {high:{form}}]"
 
 
 def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:

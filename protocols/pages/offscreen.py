@@ -31,13 +31,7 @@ class Canvas:
     """
 
     def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
-        """Opens EGL and prepares the scene.
-
-        Args:
-          model: Model to render.
-          camera: Name of one of the model's cameras.
-          width: Width of an image in pixels.
-          height: Height of an image in pixels.
+        """Opens EGL for images of some pixels by one of the model's cameras, given by its name.
 
         Raises:
           InputError: there is no EGL.

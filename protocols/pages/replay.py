@@ -25,8 +25,9 @@ from ..errors import InputError
 from ..lives.cohort import make_agent
 from ..lives.conditions import Condition
 from ..lives.device import decide
+from ..lives.experiment import Experiment
 from ..lives.run import Run, When
-from ..lives.schedules import control_steps, place
+from ..lives.schedules import Phase, control_steps, place
 from ..progress import StepProgress
 
 if TYPE_CHECKING:
@@ -72,25 +73,15 @@ class Moment:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """A robot at its start pose, and the driver that acts from there.
+    """A robot at its start pose, and the driver that acts from there."""
 
-    Attributes:
-      task: Name of a task of the domain "arena".
-      driver: Description of the driver in a few words.
-      trained: Whether the driver has been trained.
-      batch: Batch of one robot.
-      act: Function that returns the driver's motor values for the sensor signals.
-      steps: Number of control steps in the episode; infinity for an episode without end.
-      random: Random stream of the spot's places, for tasks in which it jumps.
-    """
-
-    task: str
-    driver: str
-    trained: bool
-    batch: Robots
+    task: str  # of the domain "arena"
+    driver: str  # in a few words
+    trained: bool  # whether the driver has been trained
+    batch: Robots  # of one robot
     act: Act
-    steps: float
-    random: np.random.Generator
+    steps: float  # control steps; infinity for an episode without end
+    random: np.random.Generator  # of the spot's places, for tasks in which it jumps
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str, seed: int) -> Episode:
@@ -99,14 +90,14 @@ class Episode:
         Raises:
           InputError: there is no such policy, or a value is invalid; see `policy_act`.
         """
-        _check_seed(seed)
+        trained = _when(phase, seed) == "after"
         act, task = policy_act(policies, robot, phase), policies.task
         batch, random = make_batch(task, 1), np.random.default_rng(seed)
         pose, spot = Start().draw(random, batch.dimensions)
         batch.place_spot(_ALONE, spot[None])
         batch.place(_ALONE, pose[None])
         steps = TASKS[task].time_limit / CONTROL_TIMESTEP
-        return cls(task, f"PPO, policy {robot}", phase == "post", batch, act, steps, random)
+        return cls(task, f"PPO, policy {robot}", trained, batch, act, steps, random)
 
     @property
     def seconds(self) -> float:
@@ -153,15 +144,13 @@ def policy_act(policies: Policies, robot: int, phase: str) -> Act:
     return functools.partial(policies.one(robot).act, trained=_when(phase) == "after")
 
 
-def _when(phase: str) -> When:
+def _when(phase: str, seed: int = SEED) -> When:
+    """Returns which stored brain drives in a test; raises InputError for an invalid value."""
     if phase not in _BRAINS:
         raise InputError(f"the phase must be one of {', '.join(_BRAINS)}, got {phase!r}")
-    return _BRAINS[phase]
-
-
-def _check_seed(seed: int) -> None:
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
+    return _BRAINS[phase]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,8 +178,7 @@ class StoredRobot:
           InputError: there is no such robot, its simulation was invalid, its agent is not trusted
             or cannot take over kept weights, or a value is invalid.
         """
-        when = _when(self.phase)
-        _check_seed(self.seed)
+        when = _when(self.phase, self.seed)
         return stored_brains(self.run, self.condition, [(self._row(), when)], self.seed)
 
     def act(self) -> Act:
@@ -209,8 +197,8 @@ class StoredRobot:
         for name in ("radius", "wheel_base"):
             if (value := getattr(experiment.kinematics, name)) is not None:
                 raise InputError(f"films draw the ordinary robot; this run has {name}={value:g}")
-        start = next(p for p in experiment.schedule(task).phases if p.stage == self.phase)
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
+        start = _first_phase(experiment, task, self.phase)
         place(batch, start, random)
         kind = " proposer" if self.condition.has_brain else ""
         return Episode(
@@ -225,21 +213,16 @@ class StoredRobot:
 
     def _row(self) -> int:
         """Returns the robot's index among the rows of its condition."""
-        robots = self.run.robots(self.condition)
-        if not robots:
-            every = self.run.conditions()
-            known = [one for one in every if one.task == self.condition.task]
-            names = ", ".join(map(str, known or every)) or "none"
-            more = ": --proposer or --agent chooses" if known else ""
-            raise InputError(f"the run has no robots of {self.condition}; it has {names}{more}")
-        numbers = [row.robot for row in robots]
+        numbers = [row.robot for row in self.run.robots(self.condition)]
+        if not numbers:
+            known = ", ".join(map(str, self.run.conditions()))
+            hint = f"{known}: --proposer or --agent chooses" if known else "none"
+            raise InputError(f"the run has no robots of {self.condition}; it has {hint}")
         if self.robot not in numbers:
-            raise InputError(
-                f"the robots of {self.condition} are {min(numbers)} to {max(numbers)}, "
-                f"got {self.robot}"
-            )
+            ends = f"{min(numbers)} to {max(numbers)}"
+            raise InputError(f"the robots of {self.condition} are {ends}, got {self.robot}")
         row = numbers.index(self.robot)
-        if not robots[row].valid:
+        if not self.run.robots(self.condition)[row].valid:
             raise InputError(
                 f"robot {self.robot} of {self.condition} is invalid: it was stopped, because its "
                 "simulation became unstable or its weights were not finite"
@@ -301,10 +284,13 @@ def evaluate(
     """Evaluates brains, see `stored_brains`, in the first minutes of the test after training."""
     agent = stored_brains(run, condition, which)
     batch = run.experiment.batch(condition.task, len(which))
-    phases = run.experiment.schedule(condition.task).phases
-    start = next(phase for phase in phases if phase.stage == "post")
+    start = _first_phase(run.experiment, condition.task, "post")
     place(batch, start, np.random.default_rng(SEED))
     return watch(batch, agent, control_steps(minutes), what=str(condition))
+
+
+def _first_phase(experiment: Experiment, task: str, stage: str) -> Phase:
+    return next(phase for phase in experiment.schedule(task).phases if phase.stage == stage)
 
 
 def watch(

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import base64
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import jinja2
-from markupsafe import Markup, escape
+from markdown_it import MarkdownIt
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ... import __version__
-from ..agents.names import short_name
 from ..analysis.behaviour import Behaviour
-from ..analysis.claims import ClaimResult
-from ..analysis.paper_claims import judge_all
 from ..errors import InputError
 from ..lives.conditions import PAPER_TASKS
 from ..lives.run import Run
@@ -34,14 +30,13 @@ from ..storage import (
 from ..terminal import printable
 from . import figures, markdown, measured_behaviour, paper_figures, robot_figures, style, tables
 from . import film as films
-from .replay import SEED, StoredRobot
+from .replay import StoredRobot
 
 PAGE = "report.html"
 FIGURES = ("architecture", "robot", "typical")
 """Names of the figures that `draw` draws."""
 
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
-_COLUMNS = 3  # conditions next to each other, on the screen of a telephone
 _FILM_SECONDS = 10.0
 _FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
 
@@ -72,10 +67,6 @@ def draw(name: str, path: Path, run: Run | None = None, task: str | None = None)
     with style.styled():
         if run is not None:
             figure = robot_figures.typical(run)
-            if figure is None:
-                raise InputError(
-                    f"{run.name} has no typical robots: no stored brain spins or arrives"
-                )
         elif name == "robot":
             figure = paper_figures.robot()
         else:
@@ -101,7 +92,13 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
     """
     output = output or out / PAGE
     out, page_file = resolved(out), resolved_file(output)  # links below them are not followed
-    _check(out, page_file)
+    if page_file.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"the report must be an .html file, got {page_file}")
+    check_place(page_file)
+    if not os.access(out, os.W_OK | os.X_OK):
+        raise InputError(f"{out} cannot be written")
+    for folder in (out / "figures", out / "films"):
+        check_own_folder(folder)
     with locked(out / "figures"):
         for folder in (out / "figures", out / "films"):
             remove_drafts(folder)
@@ -113,19 +110,9 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
                     style.save(figure, out / "figures", name)
                     drawn[name] = out / "figures" / f"{name}.png"
         missing = _film(run, out / "films")
-        results, filmed = judge_all(run, behaviour), _kept(out / "films")
-        write_text(page_file, page(run, results, drawn, filmed, missing))
+        text = tables.markdown(run, behaviour, narrow=True)
+        write_text(page_file, page(run, text, drawn, _kept(out / "films"), missing))
     return output
-
-
-def _check(out: Path, output: Path) -> None:
-    if output.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"the report must be an .html file, got {output}")
-    check_place(output)
-    if not os.access(out, os.W_OK | os.X_OK):
-        raise InputError(f"{out} cannot be written")
-    for folder in (out / "figures", out / "films"):
-        check_own_folder(folder)
 
 
 def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | None]]:
@@ -158,7 +145,7 @@ def _film(run: Run, folder: Path) -> str:
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
-            episode = StoredRobot(run, condition, example.robot, "post", SEED).episode()
+            episode = StoredRobot(run, condition, example.robot, "post").episode()
             films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed:
@@ -177,17 +164,13 @@ def _kept(folder: Path) -> list[Path]:
 
 
 def page(
-    run: Run,
-    results: Sequence[ClaimResult],
-    drawn: Mapping[str, Path],
-    filmed: Sequence[Path],
-    missing: str,
+    run: Run, text: str, drawn: Mapping[str, Path], filmed: Sequence[Path], missing: str
 ) -> str:
     """Returns the report as HTML that needs no other file.
 
     Args:
       run: The run.
-      results: Verdicts on the claims; if empty, the page has no section of claims.
+      text: Tables and claims as Markdown.
       drawn: Figures, each a .png, by the name of the figure.
       filmed: Films, each an .mp4 whose name is its caption.
       missing: Sentence about missing films; empty for none.
@@ -199,39 +182,32 @@ def page(
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["emphasis"] = _emphasis
-    experiment = run.experiment
+    scale = run.experiment.time_scale
     return environment.get_template(_TEMPLATE.name).render(
         name=printable(run.name),
         facts=_facts(run),
         made=f"musebot {__version__}",
-        tables={markdown.title(t, experiment): [*_tables(run, t)] for t in run.tasks()},
-        tables_notes=tables.notes(run),
-        claims=tables.judged_claims(results),
-        not_judged=tables.not_judged(results),
-        claims_note=tables.claims_note(experiment) if results else "",
+        text=Markup(MarkdownIt("js-default").render(text)),
         figures={name: _uri(path, "image/png") for name, path in drawn.items()},
         films=[(path.stem.replace("_", " "), _uri(path, "video/mp4")) for path in filmed],
         missing=missing,
-        tasks=[_words(run, task) for task in run.tasks()],
+        tasks=[
+            {
+                "name": task,
+                "title": TASK_NAMES[task].lower(),
+                "event": SCHEDULES[task].event,
+                "minutes": f"{robot_figures.MINUTES[task] * scale:g}",
+                "kinds": [one.kind for one in robot_figures.examples(run, task)],
+            }
+            for task in run.tasks()
+        ],
         sample=measured_behaviour.SAMPLE,
-        spin_minutes=f"{measured_behaviour.SPIN_MINUTES * experiment.time_scale:g}",
+        spin_minutes=f"{measured_behaviour.SPIN_MINUTES * scale:g}",
     )
 
 
 def _uri(path: Path, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
-
-
-def _words(run: Run, task: str) -> dict[str, Any]:
-    """Returns what the captions of a task's figures say about it."""
-    return {
-        "name": task,
-        "title": TASK_NAMES[task].lower(),
-        "event": SCHEDULES[task].event,
-        "minutes": f"{robot_figures.MINUTES[task] * run.experiment.time_scale:g}",
-        "kinds": [one.kind for one in robot_figures.examples(run, task)],
-    }
 
 
 def _facts(run: Run) -> list[str]:
@@ -240,22 +216,3 @@ def _facts(run: Run) -> list[str]:
     count = f"{robots} robot" if robots == 1 else f"{robots} robots"
     facts = [simulators[run.experiment.body], count, f"seed {run.experiment.seed}"]
     return [*facts, *markdown.particulars(run.experiment)]
-
-
-def _tables(run: Run, task: str) -> Iterator[dict[str, Any]]:
-    """Yields the tables of a task: one, or several if the task has many conditions."""
-    columns, look, names = tables.columns(run, task), figures.looks_of(run), tables.names(task)
-    for first in range(0, len(columns), _COLUMNS):
-        group = columns[first : first + _COLUMNS]
-        cells = [zip(one.ours, one.paper or [None] * len(names), strict=True) for one in group]
-        yield {
-            "heads": [(short_name(one.proposer), look[one.proposer].colour) for one in group],
-            "rows": [*zip(names, zip(*cells, strict=True), strict=True)],
-            "has_paper": any(one.paper for one in group),
-        }
-
-
-def _emphasis(text: str) -> Markup:
-    """Returns the text, escaped for HTML, with *words* emphasised and `words` as code."""
-    marked = re.sub(r"\*(.+?)\*", r"<em>\1</em>", str(escape(text)))
-    return Markup(re.sub(r"`(.+?)`", r"<code>\1</code>", marked))

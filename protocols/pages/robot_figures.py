@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,16 +16,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from ...controller import Neurocontroller
-from ...models import Dimensions
-from ...tasks import CONTROL_TIMESTEP
+from ...tasks import CONTROL_TIMESTEP, Robots
 from ..agents.neurocontroller import NeurocontrollerAgent
 from ..analysis.behaviour import RIM, Track, spins, stay_of
+from ..errors import InputError
 from ..lives.conditions import Condition
 from ..lives.run import WHEN, Run, When
-from ..lives.schedules import SCHEDULES, TASK_NAMES, control_steps
+from ..lives.schedules import SCHEDULES, TASK_NAMES, UPPER_LEFT, UPPER_RIGHT, control_steps
 from .measured_behaviour import SAMPLE, SPIN_MINUTES, finders, from_the_rim
 from .replay import evaluate, stored_brains
-from .situations import GRID, grid, situations
 from .style import DARK, EVENT, INK, canvas, colour
 
 MINUTES = {"wall_avoidance": 4.0, "spot_finding": 15.0}  # of the test that trajectories show
@@ -32,6 +32,7 @@ APPROACH_MINUTES = 40.0  # of the test after training in which approachers are l
 SPINS = 0.1  # least share of time: a robot that spins less only turns away from walls
 SLOW = 25.0  # [min]: the paper's slow robots arrive after 20 to 30 minutes
 DRAWN_MINUTES = 3.0  # of the follower's path, where it follows most; more would fill the spot
+_GRID = 41  # motor values along each side of the grid of all actions
 _APPROACHERS = 30  # robots among which the slow one is looked for
 _LIMITS = (-0.56, 0.56)  # of motor values: marks at the edge of the image stay whole
 
@@ -39,21 +40,13 @@ _LIMITS = (-0.56, 0.56)  # of motor values: marks at the edge of the image stay 
 # ---- Examples ----
 
 
-@dataclasses.dataclass(frozen=True)
-class Example:
-    """A robot that is an example of a kind.
-
-    Attributes:
-      kind: Kind of example: "genius" or "ignorant", "learner", or "spoiled".
-      condition: Condition of the robot.
-      row: Index of the robot among all robots of its condition, from 0.
-      robot: Number of the robot, unique within its condition.
-    """
+class Example(NamedTuple):
+    """A robot that is an example of a kind: "genius" or "ignorant", "learner", or "spoiled"."""
 
     kind: str
     condition: Condition
-    row: int
-    robot: int
+    row: int  # among all robots of its condition
+    robot: int  # its number, unique within the condition
 
 
 def examples(run: Run, task: str) -> list[Example]:
@@ -65,17 +58,16 @@ def examples(run: Run, task: str) -> list[Example]:
     """
     if (condition := _condition(run, task, ("creative",))) is None:
         return []
-    schedule, rows = SCHEDULES[task], run.robots(condition)
+    schedule, robots = SCHEDULES[task], run.robots(condition)
     sign = 1 if schedule.wanted else -1
-    unmeasured = [i for i, row in enumerate(rows) if row.category == schedule.unmeasured]
-    gains = {i: sign * (rows[i].t_post_s - rows[i].t_pre_s) for i in run.valid_rows(condition)}
-    measured = [i for i in gains if i not in unmeasured]
+    unmeasured = [i for i, one in enumerate(robots) if one.category == schedule.unmeasured]
+    measured = [i for i in run.valid_rows(condition) if i not in unmeasured]
+    gains = {i: sign * (robots[i].t_post_s - robots[i].t_pre_s) for i in measured}
     found = [(schedule.unmeasured, i) for i in unmeasured[:1]]
-    if measured and gains[best := max(measured, key=gains.__getitem__)] > 0:
-        found.append(("learner", best))
-    if measured and gains[worst := min(measured, key=gains.__getitem__)] < 0:
-        found.append(("spoiled", worst))
-    return [Example(kind, condition, i, rows[i].robot) for kind, i in found]
+    if gains:
+        best, worst = max(gains, key=gains.__getitem__), min(gains, key=gains.__getitem__)
+        found += [("learner", best)] * (gains[best] > 0) + [("spoiled", worst)] * (gains[worst] < 0)
+    return [Example(kind, condition, i, robots[i].robot) for kind, i in found]
 
 
 def favourite(run: Run, task: str) -> Example | None:
@@ -102,26 +94,25 @@ def trajectories(run: Run, task: str) -> Figure | None:
     condition = found[0].condition
     which: list[tuple[int, When]] = [(one.row, when) for one in found for when in WHEN]
     track = evaluate(run, condition, which, MINUTES[task] * run.experiment.time_scale)
-    size = run.experiment.batch(task, 1).dimensions
     figure, axes = canvas(2.9, 2, len(found))
-    for column, example in enumerate(found):
-        for row, when in enumerate(WHEN):
-            axis, index = axes[row, column], 2 * column + row
-            _draw_arena(axis, track, task, size)
-            draw_path(axis, track, index, colour(condition.proposer))
-            if row == 0:
-                axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
-            share = track.events[:, index].mean()
-            axis.set_xlabel(f"{when}: {share:.0%} {SCHEDULES[task].event}", labelpad=2)
+    for index, axis in enumerate(axes.T.flat):
+        example, when = found[index // 2], WHEN[index % 2]
+        _draw_robot(axis, run, condition, track, index)
+        if when == WHEN[0]:
+            axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
+        share = track.events[:, index].mean()
+        axis.set_xlabel(f"{when}: {share:.0%} {SCHEDULES[task].event}", labelpad=2)
     return figure
 
 
-def _draw_arena(axis: Axes, track: Track, task: str, size: Dimensions) -> None:
-    """Draws the walls from above, and the spot in a task with a spot."""
+def _draw_robot(axis: Axes, run: Run, condition: Condition, track: Track, index: int) -> None:
+    """Draws the walls from above, the spot in a task with a spot, and a robot's path."""
+    size = run.experiment.batch(condition.task, 1).dimensions
     length, width = size.half_length, size.half_width
     axis.add_patch(Rectangle((-length, -width), 2 * length, 2 * width, fill=False, ec=INK, lw=1.0))
-    if SCHEDULES[task].wanted:
+    if SCHEDULES[condition.task].wanted:
         axis.add_patch(Circle(tuple(track.spot), size.spot_radius, fc=INK, alpha=0.3, lw=0))
+    draw_path(axis, track, index, colour(condition.proposer))
     axis.set(xlim=(-1.03 * length, 1.03 * length), ylim=(-1.04 * width, 1.04 * width))
     axis.set(aspect="equal", xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
@@ -141,6 +132,44 @@ def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
 # ---- Values and ideas ----
 
 
+def grid() -> torch.Tensor:
+    """Returns actions on a grid over all motor values, left motor first, shape (1, 41 x 41, 2)."""
+    line = torch.linspace(-0.5, 0.5, _GRID)
+    return torch.cartesian_prod(line, line)[None]
+
+
+def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
+    """Returns the sensor signals of a robot in three typical situations of a task.
+
+    Args:
+      batch: Batch of one robot, which is placed in each situation.
+      task: Task of the batch.
+
+    Returns:
+      Sensor signals by the name of the situation, each of shape (S,).
+    """
+    size, one, (x, y, _) = batch.dimensions, np.array([0]), UPPER_RIGHT
+    wall = size.half_length - size.radius
+    walls = {
+        "in the open": (0.0, 0.0, 0.0),
+        "a wall 3 cm ahead": (wall - 0.03, 0.0, 0.0),
+        "pressed against it": (wall - 0.002, 0.0, 0.0),
+    }
+    spot = {
+        "no smell": UPPER_LEFT,
+        "spot 20 cm ahead": (x - size.nose - 0.2, y, 0.0),
+        "inside the spot": (x - size.nose, y, 0.0),
+    }
+    states = {}
+    for name, pose in (walls if task == "wall_avoidance" else spot).items():
+        batch.place_spot(one, np.array([[x, y]]))
+        batch.place(one, np.array([pose]))
+        for _ in range(3 if name == "pressed against it" else 0):
+            batch.step(np.array([[0.5, 0.5]]))
+        states[name] = batch.rules.state(batch.sensordata)[0]
+    return states
+
+
 @torch.inference_mode()
 def values(run: Run, task: str) -> Figure | None:
     """Draws all actions' values and the ideas in three situations, before and after training.
@@ -154,14 +183,14 @@ def values(run: Run, task: str) -> Figure | None:
     condition = example.condition
     states = situations(run.experiment.batch(task, 1), task)
     figure, axes = canvas(4.1, 2, 3, sharex=True, sharey=True)
-    for row, when in enumerate(WHEN):
+    for axes_of_test, when in zip(axes, WHEN, strict=True):
         agent = stored_brains(run, condition, [(example.row, when)])
         assert isinstance(agent, NeurocontrollerAgent)  # of a proposer, not of a user's factory
-        for column, (name, state) in enumerate(states.items()):
-            draw_values(axes[row, column], agent.controller, state)
-            if row == 0:
-                axes[row, column].set_title(name)
-        axes[row, 0].set_ylabel(f"{when} training\nright motor")
+        for axis, state in zip(axes_of_test, states.values(), strict=True):
+            draw_values(axis, agent.controller, state)
+        axes_of_test[0].set_ylabel(f"{when} training\nright motor")
+    for axis, name in zip(axes[0], states, strict=True):
+        axis.set_title(name)
     axes[1, 1].set_xlabel("left motor")
     figure.suptitle(
         f"{TASK_NAMES[task]}, {example.kind}: {condition.proposer} {example.robot}", x=0.01,
@@ -179,7 +208,7 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
       state: Sensor signals, shape (S,).
     """
     sensed = torch.from_numpy(state.astype(np.float32))[None]
-    value = brain.values(sensed, grid())[0].reshape(GRID, GRID).numpy()
+    value = brain.values(sensed, grid())[0].reshape(_GRID, _GRID).numpy()
     ideas = brain.propose(sensed)
     best = ideas[0, int(brain.values(sensed, ideas)[0].argmax())]
     # The left motor along x: rows of the image are values of the right motor.
@@ -201,40 +230,27 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
 # ---- Typical robots ----
 
 
-@dataclasses.dataclass(frozen=True)
-class Typical:
-    """A robot that is typical of a behaviour.
-
-    Attributes:
-      kind: Name of the behaviour.
-      condition: Condition of the robot.
-      row: Row of the robot within its condition.
-      track: Track of a batch with the robot; the part of it that is drawn.
-      index: Index of the robot in the track.
-      words: What was measured.
-      window: Middle, shape (2,), and half of the height of the part of the arena that is drawn, in
-        [m]; None for all of it.
-    """
+class Typical(NamedTuple):
+    """A robot that is typical of a behaviour."""
 
     kind: str
     condition: Condition
-    row: int
-    track: Track
-    index: int
-    words: str
+    row: int  # within the condition
+    track: Track  # of a batch with the robot; the part of it that is drawn
+    index: int  # of the robot in the track
+    words: str  # what was measured
+    # Middle, shape (2,), and half of the height of the part of the arena that is drawn, in [m].
     window: tuple[np.ndarray, float] | None = None
 
 
-def typical(run: Run) -> Figure | None:
-    """Draws the typical robots' paths side by side; None if the run has none."""
+def typical(run: Run) -> Figure:
+    """Draws the typical robots' paths side by side; raises InputError if the run has none."""
     found = [*typical_robots(run)]
     if not found:
-        return None
+        raise InputError(f"{run.name} has no typical robots: no stored brain spins or arrives")
     figure, axes = canvas(2.1, 1, len(found))
     for axis, one in zip(axes[0], found, strict=True):
-        task = one.condition.task
-        _draw_arena(axis, one.track, task, run.experiment.batch(task, 1).dimensions)
-        draw_path(axis, one.track, one.index, colour(one.condition.proposer))
+        _draw_robot(axis, run, one.condition, one.track, one.index)
         if one.window:
             (x, y), half = one.window
             axis.set(xlim=(x - 1.5 * half, x + 1.5 * half), ylim=(y - half, y + half))
@@ -246,18 +262,19 @@ def typical(run: Run) -> Figure | None:
 
 def typical_robots(run: Run) -> Iterator[Typical]:
     """Yields the typical robots of a run; a kind without a robot is left out."""
-    if walls := _condition(run, "wall_avoidance", ("fixed", "creative", "random")):
-        yield from _spinner(run, walls)
+    walls = _condition(run, "wall_avoidance", ("fixed", "creative", "random"))
+    if walls and (rows := run.valid_rows(walls)[:SAMPLE]):
+        yield from _spinner(run, walls, rows)
     spot = Condition("spot_finding", "creative")
-    if spot in run.results:
-        yield from _follower(run, spot)
-        yield from _slow_approacher(run, spot)
+    if rows := finders(run, spot) if spot in run.results else []:
+        yield from _follower(run, spot, rows)
+    arriving = [row for row in run.valid_rows(spot) if run.robots(spot)[row].t_post_s > 0]
+    if arriving:
+        yield from _slow_approacher(run, spot, arriving[:_APPROACHERS])
 
 
-def _spinner(run: Run, condition: Condition) -> Iterator[Typical]:
+def _spinner(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
     """Yields the robot that spins most at the start of the test, for at least `SPINS` of it."""
-    if not (rows := run.valid_rows(condition)[:SAMPLE]):
-        return
     minutes = SPIN_MINUTES * run.experiment.time_scale
     track = evaluate(run, condition, [(row, "after") for row in rows], minutes)
     shares = spins(track.poses).mean(axis=0)
@@ -273,14 +290,12 @@ def _spinner(run: Run, condition: Condition) -> Iterator[Typical]:
     yield Typical("spinner", condition, rows[best], track, best, words, (middle, 0.06))
 
 
-def _follower(run: Run, condition: Condition) -> Iterator[Typical]:
+def _follower(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
     """Yields the newborn that starts at the rim, learns, and changes from following to spinning.
 
     Its share of following the spot's contour in the first third of its time there, plus its share
     of spinning inside in the last third, is the largest.
     """
-    if not (rows := finders(run, condition)):
-        return
     track, radius = from_the_rim(run, condition, rows)
     stay = stay_of(track, radius)
     change = np.where(stay.staying, stay.following[:, 0] + stay.spinning[:, 1], np.nan)
@@ -300,14 +315,10 @@ def _follower(run: Run, condition: Condition) -> Iterator[Typical]:
     yield Typical("contour follower", condition, rows[index], drawn, index, words, window)
 
 
-def _slow_approacher(run: Run, condition: Condition) -> Iterator[Typical]:
+def _slow_approacher(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
     """Yields the robot that arrives at the spot nearest to `SLOW` minutes after the test began."""
-    robots, scale = run.robots(condition), run.experiment.time_scale
-    rows = [row for row in run.valid_rows(condition) if robots[row].t_post_s > 0][:_APPROACHERS]
-    if not rows:
-        return
-    which: list[tuple[int, When]] = [(row, "after") for row in rows]
-    track = evaluate(run, condition, which, APPROACH_MINUTES * scale)
+    scale = run.experiment.time_scale
+    track = evaluate(run, condition, [(row, "after") for row in rows], APPROACH_MINUTES * scale)
     arrived = np.flatnonzero(track.events.any(axis=0) & ~track.events[0])
     if len(arrived):
         times = track.events.argmax(axis=0) * CONTROL_TIMESTEP / 60

@@ -25,17 +25,11 @@ _REACH, _SLICES = 0.24, 12  # of the sector in which a nose smells, in [m], and 
 
 
 class Trail(NamedTuple):
-    """Earlier positions of the robot, the latest last.
+    """Earlier positions of the robot, the latest last."""
 
-    Attributes:
-      points: x, y in [m], shape (n, 2).
-      events: Whether the event happened at each position, shape (n,).
-      ages: Age of each position in [0, 1], shape (n,): 0 is now, at 1 a position disappears.
-    """
-
-    points: np.ndarray
-    events: np.ndarray
-    ages: np.ndarray
+    points: np.ndarray  # x, y in [m], shape (n, 2)
+    events: np.ndarray  # whether the event happened at each position, shape (n,)
+    ages: np.ndarray  # in [0, 1], shape (n,): 0 is now, at 1 a position disappears
 
 
 class Scene:
@@ -84,7 +78,7 @@ class Scene:
 
     def _distances(self, shot: Moment) -> None:
         if shot.contact:
-            self._ring(shot.pose, 0.034, 0.031, 5, RED)
+            self._ring(shot.pose, 0.034, 0.031, RED)
         # Measured in the pose that is drawn, which may lie between two control steps.
         distances = self._data.sensordata[self._rules.layout.distances]
         for name, distance, signal in zip(
@@ -100,7 +94,7 @@ class Scene:
 
     def _odours(self, shot: Moment, frustum: float) -> None:
         if shot.event:
-            self._ring(shot.spot, 0.062, 0.002, 5, GREEN)
+            self._ring(shot.spot, 0.062, 0.002, GREEN)
         for name in _NOSES.keys() & shot.signals.keys():
             for side, signal in enumerate(shot.signals[name]):
                 height = 0.002 + 0.0001 * side  # two of them must not share a plane
@@ -111,10 +105,12 @@ class Scene:
         ahead = np.arctan2(nose.xmat[3], nose.xmat[0])
         angles = ahead + np.linspace(-frustum / 2, frustum / 2, _SLICES + 1)
         rays = np.column_stack([np.cos(angles), np.sin(angles)])
-        clear = np.minimum(_REACH, _to_wall(nose.xpos[:2], rays, self._model))
+        half = np.array([self._model.geom("east").pos[0], self._model.geom("north").pos[1]])
+        with np.errstate(divide="ignore"):
+            to_wall = ((np.copysign(half, rays) - nose.xpos[:2]) / rays).min(axis=1)
         # Overlapping sectors make the colour denser near the nose.
         for layer, share in enumerate((1.0, 0.75, 0.5, 0.25)):
-            corners = np.minimum(clear, share * _REACH)[:, None] * rays
+            corners = np.clip(to_wall, 0, share * _REACH)[:, None] * rays
             base = np.array([*nose.xpos[:2], height + 0.0002 * layer])
             for first, second in zip(corners[:-1], corners[1:], strict=True):
                 # MuJoCo's triangle (0, 0), (1, 0), (0, 1), whose axes are the sector's edges.
@@ -124,21 +120,18 @@ class Scene:
                 alpha = 0.14 + 0.16 * signal
                 self._add(triangle, [1, 1, 0], base, frame, heat(signal, GREEN), alpha)
 
-    def _ring(
-        self, centre: np.ndarray, radius: float, height: float, pixels: float, colour: Colour
-    ) -> None:
+    def _ring(self, centre: np.ndarray, radius: float, height: float, colour: Colour) -> None:
         angles = np.linspace(0, 2 * np.pi, 41)
         x, y = centre[0] + radius * np.cos(angles), centre[1] + radius * np.sin(angles)
         points = np.column_stack([x, y, np.full(len(angles), height)])
         for first, second in zip(points[:-1], points[1:], strict=True):
-            self._line(first, second, pixels, colour, 1)
+            self._line(first, second, 5, colour, 1)
 
     def _line(
         self, start: np.ndarray, end: np.ndarray, pixels: float, colour: Colour, alpha: float
     ) -> None:
         kind = mujoco.mjtGeom.mjGEOM_LINE
-        geom = self._add(kind, [0, 0, 0], start, np.eye(3), colour, alpha)
-        if geom is not None:
+        if (geom := self._add(kind, [0, 0, 0], start, np.eye(3), colour, alpha)) is not None:
             mujoco.mjv_connector(geom, kind.value, pixels, start, end)
 
     def _add(
@@ -150,6 +143,7 @@ class Scene:
         colour: Colour,
         alpha: float,
     ) -> mujoco.MjvGeom | None:
+        """Adds a geom to the scene and returns it; None where the scene is full."""
         scene = self._canvas.scene
         if scene.ngeom >= scene.maxgeom:
             return None
@@ -167,11 +161,3 @@ def heat(signal: float, hot: Colour) -> Colour:
     stops = np.array([GREY, AMBER, hot])
     red, green, blue = (np.interp(signal, [0, 0.5, 1], stops[:, k]) for k in range(3))
     return float(red), float(green), float(blue)
-
-
-def _to_wall(start: np.ndarray, rays: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
-    """Returns the distance to the wall in [m] along each of n unit vectors `rays`, shape (n,)."""
-    half = np.array([model.geom("east").pos[0], model.geom("north").pos[1]])
-    with np.errstate(divide="ignore"):
-        distances = (np.copysign(half, rays) - start) / rays
-    return np.maximum(distances, 0).min(axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,12 +71,10 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
     """
     found = {}
     for name in dict.fromkeys(names):
-        if name in _PROPOSERS:
-            found[name] = Look(_PROPOSERS[name], "-")
-            continue
         turn, place = divmod(len(found.keys() - _PROPOSERS.keys()), len(_OTHERS))
-        dots = (1, 1.5) * (turn - 1)
-        found[name] = Look(_OTHERS[place], (0, (4, 1.5, *dots)) if turn else "-")
+        dashes = (0, (4, 1.5, *(1, 1.5) * (turn - 1))) if turn else "-"
+        own = name in _PROPOSERS
+        found[name] = Look(_PROPOSERS[name], "-") if own else Look(_OTHERS[place], dashes)
     return found
 
 
@@ -115,35 +113,7 @@ def check_output(path: Path, formats: Sequence[str] = FORMATS) -> None:
     check_place(path)
 
 
-def label_ends(
-    axis: Axes, x: float, ends: Mapping[str, tuple[float, str]], gap: float = 0.045
-) -> None:
-    """Writes the name of each line beside its end, in its colour, without overlaps.
-
-    Args:
-      axis: Axes of the lines, whose range on y is 0 to 1.
-      x: Where the lines end.
-      ends: Height of the end and colour of the line, by name.
-      gap: Smallest distance of two labels; low axes need a larger one.
-    """
-    heights = _apart(np.array([height for height, _ in ends.values()]), gap)
-    for (name, (_, shade)), height in zip(ends.items(), heights, strict=True):
-        axis.annotate(
-            name, (x, height), (5, 0), textcoords="offset points", color=shade, fontsize=7,
-            va="center", annotation_clip=False,
-        )  # fmt: skip
-
-
-def _apart(heights: np.ndarray, gap: float) -> np.ndarray:
-    """Returns heights of labels with at least a gap between two, close to those wanted."""
-    order, placed = np.argsort(heights), heights.astype(float)
-    for _ in range(200):
-        short = np.maximum(gap - np.diff(placed[order]), 0) / 2
-        placed[order[:-1]] -= short
-        placed[order[1:]] += short
-    return placed
-
-
-def in_per_cent(axis: Axes) -> None:
-    """Labels shares along y with per cent."""
+def in_per_cent(axis: Axes, top: float | None = None) -> None:
+    """Labels shares along y with per cent, from 0 up to `top`, or as high as what is drawn."""
+    axis.set_ylim(0, top)
     axis.yaxis.set_major_formatter(PercentFormatter(1))

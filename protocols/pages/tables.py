@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..agents.names import short_name
 from ..analysis import comparison, intervals
+from ..analysis.behaviour import Behaviour
 from ..analysis.claims import ClaimResult
 from ..analysis.hypothesis_tests import ALPHA, same_classes
 from ..analysis.paper_claims import judge_all
@@ -19,7 +21,6 @@ from ..lives.learn_ability import CATEGORIES, total_variation
 from ..lives.run import Run
 from ..lives.schedules import TASK_NAMES
 from . import markdown as md
-from .markdown import Cell
 
 VARIATION = "total variation"
 _NUMBERS = ("mean", "deviation", "post_share")  # of a column, behind its shares
@@ -29,90 +30,79 @@ _NOTE = (
     "variation that two groups of these sizes exceed with a probability of 5 % if their robots "
     "do not differ."
 )
+_JOINT = (
+    "Joint test that all columns of a table have the paper's shares of classes (sum of "
+    "chi-squares, simulated null distribution)"
+)
+_CLAIMS = (
+    "A claim holds if all its inequalities are significant. It does not hold if the opposite "
+    "of one is significant. Otherwise it is undecided. The level is 5 %. p is two-sided; "
+    "p against a claim is multiplied by the number of its inequalities (Bonferroni). *The "
+    "paper's own numbers*: the verdict by the paper's tables, where they suffice for one."
+)
 _ROUNDED = " L is rounded to two decimals before it is classed (`--exact-classes` does not round)."
 
 
 # ---- A run beside the paper ----
 
 
-class TableColumn(NamedTuple):
-    """Cells of a proposer or agent, in the order of `names`, and the paper's, if it has them."""
+def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = False) -> str:
+    """Returns the tables of a run, and the verdicts on the claims that it can test.
 
-    proposer: str
-    ours: list[Cell]
-    paper: list[Cell] | None
-
-
-def names(task: str) -> list[str]:
-    """Returns the names of the rows of a task's table."""
-    return [*row_names(task), VARIATION]
-
-
-def columns(run: Run, task: str) -> list[TableColumn]:
-    """Returns the columns of a task's table."""
-    found = []
-    for proposer in run.proposers(task):
-        condition = Condition(task, proposer)
-        ours, paper = column(run, condition), paper_column(run.experiment, condition)
-        distance, chance = _variation(ours, paper)
-        variation = Cell(f"{distance:.2f}", f"(by chance {chance:.2f})")
-        own = [*_cells(ours), Cell("-") if math.isnan(distance) else variation]
-        found.append(TableColumn(proposer, own, [*_cells(paper), Cell("")] if paper else None))
-    return found
+    Args:
+      run: The run.
+      behaviour: Behaviour of the run's robots; None if they were not observed.
+      narrow: Whether each proposer or agent has a table of its own, as wide as a telephone.
+    """
+    parts = []
+    for task in run.tasks():
+        parts.append(f"### {md.escape(md.title(task, run.experiment))}\n")
+        names = ["", *row_names(task), VARIATION]
+        columns = [_columns(run, Condition(task, proposer)) for proposer in run.proposers(task)]
+        for group in columns if narrow else [itertools.chain(*columns)]:
+            parts.append("\n".join([*md.table([*zip(names, *group, strict=True)]), ""]))
+    if agreement := _joint_tests(run):
+        values = ", ".join(f"{name} p = {p:.4f}" for name, p in agreement.items())
+        parts.append(f"{_JOINT}: {values}.\n")
+    parts.append(f"{_NOTE}{'' if run.exact_classes else _ROUNDED}\n")
+    if results := judge_all(run, behaviour):
+        parts.append(_claims(run.experiment, results))
+    return "\n".join(parts)
 
 
-def _cells(column: Column) -> list[Cell]:
+def _columns(run: Run, condition: Condition) -> list[list[str]]:
+    """Returns a condition's column, and the paper's if it has one: the head and the cells."""
+    ours, paper = column(run, condition), paper_column(run.experiment, condition)
+    name = short_name(condition.proposer)
+    if paper is None:
+        return [[name, *_cells(ours), "-"]]
+    distance, chance = _variation(ours, paper)
+    variation = "-" if math.isnan(distance) else f"{distance:.2f} (by chance {chance:.2f})"
+    return [
+        [f"{name}, ours", *_cells(ours), variation],
+        [f"{name}, paper", *_cells(paper), ""],
+    ]
+
+
+def _cells(column: Column) -> list[str]:
     """Returns the cells of a column, in the order of `row_names`."""
     summary = column.summary
     invalid = f" (and {summary.invalid} invalid)" if summary.invalid else ""
     shares = zip(summary.counts, summary.shares, column.shares, strict=True)
     numbers = [(getattr(summary, name), getattr(column, name)) for name in _NUMBERS]
     return [
-        Cell(f"{summary.robots}{invalid}"),
-        *(Cell(f"{n} ({share:.0%})", md.bracket(ends, ".0%")) for n, share, ends in shares),
-        *(Cell(md.number(value), md.bracket(ends)) for value, ends in numbers),
+        f"{summary.robots}{invalid}",
+        *(md.with_interval(f"{n} ({share:.0%})", ends, ".0%") for n, share, ends in shares),
+        *(md.with_interval(md.number(value), ends) for value, ends in numbers),
     ]
 
 
-def _variation(first: Column, second: Column | None) -> tuple[float, float]:
+def _variation(first: Column, second: Column) -> tuple[float, float]:
     """Returns the total variation of two columns, and its 95th percentile by chance, or NaN."""
-    if second is None or not first.summary.robots:
+    if not first.summary.robots:
         return math.nan, math.nan
     summaries = first.summary, second.summary
     return total_variation(*summaries), intervals.chance_variation(*summaries)
-
-
-def markdown(run: Run) -> str:
-    """Returns the tables of a run, and the verdicts on the claims that it can test."""
-    parts = [_table(run, task) for task in run.tasks()]
-    parts += [f"{note}\n" for note in notes(run)]
-    if results := judge_all(run):
-        parts.append(_claims(run.experiment, results))
-    return "\n".join(parts)
-
-
-def _table(run: Run, task: str) -> str:
-    turned: list[list[object]] = [["", *names(task)]]
-    for one in columns(run, task):
-        name = short_name(one.proposer)
-        turned.append([f"{name}, ours" if one.paper else name, *one.ours])
-        if one.paper:
-            turned.append([f"{name}, paper", *one.paper])
-    lines = md.table([*zip(*turned, strict=True)])
-    return f"### {md.escape(md.title(task, run.experiment))}\n\n" + "\n".join(lines) + "\n"
-
-
-def notes(run: Run) -> list[str]:
-    """Returns the paragraphs under a run's tables: the joint test if there is one, and a note."""
-    note = _NOTE + ("" if run.exact_classes else _ROUNDED)
-    if not (agreement := _joint_tests(run)):
-        return [note]
-    values = ", ".join(f"{name} p = {p:.4f}" for name, p in agreement.items())
-    joint = (
-        "Joint test that all columns of a table have the paper's shares of classes (sum of "
-        f"chi-squares, simulated null distribution): {values}."
-    )
-    return [joint, note]
 
 
 def _joint_tests(run: Run) -> dict[str, float]:
@@ -180,44 +170,21 @@ def _finite(data: Any) -> Any:
 # ---- The claims ----
 
 
-def _claims(experiment: Experiment, results: list[ClaimResult]) -> str:
-    lines = ["### The claims of section 4", "", claims_note(experiment), ""]
-    for title, judged in judged_claims(results).items():
-        lines += [f"**{title}**", ""]
-        lines += [f"- *{one.claim.says}* **{one.verdict}**: {one.words}" for one in judged]
-        lines.append("")
-    if left := not_judged(results):
-        lines += [left, ""]
-    return "\n".join(lines)
-
-
-def judged_claims(results: Sequence[ClaimResult]) -> dict[str, list[ClaimResult]]:
-    """Returns the judged claims by the title of their table, without tables that have none."""
-    found: dict[str, list[ClaimResult]] = {title: [] for title in md.TITLES.values()}
-    for one in results:
-        if one.verdict != "not judged":
-            found[md.TITLES[one.claim.task]].append(one)
-    return {title: judged for title, judged in found.items() if judged}
-
-
-def not_judged(results: Sequence[ClaimResult]) -> str:
-    """Returns a sentence with the number of claims that are not judged, and why; or empty text."""
-    left = [one for one in results if one.verdict == "not judged"]
-    why = "; ".join(dict.fromkeys(one.why.rstrip(".") for one in left))
-    return f"{len(left)} of {len(results)} claims are not judged: {why}." if left else ""
-
-
-def claims_note(experiment: Experiment) -> str:
-    """Returns a note on how the claims are judged."""
-    note = (
-        "A claim holds if all its inequalities are significant. It does not hold if the opposite "
-        "of one is significant. Otherwise it is undecided. The level is 5 %. p is two-sided; "
-        "p against a claim is multiplied by the number of its inequalities (Bonferroni). *The "
-        "paper's own numbers*: the verdict by the paper's tables, where they suffice for one."
-    )
+def _claims(experiment: Experiment, results: Sequence[ClaimResult]) -> str:
+    lines = ["### The claims of section 4", "", _CLAIMS, ""]
     if experiment.time_scale != 1:
-        note += " Durations were shortened: these verdicts do not apply to the paper."
-    return note
+        lines[2] += " Durations were shortened: these verdicts do not apply to the paper."
+    left = [one for one in results if one.verdict == "not judged"]
+    for task, title in md.TITLES.items():
+        judged = [one for one in results if one.claim.task == task and one not in left]
+        if judged:
+            lines += [f"**{title}**", ""]
+            lines += [f"- *{one.claim.says}* **{one.verdict}**: {one.words}" for one in judged]
+            lines.append("")
+    if left:
+        why = "; ".join(dict.fromkeys(one.why.rstrip(".") for one in left))
+        lines += [f"{len(left)} of {len(results)} claims are not judged: {why}.", ""]
+    return "\n".join(lines)
 
 
 # ---- Two runs ----
@@ -227,20 +194,21 @@ def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell])
     """Returns how two runs differ, with their cells as `comparison.compare_runs` returns them."""
     names = md.escape(ours.name), md.escape(other.name)
     found = [cell for cell in cells if cell.differs]
-    verdict = f"After Holm's correction {len(found)} of {len(cells)} cells differ"
     lines = [f"**{names[0]}** compared with **{names[1]}**. {_differ_in(ours, other)}", ""]
-    lines += [f"{verdict}{':' if found else '.'}", ""]
+    lines += [f"After Holm's correction {len(found)} of {len(cells)} cells differ", ""]
+    lines[-2] += ":" if found else "."
     for cell in found:
         first, second, difference = _numbers(cell)
-        name = f"{cell.task}, {short_name(cell.proposer)}: {cell.name}"
+        name = f"{cell.condition.task}, {short_name(cell.condition.proposer)}: {cell.name}"
         lines.append(f"- {name} {first} against {second}, {difference}")
     lines += [""] * bool(found)
     for task in md.TITLES:
-        if own := [cell for cell in cells if cell.task == task]:
-            rows: list[list[object]] = [["", "", *names, "difference", "p", "Holm"]]
-            rows += [
-                [short_name(cell.proposer), cell.name, *_numbers(cell), *_p(cell)] for cell in own
-            ]
+        if own := [cell for cell in cells if cell.condition.task == task]:
+            rows = [["", "", *names, "difference", "p", "Holm"]]
+            for cell in own:
+                holm = md.probability(cell.corrected)
+                p = md.probability(cell.p), f"**{holm}**" if cell.differs else holm
+                rows.append([short_name(cell.condition.proposer), cell.name, *_numbers(cell), *p])
             lines += [f"### {md.escape(md.title(task, ours.experiment, other.experiment))}", ""]
             lines += [*md.table(rows, "llrrrrr"), ""]
     return "\n".join([*lines, _comparison_note(cells)])
@@ -265,17 +233,11 @@ def _differ_in(ours: Run, other: Run) -> str:
     )
 
 
-def _numbers(cell: comparison.Cell) -> tuple[str, str, Cell]:
+def _numbers(cell: comparison.Cell) -> tuple[str, str, str]:
     """Returns our value, the other's, and the difference with its interval; a dash for NaN."""
     form, signed = (".1%", "+.1%") if cell.share else (".4f", "+.3f")
-    difference = Cell(md.number(cell.difference, signed), md.bracket(cell.interval, signed))
+    difference = md.with_interval(md.number(cell.difference, signed), cell.interval, signed)
     return md.number(cell.ours, form), md.number(cell.other, form), difference
-
-
-def _p(cell: comparison.Cell) -> tuple[str, str]:
-    """Returns p, and p after Holm's correction, bold where the cell differs."""
-    corrected = md.probability(cell.corrected)
-    return md.probability(cell.p), f"**{corrected}**" if cell.differs else corrected
 
 
 def _comparison_note(cells: Sequence[comparison.Cell]) -> str:
@@ -296,17 +258,16 @@ def _comparison_note(cells: Sequence[comparison.Cell]) -> str:
 
 def _left_out(cells: Sequence[comparison.Cell]) -> str:
     """Returns in words how many pairs lack a value of one robot, empty if none does."""
-    found = [
-        f"{cell.incomplete} ({cell.task}, {short_name(cell.proposer)})"
+    found = ", ".join(
+        f"{cell.incomplete} ({cell.condition.task}, {short_name(cell.condition.proposer)})"
         for cell in cells
         if cell.name == "mean L" and cell.incomplete
-    ]
-    if not found:
-        return ""
-    return (
-        " Mean and deviation of L are those of pairs in which both robots have an L. Pairs left "
-        f"out because only one has it: {', '.join(found)}."
     )
+    words = (
+        " Mean and deviation of L are those of pairs in which both robots have an L. Pairs left "
+        "out because only one has it: "
+    )
+    return f"{words}{found}." if found else ""
 
 
 def comparison_json(ours: Run, other: Run, cells: Sequence[comparison.Cell]) -> dict[str, Any]:

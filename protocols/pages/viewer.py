@@ -31,19 +31,12 @@ Policy = Callable[[dm_env.TimeStep], np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Driver:
-    """Driver of the robot in the window.
-
-    Attributes:
-      name: Description of the driver.
-      policy: Policy that drives.
-      nose: Form of Eq. 3 by which the robot's nose computes the smell.
-      task: Task of the domain "arena" that the driver has learned; None if it can drive in any.
-    """
+    """Driver of the robot in the window."""
 
     name: str
     policy: Policy
-    nose: NoseForm = "inverse"
-    task: str | None = None
+    nose: NoseForm = "inverse"  # form of Eq. 3 by which the robot's nose computes the smell
+    task: str | None = None  # that the driver has learned; None if it can drive in any
 
     @classmethod
     def of_robot(cls, robot: StoredRobot) -> Driver:
@@ -53,15 +46,16 @@ class Driver:
           InputError: there is no such robot, or its body or arena is not that in the window.
         """
         experiment, condition = robot.run.experiment, robot.condition
-        speed, scale, place = experiment.motor_speed, experiment.arena_scale, experiment.nose_place
-        for ordinary, sentence in (
-            (experiment.body == "mujoco", f"the body mujoco, got a run of {experiment.body}"),
-            (speed is None, f"the robot's own motor speed, got {speed} m/s"),
-            (scale == 1, f"the ordinary arena, got one {scale:g} times as large"),
-            (place == "front", f"the nose at the front, got one at the {place}"),
+        for name, ordinary in (
+            ("body", "mujoco"),
+            ("motor_speed", None),
+            ("arena_scale", 1),
+            ("nose_place", "front"),
         ):
-            if not ordinary:
-                raise InputError(f"the window shows {sentence}")
+            if (value := getattr(experiment, name)) != ordinary:
+                raise InputError(
+                    f"the window shows a robot with the default {name}, got a run with {value}"
+                )
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
         return cls(name, sensing(robot.act), experiment.nose, experiment.arena_task(condition.task))
 

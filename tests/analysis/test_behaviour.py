@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from musebot.protocols.analysis.behaviour import Track, spins, stay_of
 
@@ -21,9 +20,8 @@ def poses(seconds, speed=0.0, turn=0.0, radius=None):
     return np.stack([x, y, (angle + np.pi) % (2 * np.pi) - np.pi], axis=1)[:, None]
 
 
-@pytest.mark.parametrize(
-    ("track", "expected"),
-    [
+def test_a_robot_that_turns_without_moving_spins_in_every_second():
+    tracks = [
         (poses(5, turn=4.0), True),
         (poses(5, turn=-8.0), True),
         (poses(5), False),
@@ -32,16 +30,9 @@ def poses(seconds, speed=0.0, turn=0.0, radius=None):
         (poses(5, speed=0.05, turn=4.0), False),
         (poses(5, turn=3.0, radius=0.005), True),
         (poses(5, turn=2.0, radius=0.1), False),
-    ],
-)
-def test_robot_that_turns_without_moving_spins(track, expected):
-    assert spins(track).tolist() == [[expected]] * 5
-
-
-def test_spinning_is_measured_for_every_second_and_robot():
-    first, second = poses(2, turn=4.0), poses(2, speed=0.1)
-    second[-1, :, :2] += second[-1, :, :2] - second[-2, :, :2]
-    assert spins(np.concatenate([first, second], axis=1)).tolist() == [[True, False]] * 2
+    ]
+    found = spins(np.concatenate([track for track, _ in tracks], axis=1))
+    assert found.tolist() == [[expected for _, expected in tracks]] * 5
 
 
 def test_track_shorter_than_a_second_counts_as_one_second():
@@ -90,12 +81,6 @@ def test_robot_that_leaves_at_once_does_not_stay():
     assert np.isnan(never.following).all()
 
 
-def test_one_second_at_the_spot_is_measured():
-    stay = stay_of(at_the_spot((1, *SPIN)), R)
-    assert stay.staying.tolist() == [True]
-    np.testing.assert_allclose(stay.minutes, [[0, 0, 1]])
-
-
 def test_minutes_are_those_of_staying_robots():
     stayer, leaver = at_the_spot((100, *FOLLOW)), at_the_spot((5, *SPIN), (95, *AWAY))
     both = [
@@ -107,17 +92,16 @@ def test_minutes_are_those_of_staying_robots():
     np.testing.assert_allclose(stay.minutes, [[0, 1, 0], [1, 1, 0]])
 
 
-@pytest.mark.parametrize(
-    ("part", "following", "spinning"),
-    [
+def test_motion_and_distance_decide_between_following_and_spinning():
+    for part, following, spinning in (
         ((R, 0.0, 0.0), 0, 0),  # stationary at the rim
         ((0.02, 0.1, 0.0), 0, 0),  # moves through the spot
         ((R + 0.01, 0.0, 4.0), 0, 0),  # spins outside
         ((R - 0.01, 0.1, 0.0), 1, 0),
         ((R - 0.01, 0.0, 4.0), 0, 1),
-    ],
-)
-def test_motion_and_distance_decide_between_following_and_spinning(part, following, spinning):
-    stay = stay_of(at_the_spot((30, *part)), R)
-    np.testing.assert_allclose(stay.following, [[following] * 2])
-    np.testing.assert_allclose(stay.spinning, [[spinning] * 2])
+    ):
+        for seconds in (1, 30):
+            stay = stay_of(at_the_spot((seconds, *part)), R)
+            np.testing.assert_allclose(stay.following, [[following] * 2])
+            np.testing.assert_allclose(stay.spinning, [[spinning] * 2])
+            assert stay.staying.tolist() == [True]

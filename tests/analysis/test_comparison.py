@@ -9,7 +9,7 @@ import pytest
 
 from musebot.controller import Parameters
 from musebot.models import Kinematics
-from musebot.protocols.analysis.comparison import CELLS, compare_runs, is_paired
+from musebot.protocols.analysis.comparison import CELLS, _newborns, compare_runs, is_paired
 from musebot.protocols.analysis.paper_tables import column, row_names
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort
@@ -25,7 +25,7 @@ WALLS_FIXED = Condition(WA, "fixed")
 ROBOTS = 60
 
 
-def condition_results(condition, seconds, *, invalid=(), brains=0):
+def condition_results(condition, seconds, invalid=()):
     """Returns results of a condition from times before and after training, shape (robots, 2)."""
     schedule, rows = SCHEDULES[condition.task], []
     abilities = learn_ability(*seconds.T, schedule.wanted)
@@ -35,14 +35,13 @@ def condition_results(condition, seconds, *, invalid=(), brains=0):
         ability = math.nan if i in invalid else float(abilities[i])
         kind = "invalid" if i in invalid else kind
         rows.append(Robot(condition.task, condition.proposer, 1, 0, i, pre, post, ability, kind))
-    born = {"output_weights": np.random.default_rng(brains).random((len(seconds), 3))}
-    return ConditionResults(rows, np.zeros((len(rows), 1)), {"before": born, "after": born})
+    return ConditionResults(rows, np.zeros((len(rows), 1)), {"before": {}, "after": {}})
 
 
-def run_of(name, times, *, experiment=None, **options):
-    """Returns a run from the times of its robots, by condition; `brains` seeds the newborn."""
-    results = {c: condition_results(c, seconds, **options) for c, seconds in times.items()}
-    return Run(name, experiment or Experiment(), results)
+def run_of(name, times, *, invalid=(), **fields):
+    """Returns a run from the times of its robots, by condition; fields are of its experiment."""
+    results = {c: condition_results(c, seconds, invalid) for c, seconds in times.items()}
+    return Run(name, Experiment(**fields), results)
 
 
 def times(seed=0, longest=1200.0):
@@ -52,8 +51,9 @@ def times(seed=0, longest=1200.0):
     return seconds.astype(float)
 
 
-def two(first, second, condition=WALLS_FIXED, **options):
-    return run_of("ours", {condition: first}, **options), run_of("other", {condition: second})
+def two(first, second, **options):
+    ours = run_of("ours", {WALLS_FIXED: first}, **options)
+    return ours, run_of("other", {WALLS_FIXED: second})
 
 
 def by_name(cells):
@@ -63,7 +63,7 @@ def by_name(cells):
 def test_cells_are_those_of_the_tables():
     conditions = Condition(WA, "random"), Condition(SF, "creative")
     seconds = {condition: times(i) for i, condition in enumerate(conditions)}
-    ours, other = run_of("ours", seconds, invalid={3, 4}), run_of("other", seconds, brains=1)
+    ours, other = run_of("ours", seconds, invalid={3, 4}), run_of("other", seconds, seed=2)
     cells = compare_runs(ours, other)
     assert len(cells) == 2 * CELLS
     for condition in conditions:
@@ -113,34 +113,33 @@ def test_robots_with_the_same_newborn_brain_are_compared_in_pairs_and_others_are
     first = random.uniform(300, 900, (ROBOTS, 2))
     second = first + random.uniform(0, 40, (ROBOTS, 2))  # each a little more
     pairs = by_name(compare_runs(*two(first, second)))
-    others = by_name(compare_runs(*two(first, second, brains=1)))
+    others = by_name(compare_runs(*two(first, second, seed=2)))
     name = "share of time in contact, pre"
     assert pairs[name].difference == others[name].difference < 0
     assert pairs[name].differs and not others[name].differs
     paired = tables.comparison_markdown(*two(first, second), list(pairs.values()))
     assert "McNemar's exact" in paired
-    unpaired = tables.comparison_markdown(*two(first, second, brains=1), list(others.values()))
+    unpaired = tables.comparison_markdown(*two(first, second, seed=2), list(others.values()))
     assert "The robots are independent groups" in unpaired and "Fisher's exact" in unpaired
 
 
 def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
-    condition = Condition(SF, "creative")
-
-    def newborn(**fields):
-        experiment = Experiment(**({"cohort_size": 3, "time_scale": 0.01} | fields))
-        born = Cohort(experiment, CohortKey(condition, 0)).agent.weights()
-        results = ConditionResults([], np.zeros((0, 1)), {"before": born, "after": {}})
-        return Run("", experiment, {condition: results})
-
-    real = newborn()
+    real, condition = run_of("", {}, cohort_size=3), Condition(SF, "creative")
     for fields, expected in (
         ({"body": "kinematic"}, True),
         ({"body": "kinematic", "kinematics": Kinematics(radius=0.02)}, True),
         ({"brain": Parameters(test_epsilon=0.01)}, True),
+        ({"brain": Parameters(memory_hidden=6)}, False),
         ({"seed": 2}, False),
         ({"cohort_size": 4}, False),
+        ({"device": "cuda:0", "body": "kinematic"}, False),
     ):
-        assert is_paired(real, newborn(**fields), condition) == expected, fields
+        other = run_of("", {}, **{"cohort_size": 3} | fields)
+        assert is_paired(real, other, condition) == expected, fields
+    assert not is_paired(real, real, Condition(SF, "unknown.module:agent"))
+    born = Cohort(real.experiment, CohortKey(condition, 0)).agent.weights()
+    again = _newborns(real.experiment, condition)
+    assert all((born[name] == again[name]).all() for name in born.keys() | again.keys())
 
 
 def test_pairs_without_two_valid_robots_are_left_out():
@@ -171,14 +170,12 @@ def test_pairs_of_which_one_robot_has_no_ability_are_left_out_of_it_and_counted(
 
 
 def test_the_fields_in_which_experiments_differ_are_named():
-    ours = Experiment(body="kinematic", kinematics=Kinematics(radius=0.02), cohort_size=7)
-    other = dataclasses.replace(ours, kinematics=Kinematics(), brain=Parameters(epsilon=0.0))
-    seconds = {WALLS_FIXED: times()}
+    fields = {"body": "kinematic", "cohort_size": 7}
+    radius = {"kinematics": Kinematics(radius=0.02)}
+    ours = run_of("a", {}, **fields, **radius)
     same, one, both = (
-        tables.comparison_markdown(
-            run_of("a", seconds, experiment=ours), run_of("b", seconds, experiment=b), []
-        )
-        for b in (ours, dataclasses.replace(ours, seed=4), other)
+        tables.comparison_markdown(ours, run_of("b", {}, **fields, **other), [])
+        for other in (radius, {"seed": 4, **radius}, {"brain": Parameters(epsilon=0.0)})
     )
     assert "Their experiments are the same" in same
     assert "differ in seed (1, 4)." in one
@@ -192,16 +189,13 @@ def test_only_conditions_that_both_runs_have_are_compared():
     assert {cell.condition for cell in compare_runs(ours, other)} == {b}
     with pytest.raises(InputError, match="ours and third have no task and proposer in common"):
         compare_runs(ours, run_of("third", {c: times()}))
-
-
-def test_runs_of_different_durations_are_not_compared():
-    ours = run_of("ours", {WALLS_FIXED: times()})
     with pytest.raises(InputError, match="their time scales are 1.0 and 0.5"):
-        compare_runs(ours, dataclasses.replace(ours, experiment=Experiment(time_scale=0.5)))
+        compare_runs(ours, run_of("short", {a: times()}, time_scale=0.5))
 
 
-@pytest.mark.parametrize("robots", [1, 4, 30])
-@pytest.mark.parametrize("invalid", [(), range(30)], ids=["valid", "invalid"])
+@pytest.mark.parametrize(
+    ("robots", "invalid"), [(1, ()), (4, ()), (30, ()), (4, range(4)), (30, range(30))]
+)
 def test_degenerate_runs_have_dashes_and_plain_json(robots, invalid, recwarn):
     never = np.zeros((robots, 2))
     ours, other = two(never, never + 1, invalid=invalid)

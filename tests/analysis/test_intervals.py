@@ -54,10 +54,8 @@ def bca_of_mean(values, level=0.95):
     return tuple(ends)
 
 
-@pytest.mark.parametrize(
-    "values", [[0.1, 0.2, 0.35, 0.4, 0.9, 1.7], [-1.0, -0.2, 0.3, 0.31, 0.5, 1.0]]
-)
-def test_the_interval_of_a_mean_equals_bca_over_all_resamples(values):
+def test_the_interval_of_a_mean_equals_bca_over_all_resamples():
+    values = [0.1, 0.2, 0.35, 0.4, 0.9, 1.7]
     low, high = intervals.mean(np.array(values))
     expected = bca_of_mean(np.array(values))
     assert (low, high) == pytest.approx(expected, abs=0.05 * np.ptp(values))
@@ -75,10 +73,10 @@ def test_intervals_cover_the_true_value_in_about_95_per_cent():
     assert ((hits >= 176) & (hits <= 199)).all(), hits  # 190 +- 3 standard deviations
 
 
-@pytest.mark.parametrize("find", [intervals.mean, intervals.deviation])
-@pytest.mark.parametrize("values", [[], [0.5], [1.0, -1.0], [0.5] * 50])
-def test_few_robots_or_equal_values_have_no_interval(find, values, recwarn):
-    assert all(map(math.isnan, find(np.array(values))))
+def test_few_robots_or_equal_values_have_no_interval(recwarn):
+    for values in ([], [0.5], [1.0, -1.0], [0.5] * 50):
+        for find in (intervals.mean, intervals.deviation):
+            assert all(map(math.isnan, find(np.array(values))))
     assert not recwarn.list
 
 
@@ -101,9 +99,8 @@ def share_of_hits(true, find, draw, samples):
 
 
 @many
-@pytest.mark.parametrize(
-    "name, span, robots, widest",
-    [
+def test_intervals_of_means_near_an_end_cover_the_true_mean(samples):
+    for name, span, robots, widest in (
         # Rare contact; BCa covers 0.79, 0.69, 0.63, 0.74.
         ("steady, contact", SHARE, 200, 0.03),
         ("steady, contact", SHARE, 60, 0.08),
@@ -114,58 +111,44 @@ def share_of_hits(true, find, draw, samples):
         ("60 steady, in the spot", SHARE, 60, 0.13),
         # L where few robots touch a wall; BCa covers 0.48.
         ("steady, L among walls", ABILITY, 60, 0.22),
-    ],
-)
-def test_intervals_of_means_near_an_end_cover_the_true_mean(name, span, robots, widest, samples):
-    population = POPULATIONS[name]
-    random = np.random.default_rng(7)
-    found, width = share_of_hits(
-        population.mean(),
-        lambda values: intervals.mean(values, span),
-        lambda: (random.choice(population, robots),),
-        samples,
-    )
-    assert found >= 0.92
-    assert width < widest
+    ):
+        population, random = POPULATIONS[name], np.random.default_rng(7)
+        found, width = share_of_hits(
+            population.mean(),
+            lambda values, span=span: intervals.mean(values, span),
+            lambda own=population, n=robots, draw=random: (draw.choice(own, n),),
+            samples,
+        )
+        assert found >= 0.92 and width < widest, name
 
 
 @many
 @pytest.mark.parametrize("paired", [False, True])
-@pytest.mark.parametrize("other", ["persistent_exploration", "advantage"])
-def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(other, paired, samples):
-    populations = [POPULATIONS[f"{name}, contact"] for name in ("60 steady", f"without {other}")]
-    random = np.random.default_rng(8)
+def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(paired, samples):
+    for other in ("persistent_exploration", "advantage"):
+        names = "60 steady, contact", f"without {other}, contact"
+        one, two = (POPULATIONS[name] for name in names)
+        random = np.random.default_rng(8)
 
-    def draw():
-        rows = random.integers(0, 60, (2, 60))
-        first, second = rows[[0, 0]] if paired else rows
-        return populations[0][first], populations[1][second]
+        def draw(one=one, two=two, random=random):
+            rows = random.integers(0, 60, (2, 60))
+            first, second = rows[[0, 0]] if paired else rows
+            return one[first], two[second]
 
-    true = populations[0].mean() - populations[1].mean()
-    found, width = share_of_hits(
-        true, lambda *pair: intervals.difference_of_means(*pair, paired, SHARE), draw, samples
-    )
-    assert found >= 0.92
-    assert width < 0.15
-
-
-@pytest.mark.parametrize("count, robots", [(0, 200), (1, 60), (4, 200), (57, 60), (60, 60), (3, 5)])
-def test_gaffkes_bounds_of_zeros_and_ones_are_those_of_clopper_and_pearson(count, robots):
-    low, high = intervals.mean(marks(count, robots).astype(float), SHARE)
-    exact = stats.binomtest(count, robots).proportion_ci(0.95, method="exact")
-    assert (low, high) == pytest.approx(
-        (exact.low, exact.high), abs=0.04 * (exact.high - exact.low)
-    )
+        found, width = share_of_hits(
+            one.mean() - two.mean(),
+            lambda *pair: intervals.difference_of_means(*pair, paired, SHARE),
+            draw,
+            samples,
+        )
+        assert found >= 0.92 and width < 0.15, other
 
 
-def test_gaffkes_bounds_move_with_the_values():
-    values = np.array([0.0] * 55 + [0.001, 0.02, 0.3, 0.4, 0.9])
-    low, high = intervals.mean(values, SHARE)
-    assert 0 < low < values.mean() < high < 1
-    scaled = intervals.mean(2 * values - 1, ABILITY)
-    assert scaled == pytest.approx((2 * low - 1, 2 * high - 1), abs=1e-9)
-    mirrored = intervals.mean(1 - values, SHARE)
-    assert mirrored == pytest.approx((1 - high, 1 - low), abs=0.02 * (high - low))
+def test_gaffkes_bounds_of_zeros_and_ones_are_those_of_clopper_and_pearson():
+    for count, robots in ((0, 200), (1, 60), (4, 200), (57, 60), (60, 60), (3, 5)):
+        found = intervals.mean(marks(count, robots).astype(float), SHARE)
+        exact = stats.binomtest(count, robots).proportion_ci(0.95, method="exact")
+        assert found == pytest.approx(tuple(exact), abs=0.04 * (exact.high - exact.low))
 
 
 def test_a_mean_is_near_an_end_below_five_robots_worth_of_distance():
@@ -274,28 +257,13 @@ def test_intervals_of_differences_cover_the_true_value_in_about_95_per_cent(pair
     assert ((hits >= 178) & (hits <= 199)).all(), hits  # 190 +- 3 standard deviations
 
 
-def test_correlated_pairs_narrow_the_interval_of_a_difference_of_means():
-    random = np.random.default_rng(6)
-    first = random.normal(0, 1, 80)
-    second = first + random.normal(0.2, 0.1, 80)
-    (a, b), (c, d) = (intervals.difference(first, second, np.nanmean, p) for p in (True, False))
-    assert d - c > 5 * (b - a) > 0
-
-
-@pytest.mark.parametrize("first", [[0] * 20, [0] * 19 + [0.01], [0.3] * 20])
-def test_equal_values_of_a_group_leave_the_difference_of_means_unknown(first):
-    values, equal = np.array(first, dtype=float), np.full(20, 0.5)
-    for pair in ((values, equal), (equal, values)):
-        found = intervals.difference_of_means(*pair, False, intervals.SHARE)
+def test_equal_values_or_few_robots_leave_a_difference_unknown(recwarn):
+    equal, many = np.full(20, 0.5), np.random.default_rng(0).random(205)
+    for values in (np.zeros(20), np.append(np.zeros(19), 0.01), np.full(20, 0.3)):
+        for pair in ((values, equal), (equal, values)):
+            assert all(map(math.isnan, intervals.difference_of_means(*pair, False, SHARE)))
+    for values in ([], [1.0, *[NAN] * 5, 0.5], [*[1.0, 0.0, 0.5, 0.2, -1.0], *[NAN] * 200]):
+        own = np.array(values, dtype=float)
+        found = intervals.difference(own, many[: len(own)], np.nanmean, paired=True)
         assert all(map(math.isnan, found))
-
-
-@pytest.mark.parametrize(
-    "values",
-    [[], [1.0, NAN, NAN, NAN, NAN, NAN, 0.5], [*[1.0, 0.0, 0.5, 0.2, -1.0], *[NAN] * 200]],
-)
-def test_differences_of_few_measured_robots_have_no_interval(values, recwarn):
-    many = np.random.default_rng(0).random(len(values))
-    found = intervals.difference(np.array(values), many, np.nanmean, paired=True)
-    assert all(map(math.isnan, found))
     assert not recwarn.list

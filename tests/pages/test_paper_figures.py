@@ -32,7 +32,9 @@ def test_the_architecture_is_that_of_the_paper(task, memory, evaluation, noisy, 
     assert f"an idea: noise of 0.76 in {noisy} of {weights} weights" in words
     for name in sensors:
         assert words.count(name) >= 2  # an input of both networks
-    lines = [line for line in axis.lines if len(line.get_xdata()) == 2]
+    lines = [
+        line for line in axis.lines if len(line.get_xdata()) == 2 and line.get_marker() == "None"
+    ]
     drawn = [line for line in lines if matplotlib.colors.to_hex(line.get_color()) == NOISE]
     assert len(drawn) == noisy
     inputs, hidden, values = map(int, evaluation.split("-"))

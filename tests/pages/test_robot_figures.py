@@ -10,10 +10,12 @@ import torch
 from matplotlib.figure import Figure
 
 from musebot.protocols.analysis.behaviour import Stay, Track
+from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import ConditionResults, Robot, Run
 from musebot.protocols.pages import robot_figures, style
+from musebot.tasks import make_batch
 
 WA, SF = "wall_avoidance", "spot_finding"
 NAN = float("nan")
@@ -64,7 +66,8 @@ def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
         assert robot_figures.examples(run, task) == []
         assert robot_figures.favourite(run, task) is None
         assert robot_figures.trajectories(run, task) is robot_figures.values(run, task) is None
-    assert robot_figures.typical(run) is None
+    with pytest.raises(InputError, match="has no typical robots"):
+        robot_figures.typical(run)
 
 
 @pytest.mark.parametrize("task", [WA, SF])
@@ -171,6 +174,24 @@ def test_values_are_of_the_favourites_brain_before_and_after_training(examples, 
     assert figure.get_suptitle() == "Wall avoidance, learner: creative 1"
 
 
+def test_situations_match_their_names():
+    walls = robot_figures.situations(make_batch(WA, 1), WA)
+    front, contact = {k: v[0] for k, v in walls.items()}, {k: v[4] for k, v in walls.items()}
+    assert front["a wall 3 cm ahead"] == pytest.approx(1 / 1.03**10, rel=0.02)
+    assert front["in the open"] < 0.05
+    assert contact == {"in the open": 0, "a wall 3 cm ahead": 0, "pressed against it": -1}
+    smells = {k: v[0] for k, v in robot_figures.situations(make_batch(SF, 1), SF).items()}
+    assert smells["no smell"] == 0
+    assert smells["spot 20 cm ahead"] == pytest.approx(3 / 4, rel=0.01)  # s' = 10 * 0.06 / 0.2
+    assert smells["inside the spot"] == pytest.approx(10 / 11)
+
+
+def test_the_grid_has_all_pairs_of_motor_values():
+    pairs = {tuple(pair) for pair in robot_figures.grid()[0].tolist()}
+    assert robot_figures.grid().shape == (1, 41**2, 2) and len(pairs) == 41**2
+    assert (min(pairs), max(pairs)) == ((-0.5, -0.5), (0.5, 0.5))
+
+
 # ---- Typical robots ----
 
 WALLS, SPOT = Condition(WA, "fixed"), Condition(SF, "creative")
@@ -216,7 +237,8 @@ def test_each_typical_robot_is_the_one_that_its_words_describe(five):
 def test_a_run_whose_robots_hardly_spin_has_no_spinner(five, monkeypatch):
     monkeypatch.setitem(globals(), "SPINNING", [1, 0, 1, 0])  # 8 % of the time
     only = dataclasses.replace(five, results={WALLS: five.results[WALLS]})
-    assert robot_figures.typical(only) is None
+    with pytest.raises(InputError, match="has no typical robots"):
+        robot_figures.typical(only)
 
 
 def test_the_follower_is_the_robot_that_its_words_describe(monkeypatch):

@@ -18,10 +18,10 @@ from musebot.protocols.pages import style
 PROPOSERS = ("fixed", "random", "creative")
 
 
-@pytest.mark.parametrize("background", ["#ffffff", "#14171c"])
-@pytest.mark.parametrize("shade", [style.INK, style.EVENT, *style.PALETTE])
-def test_ink_and_colours_contrast_with_light_and_dark_backgrounds(shade, background):
-    assert contrast(shade, background) >= 3  # bound of WCAG for graphics and large text
+def test_ink_and_colours_contrast_with_light_and_dark_backgrounds():
+    for shade in (style.INK, style.EVENT, *style.PALETTE):
+        for background in ("#ffffff", "#14171c"):
+            assert contrast(shade, background) >= 3  # bound of WCAG for graphics and large text
 
 
 def test_small_text_contrasts_with_the_reports_page_by_day_and_by_night():
@@ -80,8 +80,8 @@ def test_a_figure_has_the_same_bytes_whatever_matplotlib_is_told(tmp_path):
     settings = "font.size: 20\ntext.usetex: True\naxes.facecolor: red\nsvg.fonttype: none\n"
     (tmp_path / "with" / "matplotlibrc").write_text(settings)
     printed = []
-    for folder, backend in ((".", "svg"), ("with", "pdf"), (".", "foo"), ("with", "foo")):
-        path = tmp_path / f"{len(printed)}.svg"
+    for folder, backend in ((".", "foo"), ("with", "pdf")):
+        path = tmp_path / f"{folder}.svg"
         done = subprocess.run(
             [sys.executable, "-c", DRAW, str(path)],
             cwd=tmp_path / folder,
@@ -90,8 +90,8 @@ def test_a_figure_has_the_same_bytes_whatever_matplotlib_is_told(tmp_path):
             text=True,
         )
         assert done.returncode == 0, done.stderr
-        printed.append(done.stdout.split())
+        printed.append((done.stdout.split(), path.read_bytes()))
+    (plain, first), (told, second) = printed
     # What the user has set holds outside of our figures, if Matplotlib knows it.
-    assert printed[:2] == [["10.0", "svg"], ["20.0", "pdf"]]
-    first, *others = [(tmp_path / f"{k}.svg").read_bytes() for k in range(4)]
-    assert all(other == first for other in others)
+    assert plain[0] == "10.0" and told == ["20.0", "pdf"]
+    assert first == second

@@ -38,23 +38,17 @@ def test_a_window_that_cannot_be_opened_is_one_sentence(stored, newborn, monkeyp
         viewer.Driver.of_policy(newborn("spot_finding"), 7, "post")
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"body": "kinematic"}, "the window shows the body mujoco, got a run of kinematic"),
-        ({"arena_scale": 2.0}, "the window shows the ordinary arena, got one 2 times as large"),
-        ({"nose_place": "centre"}, "the window shows the nose at the front, got one at the centre"),
-        ({"motor_speed": 0.1}, "the window shows the robot's own motor speed, got 0.1 m/s"),
-    ],
-)
-def test_robot_with_another_body_is_refused(run, stored, changes, sentence):
-    experiment = dataclasses.replace(run.experiment, **changes)
-    with pytest.raises(InputError, match=sentence):
-        viewer.Driver.of_robot(stored(run=dataclasses.replace(run, experiment=experiment)))
+def test_robot_with_another_body_is_refused(run, stored):
+    for name, value in (
+        ("body", "kinematic"), ("arena_scale", 2.0), ("nose_place", "centre"), ("motor_speed", 0.1)
+    ):  # fmt: skip
+        experiment = dataclasses.replace(run.experiment, **{name: value})
+        with pytest.raises(InputError, match=f"the default {name}, got a run with {value}"):
+            viewer.Driver.of_robot(stored(run=dataclasses.replace(run, experiment=experiment)))
 
 
-@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
-def test_brain_drives_the_task_and_is_the_same_in_every_episode(stored, task):
+def test_brain_drives_the_task_and_is_the_same_in_every_episode(stored):
+    task = "spot_finding"
     policy = viewer.Driver.of_robot(stored(task=task)).policy
     environment = tasks.load("arena", task, {"robot": (0, 0, 0), "spot": (0.3, 0.1)})
     episodes = []
@@ -159,35 +153,29 @@ def test_held_arrow_keys_drive_and_released_ones_stop():
 
 def test_keys_are_those_of_dm_controls_viewer():
     # An import would look for a display.
-    source = Path(importlib.util.find_spec("dm_control").submodule_search_locations[0])
-    text = (source / "viewer" / "user_input.py").read_text()
+    source = Path(importlib.util.find_spec("dm_control").submodule_search_locations[0]) / "viewer"
+    text = (source / "user_input.py").read_text()
     for name in ("UP", "DOWN", "LEFT", "RIGHT"):
         assert f"\nKEY_{name} = {getattr(viewer, name)}\n" in text
     assert f"\nRELEASE = {viewer.RELEASE}\n" in text
     # The window's keyboard, which announces keys, is private in dm_control.
-    assert "self._window = " in (source / "viewer" / "application.py").read_text()
-    assert "self._window.keyboard" in (source / "viewer" / "application.py").read_text()
-    assert "self.on_key = " in (source / "viewer" / "gui" / "glfw_gui.py").read_text()
+    application = (source / "application.py").read_text()
+    assert "self._window = " in application and "self._window.keyboard" in application
+    assert "self.on_key = " in (source / "gui" / "glfw_gui.py").read_text()
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (
-            "wall_avoidance --keys --policies p.safetensors",
-            "--policies, --keys and --random can drive",
-        ),
+def test_command_that_cannot_open_a_window_is_one_sentence(
+    policy_file, tmp_path, monkeypatch, capsys
+):
+    policy_file("spot_finding_walls", tmp_path / "p.safetensors")
+    monkeypatch.chdir(tmp_path)
+    for words, sentence in (
+        ("wall_avoidance --keys --policies p.safetensors", "--policies, --keys and --random can"),
         ("wall_avoidance --proposer fixed", "--proposer needs --out"),
         ("wall_avoidance --agent avg", "--agent needs --out"),
         ("dancing", "the task must be one of"),
         ("spot_finding_unit --policies p.safetensors", "holds policies for spot_finding_walls"),
         ("spot_finding_unit --policies q.safetensors", "there is no file q.safetensors"),
-    ],
-)
-def test_command_that_cannot_open_a_window_is_one_sentence(
-    policy_file, tmp_path, monkeypatch, capsys, words, sentence
-):
-    policy_file("spot_finding_walls", tmp_path / "p.safetensors")
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["explore", *words.split()]) == 2
-    assert sentence in capsys.readouterr().err
+    ):
+        assert cli.main(["explore", *words.split()]) == 2
+        assert sentence in capsys.readouterr().err
