@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from ...controller.neurocontroller import Neurocontroller
-from ...controller.proposers import PROPOSERS
+from ...controller.parameters import PROPOSERS
 from ...controller.senses import Senses
 from ..agents.base import Agent
 from ..agents.checked_agent import CheckedAgent
