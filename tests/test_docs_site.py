@@ -208,27 +208,6 @@ def script(code, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("page", "check", "printed"),
-    [
-        ("command", "assert run.experiment.brain.ideas == 9", r"spot_finding/cr.*\n\(2, 1\)\n"),
-        ("faq", "assert abs(left) <= 0.5 and abs(right) <= 0.5", ""),
-        ("index", "assert abs(env.physics.robot_pose()[0]) < 0.6", ""),
-        ("methods", "", r"Robot\(.*\n\(500, 360\)\n\(500, 7, 3\)\n\[\[.*\]\]\n"),
-        ("install", "assert picture.shape == (240, 360, 3) and frame.shape == (320, 480, 3)", ""),
-    ],
-    ids=lambda value: value if value.isalpha() else "",
-)
-def test_the_example_of_a_page_runs(page, check, printed, tmp_path, request):
-    if page == "install":
-        pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-        request.getfixturevalue("egl")
-    (tmp_path / "docs").symlink_to(DOCS)
-    (example,) = blocks(f"{page}.md", "python")
-    assert re.fullmatch(printed, script(f"{example}{check}\n", tmp_path))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
 def test_a_notebook_runs_and_holds_its_results(path, tmp_path, request):
     pytest.importorskip(EXTRAS[path.stem], reason="needs an extra")
