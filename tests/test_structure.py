@@ -1,10 +1,12 @@
-"""The structure of the package: its layers, its sizes and its lists, read from the files alone."""
+"""The structure of the package: its layers and its sizes, read from the files alone."""
 
 import ast
 import functools
+from collections import Counter
 from pathlib import Path
 
 import pytest
+from mutants import AREAS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "tasks", "controller", "protocols")
@@ -27,6 +29,7 @@ ROOT_LAYERS = {
     "protocols": {*PACKAGES, "fields"},
 }
 MOST_LINES, MOST_MODULES, MOST_PARAMETERS = 450, 20, 6
+MOST_MODULES_OF_PROTOCOLS, MOST_FOLDERS_OF_PROTOCOLS = 90, 7
 MOST_LEVELS, MOST_LEVELS_OF_PROTOCOLS = 18, 14
 
 
@@ -196,15 +199,21 @@ def test_no_module_is_too_long():
     assert not wrong, "\n".join(wrong)
 
 
-def test_no_folder_has_too_many_modules():
-    folders = {}
-    for path in modules().values():
-        if path.name != "__init__.py":
-            folders.setdefault(path.parent, []).append(path.name)
-    wrong = [
-        f"{f.relative_to(ROOT)}: {len(m)}" for f, m in folders.items() if len(m) > MOST_MODULES
-    ]
-    assert not wrong, "\n".join(wrong)
+def test_no_folder_has_too_many_modules_and_protocols_not_too_many_folders():
+    files = [path for path in modules().values() if path.name != "__init__.py"]
+    folders = Counter(str(path.parent.relative_to(ROOT)) for path in files)
+    assert {f: count for f, count in folders.items() if count > MOST_MODULES} == {}
+    counts = [count for folder, count in folders.items() if folder.startswith("protocols")]
+    assert sum(counts) <= MOST_MODULES_OF_PROTOCOLS
+    below = {path.parent.name for path in (ROOT / "protocols").glob("*/__init__.py")}
+    assert len(below) <= MOST_FOLDERS_OF_PROTOCOLS and len(LAYERS) <= MOST_FOLDERS_OF_PROTOCOLS
+
+
+def test_every_module_is_in_one_area_of_mutants():
+    found = [path for area in AREAS.values() for one in area.split() for path in ROOT.glob(one)]
+    assert all(any(ROOT.glob(one)) for area in AREAS.values() for one in area.split())
+    root = {path for path in modules().values() if path.parent == ROOT and path.stem != "fields"}
+    assert sorted(found) == sorted({*modules().values()} - root)
 
 
 def public_functions(path):
@@ -231,22 +240,3 @@ def test_no_public_function_has_too_many_parameters():
         if len(parameters) > MOST_PARAMETERS
     ]
     assert not wrong, "\n".join(wrong)
-
-
-# Lists
-
-
-def test_setup_finds_every_folder_of_modules_and_no_other():
-    # setup.py finds the folders that have an __init__.py, all the way up, but for the tests.
-    assert 'find_packages(exclude=["tests*"])' in (ROOT / "setup.py").read_text()
-    folders = {path.parent for path in modules().values()}
-    without = [str(f.relative_to(ROOT)) for f in folders if not (f / "__init__.py").exists()]
-    assert not without, f"without __init__.py: {without}"
-    found = {
-        path.parent
-        for folder in ROOT.iterdir()
-        if folder.is_dir() and folder.name[0] != "." and folder.name not in ("build", "tests")
-        for path in folder.rglob("__init__.py")
-    }
-    others = sorted(str(folder.relative_to(ROOT)) for folder in found - folders)
-    assert not others, f"installed, but no package of musebot's: {others}"
