@@ -97,6 +97,19 @@ def test_every_link_leads_to_a_file_or_heading_and_stays_within_the_site():
     assert not wrong, "\n".join(wrong)
 
 
+def test_every_path_in_the_documents_exists():
+    paths = re.compile(r"`((?:\.ci|controller|docs|models|protocols|tasks|tests)/[\w./-]*\w)`")
+    wrong = {
+        path
+        for page, text in PAGES.items()
+        if page.name != "CHANGELOG.md"
+        for paragraph in text.split("\n\n")  # behind "commit" stand the paths of that commit
+        for path in paths.findall(paragraph.partition("commit")[0])
+        if not (ROOT / path).exists()
+    }
+    assert wrong == set()
+
+
 def test_a_site_with_a_broken_link_or_a_foreign_script_is_refused(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "index.html").write_text('<h1 id="top">A</h1>')
@@ -225,14 +238,13 @@ def test_a_notebook_runs_and_holds_its_results(path, tmp_path, request):
     assert held and number.sub("0", held).split() == number.sub("0", printed).split()
 
 
-@pytest.mark.parametrize(
-    ("name", "kinds"), [("creative-life", "png png gif"), ("first-robot", "png"), ("ppo", "")]
-)
-def test_a_notebook_is_small_and_its_page_shows_its_pictures(name, kinds):
-    path = DOCS / "notebooks" / f"{name}.ipynb"
-    assert path.stat().st_size < 300_000
-    assert not re.search(r"/(home|root|tmp|work)/", path.read_text())
+def test_a_notebook_is_small_and_its_page_shows_its_pictures():
     folder, files = DOCS / BUILT, notebook_pages.files(DOCS)
-    pictures = re.findall(rf"\]\(({name}-[\w-]+\.\w+)\)", files[folder / f"{name}.md"].decode())
-    assert [picture.rpartition(".")[2] for picture in pictures] == kinds.split()
-    assert all(files[folder / picture] for picture in pictures)
+    for path in NOTEBOOKS:
+        name, text = path.stem, path.read_text()
+        assert len(text) < 300_000 and not re.search(r"/(home|root|tmp|work)/", text)
+        page = files[folder / f"{name}.md"].decode()
+        pictures = re.findall(rf"\]\(({name}-[\w-]+\.\w+)\)", page)
+        shown = {"creative-life": "png png gif", "first-robot": "png", "ppo": ""}[name]
+        assert [picture[-3:] for picture in pictures] == shown.split()
+        assert all(files[folder / picture] for picture in pictures)
