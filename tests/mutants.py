@@ -46,6 +46,7 @@ AREAS = {
     "cli": "protocols/cli/*.py",
 }
 MOST_TESTS = 6  # files of tests that are tried for a mutant
+ALSO = {"controller": "controller/test_brains.py"}  # and, by folder, tests of all its modules
 
 SWAPS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -150,7 +151,9 @@ def tests_of(module: str) -> list[str]:
     own = folder / path.with_name(f"test_{path.name}")
     others = [path for path in folder.rglob("test_*.py") if imported.search(path.read_text())]
     files = [*filter(Path.exists, [own]), *sorted(others, key=lambda path: path.stat().st_size)]
-    return [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
+    chosen = [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
+    also = ALSO.get(str(path.parent))
+    return [*chosen, also] if also and also not in chosen else chosen
 
 
 def run_tests(copied: Path, test: str, limit: int, log: Path) -> tuple[int, float]:

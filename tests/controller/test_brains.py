@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from helpers import same, snapshot
+from helpers import recorded, same, snapshot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -147,18 +147,6 @@ class LiteralBrain:
         optimizer.step()
 
 
-def record_proposals(brain):
-    """Records the actions that the brain's proposer offers."""
-    proposed, propose = [], brain._propose
-
-    def recorded(inputs):
-        proposed.append(propose(inputs).clone())
-        return proposed[-1]
-
-    brain._propose = recorded
-    return proposed
-
-
 # The named brains, and the paper's with each term of the target alone.
 ALL = dict(BRAINS)
 for term in ("raw_reward", "reward_difference", "max_target", "clipped_bootstrap", "advantage"):
@@ -183,7 +171,7 @@ def check_steps(parameters, proposer, senses, reward):
     """
     brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, senses)
     literal = [LiteralBrain(brain, robot, parameters, senses) for robot in range(ROBOTS)]
-    proposed = record_proposals(brain)
+    proposed = recorded(brain, "_propose")
     for step, state in enumerate(sensed(30)):
         explore, learns = step % 3 > 0, step % 8 != 6
         actions = brain.act(state, explore)
@@ -297,7 +285,7 @@ def test_a_memory_does_not_learn_from_its_main_idea_alone(memory_target, **field
 def test_exploration_and_learning_decrease_with_steps_of_training_only():
     fast = {"epsilon_decay_steps": 10, "learn_rate_decay_steps": 10}
     brain = steady(robots=200, epsilon=0.0, exploration_steps=1, **fast)
-    proposed, explored, moved = record_proposals(brain), [], []
+    proposed, explored, moved = recorded(brain, "_propose"), [], []
     for state in sensed(80, robots=200):
         weights = brain.networks()["evaluation.output_weights"].clone()
         actions = brain.act(state, explore=True)

@@ -5,7 +5,6 @@ import torch
 from scipy import stats
 
 from musebot.controller import PROPOSERS, Neurocontroller, Parameters
-from musebot.controller.neurocontroller import load_into
 
 
 def proposed(proposer, robots, state=0.0, **fields):
@@ -41,8 +40,7 @@ def test_random_actions_are_uniform_in_the_square_and_drawn_anew_in_every_step()
 def test_creative_actions_are_the_ideas_of_the_memory_and_then_random_ones():
     parameters = Parameters(random_share=0.2)
     one, other = (Neurocontroller(parameters, "creative", 3, 5, seed) for seed in (0, 1))
-    load_into(other.state(), one.state())
-    other.generator.set_state(one.generator.get_state())
+    other.load_state(one.state())
     state = torch.rand(3, 5)
     other.memory.patterns.renew()
     ideas = other.memory.ideas(state, 20)

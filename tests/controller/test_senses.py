@@ -26,17 +26,14 @@ def test_a_range_that_is_empty_or_cannot_saturate_is_refused(numbers):
         Signal(*numbers)
 
 
-def test_a_signal_saturates_at_the_maximal_raw_signal():
-    assert NOSE.saturated == 10 / 11
-    assert WALLS[0].saturated == float("inf")
-
-
 @given(st.floats(0.03, 0.6), st.floats(1, 1000))
 def test_the_raw_odour_is_that_of_equation_3(distance, maximal):
     odour = maximal * min(0.06 / distance, 1)  # s'_n straight ahead, r = 0.06 m
     signal = torch.tensor(odour / (1 + odour), dtype=torch.float64)
     raw = unsaturated(signal, torch.tensor(maximal, dtype=torch.float64)) * maximal
     assert raw.item() == pytest.approx(odour, rel=1e-9)
+    assert Signal(0.0, 1.0, maximal).saturated == maximal / (1 + maximal)
+    assert Signal(0.0, 1.0).saturated == float("inf")
 
 
 def test_a_nose_is_encoded_as_2s_minus_1_and_as_the_raw_odour_from_minus_1_to_1():
