@@ -1,4 +1,4 @@
-"""The examples in the documents run: all in one process, each with names of its own."""
+"""The examples and notebooks run: all in one process, each with names of its own."""
 
 import json
 import os
@@ -51,14 +51,16 @@ SHORTER = {
     "range(1000):\n    motors = np.conc": "range(20):\n    motors = np.conc",
 }
 RUN = """
-import json, sys, traceback
-failed = {}
+import contextlib, io, json, sys, traceback
+printed, failed = {}, {}
 for name, code in json.load(sys.stdin):
     try:
-        exec(code, {"__name__": "example"})
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            exec(code, {"__name__": "example"})
+        printed[name] = out.getvalue()
     except Exception:
         failed[name] = traceback.format_exc()
-json.dump(failed, open("failed.json", "w"))
+json.dump([printed, failed], open("seen.json", "w"))
 """
 
 
@@ -77,20 +79,39 @@ def examples():
     return found
 
 
+def notebooks():
+    """Returns the code and the kept output of the notebooks, by name."""
+    found = {}
+    for path in (DOCS / "notebooks").glob("*.ipynb"):
+        cells = json.loads(path.read_text())["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        # Jupyter shows the value of the last line; here it is only made.
+        shown = "\nif 'Film' in globals():\n    assert 'gif' in Film('film.gif')._repr_html_()\n"
+        outputs = [output for cell in cells for output in cell.get("outputs", [])]
+        kept = "".join("".join(o["text"]) for o in outputs if o["output_type"] == "stream")
+        found[path.stem] = "\n".join(code) + shown, kept
+    return found
+
+
 @pytest.mark.slow
-def test_the_examples_of_the_documents_run(tmp_path, egl):
+def test_the_examples_and_notebooks_run_and_print_what_the_documents_hold(tmp_path, egl):
     for module, extra in (("gymnasium", "gym"), ("stable_baselines3", "baselines")):
         pytest.importorskip(module, reason=f"needs the extra `{extra}`")
     (tmp_path / "docs").symlink_to(DOCS)
+    books = notebooks()
+    code = [*examples().items(), *((name, code) for name, (code, _) in books.items())]
     environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY")}
     done = subprocess.run(
-        [sys.executable, "-c", RUN], input=json.dumps([*examples().items()]), cwd=tmp_path,
+        [sys.executable, "-c", RUN], input=json.dumps(code), cwd=tmp_path,
         env=environment | {"MPLBACKEND": "Agg"}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    failed = json.loads((tmp_path / "failed.json").read_text())
+    printed, failed = json.loads((tmp_path / "seen.json").read_text())
     assert not failed, "\n".join(f"{name}:\n{error}" for name, error in failed.items())
-    assert "ep_rew_mean" in done.stdout
+    assert "ep_rew_mean" in printed["tasks 4"]
+    number = re.compile(r"-?\d+(\.\d+)?")  # numbers may differ from machine to machine
+    for name, (_, kept) in books.items():
+        assert kept and number.sub("0", kept).split() == number.sub("0", printed[name]).split()
     check_pictures(tmp_path)
 
 
