@@ -46,7 +46,8 @@ AREAS = {
     "cli": "protocols/cli/*.py",
 }
 MOST_TESTS = 6  # files of tests that are tried for a mutant
-ALSO = {"controller": "controller/test_brains.py"}  # and, by folder, tests of all its modules
+# Tests of all modules of a folder, which are tried, too.
+ALSO = {"controller": ["controller/test_fields.py", "controller/test_brains.py"]}
 
 SWAPS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -152,8 +153,7 @@ def tests_of(module: str) -> list[str]:
     others = [path for path in folder.rglob("test_*.py") if imported.search(path.read_text())]
     files = [*filter(Path.exists, [own]), *sorted(others, key=lambda path: path.stat().st_size)]
     chosen = [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
-    also = ALSO.get(str(path.parent))
-    return [*chosen, also] if also and also not in chosen else chosen
+    return [*dict.fromkeys(chosen + ALSO.get(str(path.parent), []))]
 
 
 def run_tests(copied: Path, test: str, limit: int, log: Path) -> tuple[int, float]:

@@ -19,6 +19,7 @@ from musebot.controller import (
     Senses,
     Signal,
 )
+from musebot.fields import Whole
 
 quick = settings(max_examples=20)
 STEADY = BRAINS["steady"]
@@ -240,6 +241,14 @@ def test_what_an_ingredient_adds_leaves_the_papers_life_unchanged_where_it_is_of
         lives.append(brain.state())
     paper, *others = lives
     assert [same(paper, other) for other in others] == [True] * len(NEUTRAL)
+
+
+def test_a_brain_lives_with_the_least_of_every_whole_number():
+    for field in dataclasses.fields(Parameters):
+        if isinstance(field.metadata["allowed"], Whole):
+            brain = steady(**{field.name: field.metadata["allowed"].low})
+            run(brain, sensed(3))
+            assert all(t.isfinite().all() for t in brain.networks().values()), field.name
 
 
 def test_the_papers_checkpoint_has_nothing_of_the_ingredients():
