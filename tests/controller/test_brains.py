@@ -38,7 +38,8 @@ def sensed(steps, robots=ROBOTS, seed=0):
     generator = torch.Generator().manual_seed(seed)
     nose = torch.rand(steps, robots, generator=generator) * 10 / 11
     nose *= torch.rand(steps, robots, generator=generator) < 0.6
-    contact = -(torch.rand(steps, robots, generator=generator) < 0.3).to(nose.dtype)
+    contact = -torch.rand(steps, robots, generator=generator)
+    contact *= torch.rand(steps, robots, generator=generator) < 0.6
     return torch.stack([nose, contact], dim=-1)
 
 
