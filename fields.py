@@ -196,7 +196,7 @@ def checked(one: dataclasses.Field[Any], value: Any) -> Any:
     if value is None and one.metadata["optional"]:
         return None
     if value not in one.metadata["allowed"]:
-        raise _refusal(one, value)
+        raise ValueError(f"{one.name} must be {described(one)}, got {shown(value)}")
     return value
 
 
@@ -230,7 +230,3 @@ def shown(value: Any) -> str:
     """Returns a value as an error shows it: at most 60 characters; a huge value is cut first."""
     brief = _Short().repr(value)
     return brief if len(brief) <= 60 else f"{brief[:57]}..."
-
-
-def _refusal(one: dataclasses.Field[Any], value: Any) -> ValueError:
-    return ValueError(f"{one.name} must be {described(one)}, got {shown(value)}")

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from .evaluation_network import EvaluationNetwork
     from .networks import Networks
     from .neurocontroller import Neurocontroller
-    from .proposers import RandomActions
     from .senses import Senses, Signal
 
 __all__ = [
@@ -30,7 +29,6 @@ __all__ = [
     "NoisePatterns",
     "Parameters",
     "Proposer",
-    "RandomActions",
     "Senses",
     "Signal",
 ]
@@ -41,7 +39,6 @@ _NEED_TORCH = {
     "Networks": "networks",
     "Neurocontroller": "neurocontroller",
     "NoisePatterns": "creative_memory",
-    "RandomActions": "proposers",
     "Senses": "senses",
     "Signal": "senses",
 }

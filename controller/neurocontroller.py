@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import torch
@@ -11,10 +12,9 @@ from .context import EchoContext
 from .creative_memory import CreativeMemory
 from .evaluation_network import EvaluationNetwork, td_target
 from .exploration import EpsilonGreedy, Exploration, PersistentExploration, Schedule
-from .networks import Rate, load_into
+from .networks import load_into
 from .parameters import PROPOSERS, Parameters
-from .proposers import ActionProposer, CreativeActions, FixedActions, RandomActions
-from .senses import Encoding, ScaledEncoding, Senses
+from .senses import Encoding, Senses, Signal
 from .step import Step
 
 
@@ -68,26 +68,28 @@ class Neurocontroller:
         generator = torch.Generator(torch.get_default_device()).manual_seed(seed)
         self.generator = generator
 
-        self._encoding = Encoding(sensors)
+        signals = (Signal(0, 1),) * sensors if senses is None else senses.state
+        if len(signals) != sensors or (senses is None and p.needs_senses):
+            given = "none" if senses is None else len(signals)
+            raise ValueError(f"senses must give the range of all {sensors} signals, got {given}")
+        self._encoding = Encoding(signals, p.centred_inputs, p.raw_signals)
         self._maximal_reward = None
-        if p.needs_senses:
-            if senses is None or len(senses.state) != sensors:
-                given = "none" if senses is None else len(senses.state)
-                raise ValueError(
-                    f"senses must give the range of all {sensors} signals, got {given}"
-                )
-            self._encoding = ScaledEncoding(senses, p.centred_inputs, p.raw_signals)
-            if p.raw_reward and senses.reward.maximal:
-                self._maximal_reward = torch.tensor(senses.reward.maximal)
+        if p.raw_reward and senses is not None and senses.reward.maximal:
+            self._maximal_reward = torch.tensor(senses.reward.maximal)
         self._context = None
         if p.context_neurons:
             self._context = EchoContext(robots, self._encoding.inputs, p.context_neurons, generator)
 
         inputs = self._encoding.inputs + p.context_neurons
         self.evaluation = EvaluationNetwork(p, robots, inputs, generator)
-        creative = proposer == "creative"
-        self.memory = CreativeMemory(p, robots, inputs, generator) if creative else None
-        self._proposer = _proposer(p, proposer, self.memory, generator)
+        self.memory = self._fixed = None
+        self._random = p.ideas if proposer == "random" else 0
+        if proposer == "creative":
+            self.memory = CreativeMemory(p, robots, inputs, generator)
+            self._random = p.random_ideas
+        if proposer == "fixed":
+            pairs = [*itertools.product(p.fixed_motors, repeat=2)]
+            self._fixed = torch.tensor(pairs, dtype=torch.get_default_dtype())
         self._exploration: Exploration = EpsilonGreedy(generator)
         if p.exploration_steps:
             self._exploration = PersistentExploration(robots, p.exploration_steps, generator)
@@ -128,45 +130,6 @@ class Neurocontroller:
     # `select` and `update` are the work of `act` and `learn` on the device: a GPU captures and
     # replays them (see `protocols.lives.device`). `begin` and `end` are the host's part.
 
-    def select(self, state: Tensor, explore: bool) -> Tensor:
-        """Selects each robot's action, as `act`, after `begin`."""
-        inputs = self._inputs(state)
-        ideas = actions = self._proposer.propose(inputs)
-        exploratory = None
-        if explore or self._parameters.test_epsilon:
-            epsilon = self.epsilon.value if explore else self._parameters.test_epsilon
-            actions, exploratory = self._exploration.draw(ideas, epsilon)
-        values = self._values(inputs, actions)
-        best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
-        if exploratory is not None:
-            selected = torch.where(exploratory < 0, best, exploratory)
-        self._current.record(inputs, actions, values, selected, best)
-        if self._context is not None:
-            self._context.advance(inputs[:, : self._encoding.inputs])
-        return self._current.action.clone()
-
-    def update(self, reward: Tensor) -> Tensor:
-        """Learns, as `learn`, before `end`."""
-        before, rate = self._previous, self.learn_rate.value
-        target, learning = td_target(
-            self._parameters, self._maximal_reward, reward, before, self._current
-        )
-        action = self._encoding.motors(before.action)
-        error = self.evaluation.learn(before.state, action, target, learning, rate)
-        if self.memory is not None and not self._parameters.repeats_itself:
-            self.memory.learn(before.state, *self._lesson(before, error, learning))
-        return error
-
-    def _lesson(self, before: Step, error: Tensor, learning: Tensor) -> tuple[Tensor, Tensor, Rate]:
-        """Returns the action that the memory learns, each robot's factor, and the learn rate.
-
-        The paper's memory learns the selected action at the TD error (section 3). Beyond the
-        paper, it learns the best proposed action at the learn rate of the evaluation network.
-        """
-        if self._parameters.memory_target == "best":
-            return before.best_action, learning, self.learn_rate.value
-        return before.action, error, 1.0
-
     def begin(self) -> bool:
         """Begins a step: the step that was the present one becomes the previous one.
 
@@ -182,6 +145,37 @@ class Neurocontroller:
         self._previous, self._current = self._current, self._previous
         self._swapped = not self._swapped
         return self._swapped
+
+    def select(self, state: Tensor, explore: bool) -> Tensor:
+        """Selects each robot's action, as `act`, after `begin`."""
+        inputs = self._inputs(state)
+        ideas = actions = self._propose(inputs)
+        exploratory = None
+        if explore or self._parameters.test_epsilon:
+            epsilon = self.epsilon.value if explore else self._parameters.test_epsilon
+            actions, exploratory = self._exploration.draw(ideas, epsilon)
+        values = self._values(inputs, actions)
+        best = selected = values[:, : ideas.shape[1]].argmax(dim=1)
+        if exploratory is not None:
+            selected = torch.where(exploratory < 0, best, exploratory)
+        self._current.record(inputs, actions, values, selected, best)
+        if self._context is not None:
+            self._context.advance(inputs[:, : self._encoding.inputs])
+        return self._current.action.clone()
+
+    def update(self, reward: Tensor) -> Tensor:
+        """Learns, as `learn`, before `end`."""
+        p, before, rate = self._parameters, self._previous, self.learn_rate.value
+        target, learning = td_target(p, self._maximal_reward, reward, before, self._current)
+        action = self._encoding.motors(before.action)
+        error = self.evaluation.learn(before.state, action, target, learning, rate)
+        if self.memory is None or p.repeats_itself:
+            return error
+        if p.memory_target == "selected":  # at the TD error as learn rate (section 3)
+            self.memory.learn(before.state, before.action, error)
+        else:  # beyond the paper, the best proposed action
+            self.memory.learn(before.state, before.best_action, learning, rate)
+        return error
 
     def end(self) -> None:
         """Ends a step of training, which makes the robots older."""
@@ -208,7 +202,7 @@ class Neurocontroller:
         """
         if self.memory is not None:
             self.memory.patterns.renew()
-        return self._proposer.propose(self._inputs(state))
+        return self._propose(self._inputs(state))
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
         """Returns the values of actions, shape (B, A).
@@ -222,6 +216,22 @@ class Neurocontroller:
     def _inputs(self, state: Tensor) -> Tensor:
         inputs = self._encoding.state(state)
         return inputs if self._context is None else self._context.joined(inputs)
+
+    def _propose(self, inputs: Tensor) -> Tensor:
+        """Returns the actions among which the evaluation network selects (section 3).
+
+        These are all pairs of the fixed motor values, or actions drawn uniformly from [-0.5, 0.5]
+        x [-0.5, 0.5], or ideas of the creative memory; beyond the paper, random actions follow it.
+        """
+        if self._fixed is not None:
+            return self._fixed.expand(len(inputs), -1, -1)
+        actions = []
+        if self.memory is not None:
+            actions = [self.memory.ideas(inputs, self._parameters.own_ideas)]
+        if self._random:
+            size = len(inputs), self._random, 2
+            actions += [torch.rand(size, generator=self.generator, device=inputs.device) - 0.5]
+        return torch.cat(actions, dim=1)
 
     def _values(self, inputs: Tensor, actions: Tensor) -> Tensor:
         return self.evaluation.values(inputs, self._encoding.motors(actions))
@@ -281,17 +291,6 @@ class Neurocontroller:
         load_into(state, tensors)
         self.generator.set_state(state["generator"])
         self._age = int(state["age"])
-
-
-def _proposer(
-    p: Parameters, name: str, memory: CreativeMemory | None, generator: torch.Generator
-) -> ActionProposer:
-    if memory is not None:
-        others = RandomActions(p.random_ideas, generator) if p.random_ideas else None
-        return CreativeActions(memory, p.own_ideas, others)
-    if name == "fixed":
-        return FixedActions(p.fixed_motors)
-    return RandomActions(p.ideas, generator)
 
 
 def _prefixed(owner: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -55,53 +56,41 @@ class Senses:
 class Encoding:
     """One input neuron for each sensor and motor, fed with the signal itself (section 3).
 
+    Beyond the paper, inputs are scaled to [-1, 1], or raw signals are further inputs, or both.
+
     Attributes:
-      inputs: Number I of network inputs for the state; here the number of sensors.
+      inputs: Number I of network inputs for the state: S, and one for each raw signal.
     """
 
-    def __init__(self, sensors: int) -> None:
-        """Encodes states with this number of sensor signals."""
-        self.inputs = sensors
-
-    def state(self, signals: Tensor) -> Tensor:
-        """Returns network inputs, shape (B, I), for sensor signals, shape (B, S)."""
-        return signals
-
-    def motors(self, actions: Tensor) -> Tensor:
-        """Returns inputs of the evaluation network for motor values, of the same shape."""
-        return actions
-
-
-class ScaledEncoding(Encoding):
-    """Beyond the paper: inputs scaled to [-1, 1], raw signals as further inputs, or both."""
-
-    def __init__(self, senses: Senses, centred: bool, raw_signals: bool) -> None:
+    def __init__(
+        self, signals: Sequence[Signal], centred: bool = False, raw_signals: bool = False
+    ) -> None:
         """Prepares the encoding.
 
         Args:
-          senses: Ranges of the S signals of a state.
+          signals: Ranges of the S signals of a state.
           centred: Whether all inputs, motor values included, are scaled to [-1, 1].
           raw_signals: Whether the raw value of each saturating signal is a further input.
         """
         self._centred = centred
-        saturating = {n: signal.maximal for n, signal in enumerate(senses.state) if signal.maximal}
+        saturating = {n: signal.maximal for n, signal in enumerate(signals) if signal.maximal}
         self._columns = torch.tensor([*saturating] if raw_signals else [], dtype=torch.int64)
         self._maximal = torch.tensor([*saturating.values()] if raw_signals else [])
-        further = len(self._columns)
-        super().__init__(len(senses.state) + further)
-        bounds = [(signal.low, signal.high) for signal in senses.state] + [(0.0, 1.0)] * further
+        bounds = [(signal.low, signal.high) for signal in signals]
+        bounds += [(0.0, 1.0)] * len(self._columns)
+        self.inputs = len(bounds)
         low, high = torch.tensor(bounds).T
         self._middle, self._half = (high + low) / 2, (high - low) / 2
 
     def state(self, signals: Tensor) -> Tensor:
-        """Returns network inputs; see `Encoding.state`."""
+        """Returns network inputs, shape (B, I), for sensor signals, shape (B, S)."""
         if len(self._columns):
             raw = unsaturated(signals[:, self._columns], self._maximal)
             signals = torch.cat([signals, raw], dim=1)
         return (signals - self._middle) / self._half if self._centred else signals
 
     def motors(self, actions: Tensor) -> Tensor:
-        """Returns inputs for motor values; see `Encoding.motors`."""
+        """Returns inputs of the evaluation network for motor values, of the same shape."""
         return actions * 2 if self._centred else actions
 
 

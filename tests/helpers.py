@@ -24,6 +24,18 @@ def snapshot(tensors):
     return {name: tensor.clone() for name, tensor in tensors.items()}
 
 
+def recorded(owner, method):
+    """Returns a list that will get a copy of each tensor that an object's method returns."""
+    found, called = [], getattr(owner, method)
+
+    def call(*arguments):
+        found.append(called(*arguments).clone())
+        return found[-1].clone()
+
+    setattr(owner, method, call)
+    return found
+
+
 def same(first, second):
     """Returns whether tensors by name are equal."""
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)

@@ -36,9 +36,9 @@ LIBRARIES = (
 
 # The modules of each area.
 AREAS = {
-    "controller": "controller/*.py controller/*/*.py",
+    "controller": "controller/*.py fields.py",
     "tasks": "models/*.py tasks/*.py tasks/*/*.py",
-    "lives": "protocols/lives/*.py protocols/storage.py",
+    "lives": "protocols/*.py protocols/examples/*.py protocols/lives/*.py",
     "agents": "protocols/agents/*.py protocols/agents/learners/*.py",
     "analysis": "protocols/analysis/*.py",
     "pages": "protocols/pages/*.py",
@@ -46,6 +46,8 @@ AREAS = {
     "cli": "protocols/cli/*.py",
 }
 MOST_TESTS = 6  # files of tests that are tried for a mutant
+# Tests of all modules of a folder, which are tried, too.
+ALSO = {"controller": ["controller/test_fields.py", "controller/test_brains.py"]}
 
 SWAPS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -142,7 +144,7 @@ def tests_of(module: str) -> list[str]:
 
     The module's own come first, then those that import it, the smallest first.
     """
-    name = ".".join(["musebot", *Path(module).with_suffix("").parts])
+    name = ".".join(["musebot", *Path(module.removesuffix("/__init__.py")).with_suffix("").parts])
     parent, _, last = name.rpartition(".")
     imported = re.compile(rf"^(from {name} |from {parent} import .*\b{last}\b)", re.MULTILINE)
     folder = ROOT / "tests"
@@ -150,20 +152,15 @@ def tests_of(module: str) -> list[str]:
     own = folder / path.with_name(f"test_{path.name}")
     others = [path for path in folder.rglob("test_*.py") if imported.search(path.read_text())]
     files = [*filter(Path.exists, [own]), *sorted(others, key=lambda path: path.stat().st_size)]
-    return [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
+    chosen = [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
+    return [*dict.fromkeys(chosen + ALSO.get(str(path.parent), []))]
 
 
 def run_tests(copied: Path, test: str, limit: int, log: Path) -> tuple[int, float]:
-    """Runs a test file in a fork.
-
-    Args:
-      copied: Root of the copy of the package.
-      test: Path of the test file below `tests`.
-      limit: Most seconds of the processor's time.
-      log: File that takes what pytest prints.
+    """Runs a test file, a path below `tests`, in a fork, for at most `limit` s of processor time.
 
     Returns:
-      Exit status of pytest, negative if the run was ended at the limit, and its processor's time.
+      Exit status of pytest, negative if the run was ended at the limit, and its processor time.
     """
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     child = os.fork()
@@ -201,7 +198,6 @@ def main() -> None:
     parser.add_argument("--share", type=int, default=40, help="mutants of each area (40)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the sample (1)")
     parser.add_argument("--only", default="", help="modules whose path contains this text")
-    parser.add_argument("--again", type=Path, help="a log; only its surviving mutants")
     options = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"  # threads of small tensors wait for each other
     for name in LIBRARIES:
@@ -224,13 +220,8 @@ def _area(area: str, copied: Path, options: argparse.Namespace) -> tuple[int, in
     paths = sorted(path for pattern in AREAS[area].split() for path in ROOT.glob(pattern))
     modules = [str(path.relative_to(ROOT)) for path in paths if options.only in str(path)]
     planted = [(m, *site) for m in modules for site in sites((ROOT / m).read_text())]
-    if not options.again:
-        count = min(options.share, len(planted))
-        chosen = random.Random(f"{options.seed} {area}").sample(planted, count)
-    else:
-        lines = options.again.read_text().splitlines(keepends=True)
-        survivors = "".join(line for line in lines if line.startswith("SURVIVED"))
-        chosen = [one for one in planted if f" s  {one[0]}:{one[1]}\n" in survivors]
+    count = min(options.share, len(planted))
+    chosen = random.Random(f"{options.seed} {area}").sample(planted, count)
     print(f"{area}: {len(chosen)} of {len(planted)} mutants of {len(modules)} modules", flush=True)
     log, limits, killed = copied.parent / "log", {}, 0
     for module, what, text in sorted(chosen):

@@ -1,52 +1,45 @@
-"""Importing musebot is light, and changes nothing."""
+"""Importing musebot is light, and changes nothing; more is imported when it is asked for."""
 
 import json
 import subprocess
 import sys
 
-import pytest
-
-LIGHT = """
+# Each part prints which packages are loaded after it: heavy ones, and those of musebot.
+SEEN = """
 import json, os, sys
 environment = dict(os.environ)
+heavy = "torch OpenGL mujoco dm_control matplotlib scipy rich".split()
+def seen():
+    ours = {name.split(".")[1] for name in sys.modules if name.startswith("musebot.")}
+    print(json.dumps([[name for name in heavy if name in sys.modules], sorted(ours)]))
 import musebot
-heavy = ("torch", "OpenGL", "mujoco", "dm_control", "matplotlib", "scipy", "tyro", "rich")
-print(json.dumps({
-    "ours": sorted(name for name in sys.modules if name.startswith("musebot")),
-    "loaded": [name for name in heavy if name in sys.modules],
-    "environment": dict(os.environ) == environment,
-}))
+seen()
 """
-
-FIRST = """
-import json, sys
-import musebot
-musebot.load("arena", "wall_avoidance").reset()
-heavy = ("torch", "matplotlib", "tyro", "rich", "musebot.protocols", "musebot.controller")
-print(json.dumps([name for name in heavy if name in sys.modules]))
+CONTROLLER = f"{SEEN}\nmusebot.controller\nseen()\nassert dict(os.environ) == environment"
+LOAD = (
+    f"{SEEN}\nmusebot.load('arena', 'wall_avoidance').reset()\nseen()\n"
+    + """
+for name in ("controller", "models", "protocols", "tasks"):
+    assert getattr(musebot, name).__name__ == f"musebot.{name}"
 """
+)
 
 
-def python(code, cwd):
+def seen(code, cwd):
     # Elsewhere, so that no module of the tests' folder is imported instead of one of musebot's.
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=cwd)
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    assert list(cwd.iterdir()) == []
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def test_import_is_light_and_sets_nothing(tmp_path):
-    seen = python(LIGHT, tmp_path)
-    assert seen["loaded"] == [] and seen["environment"]
-    assert seen["ours"] == ["musebot", "musebot.gymnasium_registration"]
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", ["controller", "models", "protocols", "tasks"])
-def test_a_package_is_imported_when_it_is_asked_for(name, tmp_path):
-    code = f"import json, musebot; print(json.dumps([musebot.{name}.__name__]))"
-    assert python(code, tmp_path) == [f"musebot.{name}"]
+def test_import_is_light_and_that_of_the_controller_too(tmp_path):
+    before, after = seen(CONTROLLER, tmp_path)
+    assert before == [[], ["gymnasium_registration"]]
+    assert after == [[], ["controller", "fields", "gymnasium_registration"]]
 
 
 def test_the_first_load_imports_neither_brains_nor_commands(tmp_path):
-    assert python(FIRST, tmp_path) == []
-    assert list(tmp_path.iterdir()) == []
+    _, (heavy, ours) = seen(LOAD, tmp_path)
+    assert not {"torch", "matplotlib", "rich"} & {*heavy}
+    assert not {"protocols", "controller"} & {*ours}

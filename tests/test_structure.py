@@ -1,10 +1,13 @@
-"""The structure of the package: its layers, its sizes and its lists, read from the files alone."""
+"""The structure of the package: its layers and its sizes, read from the files alone."""
 
 import ast
 import functools
+import graphlib
+from collections import Counter
 from pathlib import Path
 
 import pytest
+from mutants import AREAS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "tasks", "controller", "protocols")
@@ -27,6 +30,7 @@ ROOT_LAYERS = {
     "protocols": {*PACKAGES, "fields"},
 }
 MOST_LINES, MOST_MODULES, MOST_PARAMETERS = 450, 20, 6
+MOST_MODULES_OF_PROTOCOLS, MOST_FOLDERS_OF_PROTOCOLS = 90, 7
 MOST_LEVELS, MOST_LEVELS_OF_PROTOCOLS = 18, 14
 
 
@@ -49,55 +53,32 @@ def tree(path):
     return ast.parse(path.read_text(), str(path))
 
 
-def walk(node, *, type_checking=False, functions=True):
-    """Yields all nodes below a node.
+def imports(name, top=False, typing=True):
+    """Returns the line and the module of each import of a module from this package.
 
     Args:
-      node: Where to begin.
-      type_checking: Whether to enter blocks "if TYPE_CHECKING:".
-      functions: Whether to enter bodies of functions.
+      name: Name of the module.
+      top: Whether to return only imports that run when the module is imported.
+      typing: Whether to return those behind "if TYPE_CHECKING:", too.
     """
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.If) and not type_checking:
-            if "TYPE_CHECKING" in ast.unparse(child.test):
-                for other in child.orelse:
-                    yield other
-                    yield from walk(other, type_checking=type_checking, functions=functions)
-                continue
-        if not functions and isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            continue
-        yield child
-        yield from walk(child, type_checking=type_checking, functions=functions)
-
-
-def imports(name, *, type_checking=False, functions=True):
-    """Returns the imports of a module of this package: its line and the imported module's name."""
     path = modules()[name]
-    package = name.split(".") if name else []
-    if path.name != "__init__.py":
-        package = package[:-1]
-    found = []
-    for node in walk(tree(path), type_checking=type_checking, functions=functions):
-        if isinstance(node, ast.Import):
-            targets = [alias.name for alias in node.names]
-            found += [(node.lineno, own) for t in targets if (own := absolute(t)) is not None]
-        elif isinstance(node, ast.ImportFrom):
-            if node.level:
-                assert node.level - 1 <= len(package), f"{path}:{node.lineno}: above the package"
-                base = package[: len(package) - node.level + 1]
-                base = ".".join([*base, *filter(None, [node.module])])
-            elif (base := absolute(node.module)) is None:
-                continue
+    package = name.split(".")[: None if path.name == "__init__.py" else -1] if name else []
+    found, nodes = [], tree(path).body if top else [*ast.walk(tree(path))]
+    if not typing:
+        blocks = [node for node in nodes if isinstance(node, ast.If)]
+        behind = [b.body for b in blocks if "TYPE_CHECKING" in ast.unparse(b.test)]
+        nodes = [node for node in nodes if not any(node in body for body in behind)]
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom) and node.level:
+            assert node.level - 1 <= len(package), f"{path}:{node.lineno}: above the package"
+            base = package[: len(package) - node.level + 1]
+            base = ".".join([*base, *filter(None, [node.module])])
             for alias in node.names:
                 deeper = ".".join(filter(None, [base, alias.name]))
                 found.append((node.lineno, deeper if deeper in modules() else base))
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            assert "musebot" not in ast.unparse(node), f"{path}:{node.lineno}: not relative"
     return [(line, target) for line, target in found if target != name]
-
-
-def absolute(target):
-    """Returns the name within the package of "musebot.a.b"; None for other packages."""
-    first, _, rest = target.partition(".")
-    return rest if first == "musebot" else None
 
 
 def place(name, line=None):
@@ -123,7 +104,7 @@ def test_root_packages_import_only_what_they_may():
         f"{place(name, line)}: {name.split('.')[0]} imports {target}"
         for name in modules()
         if name.split(".")[0] in PACKAGES
-        for line, target in imports(name, type_checking=True)
+        for line, target in imports(name)
         if target and target.split(".")[0] not in ROOT_LAYERS[name.split(".")[0]]
     ]
     assert not wrong, "\n".join(wrong)
@@ -140,30 +121,12 @@ def test_no_layer_of_protocols_imports_a_higher_one():
     assert not wrong, "\n".join(wrong)
 
 
-@functools.cache
-def graph(functions):
-    """Returns what each module imports, within its functions too or not."""
-    return {name: {t for _, t in imports(name, functions=functions)} for name in modules()}
-
-
 def test_no_import_closes_a_circle():
-    done, stack, circles = set(), [], []
-
-    def visit(name):
-        if name in stack:
-            circles.append(" -> ".join(map(place, [*stack[stack.index(name) :], name])))
-            return
-        if name in done:
-            return
-        stack.append(name)
-        for target in sorted(graph(functions=False)[name]):
-            visit(target)
-        stack.pop()
-        done.add(name)
-
-    for name in modules():
-        visit(name)
-    assert not circles, "\n".join(circles)
+    graph = {name: {target for _, target in imports(name, top=True)} for name in modules()}
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" -> ".join(map(place, error.args[1])))
 
 
 def longest_chain(names):
@@ -171,7 +134,7 @@ def longest_chain(names):
 
     @functools.cache
     def chain(name):
-        below = [chain(target) for target in graph(functions=True)[name] if target in names]
+        below = [chain(target) for _, target in imports(name, typing=False) if target in names]
         return (name, *max(below, key=len, default=()))
 
     return max(map(chain, sorted(names)), key=len)
@@ -196,15 +159,21 @@ def test_no_module_is_too_long():
     assert not wrong, "\n".join(wrong)
 
 
-def test_no_folder_has_too_many_modules():
-    folders = {}
-    for path in modules().values():
-        if path.name != "__init__.py":
-            folders.setdefault(path.parent, []).append(path.name)
-    wrong = [
-        f"{f.relative_to(ROOT)}: {len(m)}" for f, m in folders.items() if len(m) > MOST_MODULES
-    ]
-    assert not wrong, "\n".join(wrong)
+def test_no_folder_has_too_many_modules_and_protocols_not_too_many_folders():
+    files = [path for path in modules().values() if path.name != "__init__.py"]
+    folders = Counter(str(path.parent.relative_to(ROOT)) for path in files)
+    assert {f: count for f, count in folders.items() if count > MOST_MODULES} == {}
+    counts = [count for folder, count in folders.items() if folder.startswith("protocols")]
+    assert sum(counts) <= MOST_MODULES_OF_PROTOCOLS
+    below = {path.parent.name for path in (ROOT / "protocols").glob("*/__init__.py")}
+    assert len(below) <= MOST_FOLDERS_OF_PROTOCOLS and len(LAYERS) <= MOST_FOLDERS_OF_PROTOCOLS
+
+
+def test_every_module_is_in_one_area_of_mutants():
+    found = [path for area in AREAS.values() for one in area.split() for path in ROOT.glob(one)]
+    assert all(any(ROOT.glob(one)) for area in AREAS.values() for one in area.split())
+    root = {path for path in modules().values() if path.parent == ROOT and path.stem != "fields"}
+    assert sorted(found) == sorted({*modules().values()} - root)
 
 
 def public_functions(path):
@@ -231,22 +200,3 @@ def test_no_public_function_has_too_many_parameters():
         if len(parameters) > MOST_PARAMETERS
     ]
     assert not wrong, "\n".join(wrong)
-
-
-# Lists
-
-
-def test_setup_finds_every_folder_of_modules_and_no_other():
-    # setup.py finds the folders that have an __init__.py, all the way up, but for the tests.
-    assert 'find_packages(exclude=["tests*"])' in (ROOT / "setup.py").read_text()
-    folders = {path.parent for path in modules().values()}
-    without = [str(f.relative_to(ROOT)) for f in folders if not (f / "__init__.py").exists()]
-    assert not without, f"without __init__.py: {without}"
-    found = {
-        path.parent
-        for folder in ROOT.iterdir()
-        if folder.is_dir() and folder.name[0] != "." and folder.name not in ("build", "tests")
-        for path in folder.rglob("__init__.py")
-    }
-    others = sorted(str(folder.relative_to(ROOT)) for folder in found - folders)
-    assert not others, f"installed, but no package of musebot's: {others}"

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 
-from ...controller.proposers import PROPOSERS
+from ...controller.parameters import PROPOSERS
 from ..errors import InputError, nearest
 
 GROUP = "musebot.agents"  # entry points by which other packages register agents

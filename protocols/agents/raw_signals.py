@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import torch
 
-from ...controller.senses import ScaledEncoding, Senses, Signal, unsaturated
+from ...controller.senses import Encoding, Senses, Signal, unsaturated
 from .base import Agent
 
 _SHARE = Signal(0.0, 1.0)  # of the raw signal at maximal smell
@@ -36,7 +36,7 @@ class RawSignals(Agent):
           senses: What the paper's robot senses.
           make: Function that makes the agent for what it senses.
         """
-        self._encoding = ScaledEncoding(senses, centred=False, raw_signals=True)
+        self._encoding = Encoding(senses.state, centred=False, raw_signals=True)
         maximal = senses.reward.maximal
         self._maximal = torch.tensor(maximal) if maximal else None
         self._agent = make(raw_senses(senses))

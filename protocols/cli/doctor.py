@@ -88,7 +88,7 @@ class Doctor:
             raise RunError("something that musebot requires is missing here")
 
     def _check_agent(self, name: str) -> None:
-        from ...controller.proposers import PROPOSERS
+        from ...controller.parameters import PROPOSERS
         from ..agents.contract import check_agent
         from ..lives.local import prepare_process
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...controller.neurocontroller import Neurocontroller
-from ...controller.proposers import PROPOSERS
+from ...controller.parameters import PROPOSERS
 from ...controller.senses import Senses
 from ...tasks.batch import Robots
 from ..agents.base import Agent, sound

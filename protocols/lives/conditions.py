@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 
-from ...controller.proposers import PROPOSERS
+from ...controller.parameters import PROPOSERS
 from ..errors import InputError
 from .schedules import SCHEDULES
 

@@ -1,4 +1,4 @@
-"""`--log tensorboard`: the mean curve of each condition, in event files in `OUT/tensorboard`.
+"""`--tensorboard`: the mean curve of each condition, in event files in `OUT/tensorboard`.
 
 Each call writes all minutes anew; TensorBoard drops those of earlier calls (`purge_step`).
 """

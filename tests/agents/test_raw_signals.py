@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from musebot.controller.brains import BRAINS
-from musebot.controller.senses import ScaledEncoding
+from musebot.controller.senses import Encoding
 from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.raw_signals import RawSignals, raw_senses
 from musebot.protocols.agents.senses import senses_of
@@ -38,7 +38,7 @@ def test_the_smell_is_a_further_signal_as_steady_reads_it():
     agent.act(signals, True)
     assert BRAINS["steady"].raw_signals and BRAINS["steady"].raw_reward
     senses = senses_of("spot_finding")
-    wanted = ScaledEncoding(senses, centred=False, raw_signals=True).state(torch.tensor(signals))
+    wanted = Encoding(senses.state, centred=False, raw_signals=True).state(torch.tensor(signals))
     assert np.array_equal(spy.seen, wanted)
     np.testing.assert_allclose(spy.seen[:, 1], [0, 0.1, 1], rtol=1e-5)
     agent.learn(signals[:, 0])

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 import torch
-from helpers import same, snapshot
+from helpers import recorded, same, snapshot
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from musebot.controller import (
     BRAINS,
@@ -17,7 +19,9 @@ from musebot.controller import (
     Senses,
     Signal,
 )
+from musebot.fields import Whole
 
+quick = settings(max_examples=20)
 STEADY = BRAINS["steady"]
 SENSES = Senses((Signal(0.0, 1.0, 10.0), Signal(-1.0, 0.0)), Signal(0.0, 1.0, 10.0))
 WALLS = Senses(SENSES.state, Signal(-1.0, 0.0))
@@ -34,16 +38,15 @@ def sensed(steps, robots=ROBOTS, seed=0):
     generator = torch.Generator().manual_seed(seed)
     nose = torch.rand(steps, robots, generator=generator) * 10 / 11
     nose *= torch.rand(steps, robots, generator=generator) < 0.6
-    contact = -(torch.rand(steps, robots, generator=generator) < 0.3).to(nose.dtype)
+    contact = -torch.rand(steps, robots, generator=generator)
+    contact *= torch.rand(steps, robots, generator=generator) < 0.6
     return torch.stack([nose, contact], dim=-1)
 
 
-def run(brain, states):
-    actions = []
+def run(brain, states, reward=0):
     for state in states:
-        actions.append(brain.act(state, explore=True))
-        brain.learn(state[:, 0])
-    return actions
+        brain.act(state, explore=True)
+        brain.learn(state[:, reward])
 
 
 # Learning step by step
@@ -94,17 +97,20 @@ class LiteralBrain:
             0
         ]
 
-    def arrive(self, state, action, reward, ideas):
+    def arrive(self, state, action, reward, ideas, learns):
         """Learns from the step that ends in `state`; returns the TD error, and the best idea."""
         own = self.inputs(state)
         x = torch.cat([own, self.units])
         if self.p.raw_reward and self.senses.reward.maximal:
             reward = reward / (1 - reward) / 10
         values = [self.value(x, idea).item() for idea in ideas]
-        now = {"x": x, "action": action, "reward": reward.item(), "best": max(values)}
-        now |= {"value": self.value(x, action).item(), "idea": ideas[values.index(max(values))]}
-        error = 0.0 if self.before is None else self.learn(self.before, now)
-        self.age += 1
+        now = {"x": x, "action": action, "reward": reward.item() if learns else None}
+        now |= {"value": self.value(x, action).item(), "best": max(values)}
+        now |= {"idea": ideas[values.index(max(values))]}
+        error = 0.0
+        if learns:
+            error = 0.0 if self.before is None else self.learn(self.before, now)
+            self.age += 1
         self.before = now
         if self.context:
             sums = self.context["recurrent_weights"] @ self.units
@@ -115,10 +121,13 @@ class LiteralBrain:
 
     def learn(self, before, now):
         p = self.p
+        difference = p.reward_form == "difference"
+        if before["reward"] is None and (difference or p.clipped_bootstrap):
+            return 0.0  # the reward to compare was not sensed
         ahead = now["best"] if p.bootstrap == "max" else now["value"]
         if p.clipped_bootstrap and now["reward"] < before["reward"] and now["reward"] <= 0:
             ahead = min(ahead, max(before["reward"], 0))
-        reward = now["reward"] - (before["reward"] if p.reward_form == "difference" else 0)
+        reward = now["reward"] - (before["reward"] if difference else 0)
         reward -= p.advantage_scale * max(before["best"] - before["value"], 0)
         error = (reward + p.discount * ahead - self.value(before["x"], before["action"])).item()
         rate = p.learn_rate
@@ -140,45 +149,51 @@ class LiteralBrain:
         optimizer.step()
 
 
-def record_proposals(brain):
-    """Records the actions that the brain's proposer offers."""
-    proposed, propose = [], brain._proposer.propose
-
-    def recorded(inputs):
-        proposed.append(propose(inputs).clone())
-        return proposed[-1]
-
-    brain._proposer.propose = recorded
-    return proposed
-
-
-LIVES = [(name, "creative", walls) for name in BRAINS for walls in (False, True)]
-LIVES += [(name, other, True) for name in ("paper", "steady") for other in ("fixed", "random")]
+# The named brains, and the paper's with each term of the target alone.
+ALL = dict(BRAINS)
+for term in ("raw_reward", "reward_difference", "max_target", "clipped_bootstrap", "advantage"):
+    added = {field: getattr(STEADY, field) for field in INGREDIENTS[term]}
+    ALL[f"paper+{term}"] = dataclasses.replace(Parameters(epsilon=0.3), **added)
+LIVES = [(name, "creative") for name in ALL]
+LIVES += [(name, other) for name in ("paper", "steady") for other in ("fixed", "random")]
 
 
 @pytest.mark.usefixtures("double_precision")
-@pytest.mark.parametrize(("name", "proposer", "walls"), LIVES)
-def test_every_brain_learns_step_by_step_by_the_equations(name, proposer, walls):
-    quick = {"ideas": 4, "learn_rate_decay_steps": 20.0}
-    parameters = dataclasses.replace(BRAINS[name], **quick)
-    senses = WALLS if walls else SENSES
+@pytest.mark.parametrize(("name", "proposer"), LIVES)
+def test_every_brain_learns_step_by_step_by_the_equations(name, proposer):
+    parameters = dataclasses.replace(ALL[name], ideas=4, learn_rate_decay_steps=20.0)
+    for reward, senses in enumerate((SENSES, WALLS)):
+        check_steps(parameters, proposer, senses, reward)
+
+
+def check_steps(parameters, proposer, senses, reward):
+    """Compares brains with literal ones; the reward is the signal of this number.
+
+    Some steps are tests, without exploration or learning; after some, robots are placed elsewhere.
+    """
     brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, senses)
     literal = [LiteralBrain(brain, robot, parameters, senses) for robot in range(ROBOTS)]
-    proposed = record_proposals(brain)
-    for step, state in enumerate(sensed(25)):
-        actions = brain.act(state, explore=step % 3 > 0)
-        rewards = state[:, 1 if walls else 0]
-        errors = brain.learn(rewards)
+    proposed = recorded(brain, "_propose")
+    for step, state in enumerate(sensed(30)):
+        explore, learns = step % 3 > 0, step % 8 != 6
+        actions = brain.act(state, explore)
+        rewards = state[:, reward]
+        errors = brain.learn(rewards) if learns else torch.zeros(ROBOTS)
         for robot, own in enumerate(literal):
             lived = state[robot], actions[robot], rewards[robot], proposed[-1][robot]
-            error, best = own.arrive(*lived)
+            error, best = own.arrive(*lived, learns)
             assert errors[robot].item() == pytest.approx(error, abs=1e-9)
-            assert step % 3 or torch.equal(actions[robot], best)
+            assert explore or torch.equal(actions[robot], best)
+        if moved := {12: [0, 2], 20: [*range(ROBOTS)]}.get(step):
+            brain.forget_step(torch.tensor(moved) if len(moved) < ROBOTS else None)
+            for robot in moved:
+                literal[robot].before = None
     for robot, own in enumerate(literal):
-        for owner, weights in (("evaluation", own.q), ("memory", own.memory)):
-            for part, tensor in weights.items():
-                found = brain.networks()[f"{owner}.{part}"][robot]
-                torch.testing.assert_close(found, tensor.detach(), atol=1e-9, rtol=0)
+        weights = {"evaluation": own.q, "memory": own.memory, "context": own.context}
+        for name, tensor in brain.networks().items():
+            owner, part = name.split(".")
+            expected = weights[owner][part].detach()
+            torch.testing.assert_close(tensor[robot], expected, atol=1e-9, rtol=0)
 
 
 def test_steady_differs_from_the_paper_by_its_ingredients_only():
@@ -196,19 +211,18 @@ def test_docs_beyond_lists_every_ingredient_with_its_fields():
     assert found == dict(INGREDIENTS)
 
 
-@pytest.mark.parametrize("ingredient", INGREDIENTS)
-def test_every_ingredient_can_be_removed_alone_and_has_an_effect(ingredient):
-    brains = [
-        Neurocontroller(BRAINS[name], "creative", ROBOTS, 2, 1, SENSES)
-        for name in ("steady", f"steady-{ingredient}")
-    ]
-    for brain in brains:
-        for state in sensed(100):
+def test_every_ingredient_can_be_removed_alone_and_has_an_effect():
+    found = {}
+    for name, parameters in BRAINS.items():
+        brain = Neurocontroller(parameters, "creative", ROBOTS, 2, 1, SENSES)
+        for state in sensed(60):
             before = snapshot(brain.networks())
             run(brain, [state])
-            for name, tensor in brain.networks().items():
-                assert (tensor - before[name]).abs().max() < 1, name
-    assert not same(*(brain.networks() for brain in brains))
+            for part, tensor in brain.networks().items():
+                assert (tensor - before[part]).abs().max() < 1, (name, part)
+        found[name] = brain.networks()
+    for ingredient in INGREDIENTS:
+        assert not same(found["steady"], found[f"steady-{ingredient}"]), ingredient
 
 
 # Fields that change nothing while the ingredient that reads them is off, or that are neutral.
@@ -220,20 +234,22 @@ NEUTRAL = [
 ]
 
 
-@pytest.mark.parametrize("fields", NEUTRAL, ids=lambda fields: " ".join(fields))
-@pytest.mark.parametrize("proposer", ["fixed", "random", "creative"])
-def test_what_an_ingredient_adds_leaves_the_papers_life_unchanged_where_it_is_off(fields, proposer):
+def test_what_an_ingredient_adds_leaves_the_papers_life_unchanged_where_it_is_off():
     lives = []
-    for parameters in (Parameters(), Parameters(**fields)):
-        brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, WALLS)
-        actions = []
-        for state in sensed(30):
-            actions.append(brain.act(state, explore=True))
-            brain.learn(state[:, 1])
-        lives.append((actions, snapshot(brain.state())))
-    (paper, own), (others, other) = lives
-    assert all(map(torch.equal, paper, others))
-    assert same(own, other)
+    for fields in ({}, *NEUTRAL):
+        brain = Neurocontroller(Parameters(**fields), "creative", ROBOTS, 2, 1, WALLS)
+        run(brain, sensed(30), reward=1)
+        lives.append(brain.state())
+    paper, *others = lives
+    assert [same(paper, other) for other in others] == [True] * len(NEUTRAL)
+
+
+def test_a_brain_lives_with_the_least_of_every_whole_number():
+    for field in dataclasses.fields(Parameters):
+        if isinstance(field.metadata["allowed"], Whole):
+            brain = steady(**{field.name: field.metadata["allowed"].low})
+            run(brain, sensed(3))
+            assert all(t.isfinite().all() for t in brain.networks().values()), field.name
 
 
 def test_the_papers_checkpoint_has_nothing_of_the_ingredients():
@@ -244,40 +260,42 @@ def test_the_papers_checkpoint_has_nothing_of_the_ingredients():
     assert now == {"now.state", "now.action", "now.value", "now.chained"}
 
 
-@pytest.mark.parametrize(("count", "own"), [(25, 17), (9, 6), (5, 3), (3, 2), (1, 1)])
-def test_a_third_of_the_ideas_are_random_and_the_others_the_memorys(count, own):
-    brain = steady(ideas=count, noise=0.0)  # so that the memory's ideas equal its main idea
+@quick
+@given(st.integers(1, 30), st.floats(0, 1, exclude_max=True))
+def test_a_share_of_the_ideas_is_random_and_the_others_are_the_memorys(count, share):
+    brain = steady(ideas=count, random_share=share, noise=0.0)  # all of the memory's are equal
     ideas = brain.propose(sensed(1)[0])
     alike = (ideas - ideas[:, :1]).abs().amax(-1) < 1e-6
     assert ideas.shape == (ROBOTS, count, 2)
+    own = max(count - round(share * count), 1)
     assert alike[:, :own].all()
     assert not alike[:, own:].any()
 
 
-@pytest.mark.parametrize(
-    ("fields", "learns"),
-    [
-        ({"noise": 0.0}, False),
-        ({"noisy_share": 0.0}, False),
-        ({"keep_main_idea": True, "ideas": 1}, False),
-        ({"keep_main_idea": True, "ideas": 2}, True),
-        ({"noise": 0.0, "random_share": 0.5}, True),
-        ({"noise": 0.0, "memory_target": "selected"}, True),
-    ],
+@quick
+@given(
+    noise=st.sampled_from([0.0, 0.76]),
+    noisy_share=st.sampled_from([0.0, 0.25]),
+    ideas=st.integers(1, 3),
+    random_share=st.sampled_from([0.0, 0.5]),
+    keep_main_idea=st.booleans(),
+    memory_target=st.sampled_from(["selected", "best"]),
 )
-def test_a_memory_does_not_learn_from_itself_alone(fields, learns):
-    brain = steady(**{"random_share": 0.0, "ideas": 4, "epsilon": 0.5} | fields)
-    before = snapshot(brain.networks())
-    run(brain, sensed(20))
-    after = brain.networks()
-    assert torch.equal(before["memory.hidden_weights"], after["memory.hidden_weights"]) != learns
-    assert not torch.equal(before["evaluation.hidden_weights"], after["evaluation.hidden_weights"])
+def test_a_memory_does_not_learn_from_its_main_idea_alone(memory_target, **fields):
+    brain = steady(memory_target=memory_target, epsilon=0.5, **fields)
+    states, before = sensed(20), snapshot(brain.networks())
+    ideas = torch.cat([brain.propose(states[0]) for _ in range(3)], dim=1)
+    alone = (ideas - ideas[:, :1]).abs().max() < 1e-6
+    run(brain, states)
+    same_weights = {name: tensor.equal(before[name]) for name, tensor in brain.networks().items()}
+    assert same_weights["memory.hidden_weights"] == (alone and memory_target == "best")
+    assert not same_weights["evaluation.hidden_weights"]
 
 
 def test_exploration_and_learning_decrease_with_steps_of_training_only():
     fast = {"epsilon_decay_steps": 10, "learn_rate_decay_steps": 10}
     brain = steady(robots=200, epsilon=0.0, exploration_steps=1, **fast)
-    proposed, explored, moved = record_proposals(brain), [], []
+    proposed, explored, moved = recorded(brain, "_propose"), [], []
     for state in sensed(80, robots=200):
         weights = brain.networks()["evaluation.output_weights"].clone()
         actions = brain.act(state, explore=True)
@@ -287,5 +305,4 @@ def test_exploration_and_learning_decrease_with_steps_of_training_only():
     assert 20 < torch.stack(explored[:10]).sum()
     assert torch.stack(explored[60:]).sum() < 20
     assert 3 * sum(moved[60:70]) < sum(moved[1:11])
-    brain.act(sensed(1, robots=200)[0], explore=False)
     assert brain.state()["age"] == 80
