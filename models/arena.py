@@ -59,7 +59,7 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
         # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
         # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.
         for motor in spec.actuators:
-            radius = spec.geom("left_wheel").size[0]
+            radius = spec.body("left_wheel").pos[2]  # the axle's height: of the tyre under load
             gear = 0.5 * radius / motor_speed
             scale = motor.gear[0] / gear
             motor.gear[0] = gear
@@ -186,7 +186,7 @@ class Dimensions:
         obstacle has no geom, lies in another body, or its largest geom is not at its centre.
         """
         bumper = model.geom("bumper")
-        wheel_radius = float(model.geom("left_wheel").size[0])
+        wheel_radius = float(model.body("left_wheel").pos[2])  # the axle's height, under load
         half_length, half_width = half_size(model)
         return cls(
             half_length=half_length,
