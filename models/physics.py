@@ -95,15 +95,6 @@ class Physics(mujoco.Physics):
                 f"the simulation became unstable: the sensors read {self.readings[0].tolist()}"
             )
 
-    def check_state(self, state: np.ndarray, sensordata: np.ndarray) -> None:
-        """Raises ValueError where `restore` would lead to what `check_sound` refuses."""
-        finite = np.isfinite(state).all() and np.isfinite(sensordata).all()
-        if not (finite and self.dimensions.sound(state[None, 1:7]).all()):
-            raise ValueError(
-                "state must be finite numbers, of a robot that stands in the arena, got "
-                f"x, y, z {state[1:4].tolist()}"
-            )
-
     def restore(self, state: np.ndarray, sensordata: np.ndarray) -> None:
         """Restores what `get_state(INTEGRATION)` and `data.sensordata` returned."""
         self.set_state(state, INTEGRATION)

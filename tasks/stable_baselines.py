@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,9 +16,9 @@ except ModuleNotFoundError as error:
         f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
     ) from error
 
-from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, USUAL_STEPS
+from ..gymnasium_registration import EPISODE_STEPS, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
-from .gymnasium_env.common import FPS
+from .gymnasium_env.common import FPS, task_name
 
 
 class ArenaVecEnv(VecEnv):
@@ -42,20 +41,10 @@ class ArenaVecEnv(VecEnv):
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
             task, 1,000 in the suite.
         """
-        if not isinstance(task, str):
-            raise ValueError(f"task must be a task's name or Gymnasium id, got {task!r:.60}")
-        module, _, name = task.rpartition(":")
-        if module and all(part.isidentifier() for part in module.split(".")):
-            importlib.import_module(module)  # it registers the task, its id and its steps
-        name = GYMNASIUM_TASKS.get(name.removeprefix("musebot/"), name)
+        name = task_name(task)
         kwargs = {"max_episode_steps": EPISODE_STEPS.get(name, USUAL_STEPS), **kwargs}
-        own = module not in ("", "musebot")
-        self._robots = ArenaVectorEnv(
-            f"{module}:{name}" if own else name,
-            num_envs,
-            autoreset_mode=AutoresetMode.SAME_STEP,
-            **kwargs,
-        )
+        mode = AutoresetMode.SAME_STEP
+        self._robots = ArenaVectorEnv(name, num_envs, autoreset_mode=mode, **kwargs)
         self._actions = np.zeros((num_envs, 2), dtype=np.float32)
         robots = self._robots
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)

@@ -201,7 +201,7 @@ class Cohort:
         for group in ("batch", "before"):
             check_finite(groups[group], groups["batch"]["valid"])
         self._set_random(notes["random"])
-        self.batch.load_arrays(groups["batch"])
+        self.batch.set_state(groups["batch"])
         try:
             self.agent.load_state(groups["brain"])
         except MemoryError:

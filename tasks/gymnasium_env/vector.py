@@ -113,8 +113,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._painter: Physics | None = None
         self._lifecycle = Lifecycle()
         self._nose = Nose(spot_radius=self._batch.dimensions.spot_radius)
-        self._randoms: dict[int, np.random.Generator] = {}
-        self._seeds: list[int] = [0] * num_envs
+        streams = [seeding.np_random() for _ in range(num_envs)]
+        self._randoms, self._seeds = map(list, zip(*streams, strict=True))
         self._steps = np.zeros(num_envs, dtype=np.int64)  # so far in each robot's episode
         self._counts = np.zeros((2, num_envs), dtype=np.int64)  # of them in contact, in the spot
         self._over = np.zeros(num_envs, dtype=bool)
@@ -122,12 +122,11 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Random stream of every robot."""
-        return tuple(self._streams().values())
+        return tuple(self._randoms)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Seed of every robot's random stream."""
-        self._streams()
         return tuple(self._seeds)
 
     def reset(
@@ -165,7 +164,14 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             seeds = [None] * self.num_envs if seed is None else list(seed)
             if len(seeds) != self.num_envs:
                 raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
-            self._seed([one if own else None for one, own in zip(seeds, mask, strict=True)])
+            # All streams are made before the first is kept: a seed may be refused.
+            made = {
+                robot: seeding.np_random(own)
+                for robot, own in enumerate(seeds)
+                if mask[robot] and own is not None
+            }
+            for robot, pair in made.items():
+                self._randoms[robot], self._seeds[robot] = pair
             self._begin(np.flatnonzero(mask), start)
             self._over[mask] = False
             self._lifecycle.become("running")
@@ -201,8 +207,9 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
                 f"reset must be called with a reset_mask of the robots {starting.tolist()}, "
                 "whose episodes have ended"
             )
-        if self._episode.spot_steps:
-            self._jump(np.flatnonzero(self._episode.jumps(self._steps) & ~self._over))
+        for robot in np.flatnonzero(self._episode.jumps(self._steps) & ~self._over).tolist():
+            spot = random_spots(self._randoms[robot], batch.dimensions, 1)
+            batch.place_spot(np.array([robot]), spot)
         try:
             batch.step(motors)
         except CapacityError as error:
@@ -336,12 +343,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         check_state(state, {**self._state(), "batch": {}, "randoms": randoms})
         batch = state["batch"]
         check_state(batch, self._batch.arrays())
-        sound = self._batch.dimensions.sound(batch["state"][:, 1:7]).all()
-        if not (sound and all(np.isfinite(one).all() for one in batch.values())):
-            raise ValueError(
-                "state['batch'] must be finite numbers, of robots that stand in the arena, got x, "
-                f"y, z {batch['state'][:, 1:4].tolist()!r:.200}"
-            )
+        self._batch.dimensions.check_standing(batch["state"], *batch.values())
         if not batch["valid"].all():
             raise ValueError(f"state['batch']['valid'] must be all True, got {batch['valid']}")
         check_counts("steps", state["steps"], [self._episode.most_steps] * self.num_envs)
@@ -370,26 +372,9 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             )
         return mask.copy()
 
-    def _streams(self) -> dict[int, np.random.Generator]:
-        """Returns the random stream of every robot, by its number."""
-        if not self._randoms:
-            self._seed([None] * self.num_envs)
-        return self._randoms
-
-    def _seed(self, seeds: Sequence[int | None]) -> None:
-        """Makes a new random stream for every seed given, and for robots that have none yet."""
-        made = {  # all of them before the first is kept: a seed may be refused
-            robot: seeding.np_random(seed)
-            for robot, seed in enumerate(seeds)
-            if seed is not None or robot not in self._randoms
-        }
-        for robot, pair in made.items():
-            self._randoms[robot], self._seeds[robot] = pair
-
     def _begin(self, robots: np.ndarray, start: Start) -> None:
         """Starts an episode of some robots, with starts drawn from their own streams."""
-        randoms = self._streams()
-        starts = [start.draw(randoms[robot], self._batch.dimensions) for robot in robots]
+        starts = [start.draw(self._randoms[robot], self._batch.dimensions) for robot in robots]
         poses, spots = map(np.stack, zip(*starts, strict=True))
         self._batch.valid[robots] = True  # a robot that was stopped starts again
         self._batch.place_spot(robots, spots)
@@ -397,13 +382,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._check_sound(np.isfinite(self._batch.sensordata).all(axis=1))
         self._steps[robots] = 0
         self._counts[:, robots] = 0
-
-    def _jump(self, robots: np.ndarray) -> None:
-        """Moves the spots of some robots to places drawn from their own streams."""
-        randoms = self._streams()
-        for robot in robots:
-            spot = random_spots(randoms[robot], self._batch.dimensions, 1)
-            self._batch.place_spot(robot[None], spot)
 
     def _states(self) -> np.ndarray:
         return self._batch.rules.state(self._batch.sensordata).astype(np.float32)

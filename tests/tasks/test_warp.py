@@ -37,7 +37,7 @@ def pair(robots, task="spot_finding_walls", seed=1):
     for batch in (ours, warp):
         batch.place_spot(np.arange(robots), spots)
         batch.place(np.arange(robots), poses)
-    ours.load_arrays(warp.arrays())  # lifted by 10 nm, as in Warp
+    ours.set_state(warp.arrays())  # lifted by 10 nm, as in Warp
     return ours, warp
 
 
@@ -57,7 +57,7 @@ def test_a_control_step_from_a_thousand_states_is_that_of_c_mujoco(task):
         if step % 10 == 0:
             motors = random.uniform(-0.5, 0.5, (robots, 2)) + random.choice((0, 0.4), (robots, 1))
         if step in (49, 99):  # 2 x 500 states
-            warp.load_arrays(ours.arrays())
+            warp.set_state(ours.arrays())
             warp.step(motors)
         ours.step(motors)
         if step in (49, 99):
@@ -91,7 +91,7 @@ def test_ten_minutes_of_scripts_end_where_c_mujoco_ends():
     middle = np.zeros((robots, 3))
     for batch in (ours, warp):
         batch.place(np.arange(robots), middle)
-    ours.load_arrays(warp.arrays())
+    ours.set_state(warp.arrays())
     for _ in range(6000):
         ours.step(scripts)
         warp.step(scripts)
@@ -124,7 +124,7 @@ def test_trained_brains_are_as_long_in_the_spot_or_in_contact_as_in_c_mujoco(kep
 def test_tensors_do_what_the_batch_on_the_host_does_and_read_no_number():
     ours, warp = pair(20)
     tensors = WarpTensors(ours)
-    tensors.load_arrays(warp.arrays())
+    tensors.set_state(warp.arrays())
     random = np.random.default_rng(3)
     from torch.profiler import ProfilerActivity, profile
 
