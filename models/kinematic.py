@@ -87,16 +87,9 @@ class Kinematics(Checked):
 def follow_motors(
     wheels: np.ndarray, motors: np.ndarray, seconds: float, lag: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the speeds of wheels that follow their motors with a lag, in motor values.
+    """Returns mean and last speeds of wheels that follow their motors with a lag in [s].
 
-    Args:
-      wheels: Speeds of the left and right wheel at the start, in motor values, shape (B, 2).
-      motors: Commanded motor values, shape (B, 2).
-      seconds: Duration of the motion in [s].
-      lag: Time constant of the lag in [s]; 0 for no lag.
-
-    Returns:
-      Mean speeds and speeds at the end, each of shape (B, 2).
+    `wheels` are their first speeds. Speeds are in motor values, left and right, shape (B, 2).
     """
     if not lag:
         return motors, motors
@@ -110,8 +103,7 @@ def drive(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moves robots along one path for some seconds, as far as the walls allow.
 
-    Returns:
-      Poses at the end, shape (B, 3); and whether the wheels push a robot into a wall, shape (B,).
+    Returns the poses at the end, and whether the wheels push a robot into a wall, shape (B,).
     """
     xp = namespace(poses)
     left, right = (motors * (2 * size.motor_speed)).T
@@ -158,9 +150,7 @@ def graze(
       speed: Speed of the robots in [m/s], shape (B,).
       seconds: Duration of driving into the wall in [s], shape (B,).
 
-    Returns:
-      Slip along the wall: x, y in [m], shape (2, B); and turn in [rad], counterclockwise,
-      shape (B,).
+    Returns the slip, x, y in [m], shape (2, B), and the turn in [rad], counterclockwise, (B,).
     """
     xp = namespace(lost)
     ahead, along = replaced(lost, ~into, 0.0), replaced(lost, into, 0.0)

@@ -10,11 +10,8 @@ from typing import Any, Self
 import mujoco as mj
 import numpy as np
 
-from .rendering import (
-    check_process,
-    fit_buffer,
-    open_context,
-)  # first: imports dm_control without its warnings
+# First: it imports dm_control without its warnings.
+from .rendering import check_process, fit_buffer, open_context
 
 # isort: split
 from dm_control import mujoco

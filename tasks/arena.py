@@ -72,13 +72,11 @@ class Task(base.Task):
         self._random = random
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
-        """Returns the bounds of the two actions, left and right."""
         del physics
         high = np.full(2, self.episode.limit)
         return specs.BoundedArray(high.shape, np.float64, -high, high, name="motors")
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Places robot and spot."""
         robot, spot = self.start.draw(self.random, physics.dimensions)
         physics.place_robot(*robot)
         physics.place_spot(*spot)
@@ -98,7 +96,6 @@ class Task(base.Task):
         return collections.OrderedDict([(k, np.array(v[0])) for k, v in observations.items()])
 
     def observation_spec(self, physics: Physics) -> collections.OrderedDict[str, Any]:
-        """Returns the bounds of every observation."""
         del physics
         return collections.OrderedDict(
             (name, specs.BoundedArray((length,), np.float64, low, high, name=name))
@@ -106,7 +103,6 @@ class Task(base.Task):
         )
 
     def get_reward(self, physics: Physics) -> float:
-        """Returns the reward for the current measurements, see `Rules.checked_reward`."""
         return float(self.rules.checked_reward(physics.readings).item())
 
     def after_step(self, physics: Physics) -> None:
@@ -157,10 +153,7 @@ class Environment(control.Environment):
             return timestep
 
     def step(self, action: Any) -> dm_env.TimeStep:
-        """Simulates 0.1 s.
-
-        Args:
-          action: Left and right action, shape (2,); values beyond the limits are clipped.
+        """Simulates 0.1 s for a left and right action, shape (2,), clipped at its limits.
 
         Raises:
           ValueError: The action is not two finite numbers, or the reward is not as declared.
@@ -168,17 +161,13 @@ class Environment(control.Environment):
           RuntimeError: The environment is closed, failed, or in another thread's call.
         """
         with self.lifecycle.one_thread:
-            return self.advance(action)
-
-    def advance(self, action: Any) -> dm_env.TimeStep:
-        """Does what `step` does, for a caller that holds `lifecycle.one_thread`."""
-        if not self.lifecycle.running and self.lifecycle.stage != "new":
-            self.lifecycle.refuse()
-        try:
-            return super().step(action)
-        except control.PhysicsError:
-            self.lifecycle.become("failed")
-            raise
+            if not self.lifecycle.running and self.lifecycle.stage != "new":
+                self.lifecycle.refuse()
+            try:
+                return super().step(action)
+            except control.PhysicsError:
+                self.lifecycle.become("failed")
+                raise
 
     def close(self) -> None:
         """Frees the renderer and the physics; the environment cannot be used any more."""
@@ -245,7 +234,6 @@ class Environment(control.Environment):
         return collections.OrderedDict([(name, spec)])
 
     def reward_spec(self) -> specs.BoundedArray:
-        """Returns the bounds of the reward."""
         return specs.BoundedArray((), float, *self.task.rules.rewards, name="reward")
 
 

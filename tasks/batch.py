@@ -36,14 +36,11 @@ def stop_timers() -> bool:
     MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
     clock is a global callback without a public switch. Returns whether it was found.
     """
-    library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
-    if library is None:
-        return False
-    try:
-        ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time").value = None
-    except (OSError, ValueError):
-        return False
-    return True
+    for library in Path(mujoco.__file__).parent.glob("libmujoco*"):
+        with contextlib.suppress(OSError, ValueError):
+            ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time").value = None
+            return True
+    return False
 
 
 def silence_warnings() -> None:
@@ -66,7 +63,7 @@ class CapacityError(RuntimeError):
 def substeps_of(model: mujoco.MjModel) -> int:
     """Returns the physics steps in a control step; ValueError unless at most 10,000 make 0.1 s."""
     timestep = model.opt.timestep
-    substeps = round(CONTROL_TIMESTEP / timestep) if timestep > 0 else 0
+    substeps = round(CONTROL_TIMESTEP / timestep) if timestep > 1e-9 else 0
     if substeps > _MOST_SUBSTEPS or abs(substeps * timestep - CONTROL_TIMESTEP) > 1e-9:
         raise ValueError(
             f"the timestep must divide 0.1 s, into at most {_MOST_SUBSTEPS} steps, got {timestep}"
@@ -211,8 +208,8 @@ class Batch(Robots):
     """B robots in MuJoCo. A second thread that steps or places them meanwhile is refused.
 
     Attributes:
-      model: Compiled arena, shared by all robots. A change of it counts from the next step on. A
-        step changes its flags meanwhile, so batches in several threads need a model each.
+      model: Compiled arena of all robots; changes count from the next step on. A step changes its
+        flags meanwhile: batches in several threads need a model each.
       substeps: Number of physics steps in a control step.
     """
 
@@ -225,8 +222,8 @@ class Batch(Robots):
           model: Compiled arena.
           rules: Rules of the task for that arena.
           robots: Number of robots, B.
-          threads: Number of threads that step the physics; 0 for the calling thread. Results do
-            not depend on it: a robot's step depends on its own state alone.
+          threads: Number of threads that step the physics, without an effect on results; 0 for the
+            calling thread.
 
         Raises ValueError where a number is out of range, see `substeps_of`.
         """

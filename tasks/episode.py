@@ -127,20 +127,23 @@ class Lifecycle:
 
     Attributes:
       stage: State of the environment.
-      running: Whether an episode is under way; what every step reads.
       one_thread: What every call of the environment holds.
     """
 
     def __init__(self) -> None:
         """Begins before the first reset."""
         self.stage: Stage = "new"
-        self.running = False
         self.one_thread = OneThread()
+
+    @property
+    def running(self) -> bool:
+        """Whether an episode is under way."""
+        return self.stage == "running"
 
     def become(self, stage: Stage) -> None:
         """Changes the state; RuntimeError if it is "closed"."""
         self.check_open()
-        self.stage, self.running = stage, stage == "running"
+        self.stage = stage
 
     def check_open(self) -> None:
         """Raises RuntimeError if the environment is closed."""

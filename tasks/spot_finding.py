@@ -12,7 +12,7 @@ import numpy as np
 from ..models import Dimensions, add_noses
 from .arena import TaskDefinition
 from .rules import Rules, SensorLayout, sensor_slice
-from .sensors import Nose, NoseForm, contact_signal, distance_signal
+from .sensors import Nose, NoseForm, contact_signal
 from .wall_avoidance import WallAvoidanceRules
 
 
@@ -84,23 +84,15 @@ class TwoNosesRules(SpotFindingRules):
         noses = self.observations(sensordata)["noses"]
         return (noses[..., 0] + noses[..., 1]) / 2
 
-    def event(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns whether the front of the rim, the place of a single nose, is inside the spot."""
-        return super().event(sensordata)
 
-
-class SpotAmongWallsRules(SpotFindingRules):
+class SpotAmongWallsRules(SpotFindingRules, WallAvoidanceRules):
     """Spot finding with wall sensing: the reward is 0 in contact."""
 
     shapes: ClassVar = {**SpotFindingRules.shapes, **WallAvoidanceRules.shapes}
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns `nose` (..., 1), `distances` (..., 4) and `contact` (..., 1)."""
-        return {
-            **super().observations(sensordata),
-            "distances": distance_signal(sensordata[..., self.layout.distances]),
-            "contact": contact_signal(sensordata[..., self.layout.touch]),
-        }
+        return super().observations(sensordata) | WallAvoidanceRules.observations(self, sensordata)
 
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the nose signal, in [0, 1); 0 in contact."""

@@ -67,7 +67,6 @@ class ArenaVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Stores the actions, shape (B, 2), for the next `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
@@ -85,30 +84,24 @@ class ArenaVecEnv(VecEnv):
         return observations, rewards.astype(np.float32), truncations, infos
 
     def close(self) -> None:
-        """Closes the batch."""
         self._robots.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Returns an attribute of robots, see `ArenaVectorEnv.get_attr`; None for all robots."""
         values = self._robots.get_attr(attr_name)
         return [values[robot] for robot in self._get_indices(indices)]
 
     def get_images(self) -> list[np.ndarray | None]:
-        """Returns a picture of each robot, for `render_mode="rgb_array"`; else None for each."""
         return list(self._robots.render() or [None] * self.num_envs)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Raises AttributeError: robots of a batch have no attributes of their own."""
         raise AttributeError(f"robots of a batch have no attributes of their own, got {attr_name}")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        """Raises AttributeError: robots of a batch have no methods of their own."""
         raise AttributeError(f"robots of a batch have no methods of their own, got {method_name}")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None
     ) -> list[bool]:
-        """Returns False for every robot: robots of a batch have no wrappers."""
         return [False] * sum(1 for _ in self._get_indices(indices))
 
 

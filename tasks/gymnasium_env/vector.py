@@ -141,18 +141,12 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           seed: Seeds of the robots; or one seed s, which gives robot k the seed s + k. None
             continues a robot's random stream.
           options: `robot` and `spot` of these episodes, in place of the task's; and `reset_mask`,
-            the robots that start an episode, Booleans of shape (B,); all by default.
+            the robots that start an episode, Booleans of shape (B,); all by default, and before the
+            first reset and after a PhysicsError.
 
-        Returns:
-          Observations of all robots, shape (B, S), and the entries of `INFO`.
-
-        Raises:
-          TypeError: An option is unknown.
-          ValueError: The number of seeds is not the number of robots, a place is impossible; or the
-            mask is no array of B Booleans with one True, or leaves out robots before the first
-            reset or after a PhysicsError.
-          gymnasium.error.Error: A seed is negative.
-          RuntimeError: The batch is closed.
+        Returns the observations of all robots, shape (B, S), and the entries of `INFO`. Raises
+        TypeError for an unknown option, ValueError for another number of seeds, a wrong mask or an
+        impossible place, gymnasium.error.Error for a negative seed, RuntimeError after `close`.
         """
         with self._lifecycle.one_thread:
             self._lifecycle.check_open()
@@ -178,10 +172,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             return self._states(), self._info(mask)
 
     def step(self, actions: np.ndarray) -> _Timestep:
-        """Simulates 0.1 s.
-
-        Args:
-          actions: Left and right action of every robot, within `action_space`, shape (B, 2).
+        """Simulates 0.1 s for the robots' left and right actions, shape (B, 2).
 
         Returns:
           Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and a dictionary
@@ -217,21 +208,19 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             raise PhysicsError(str(error)) from error
         self._check_sound(batch.valid)
         self._steps += 1
-        events: np.ndarray | None = self._events()
-        self._counts += events
+        self._counts += self._events()
         rewards = batch.rules.checked_reward(batch.sensordata).astype(float)
         if len(starting):
             self._begin(starting, self._episode.start)
             rewards[starting] = 0.0
-            events = None
         self._over = self._steps >= self._episode.steps
         truncations, observations, info = self._over.copy(), self._states(), {}
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
-            info = _final(observations, self._over.copy(), self._info(self._over, events))
+            info = _final(observations, self._over.copy(), self._info(self._over))
             self._begin(np.flatnonzero(self._over), self._episode.start)
             self._over[:] = False
-            observations, events = self._states(), None
-        info |= self._info(None, events)
+            observations = self._states()
+        info |= self._info()
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
     def _check_sound(self, sound: Any) -> None:
@@ -297,7 +286,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         return (shared[name],) * self.num_envs
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Raises AttributeError: robots of a batch have no attributes that can be set."""
         raise AttributeError(
             "robots of a batch have no attributes that can be set, use reset(options=) for robot "
             f"and spot, got {name!r}"
@@ -392,16 +380,12 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         touched = readings[:, layout.touch][:, 0] > 0
         return np.stack([touched, self._nose.inside(readings[:, layout.smell])])
 
-    def _info(
-        self, robots: np.ndarray | None = None, events: np.ndarray | None = None
-    ) -> dict[str, Any]:
+    def _info(self, robots: np.ndarray | None = None) -> dict[str, Any]:
         """Returns the entries of `INFO`, and each one's mask, as Gymnasium's own batches do.
 
-        Args:
-          robots: Mask of the robots whose entries are returned, shape (B,); the others' are 0.
-          events: What `_events` returns now, if known.
+        With a mask of robots, shape (B,), the entries of the others are 0.
         """
-        pose, (contact, in_spot) = self._batch.pose, self._events() if events is None else events
+        pose, (contact, in_spot) = self._batch.pose, self._events()
         entries = {
             "position": pose[:, :2],
             "heading": pose[:, 2],
@@ -412,11 +396,9 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             "in_spot_steps": self._counts[1].copy(),
         }
         mask = np.ones(self.num_envs, dtype=bool) if robots is None else robots.copy()
-        info: dict[str, Any] = {}
-        for name, entry in entries.items():
-            info[name] = entry if robots is None else (entry.T * robots).T
-            info[f"_{name}"] = mask
-        return info
+        if robots is not None:
+            entries = {name: (entry.T * robots).T for name, entry in entries.items()}
+        return entries | {f"_{name}": mask for name in entries}
 
 
 def _final(observations: np.ndarray, mask: np.ndarray, info: dict[str, Any]) -> dict[str, Any]:

@@ -42,14 +42,9 @@ class WarpEngine:
     """
 
     def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:
-        """Moves the model to the device.
+        """Moves a compiled arena to the device, for B robots.
 
         Kernels are compiled here, the first time for a minute; they are kept on the disk.
-
-        Args:
-          model: Compiled arena.
-          robots: Number of robots, B.
-          substeps: Number of physics steps in a control step.
         """
         self.device = torch.get_default_device()
         # Warp starts without its greeting, and without its warning that there is no GPU.
@@ -121,12 +116,7 @@ class WarpEngine:
         return self._measured
 
     def check_capacity(self) -> None:
-        """Waits for the device.
-
-        Raises:
-          CapacityError: Robots had more contacts or constraints than there was room for, so that
-            some were dropped since the last check.
-        """
+        """Waits for the device; CapacityError if contacts were dropped since the last check."""
         full = (self._overflow & int(_OVERFLOW)).nonzero().flatten().tolist()
         if full:
             self._overflow.zero_()
@@ -159,11 +149,7 @@ class WarpBatch(Batch):
         self._state[np.asarray(robots, dtype=int), 3] = _LIFTED
 
     def simulate(self) -> np.ndarray:
-        """Simulates the physics of a control step, see `Batch.simulate`.
-
-        Raises:
-          CapacityError: See `WarpEngine.check_capacity`.
-        """
+        """Does what `Batch.simulate` does; raises CapacityError if contacts were dropped."""
         device = self.warp.device
         state, control = (torch.from_numpy(a).to(device) for a in (self._state, self._control))
         self.warp.load(state, control)
@@ -206,10 +192,6 @@ class WarpTensors(TensorRobots):
         self._motors.masked_fill_(unsound, 0.0)
 
     def stop(self, robots: np.ndarray) -> None:
-        """Makes robots invalid.
-
-        Raises:
-          CapacityError: See `WarpEngine.check_capacity`.
-        """
+        """Does what `Robots.stop` does; raises CapacityError if contacts were dropped."""
         self._warp.check_capacity()
         super().stop(robots)
