@@ -64,7 +64,8 @@ def substeps_of(model: mujoco.MjModel) -> int:
     """Returns the physics steps in a control step; ValueError unless at most 10,000 make 0.1 s."""
     timestep = model.opt.timestep
     substeps = round(CONTROL_TIMESTEP / timestep) if timestep > 1e-9 else 0
-    if substeps > _MOST_SUBSTEPS or abs(substeps * timestep - CONTROL_TIMESTEP) > 1e-9:
+    exact = abs(substeps * timestep - CONTROL_TIMESTEP) <= 1e-9
+    if not exact or substeps > _MOST_SUBSTEPS:
         raise ValueError(
             f"the timestep must divide 0.1 s, into at most {_MOST_SUBSTEPS} steps, got {timestep}"
         )
