@@ -131,9 +131,10 @@ def test_robots_are_where_they_are_placed_and_rest_there(make_any):
     drive(batch, np.zeros((3, 2)))
     np.testing.assert_allclose(batch.pose[[2, 0]], places, atol=1e-6)
     # What a robot at a wall senses does not depend on what it did before.
-    for motors in (np.full((3, 2), 0.5), np.zeros((3, 2))):
-        drive(batch, motors)
-    batch.place(np.arange(3), np.tile([0.525 - 0.0275, 0.0, 0.0], (3, 1)))
+    wall = np.array([[0.525 - 0.0275, 0.0, 0.0]])
+    batch.place(np.array([0]), wall)
+    drive(batch, np.full((3, 2), 0.5))  # robot 0 pushes the wall, the others do not
+    batch.place(np.arange(3), np.repeat(wall, 3, axis=0))
     fresh = host(batch.sensordata)[:, batch.rules.layout.touch]
     assert (fresh == fresh[0]).all()
 
