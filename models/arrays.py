@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
@@ -36,29 +35,6 @@ def replaced(values: Any, where: Any, number: float) -> Any:
     if _are_tensors(values):
         return values.masked_fill(where, number)
     return np.where(where, number, values)
-
-
-def signs(values: Any) -> Any:
-    """Returns -1, 0 or 1 for negative, zero and positive values."""
-    return values.sign() if _are_tensors(values) else np.sign(values)
-
-
-def interpolated(values: Any, known: np.ndarray, results: np.ndarray) -> Any:
-    """Returns what `numpy.interp` returns, also for tensors; `known` points increase."""
-    if not _are_tensors(values):
-        return np.interp(values, known, results)
-    xp = namespace(values)
-    points, widths, slopes = _ramps(xp, tuple(known), tuple(results), values.dtype, values.device)
-    ramps = xp.minimum(at_least(values[..., None] - points, 0.0), widths)
-    return float(results[0]) + (ramps * slopes).sum(-1)
-
-
-@functools.lru_cache
-def _ramps(xp: Any, known: tuple, results: tuple, dtype: Any, device: Any) -> list[Any]:
-    """Returns start, width and slope of each piece, as tensors that stay on the device."""
-    widths = np.diff(known)
-    pieces = np.array(known[:-1]), widths, np.diff(results) / widths
-    return [xp.asarray(piece, dtype=dtype, device=device) for piece in pieces]
 
 
 def as_numbers(condition: Any, dtype: Any) -> Any:

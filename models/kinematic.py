@@ -15,28 +15,16 @@ import numpy as np
 
 from ..fields import Checked, choice, flag, number, whole
 from .arena import Dimensions
-from .arrays import at_least, at_most, interpolated, namespace, replaced, signs
+from .arrays import at_least, at_most, namespace, replaced
 
-Wall = Literal["holds", "slides", "sticks", "turns", "refuses"]
+Wall = Literal["holds", "slides", "sticks", "slips", "refuses"]
 WALLS: tuple[Wall, ...] = get_args(Wall)
 Felt = Literal["near", "pushed"]
 Path = Literal["arc", "euler"]
 
-# Motion of the MuJoCo body at a wall, by its angle from head-on in [deg]: the fraction of its speed
-# that remains, along the wall, when slow and when fast; and its turning rate towards the wall at
-# full speed, in [rad/s]. Measured by tests/models/test_kinematic.py; accuracy: docs/physics.md.
-_ANGLES, _SLOW_SLIPS, _SLIPS, _TURNS = np.array(
-    [
-        (0, 30, 40, 50, 57, 63, 69, 75, 78, 81, 84, 87, 90),
-        (0, 0.004, 0.007, 0.013, 0.02, 0.035, 0.06, 0.12, 0.25, 0.57, 0.68, 0.81, 1),
-        (0, 0.006, 0.010, 0.017, 0.09, 0.19, 0.36, 0.57, 0.65, 0.74, 0.83, 0.94, 1),
-        (0, 0, 0, 0, 0.13, 0.31, 0.44, 0.50, 0.42, 0.30, 0.10, 0.01, 0),
-    ]
-)
-_NONE_TO_ALL = np.array([0.0, 1.0])
-# Speeds in [m/s]: below the first the slow slip, above the second the fast; below the first no
-# turning, above the second the full rate.
-_SLIPPING, _TURNING = np.array([0.08, 0.2]), np.array([0.14, 0.2])
+# Friction of both tyres, with the robot's weight on them, over the drag of both motors, in [m/s]: by
+# as much a wall straight ahead slows the wheels (docs/physics.md).
+GRIP = 0.436
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +35,9 @@ class Kinematics(Checked):
       radius: Radius of the robot in [m].
       wheel_base: Distance between the wheels in [m].
       wall: Motion of a robot that drives into a wall. "holds": it stops and is free to turn.
-        "slides": it moves along the wall. "sticks": it can only reverse. "turns": it slips along
-        the wall and is turned towards it, as measured on the MuJoCo body. "refuses": a move that
-        would overlap a wall is not made, not even in part; the robot still turns.
+        "slides": it moves along the wall. "sticks": it can only reverse. "slips": it slips along
+        the wall as the tyres of the MuJoCo body do, by Coulomb's law. "refuses": a move that would
+        overlap a wall is not made, not even in part; the robot still turns.
       felt: Condition for contact. "near": the gap between rim and wall is within the contact
         margin. "pushed": the wheels push the robot into a wall, as in MuJoCo, where a wall pushes
         away a robot that does not push. With "refuses" it is a refused move.
@@ -128,40 +116,29 @@ def drive(
         shares = replaced(shares, step == 0, 1.0)
         share = at_most(at_least(xp.min(shares, axis=0), 0.0), 1.0)
         held = start + share * step
-        if how.wall == "turns":
-            left_over, speed = 1 - share, xp.abs(left + right) / 2
+        if how.wall == "slips":
             met = (shares <= share) & (share < 1)
-            slip, turned = graze(left_over * step, met, speed, left_over * seconds)
-            held, turn = held + slip, turn + turned
+            held = held + slip((1 - share) * step, met, (1 - share) * seconds)
         reached = xp.minimum(xp.maximum(held, -room), room)
     return xp.stack([*reached, poses[:, 2] + turn]).T, pushing
 
 
-def graze(
-    lost: np.ndarray, into: np.ndarray, speed: np.ndarray, seconds: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the slip and turn of robots that drive into a wall, as measured on the MuJoCo body.
+def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+    """Returns how far robots slip along a wall, by Coulomb's law: x, y in [m], shape (2, B).
 
-    A robot in a corner, between two walls, is held.
+    The wall takes the part of the tyres' force that points to it. What is left drives the wheels,
+    and the robot along the wall, see docs/physics.md. In a corner, between two walls, it is held.
 
     Args:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
       into: Whether the wall that a robot meets first bounds x (row 0) or y (row 1), shape (2, B).
-      speed: Speed of the robots in [m/s], shape (B,).
       seconds: Duration of driving into the wall in [s], shape (B,).
-
-    Returns the slip, x, y in [m], shape (2, B), and the turn in [rad], counterclockwise, (B,).
     """
     xp = namespace(lost)
-    ahead, along = replaced(lost, ~into, 0.0), replaced(lost, into, 0.0)
-    sideways, straight = (xp.sum(xp.abs(part), axis=0) for part in (along, ahead))
-    angle = xp.atan2(sideways, straight) * (180 / np.pi)
-    slow, fast = (interpolated(angle, _ANGLES, kept) for kept in (_SLOW_SLIPS, _SLIPS))
-    kept = slow + (fast - slow) * interpolated(speed, _SLIPPING, _NONE_TO_ALL)
-    slip = signs(along) * xp.hypot(lost[0], lost[1]) * kept
-    rate = interpolated(angle, _ANGLES, _TURNS) * interpolated(speed, _TURNING, _NONE_TO_ALL)
-    towards = signs(along[0] * ahead[1] - along[1] * ahead[0])
-    return slip, towards * rate * seconds
+    length, ahead = (xp.hypot(*part) for part in (lost, replaced(lost, ~into, 0.0)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kept = at_least(1 - GRIP * seconds * ahead / (length * length), 0.0)
+    return replaced(replaced(lost, into, 0.0) * kept, length == 0, 0.0)
 
 
 def gaps(poses: np.ndarray, size: Dimensions) -> np.ndarray:

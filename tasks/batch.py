@@ -289,6 +289,7 @@ class Batch(Robots):
             raise IndexError(f"robot must lie in [0, {self.robots - 1}], got {robot}")
         mujoco.mj_setState(self.model, data, self._state[robot], _STATE)
         mujoco.mj_setState(self.model, data, self._control[robot], _CONTROL)
+        data.qacc_warmstart[:] = 0  # so that forces depend on the state alone
         mujoco.mj_forward(self.model, data)
 
     def simulate(self) -> np.ndarray:

@@ -67,7 +67,7 @@ def closed_form(robot, load, angle, motor):
     return np.maximum(slip, 0) * np.sin(angle)
 
 
-def drive(robot, motors, start, seconds, half, *, lean=True, timestep=1e-4):
+def drive(robot, motors, start, seconds, half, lean, timestep=1e-4):
     """Drives K robots, each alone between four walls without friction.
 
     Args:
@@ -76,7 +76,7 @@ def drive(robot, motors, start, seconds, half, *, lean=True, timestep=1e-4):
       start: x, y in [m] and heading in [rad], at rest, shape (K, 3).
       seconds: Duration in [s].
       half: Half of the arena's length and width in [m].
-      lean: Whether forces above the floor shift load between wheels and castors.
+      lean: Whether forces above the floor shift a robot's load, shape (K,).
       timestep: Duration of a step in [s].
 
     Returns poses, shape (T, K, 3), and loads of the wheels in [N], shape (T, K, 2), every 0.1 s.
@@ -115,11 +115,11 @@ def drive(robot, motors, start, seconds, half, *, lean=True, timestep=1e-4):
         turning = turning - tyres[:, :, 0] @ side / robot.inertia
         wheels = driven - tyres[:, :, 0] / inertia
         pose = pose + timestep * np.column_stack([velocity, turning])
-        if lean:  # the wall pushes above the floor; the centre of mass resists above it, too
-            pushes = np.einsum("kd,kjd->kj", wall / timestep, axes) * robot.push
-            resists = np.einsum("kd,kjd->kj", velocity - before, axes) / timestep * robot.mass
-            moments = pushes - resists * robot.centre
-            loads += 0.05 * (robot.loads(moments[:, 0], moments[:, 1]) - loads)  # within 2 ms
+        # The wall pushes above the floor, and the centre of mass resists above it.
+        pushes = np.einsum("kd,kjd->kj", wall, axes) * robot.push
+        resists = np.einsum("kd,kjd->kj", velocity - before, axes) * robot.mass * robot.centre
+        moments = (pushes - resists) / timestep * np.asarray(lean)[:, None]
+        loads += 0.05 * (robot.loads(*moments.T) - loads)  # within 2 ms
         if number % round(0.1 / timestep) == 0:
             poses.append(pose)
             history.append(loads.copy())

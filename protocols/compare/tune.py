@@ -34,7 +34,7 @@ from .jobs import ArrayJob, lives
 from .study import STUDY_FILE, Page, RunJobs, Study, check_positive
 
 # Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
-BODY_EFFECTS = "felt=pushed", "wall=turns", "lag=0.08"
+BODY_EFFECTS = "felt=pushed", "wall=slips", "lag=0.08"
 _MOST = 1024  # trials
 _TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
 _SHARES = {

@@ -39,7 +39,7 @@ def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
     assert {plan.experiment.seed for plan in plans.values()} == {32010}
     for plan in Benchmark(body="kinematic").plans().values():
         assert plan.experiment.cohort_size == 60
-        assert plan.experiment.kinematics == Kinematics(felt="pushed", wall="turns", lag=0.08)
+        assert plan.experiment.kinematics == Kinematics(felt="pushed", wall="slips", lag=0.08)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from musebot.protocols.lives.runs import check_device
 from musebot.tasks.tensors import capture
 
 PROPOSERS = ("fixed", "random", "creative")
-LIKE_MUJOCO = Kinematics(felt="pushed", wall="turns", lag=0.08)
+LIKE_MUJOCO = Kinematics(felt="pushed", wall="slips", lag=0.08)
 PAPER, STEADY = Parameters(), BRAINS["steady"]
 SHORT = Experiment(
     seed=3, cohort_size=3, time_scale=0.0006, body="kinematic", kinematics=LIKE_MUJOCO

@@ -14,14 +14,11 @@ def test_numpys_arrays_are_computed_by_numpy_itself_and_tensors_by_their_library
     assert isinstance(xp.atan2(torch.ones(1), torch.ones(1)), torch.Tensor)
 
 
-KNOWN, RESULTS = np.array([0.0, 30, 40, 57, 90]), np.array([0, 0.5, -0.2, 0.3, 1])
 FUNCTIONS = (
     lambda values: arrays.at_least(values, -1.5),
     lambda values: arrays.at_most(values, 100.0),
     lambda values: arrays.replaced(values, values > 2, 7.0),
     lambda values: arrays.as_numbers(values > 2, values.dtype),
-    lambda values: arrays.signs(values),
-    lambda values: arrays.interpolated(values, KNOWN, RESULTS),
 )
 
 

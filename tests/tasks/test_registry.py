@@ -411,7 +411,7 @@ DECLARED = {
     Kinematics: {
         "radius": "a number in (0, inf) m or none",
         "wheel_base": "a number in (0, 10] m or none",
-        "wall": "'holds' or 'slides' or 'sticks' or 'turns' or 'refuses'",
+        "wall": "'holds' or 'slides' or 'sticks' or 'slips' or 'refuses'",
         "felt": "'near' or 'pushed'",
         "any_contact": "true or false",
         "lag": "a number in [0, 1000] s",

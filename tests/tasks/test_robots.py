@@ -25,7 +25,7 @@ from musebot.tasks.tensors.robots import KinematicTensors, Part, TensorRobots, p
 TASK = "spot_finding_walls"
 BODIES = {
     "holds": Kinematics(),
-    "turns": Kinematics(felt="pushed", wall="turns", lag=0.08),
+    "slips": Kinematics(felt="pushed", wall="slips", lag=0.08),
     "refuses": Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler"),
     "slides": Kinematics(wall="slides", any_contact=True),
     "sticks": Kinematics(wall="sticks"),
@@ -40,14 +40,14 @@ def warp(robots, tensors):
     )  # fmt: skip
 
 
-def tensors(robots, body="turns"):
+def tensors(robots, body="slips"):
     return KinematicTensors(make_kinematic_batch(TASK, robots, BODIES[body]))
 
 
 SIMULATORS = {
     "MuJoCo": lambda robots: make_batch(TASK, robots),
     "MuJoCo, threads": lambda robots: make_batch(TASK, robots, threads=2),
-    "kinematic, turns": lambda robots: make_kinematic_batch(TASK, robots, BODIES["turns"]),
+    "kinematic, slips": lambda robots: make_kinematic_batch(TASK, robots, BODIES["slips"]),
     "kinematic, refuses": lambda robots: make_kinematic_batch(TASK, robots, BODIES["refuses"]),
     "tensors": tensors,
     "part of tensors": lambda robots: parts(tensors(2 * robots), 2)[1],
@@ -408,7 +408,7 @@ def test_batches_of_two_threads_do_not_affect_each_other():
 
 @pytest.mark.parametrize(
     ("body", "task"),
-    [*((body, TASK) for body in BODIES), ("turns", "wall_avoidance"), ("turns", "spot_finding")],
+    [*((body, TASK) for body in BODIES), ("slips", "wall_avoidance"), ("slips", "spot_finding")],
 )
 def test_robots_on_tensors_do_what_the_numpy_robots_do_and_read_no_number(body, task):
     numpy = settled(make_kinematic_batch(task, 20, BODIES[body]))
