@@ -58,7 +58,7 @@ def load(
       domain_name: Name of the domain, the first half of an entry of `ALL_TASKS`.
       task_name: Name of the task, the second half of that entry.
       task_kwargs: Keywords of the task, see docs/tasks.md.
-      environment_kwargs: Keywords of `dm_control.rl.control.Environment`.
+      environment_kwargs: `flat_observation`, for one array of all signals, and `time_limit`.
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:

@@ -14,9 +14,16 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .edits import add_noses, add_velocity, centre_nose, enlarge, hide_spot, scale_torque
+from .edits import (
+    add_noses,
+    add_obstacles,
+    add_velocity,
+    centre_nose,
+    enlarge,
+    hide_spot,
+    scale_torque,
+)
 from .kinematic import Kinematics
-from .obstacles import add_obstacles
 
 __all__ = [
     "ARENA_XML",

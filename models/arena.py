@@ -50,11 +50,10 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
     check_versions()
     spec = mujoco.MjSpec.from_file(str(path))
     if motor_speed is not None:
-        if isinstance(motor_speed, bool) or not isinstance(motor_speed, numbers.Real):
-            raise ValueError(f"motor_speed must be a number, got {motor_speed!r:.60}")
-        if not 0 < motor_speed <= FASTEST:
+        number = isinstance(motor_speed, numbers.Real) and not isinstance(motor_speed, bool)
+        if not number or not 0 < motor_speed <= FASTEST:
             raise ValueError(
-                f"motor_speed must be positive and at most {FASTEST}, got {motor_speed!r:.60}"
+                f"motor_speed must be a number in (0, {FASTEST}] m/s, got {motor_speed!r:.60}"
             )
         # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
         # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.
@@ -177,6 +176,18 @@ class Dimensions:
     def sound(self, places: np.ndarray) -> np.ndarray:
         """Returns which of the first n <= 6 numbers of qpos, (B, n), are in bounds; NaN is not."""
         return np.abs(places) < self.bounds[: places.shape[1]]
+
+    def check_standing(self, states: np.ndarray, *others: np.ndarray) -> None:
+        """Raises ValueError unless robots stand in the arena, and all numbers are finite.
+
+        The states begin with time and qpos, shape (B, n).
+        """
+        finite = all(np.isfinite(one).all() for one in (states, *others))
+        if not (finite and self.sound(states[:, 1:7]).all()):
+            raise ValueError(
+                "state must be finite numbers, of robots that stand in the arena, got x, y, z "
+                f"{states[:, 1:4].tolist()!r:.200}"
+            )
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Dimensions:

@@ -9,11 +9,11 @@ shape (B, 3) and motor values, left and right, in [-0.5, 0.5], of shape (B, 2).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
+from ..fields import Checked, choice, flag, number, whole
 from .arena import Dimensions
 from .arrays import at_least, at_most, interpolated, namespace, replaced, signs
 
@@ -37,26 +37,10 @@ _NONE_TO_ALL = np.array([0.0, 1.0])
 # Speeds in [m/s]: below the first the slow slip, above the second the fast; below the first no
 # turning, above the second the full rate.
 _SLIPPING, _TURNING = np.array([0.08, 0.2]), np.array([0.14, 0.2])
-_MOST_PIECES = 1000  # far more than change a path
-_WIDEST, _LONGEST_LAG = 10, 1000  # in [m] and [s]: beyond, a robot hardly moves
-
-
-def _field(default: Any, allows: Callable[[Any], bool], must: str) -> Any:
-    """Returns a field with its declared range, as `controller.parameters` declares its fields."""
-    return dataclasses.field(default=default, metadata={"allows": allows, "must": must})
-
-
-def _choice(default: str, literal: Any) -> Any:
-    names = get_args(literal)
-    return _field(default, names.__contains__, f"be one of {', '.join(names)}")
-
-
-def _number(value: Any) -> bool:
-    return type(value) in (int, float)
 
 
 @dataclasses.dataclass(frozen=True)
-class Kinematics:
+class Kinematics(Checked):
     """Settings of the kinematic simulator; None takes the value of the MuJoCo body.
 
     Attributes:
@@ -79,37 +63,16 @@ class Kinematics:
         method, straight along the heading at the start of the part.
     """
 
-    radius: float | None = _field(
-        None,
-        lambda radius: radius is None or (_number(radius) and 0 < radius < np.inf),
-        "be finite and positive, or none",
+    radius: float | None = number(None, 0, np.inf, "()", unit="m")
+    wheel_base: float | None = number(
+        None, 0, 10, "(]", unit="m", reason="on a wider one a robot hardly turns"
     )
-    wheel_base: float | None = _field(
-        None,
-        lambda base: base is None or (_number(base) and 0 < base <= _WIDEST),
-        f"lie in (0, {_WIDEST}] m, or be none",
-    )
-    wall: Wall = _choice("holds", Wall)
-    felt: Felt = _choice("near", Felt)
-    any_contact: bool = _field(False, lambda flag: isinstance(flag, bool), "be true or false")
-    lag: float = _field(
-        0.0,
-        lambda lag: _number(lag) and 0 <= lag <= _LONGEST_LAG,
-        f"be a number in [0, {_LONGEST_LAG}] s",
-    )
-    pieces: int = _field(
-        4,
-        lambda pieces: type(pieces) is int and 1 <= pieces <= _MOST_PIECES,
-        f"be a whole number from 1 to {_MOST_PIECES}",
-    )
-    path: Path = _choice("arc", Path)
-
-    def __post_init__(self) -> None:
-        """Raises ValueError, with the field's name, for a value out of its declared range."""
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not field.metadata["allows"](value):
-                raise ValueError(f"{field.name} must {field.metadata['must']}, got {value!r:.60}")
+    wall: Wall = choice("holds", Wall)
+    felt: Felt = choice("near", Felt)
+    any_contact: bool = flag(False)
+    lag: float = number(0.0, 0, 1000, unit="s", reason="with a longer one a robot hardly moves")
+    pieces: int = whole(4, 1, 1000, reason="far more than change a path")
+    path: Path = choice("arc", Path)
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:
         """Returns an arena's dimensions with the radius and wheel base of this robot."""
@@ -124,16 +87,9 @@ class Kinematics:
 def follow_motors(
     wheels: np.ndarray, motors: np.ndarray, seconds: float, lag: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the speeds of wheels that follow their motors with a lag, in motor values.
+    """Returns mean and last speeds of wheels that follow their motors with a lag in [s].
 
-    Args:
-      wheels: Speeds of the left and right wheel at the start, in motor values, shape (B, 2).
-      motors: Commanded motor values, shape (B, 2).
-      seconds: Duration of the motion in [s].
-      lag: Time constant of the lag in [s]; 0 for no lag.
-
-    Returns:
-      Mean speeds and speeds at the end, each of shape (B, 2).
+    `wheels` are their first speeds. Speeds are in motor values, left and right, shape (B, 2).
     """
     if not lag:
         return motors, motors
@@ -147,8 +103,7 @@ def drive(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moves robots along one path for some seconds, as far as the walls allow.
 
-    Returns:
-      Poses at the end, shape (B, 3); and whether the wheels push a robot into a wall, shape (B,).
+    Returns the poses at the end, and whether the wheels push a robot into a wall, shape (B,).
     """
     xp = namespace(poses)
     left, right = (motors * (2 * size.motor_speed)).T
@@ -195,9 +150,7 @@ def graze(
       speed: Speed of the robots in [m/s], shape (B,).
       seconds: Duration of driving into the wall in [s], shape (B,).
 
-    Returns:
-      Slip along the wall: x, y in [m], shape (2, B); and turn in [rad], counterclockwise,
-      shape (B,).
+    Returns the slip, x, y in [m], shape (2, B), and the turn in [rad], counterclockwise, (B,).
     """
     xp = namespace(lost)
     ahead, along = replaced(lost, ~into, 0.0), replaced(lost, into, 0.0)

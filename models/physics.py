@@ -10,11 +10,8 @@ from typing import Any, Self
 import mujoco as mj
 import numpy as np
 
-from .rendering import (
-    check_process,
-    fit_buffer,
-    open_context,
-)  # first: imports dm_control without its warnings
+# First: it imports dm_control without its warnings.
+from .rendering import check_process, fit_buffer, open_context
 
 # isort: split
 from dm_control import mujoco
@@ -93,15 +90,6 @@ class Physics(mujoco.Physics):
         if not math.isfinite(sum(self.readings[0].tolist())):
             raise control.PhysicsError(
                 f"the simulation became unstable: the sensors read {self.readings[0].tolist()}"
-            )
-
-    def check_state(self, state: np.ndarray, sensordata: np.ndarray) -> None:
-        """Raises ValueError where `restore` would lead to what `check_sound` refuses."""
-        finite = np.isfinite(state).all() and np.isfinite(sensordata).all()
-        if not (finite and self.dimensions.sound(state[None, 1:7]).all()):
-            raise ValueError(
-                "state must be finite numbers, of a robot that stands in the arena, got "
-                f"x, y, z {state[1:4].tolist()}"
             )
 
     def restore(self, state: np.ndarray, sensordata: np.ndarray) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ from dm_control.suite import base
 from dm_control.utils import containers
 from dm_env import specs
 
+from ..fields import Checked, number
 from ..models.arena import ARENA_XML, Dimensions, arena_spec
 from .episode import (
     Episode,
@@ -41,16 +41,7 @@ from .starts import Corner, Random, Start, random_spots
 
 CONTROL_TIMESTEP = 0.1  # [s]; the cycle time of section 3
 SHELL = "musebot_shell"  # material that `visualize_reward` colours
-SUITE = containers.TaggedTasks()  # every task's factory, added by wall_avoidance, spot_finding
-
-# Allowed values of dm_control's keywords, the default first, and the words of the error. Jumps of
-# the spot count control steps, and results must equal the batch's.
-_FIXED: Mapping[str, tuple[tuple[Any, ...], str]] = {
-    "control_timestep": ((CONTROL_TIMESTEP, None), f"{CONTROL_TIMESTEP} s"),
-    "n_sub_steps": ((None,), "None, because a control step is 0.1 s"),
-    "legacy_step": ((False,), "False, as in the batch"),
-    "flat_observation": ((False, True), "True or False"),
-}
+SUITE = containers.TaggedTasks()  # every task's factory
 
 Edit = Callable[[mj.MjSpec], None]
 
@@ -81,13 +72,11 @@ class Task(base.Task):
         self._random = random
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
-        """Returns the bounds of the two actions, left and right."""
         del physics
         high = np.full(2, self.episode.limit)
         return specs.BoundedArray(high.shape, np.float64, -high, high, name="motors")
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Places robot and spot."""
         robot, spot = self.start.draw(self.random, physics.dimensions)
         physics.place_robot(*robot)
         physics.place_spot(*spot)
@@ -107,7 +96,6 @@ class Task(base.Task):
         return collections.OrderedDict([(k, np.array(v[0])) for k, v in observations.items()])
 
     def observation_spec(self, physics: Physics) -> collections.OrderedDict[str, Any]:
-        """Returns the bounds of every observation."""
         del physics
         return collections.OrderedDict(
             (name, specs.BoundedArray((length,), np.float64, low, high, name=name))
@@ -115,7 +103,6 @@ class Task(base.Task):
         )
 
     def get_reward(self, physics: Physics) -> float:
-        """Returns the reward for the current measurements, see `Rules.checked_reward`."""
         return float(self.rules.checked_reward(physics.readings).item())
 
     def after_step(self, physics: Physics) -> None:
@@ -166,10 +153,7 @@ class Environment(control.Environment):
             return timestep
 
     def step(self, action: Any) -> dm_env.TimeStep:
-        """Simulates 0.1 s.
-
-        Args:
-          action: Left and right action, shape (2,); values beyond the limits are clipped.
+        """Simulates 0.1 s for a left and right action, shape (2,), clipped at its limits.
 
         Raises:
           ValueError: The action is not two finite numbers, or the reward is not as declared.
@@ -177,17 +161,13 @@ class Environment(control.Environment):
           RuntimeError: The environment is closed, failed, or in another thread's call.
         """
         with self.lifecycle.one_thread:
-            return self.advance(action)
-
-    def advance(self, action: Any) -> dm_env.TimeStep:
-        """Does what `step` does, for a caller that holds `lifecycle.one_thread`."""
-        if not self.lifecycle.running and self.lifecycle.stage != "new":
-            self.lifecycle.refuse()
-        try:
-            return super().step(action)
-        except control.PhysicsError:
-            self.lifecycle.become("failed")
-            raise
+            if not self.lifecycle.running and self.lifecycle.stage != "new":
+                self.lifecycle.refuse()
+            try:
+                return super().step(action)
+            except control.PhysicsError:
+                self.lifecycle.become("failed")
+                raise
 
     def close(self) -> None:
         """Frees the renderer and the physics; the environment cannot be used any more."""
@@ -219,7 +199,7 @@ class Environment(control.Environment):
         check_state(state, {**self._state(), "random": {}})
         check_counts("steps", [state["steps"]], [self.task.episode.most_steps])
         check_stream_state(random, state["random"])
-        self.physics.check_state(state["physics"], state["sensordata"])
+        self.physics.dimensions.check_standing(state["physics"][None], state["sensordata"])
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues bit-exactly from what `get_state` of an environment of this task returned.
@@ -249,18 +229,11 @@ class Environment(control.Environment):
         named = self.task.observation_spec(self.physics)
         if not self._flat_observation:
             return named
-        low, high = (
-            np.concatenate(
-                [np.broadcast_to(getattr(spec, end), spec.shape) for spec in named.values()]
-            )
-            for end in ("minimum", "maximum")
-        )
-        name = control.FLAT_OBSERVATION_KEY
+        name, (low, high) = control.FLAT_OBSERVATION_KEY, self.task.rules.bounds()
         spec = specs.BoundedArray(low.shape, np.float64, low, high, name=name)
         return collections.OrderedDict([(name, spec)])
 
     def reward_spec(self) -> specs.BoundedArray:
-        """Returns the bounds of the reward."""
         return specs.BoundedArray((), float, *self.task.rules.rewards, name="reward")
 
 
@@ -268,14 +241,12 @@ class Settings(TypedDict, total=False):
     """Keywords of every task's factory.
 
     Attributes:
-      robot: Start of the robot: x, y in [m] and heading in [rad]; or a corner, which the robot
-        faces; None (default) draws a pose for every episode.
-      spot: Centre of the spot: x, y in [m]; or a corner; None (default) draws a place for every
-        episode.
+      robot: Start of the robot, see `Start`.
+      spot: Place of the spot, see `Start`.
       nose: Form of Eq. 3, "inverse" (default) or "printed"; only for robots with a nose.
       time_limit: Length of an episode in [s]; None (default) for the task's own.
       random: Random stream, or its seed; None (default) for a seed of the operating system.
-      environment_kwargs: Keywords of `dm_control.rl.control.Environment`.
+      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit`.
     """
 
     robot: tuple[float, float, float] | Corner | None
@@ -287,7 +258,7 @@ class Settings(TypedDict, total=False):
 
 
 @dataclasses.dataclass(frozen=True)
-class TaskDefinition:
+class TaskDefinition(Checked):
     """A task as data, from which every interface makes its environments and batches.
 
     The defaults are dm_control's contract for benchmarking: actions in [-1, 1] and episodes of
@@ -306,10 +277,19 @@ class TaskDefinition:
     name: str
     rules: type[Rules]
     edits: tuple[Edit, ...] = ()
-    limit: float = 1.0
-    time_limit: float = 100.0
-    spot_seconds: float = 0.0
+    limit: float = number(1.0, 1e-6, 1e6)
+    time_limit: float = number(100.0, CONTROL_TIMESTEP, math.inf, unit="s")
+    spot_seconds: float = number(0.0, 0, 1e9, unit="s")
     model: str | Path = ARENA_XML
+
+    def __post_init__(self) -> None:
+        """Raises ValueError, with the field's name, for a value out of range."""
+        super().__post_init__()
+        if abs(self.spot_steps * CONTROL_TIMESTEP - self.spot_seconds) > 1e-9:
+            raise ValueError(f"spot_seconds must be a multiple of 0.1 s, got {self.spot_seconds}")
+        edits: Any = self.edits
+        if not isinstance(edits, tuple | list) or not all(map(callable, edits)):
+            raise ValueError(f"edits must be functions that edit an arena, got {edits!r:.60}")
 
     def spec(self, motor_speed: float | None = None, edits: Sequence[Edit] = ()) -> mj.MjSpec:
         """Returns the task's arena, see `arena_spec`; further edits follow the task's own."""
@@ -333,10 +313,8 @@ class TaskDefinition:
         allowed = [*self.keywords, "environment_kwargs", "random", "time_limit"]
         check_keywords(f"task {self.name!r}", settings, allowed)
         kwargs = dict(settings.get("environment_kwargs") or {})
-        check_keywords("the environment", kwargs, _environment_keywords())
-        for name, (values, says) in _FIXED.items():
-            if kwargs.get(name, values[0]) not in values:
-                raise ValueError(f"{name} must be {says}, got {kwargs[name]!r}")
+        # Others would change the control step, which jumps of the spot count, or the physics.
+        check_keywords("the environment", kwargs, ["flat_observation", "time_limit"])
         limits = kwargs.get("time_limit"), settings.get("time_limit"), self.time_limit
         limit = seconds(next(value for value in limits if value is not None))
         physics = Physics.from_model(MjModel(self.spec().compile()))
@@ -344,7 +322,7 @@ class TaskDefinition:
         episode = self.episode(start, physics.dimensions, steps_until(limit))
         rules = self.rules.of(physics.model.ptr, settings.get("nose", "inverse"))
         task = Task(rules, episode, settings.get("random"))
-        return Environment(physics, task, kwargs.get("flat_observation", False))
+        return Environment(physics, task, bool(kwargs.get("flat_observation", False)))
 
     def episode(self, start: Start, dimensions: Dimensions, steps: float) -> Episode:
         """Returns an episode of the task, see `Episode`."""
@@ -358,8 +336,3 @@ def steps_until(time_limit: float) -> float:
     """
     steps = round(time_limit / CONTROL_TIMESTEP, 6)  # 3 * 0.1 is slightly more than 0.3
     return math.ceil(steps) if math.isfinite(steps) else steps
-
-
-def _environment_keywords() -> list[str]:
-    parameters = inspect.signature(control.Environment).parameters
-    return [name for name in parameters if name not in ("physics", "task")]

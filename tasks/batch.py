@@ -7,6 +7,7 @@ environment bit-exactly (tests/tasks/test_robots.py).
 from __future__ import annotations
 
 import abc
+import contextlib
 import ctypes
 import os
 import weakref
@@ -20,7 +21,7 @@ from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
 from .arena import CONTROL_TIMESTEP
-from .episode import OneThread, array_like, real_numbers, whole_number
+from .episode import OneThread, real_numbers, whole_number
 from .rules import Rules
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -35,14 +36,11 @@ def stop_timers() -> bool:
     MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
     clock is a global callback without a public switch. Returns whether it was found.
     """
-    library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
-    if library is None:
-        return False
-    try:
-        ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time").value = None
-    except (OSError, ValueError):
-        return False
-    return True
+    for library in Path(mujoco.__file__).parent.glob("libmujoco*"):
+        with contextlib.suppress(OSError, ValueError):
+            ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time").value = None
+            return True
+    return False
 
 
 def silence_warnings() -> None:
@@ -65,13 +63,13 @@ class CapacityError(RuntimeError):
 def substeps_of(model: mujoco.MjModel) -> int:
     """Returns the physics steps in a control step; ValueError unless at most 10,000 make 0.1 s."""
     timestep = model.opt.timestep
-    if CONTROL_TIMESTEP / _MOST_SUBSTEPS <= timestep <= CONTROL_TIMESTEP:
-        substeps = round(CONTROL_TIMESTEP / timestep)
-        if abs(substeps * timestep - CONTROL_TIMESTEP) <= 1e-9:
-            return substeps
-    raise ValueError(
-        f"the timestep must divide 0.1 s, into at most {_MOST_SUBSTEPS} steps, got {timestep}"
-    )
+    substeps = round(CONTROL_TIMESTEP / timestep) if timestep > 1e-9 else 0
+    exact = abs(substeps * timestep - CONTROL_TIMESTEP) <= 1e-9
+    if not exact or substeps > _MOST_SUBSTEPS:
+        raise ValueError(
+            f"the timestep must divide 0.1 s, into at most {_MOST_SUBSTEPS} steps, got {timestep}"
+        )
+    return substeps
 
 
 class Robots(abc.ABC):
@@ -138,7 +136,7 @@ class Robots(abc.ABC):
         On the host the arrays themselves, not copies.
         """
 
-    def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores what `arrays` returned; the robots continue from it bit-exactly.
 
         Raises ValueError where an array is missing, or has another shape or type; nothing changes.
@@ -154,10 +152,6 @@ class Robots(abc.ABC):
         """Returns a copy of everything that the next steps depend on."""
         return {name: array.copy() for name, array in self.arrays().items()}
 
-    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Continues from a state of `get_state`, see `load_arrays`."""
-        self.load_arrays(state)
-
     def _placed(
         self, robots: Any, places: Any, what: str, width: int
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -168,11 +162,11 @@ class Robots(abc.ABC):
             raise ValueError(f"robots must be indices of shape (n,), got {robots!r:.200}")
         if count and not 0 <= robots.min() <= robots.max() < self.robots:
             raise ValueError(f"robots must lie in [0, {self.robots - 1}], got {robots!r:.200}")
-        return robots.astype(int), _real_numbers(what, places, (count, width))
+        return robots.astype(int), real_numbers(what, places, (count, width))
 
     def _finite_motors(self, motors: np.ndarray) -> np.ndarray:
         """Invalidates robots whose motors are not finite; returns 0 for all invalid robots."""
-        motors = _real_numbers("motors", motors, (self.robots, 2))
+        motors = real_numbers("motors", motors, (self.robots, 2))
         if not np.isfinite(motors).all():
             self.valid &= np.isfinite(motors).all(axis=1)
         return motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
@@ -192,84 +186,31 @@ class Robots(abc.ABC):
 
 
 def copy_arrays(arrays: Mapping[str, Any], targets: Mapping[str, np.ndarray]) -> None:
-    """Overwrites arrays by others of the same names, all or none of them; see `load_arrays`."""
+    """Overwrites arrays by others of the same names, all or none of them; see `set_state`."""
     if not isinstance(arrays, Mapping):
         raise ValueError(f"a state must have the arrays {[*targets]}, got {arrays!r:.60}")
     given = {}
     for name, target in targets.items():
-        if (array := array_like(arrays.get(name), target)) is None:
-            got = arrays.get(name)
+        value = arrays.get(name)
+        with contextlib.suppress(ValueError):  # parts of different lengths
+            array = np.asarray(value)
+            if array.shape == target.shape and np.can_cast(array.dtype, target.dtype, "same_kind"):
+                given[name] = array
+        if name not in given:
             raise ValueError(
                 f"{name} must have shape {target.shape} and type {target.dtype}, "
-                f"got {getattr(got, 'shape', got)!r:.60}"
+                f"got {getattr(value, 'shape', value)!r:.60}"
             )
-        given[name] = array
     for name, target in targets.items():
         target[:] = given[name]
-
-
-def _real_numbers(what: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
-    if (array := real_numbers(values, shape)) is None:
-        raise ValueError(f"{what} must be real numbers of shape {shape}, got {values!r:.200}")
-    return array
-
-
-class _Call:
-    """A rollout of some physics steps of all robots, with its arrays allocated once."""
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        state: np.ndarray,
-        control: np.ndarray,
-        steps: int,
-        disabled: int,
-    ) -> None:
-        """Allocates the arrays of so many physics steps, which leave out what is `disabled`.
-
-        States, shape (B, n), are updated by `step`; controls have the shape (B, m).
-        """
-        robots = len(state)
-        self._model, self._disabled = model, disabled
-        self._models = [model] * robots  # rollout's skip_checks needs one per robot
-        self._state, self._control, self._steps = state, control, steps
-        self._held = np.zeros((robots, steps, control.shape[1]))
-        self._states = np.zeros((robots, steps, state.shape[1]))
-        self._sensors = np.zeros((robots, steps, model.nsensordata))
-
-    @property
-    def sensordata(self) -> np.ndarray:
-        """Measurements of the last step, shape (B, nsensordata)."""
-        return self._sensors[:, -1]
-
-    def step(self, engine: rollout.Rollout, scratch: list[mujoco.MjData]) -> None:
-        """Simulates the steps, and updates the state."""
-        self._held[:] = self._control[:, None]
-        flags = self._model.opt.disableflags
-        self._model.opt.disableflags = flags | self._disabled
-        try:
-            engine.rollout(
-                self._models,
-                scratch,
-                self._state,
-                self._held,
-                nstep=self._steps,
-                control_spec=_CONTROL,
-                state=self._states,
-                sensordata=self._sensors,
-                skip_checks=True,
-            )
-        finally:
-            self._model.opt.disableflags = flags
-        self._state[:] = self._states[:, -1]
 
 
 class Batch(Robots):
     """B robots in MuJoCo. A second thread that steps or places them meanwhile is refused.
 
     Attributes:
-      model: Compiled arena, shared by all robots. A change of it counts from the next step on. A
-        step changes its flags meanwhile, so batches in several threads need a model each.
+      model: Compiled arena of all robots; changes count from the next step on. A step changes its
+        flags meanwhile: batches in several threads need a model each.
       substeps: Number of physics steps in a control step.
     """
 
@@ -282,8 +223,8 @@ class Batch(Robots):
           model: Compiled arena.
           rules: Rules of the task for that arena.
           robots: Number of robots, B.
-          threads: Number of threads that step the physics; 0 for the calling thread. Results do
-            not depend on it: a robot's step depends on its own state alone.
+          threads: Number of threads that step the physics, without an effect on results; 0 for the
+            calling thread.
 
         Raises ValueError where a number is out of range, see `substeps_of`.
         """
@@ -300,12 +241,15 @@ class Batch(Robots):
         self._state = np.zeros((robots, size))
         self._control = np.zeros((robots, mujoco.mj_stateSize(model, _CONTROL)))
         self._control[:, model.nu :] = self._scratch.mocap_pos.ravel()
-        # Sensors are read once per control step: only its last substep evaluates them.
-        self._calls = [
-            _Call(model, self._state, self._control, steps, disabled)
-            for steps, disabled in ((self.substeps - 1, _SENSORS), (1, 0))
+        # Sensors are read once per control step: only its last substep evaluates them. For each of
+        # the two rollouts: what it leaves out; its controls, states and sensors, allocated once.
+        widths = self._control.shape[1], size, model.nsensordata
+        self._rollouts = [
+            (disabled, *(np.zeros((robots, steps, width)) for width in widths))
+            for disabled, steps in ((_SENSORS, self.substeps - 1), (0, 1))
             if steps
         ]
+        self._models = [model] * robots  # rollout's skip_checks needs one per robot
         self.place(np.arange(robots), np.zeros((robots, 3)))
 
     @property
@@ -355,9 +299,26 @@ class Batch(Robots):
         engine = self._engine
         if engine is None:
             engine = self._engine = rollout.Rollout(nthread=self._nthread)
-        for call in self._calls:
-            call.step(engine, self._threads)
-        return self._calls[-1].sensordata
+        flags = self.model.opt.disableflags
+        try:
+            for disabled, control, states, sensors in self._rollouts:
+                control[:] = self._control[:, None]
+                self.model.opt.disableflags = flags | disabled
+                engine.rollout(
+                    self._models,
+                    self._threads,
+                    self._state,
+                    control,
+                    nstep=control.shape[1],
+                    control_spec=_CONTROL,
+                    state=states,
+                    sensordata=sensors,
+                    skip_checks=True,
+                )
+                self._state[:] = states[:, -1]
+        finally:
+            self.model.opt.disableflags = flags
+        return self._rollouts[-1][-1][:, -1]
 
     def arrays(self) -> dict[str, np.ndarray]:
         return {
@@ -369,12 +330,13 @@ class Batch(Robots):
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns what an exact copy needs; threads and MuJoCo's scratch space are made anew."""
-        made_from = (self.model, self.rules, self.robots, self._nthread)
+        threads = {"threads": self._nthread} if self._nthread else {}
+        made_from = (self.model, self.rules, self.robots), threads
         return {"made_from": made_from, "dimensions": self.dimensions, "state": self.get_state()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        model, rules, robots, threads = state["made_from"]
-        self.__init__(model, rules, robots, threads=threads)
+        arguments, threads = state["made_from"]
+        self.__init__(*arguments, **threads)
         self.dimensions = state["dimensions"]
         self.set_state(state["state"])
 

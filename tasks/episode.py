@@ -79,9 +79,7 @@ class Episode:
 
     def motors(self, action: Any) -> tuple[float, float]:
         """Returns one robot's motor values, clipped; ValueError unless two finite numbers."""
-        left, right = _numbers(action, (2,)).tolist()
-        if not (math.isfinite(left) and math.isfinite(right)):
-            _refuse_action(action, (2,))
+        left, right = real_numbers("action", action, (2,), finite=True).tolist()
         limit = self.limit
         scale = 0.5 / limit
         return min(max(left, -limit), limit) * scale, min(max(right, -limit), limit) * scale
@@ -93,25 +91,11 @@ class Episode:
 
         The actions of robots that are `ignored` are not read; their motor values are 0.
         """
-        values = _numbers(actions, (robots, 2)).astype(float)
+        values = real_numbers("actions", actions, (robots, 2)).astype(float)
         if len(ignored):
             values[ignored] = 0
-        if not np.isfinite(values).all():
-            _refuse_action(actions, (robots, 2))
+        real_numbers("actions", values, (robots, 2), finite=True)
         return np.clip(values, -self.limit, self.limit) * (0.5 / self.limit)
-
-
-def _numbers(action: Any, shape: tuple[int, ...]) -> np.ndarray:
-    if (values := real_numbers(action, shape)) is None:
-        _refuse_action(action, shape)
-    return values
-
-
-def _refuse_action(action: Any, shape: tuple[int, ...]) -> NoReturn:
-    raise ValueError(
-        f"an action must be two finite motor values, real numbers of shape {shape} in all, "
-        f"got {action!r:.200}"
-    )
 
 
 class OneThread:
@@ -143,20 +127,23 @@ class Lifecycle:
 
     Attributes:
       stage: State of the environment.
-      running: Whether an episode is under way; what every step reads.
       one_thread: What every call of the environment holds.
     """
 
     def __init__(self) -> None:
         """Begins before the first reset."""
         self.stage: Stage = "new"
-        self.running = False
         self.one_thread = OneThread()
+
+    @property
+    def running(self) -> bool:
+        """Whether an episode is under way."""
+        return self.stage == "running"
 
     def become(self, stage: Stage) -> None:
         """Changes the state; RuntimeError if it is "closed"."""
         self.check_open()
-        self.stage, self.running = stage, stage == "running"
+        self.stage = stage
 
     def check_open(self) -> None:
         """Raises RuntimeError if the environment is closed."""
@@ -182,23 +169,23 @@ def check_keywords(
         raise TypeError(f"{whose} takes the {kind} {sorted(allowed)}, got {unknown}")
 
 
-def array_like(values: Any, like: np.ndarray) -> np.ndarray | None:
-    """Returns values as an array; None unless they have the shape and type of another array."""
+def real_numbers(
+    name: str, values: Any, shape: tuple[int, ...], finite: bool = False
+) -> np.ndarray:
+    """Returns values as an array; ValueError, with their name, unless real numbers of a shape."""
     try:
         array = np.asarray(values)
     except ValueError:  # parts of different lengths
-        return None
-    fits = array.shape == like.shape and np.can_cast(array.dtype, like.dtype, "same_kind")
-    return array if fits else None
-
-
-def real_numbers(values: Any, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Returns values as an array; None unless they are real numbers of this shape."""
-    try:
-        array = np.asarray(values)
-    except ValueError:  # parts of different lengths
-        return None
-    return array if array.shape == shape and array.dtype.kind in "fiu" else None
+        array = np.empty(0)
+    sound = array.shape == shape and array.dtype.kind in "fiu"
+    if sound and finite:  # Python's function takes a tenth of the time for two numbers
+        sound = (
+            np.isfinite(array).all() if array.ndim > 1 else all(map(math.isfinite, array.tolist()))
+        )
+    if not sound:
+        kind = "finite real" if finite else "real"
+        raise ValueError(f"{name} must be {kind} numbers of shape {shape}, got {values!r:.200}")
+    return array
 
 
 def whole_number(name: str, value: Any, least: int) -> int:

@@ -17,7 +17,11 @@ from .suite import task_definition
 
 
 class KinematicBatch(Robots):
-    """B ideal differential drives, each alone in its arena (see `models.kinematic`)."""
+    """B ideal differential drives, each alone in its arena (see `models.kinematic`).
+
+    Attributes:
+      kinematics: Settings of the kinematic simulator.
+    """
 
     def __init__(
         self,
@@ -29,21 +33,16 @@ class KinematicBatch(Robots):
     ) -> None:
         """Places B robots at the origin, see `Robots` and `make_kinematic_batch`."""
         super().__init__(robots, rules, kinematics.applied_to(dimensions), nsensordata)
-        self._kinematics = kinematics
+        self.kinematics = kinematics
         self._poses = np.zeros((robots, 3))
         self._spots = np.zeros((robots, 2))
         self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values
         self._touch = np.zeros(robots)
-        self._sense()
+        self.place(np.arange(robots), self._poses)
 
     @property
     def pose(self) -> np.ndarray:
         return self._poses.copy()
-
-    @property
-    def kinematics(self) -> Kinematics:
-        """Settings of the kinematic simulator."""
-        return self._kinematics
 
     @property
     def spot(self) -> np.ndarray:
@@ -56,7 +55,7 @@ class KinematicBatch(Robots):
         self.valid[robots[~sound]] = False
         self._poses[robots] = np.where(sound[:, None], poses, 0.0)
         self._wheels[robots] = 0
-        near = self._kinematics.felt == "near"
+        near = self.kinematics.felt == "near"
         self._touch[robots] = touches(self._poses[robots], self.dimensions) if near else 0
         sensed = np.zeros((len(robots), self.sensordata.shape[1]))
         world = self._poses[robots], self._spots[robots], self._touch[robots]
@@ -70,9 +69,10 @@ class KinematicBatch(Robots):
     def step(self, motors: np.ndarray) -> None:
         motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
         self._poses[:], self._wheels[:], self._touch[:] = after_control_step(
-            self._poses, self._wheels, motors, self._kinematics, self.dimensions
+            self._poses, self._wheels, motors, self.kinematics, self.dimensions
         )
-        self._sense()
+        world = self._poses, self._spots, self._touch
+        measure(self.sensordata, self.rules.layout, world, self.dimensions)
         self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -84,12 +84,6 @@ class KinematicBatch(Robots):
             "sensordata": self.sensordata,
             "valid": self.valid,
         }
-
-    def _sense(self) -> None:
-        world = self._poses, self._spots, self._touch
-        measure(self.sensordata, self.rules.layout, world, self.dimensions)
-        if not self.valid.all():
-            self.sensordata[~self.valid] = 0
 
 
 def after_control_step(

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import math
-import numbers
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
 from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, MODULES, register_gymnasium
 from ..models import check_arena
-from .arena import CONTROL_TIMESTEP, SUITE, Environment, Settings, TaskDefinition, steps_until
+from .arena import TaskDefinition, steps_until
 from .batch import Batch
 from .rules import Rules, within
 from .starts import random_poses
-from .suite import DOMAIN, TASKS, TASKS_BY_DOMAIN
+from .suite import DOMAIN, TASKS_BY_DOMAIN, add_task
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-_RANGES = {  # of a definition's numbers
-    "limit": (1e-6, 1e6),
-    "time_limit": (CONTROL_TIMESTEP, math.inf),
-    "spot_seconds": (0, 1e9),
-}
 _PROBED = 60  # control steps: straight ahead, across the arena and into a wall
 
 
@@ -62,7 +56,6 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     if "model" in settings:
         settings["model"] = _file(settings["model"])
     definition = TaskDefinition(name, rules, **settings)
-    _check_settings(definition)
     identifier = "".join(part.capitalize() for part in name.split("_")) + "-v0"
     if GYMNASIUM_TASKS.get(identifier, name) != name:
         raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")
@@ -70,15 +63,7 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     check_arena(model)
     # Fails where a sensor is missing, or the timestep is another.
     _check_rules(Batch(model, rules.of(model, "inverse"), 2))
-
-    def factory(**keywords: Unpack[Settings]) -> Environment:
-        return TASKS[name].environment(**keywords)
-
-    if name not in TASKS:
-        factory.__name__ = name
-        SUITE.add("own")(factory)
-    SUITE[name].__doc__ = rules.__doc__
-    TASKS[name] = definition
+    add_task(definition, "own")
     GYMNASIUM_TASKS[identifier] = name
     MODULES.pop(name, None)
     module = rules.__module__
@@ -103,20 +88,6 @@ def _file(model: Any) -> Path:
     if path is None or not path.is_file():
         raise ValueError(f"model must be an MJCF file, got {str(model)!r:.200}")
     return path
-
-
-def _check_settings(definition: TaskDefinition) -> None:
-    """Raises ValueError, with the field's name, for a setting out of range."""
-    for name, (low, high) in _RANGES.items():
-        value = getattr(definition, name)
-        real = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        if not real or not low <= value <= high:
-            raise ValueError(f"{name} must be a number from {low:g} to {high:g}, got {value!r:.60}")
-    if abs(definition.spot_steps * CONTROL_TIMESTEP - definition.spot_seconds) > 1e-9:
-        raise ValueError(f"spot_seconds must be a multiple of 0.1 s, got {definition.spot_seconds}")
-    edits: Any = definition.edits
-    if not isinstance(edits, tuple | list) or not all(map(callable, edits)):
-        raise ValueError(f"edits must be functions that edit an arena, got {edits!r:.60}")
 
 
 def _check_rules(batch: Batch) -> None:
@@ -153,9 +124,9 @@ def _check_values(rules: Rules, measured: np.ndarray) -> None:
     seen = {name: np.shape(one) for name, one in observations.items()}
     if [*seen.items()] != [*declared.items()]:
         raise ValueError(f"observations must have the shapes {declared}, got {seen}")
-    for name, (_, low, high) in rules.shapes.items():
-        values = np.asarray(observations[name])
-        if not within(values, declared[name], (low, high)):
+    for name, values in observations.items():
+        _, low, high = rules.shapes[name]
+        if not within(np.asarray(values), declared[name], (low, high)):
             raise ValueError(
                 f"{name} must be numbers from {low:g} to {high:g}, got {values!r:.100}"
             )

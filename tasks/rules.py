@@ -91,6 +91,12 @@ class Rules(abc.ABC):
         del nose
         return cls(SensorLayout.of(model))
 
+    @classmethod
+    def bounds(cls) -> tuple[np.ndarray, np.ndarray]:
+        """Returns minimum and maximum of each number of `state`, each of shape (S,)."""
+        lengths, low, high = zip(*cls.shapes.values(), strict=True)
+        return np.repeat(low, lengths), np.repeat(high, lengths)
+
     @abc.abstractmethod
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns the sensor signals by name, each of shape (..., n), in the order of `shapes`."""

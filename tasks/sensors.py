@@ -7,10 +7,12 @@ take arrays of NumPy, or tensors of PyTorch on any device, and return the same k
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Literal
 
 import numpy as np
 
+from ..fields import Checked, choice, number
 from ..models.arrays import as_numbers, at_least, namespace, replaced
 
 NoseForm = Literal["inverse", "printed"]
@@ -35,7 +37,7 @@ def contact_signal(force: np.ndarray) -> np.ndarray:
 
 
 @dataclasses.dataclass(frozen=True)
-class Nose:
+class Nose(Checked):
     """The nose of section 3, with its Eq. 3.
 
     Attributes:
@@ -47,20 +49,10 @@ class Nose:
         (docs/paper.md).
     """
 
-    odour: float = 10.0
-    frustum: float = np.pi / 2
-    spot_radius: float = 0.06
-    form: NoseForm = "inverse"
-
-    def __post_init__(self) -> None:
-        """Raises ValueError, with the field's name, for a value out of range."""
-        if self.form not in ("inverse", "printed"):
-            raise ValueError(
-                f"the form of the nose must be 'inverse' or 'printed', got {self.form!r}"
-            )
-        for name in ("odour", "frustum", "spot_radius"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+    odour: float = number(10.0, 0, math.inf, "()", unit="mol")
+    frustum: float = number(np.pi / 2, 0, math.inf, "()", unit="rad")
+    spot_radius: float = number(0.06, 0, math.inf, "()", unit="m")
+    form: NoseForm = choice("inverse", NoseForm)
 
     def inside(self, spot: np.ndarray) -> np.ndarray:
         """Returns whether the nose is inside spots, d < r, shape (...); see `signal`."""

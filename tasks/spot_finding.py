@@ -1,18 +1,18 @@
-"""Spot finding (section 3.2) and its variants: rules, definitions and factories."""
+"""Spot finding (section 3.2) and its variants: rules and definitions."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import ClassVar, Self, Unpack
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 
 from ..models import Dimensions, add_noses
-from .arena import SUITE, Environment, Settings, TaskDefinition
+from .arena import TaskDefinition
 from .rules import Rules, SensorLayout, sensor_slice
-from .sensors import Nose, NoseForm, contact_signal, distance_signal
+from .sensors import Nose, NoseForm, contact_signal
 from .wall_avoidance import WallAvoidanceRules
 
 
@@ -84,23 +84,15 @@ class TwoNosesRules(SpotFindingRules):
         noses = self.observations(sensordata)["noses"]
         return (noses[..., 0] + noses[..., 1]) / 2
 
-    def event(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns whether the front of the rim, the place of a single nose, is inside the spot."""
-        return super().event(sensordata)
 
-
-class SpotAmongWallsRules(SpotFindingRules):
+class SpotAmongWallsRules(SpotFindingRules, WallAvoidanceRules):
     """Spot finding with wall sensing: the reward is 0 in contact."""
 
     shapes: ClassVar = {**SpotFindingRules.shapes, **WallAvoidanceRules.shapes}
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns `nose` (..., 1), `distances` (..., 4) and `contact` (..., 1)."""
-        return {
-            **super().observations(sensordata),
-            "distances": distance_signal(sensordata[..., self.layout.distances]),
-            "contact": contact_signal(sensordata[..., self.layout.touch]),
-        }
+        return super().observations(sensordata) | WallAvoidanceRules.observations(self, sensordata)
 
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the nose signal, in [0, 1); 0 in contact."""
@@ -113,33 +105,3 @@ UNIT = TaskDefinition("spot_finding_unit", SpotFindingRules)
 TWO_NOSES = TaskDefinition("spot_finding_two_noses", TwoNosesRules, (add_noses,))
 WALLS = TaskDefinition("spot_finding_walls", SpotAmongWallsRules)
 JUMPING = TaskDefinition("spot_finding_jumping", SpotFindingRules, spot_seconds=20.0)
-
-
-@SUITE.add("paper")
-def spot_finding(**settings: Unpack[Settings]) -> Environment:
-    """Returns the paper's spot finding: reward is the nose signal; endless episodes."""
-    return PAPER.environment(**settings)
-
-
-@SUITE.add("benchmarking")
-def spot_finding_unit(**settings: Unpack[Settings]) -> Environment:
-    """Returns spot finding with actions in [-1, 1] and episodes of 1,000 steps."""
-    return UNIT.environment(**settings)
-
-
-@SUITE.add("benchmarking")
-def spot_finding_two_noses(**settings: Unpack[Settings]) -> Environment:
-    """Returns spot finding with two noses: reward is the mean of their signals."""
-    return TWO_NOSES.environment(**settings)
-
-
-@SUITE.add("benchmarking")
-def spot_finding_walls(**settings: Unpack[Settings]) -> Environment:
-    """Returns spot finding with wall sensing: reward is the nose signal, 0 in contact."""
-    return WALLS.environment(**settings)
-
-
-@SUITE.add("benchmarking")
-def spot_finding_jumping(**settings: Unpack[Settings]) -> Environment:
-    """Returns spot finding with a spot that jumps to a random place every 20 s."""
-    return JUMPING.environment(**settings)

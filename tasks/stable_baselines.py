@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,9 +16,9 @@ except ModuleNotFoundError as error:
         f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
     ) from error
 
-from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, USUAL_STEPS
+from ..gymnasium_registration import EPISODE_STEPS, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
-from .gymnasium_env.common import FPS
+from .gymnasium_env.common import FPS, task_name
 
 
 class ArenaVecEnv(VecEnv):
@@ -42,20 +41,10 @@ class ArenaVecEnv(VecEnv):
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
             task, 1,000 in the suite.
         """
-        if not isinstance(task, str):
-            raise ValueError(f"task must be a task's name or Gymnasium id, got {task!r:.60}")
-        module, _, name = task.rpartition(":")
-        if module and all(part.isidentifier() for part in module.split(".")):
-            importlib.import_module(module)  # it registers the task, its id and its steps
-        name = GYMNASIUM_TASKS.get(name.removeprefix("musebot/"), name)
+        name = task_name(task)
         kwargs = {"max_episode_steps": EPISODE_STEPS.get(name, USUAL_STEPS), **kwargs}
-        own = module not in ("", "musebot")
-        self._robots = ArenaVectorEnv(
-            f"{module}:{name}" if own else name,
-            num_envs,
-            autoreset_mode=AutoresetMode.SAME_STEP,
-            **kwargs,
-        )
+        mode = AutoresetMode.SAME_STEP
+        self._robots = ArenaVectorEnv(name, num_envs, autoreset_mode=mode, **kwargs)
         self._actions = np.zeros((num_envs, 2), dtype=np.float32)
         robots = self._robots
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
@@ -78,7 +67,6 @@ class ArenaVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Stores the actions, shape (B, 2), for the next `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
@@ -96,30 +84,24 @@ class ArenaVecEnv(VecEnv):
         return observations, rewards.astype(np.float32), truncations, infos
 
     def close(self) -> None:
-        """Closes the batch."""
         self._robots.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Returns an attribute of robots, see `ArenaVectorEnv.get_attr`; None for all robots."""
         values = self._robots.get_attr(attr_name)
         return [values[robot] for robot in self._get_indices(indices)]
 
     def get_images(self) -> list[np.ndarray | None]:
-        """Returns a picture of each robot, for `render_mode="rgb_array"`; else None for each."""
         return list(self._robots.render() or [None] * self.num_envs)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Raises AttributeError: robots of a batch have no attributes of their own."""
         raise AttributeError(f"robots of a batch have no attributes of their own, got {attr_name}")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        """Raises AttributeError: robots of a batch have no methods of their own."""
         raise AttributeError(f"robots of a batch have no methods of their own, got {method_name}")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None
     ) -> list[bool]:
-        """Returns False for every robot: robots of a batch have no wrappers."""
         return [False] * sum(1 for _ in self._get_indices(indices))
 
 

@@ -74,49 +74,35 @@ class Start:
             place = getattr(self, name)
             if isinstance(place, str):
                 if place not in CORNERS:
-                    raise ValueError(f"{name} must be one of {list(CORNERS)}, got {place!r}")
-            elif place is not None:
-                object.__setattr__(self, name, _finite(name, place, length))
+                    raise ValueError(f"{name} must be one of {list(CORNERS)}, got {place!r:.60}")
+                place = CORNERS[place][:length]
+            if place is not None:
+                place = real_numbers(name, place, (length,), finite=True)
+                object.__setattr__(self, name, tuple(map(float, place)))
 
     def check(self, dimensions: Dimensions) -> None:
         """Raises ValueError where a robot overlaps a wall or an obstacle, or a spot is outside."""
         size = dimensions
         for name, clear in (("robot", size.radius), ("spot", 0.0)):
-            place = getattr(self, name)
+            place: Any = getattr(self, name)
             if place is None:
                 continue
-            place = _in_numbers(place)
             x, y = size.half_length - clear, size.half_width - clear
             if abs(place[0]) > x + _TOLERANCE or abs(place[1]) > y + _TOLERANCE:
                 raise ValueError(
                     f"{name} must be inside the arena, |x| <= {x:g} and |y| <= {y:g}, got {place}"
                 )
-        if self.robot is None:
-            return
-        robot = _in_numbers(self.robot)
-        for x, y, radius in size.obstacles:
-            least = radius + size.radius
-            if math.hypot(robot[0] - x, robot[1] - y) < least - _TOLERANCE:
-                raise ValueError(
-                    f"robot must be at least {least:g} m from the centre of the obstacle at "
-                    f"({x:g}, {y:g}), got {self.robot}"
-                )
+            for x, y, radius in size.obstacles if name == "robot" else ():
+                least = radius + size.radius
+                if math.hypot(place[0] - x, place[1] - y) < least - _TOLERANCE:
+                    raise ValueError(
+                        f"robot must be at least {least:g} m from the centre of the obstacle at "
+                        f"({x:g}, {y:g}), got {place}"
+                    )
 
     def draw(self, random: Random, dimensions: Dimensions) -> tuple[np.ndarray, np.ndarray]:
         """Returns a robot's pose, shape (3,), and a spot, shape (2,), drawn in this order."""
         robot, spot = self.robot, self.spot
-        pose = random_poses(random, dimensions, 1)[0] if robot is None else _in_numbers(robot)
-        centre = random_spots(random, dimensions, 1)[0] if spot is None else _in_numbers(spot)[:2]
-        return np.asarray(pose, dtype=float), np.asarray(centre, dtype=float)
-
-
-def _in_numbers(place: Corner | tuple[float, ...]) -> tuple[float, ...]:
-    """Returns a place whose corner may have been named; a corner is a robot's pose."""
-    return CORNERS[place] if isinstance(place, str) else place
-
-
-def _finite(name: str, place: Any, length: int) -> tuple[float, ...]:
-    values = real_numbers(place, (length,))
-    if values is None or not np.isfinite(values).all():
-        raise ValueError(f"{name} must be {length} finite numbers, got {place!r:.200}")
-    return tuple(map(float, values))
+        pose = random_poses(random, dimensions, 1)[0] if robot is None else np.array(robot)
+        centre = random_spots(random, dimensions, 1)[0] if spot is None else np.array(spot)
+        return pose, centre

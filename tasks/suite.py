@@ -4,32 +4,50 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import mujoco
 from dm_control import suite as dm_suite
 
 from . import spot_finding, wall_avoidance
-from .arena import SHELL, SUITE, Edit, Environment, TaskDefinition
+from .arena import SHELL, SUITE, Edit, Environment, Settings, TaskDefinition
 from .batch import Batch
 from .sensors import NoseForm
 
 DOMAIN = "arena"
 FOREIGN_DOMAIN = "musebot_arena"  # name of the domain in dm_control's own suite, after `register`
 
-TASKS: dict[str, TaskDefinition] = {  # `registry.register_task` adds to it
-    definition.name: definition
-    for definition in (
-        wall_avoidance.PAPER,
-        spot_finding.PAPER,
+TASKS: dict[str, TaskDefinition] = {}
+_SUITE = {  # by dm_control's tag
+    "paper": (wall_avoidance.PAPER, spot_finding.PAPER),
+    "benchmarking": (
         wall_avoidance.UNIT,
         wall_avoidance.OBSTACLES,
         spot_finding.UNIT,
         spot_finding.TWO_NOSES,
         spot_finding.WALLS,
         spot_finding.JUMPING,
-    )
+    ),
 }
+
+
+def add_task(definition: TaskDefinition, tag: str) -> None:
+    """Adds a task to `TASKS`, and its factory to `SUITE`; replaces one of the same name."""
+    name = definition.name
+
+    def factory(**settings: Unpack[Settings]) -> Environment:
+        return TASKS[name].environment(**settings)
+
+    if name not in TASKS:
+        factory.__name__ = name
+        SUITE.add(tag)(factory)
+    SUITE[name].__doc__ = definition.rules.__doc__
+    TASKS[name] = definition
+
+
+for _tag, _definitions in _SUITE.items():
+    for _definition in _definitions:
+        add_task(_definition, _tag)
 ALL_TASKS = tuple((DOMAIN, task) for task in sorted(SUITE))
 PAPER = tuple((DOMAIN, task) for task in sorted(SUITE.tagged("paper")))
 BENCHMARKING = tuple((DOMAIN, task) for task in sorted(SUITE.tagged("benchmarking")))
@@ -59,7 +77,7 @@ def load(
       domain_name: Name of the domain; must be "arena".
       task_name: Name of a task, see `ALL_TASKS`.
       task_kwargs: Keywords of the task, see `arena.Settings`.
-      environment_kwargs: Keywords of `dm_control.rl.control.Environment`.
+      environment_kwargs: `flat_observation` and `time_limit`, see `arena.Settings`.
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:

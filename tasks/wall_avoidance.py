@@ -1,16 +1,16 @@
-"""Wall avoidance (section 3.1) and its variants: rules, definitions and factories."""
+"""Wall avoidance (section 3.1) and its variants: rules and definitions."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import ClassVar, Self, Unpack
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 
 from ..models import Dimensions, add_obstacles, add_velocity, hide_spot
-from .arena import SUITE, Environment, Settings, TaskDefinition
+from .arena import TaskDefinition
 from .rules import Rules, SensorLayout, sensor_slice
 from .sensors import NoseForm, contact_signal, distance_signal
 
@@ -93,21 +93,3 @@ UNIT = TaskDefinition("wall_avoidance_unit", UnitWallAvoidanceRules, (hide_spot,
 OBSTACLES = TaskDefinition(
     "wall_avoidance_obstacles", DrivingRules, (hide_spot, add_obstacles, add_velocity)
 )
-
-
-@SUITE.add("paper")
-def wall_avoidance(**settings: Unpack[Settings]) -> Environment:
-    """Returns the paper's wall avoidance: reward -1 in contact, else 0; endless episodes."""
-    return PAPER.environment(**settings)
-
-
-@SUITE.add("benchmarking")
-def wall_avoidance_unit(**settings: Unpack[Settings]) -> Environment:
-    """Returns wall avoidance with a reward of 0 in contact, else 1."""
-    return UNIT.environment(**settings)
-
-
-@SUITE.add("benchmarking")
-def wall_avoidance_obstacles(**settings: Unpack[Settings]) -> Environment:
-    """Returns driving among three pillars: reward is the speed ahead, 0 in contact."""
-    return OBSTACLES.environment(**settings)

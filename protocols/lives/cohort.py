@@ -245,7 +245,7 @@ class Cohort:
         generator.state = notes["random"]
         if generator.state != notes["random"]:
             raise ValueError("its random stream is damaged")
-        self.batch.load_arrays(groups["batch"])
+        self.batch.set_state(groups["batch"])
         try:
             self.agent.load_state(groups["brain"])
         except MemoryError:

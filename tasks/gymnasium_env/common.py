@@ -10,6 +10,7 @@ import gymnasium
 import mujoco
 import numpy as np
 
+from ...gymnasium_registration import GYMNASIUM_TASKS
 from ..arena import CONTROL_TIMESTEP, TaskDefinition
 from ..episode import check_keywords, whole_number
 from ..rules import Rules
@@ -31,31 +32,35 @@ PICTURE = {"camera": "overhead", "width": 480, "height": 320}
 
 def spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
     """Returns the spaces of a robot's observations, shape (S,), and actions, shape (2,)."""
-    low, high = (
-        np.concatenate(
-            [np.full(shape[0], shape[end], np.float32) for shape in rules.shapes.values()]
-        )
-        for end in (1, 2)
-    )
+    low, high = (end.astype(np.float32) for end in rules.bounds())
     return gymnasium.spaces.Box(low, high), gymnasium.spaces.Box(-limit, limit, (2,))
 
 
-def checked_task(task: str, kwargs: Mapping[str, Any]) -> TaskDefinition:
-    """Returns the definition of a task, NAME or MODULE:NAME, that takes these keywords.
+def task_name(task: Any) -> str:
+    """Returns the name of a task, given as its name or Gymnasium id, perhaps as MODULE:NAME.
 
     The module is imported in a process that does not know the task. Raises ImportError where there
-    is none, ValueError where there is no such task, TypeError for an unknown keyword.
+    is none, ValueError where there is no such task.
     """
-    if isinstance(task, str) and ":" in task:
-        module, _, task = task.rpartition(":")
+    module, _, name = task.rpartition(":") if isinstance(task, str) else ("", "", task)
+    if module or name != task:
         if not all(part.isidentifier() for part in module.split(".")):
-            raise ValueError(f"task must be NAME or MODULE:NAME, got {module + ':' + task!r:.200}")
-        if task not in TASKS:  # in a process that does not know it yet
+            raise ValueError(f"task must be NAME or MODULE:NAME, got {task!r:.200}")
+        if _plain(name) not in TASKS:  # in a process that does not know it yet
             importlib.import_module(module)
-        if task not in TASKS:
-            raise ValueError(f"the module {module} registers no task {task!r:.100}")
-    definition = task_definition(task)
-    check_keywords(f"task {task!r}", kwargs, definition.keywords)
+        if _plain(name) not in TASKS:
+            raise ValueError(f"the module {module} registers no task {name!r:.100}")
+    return task_definition(_plain(name)).name
+
+
+def _plain(name: Any) -> Any:
+    return GYMNASIUM_TASKS.get(name.removeprefix("musebot/"), name) if type(name) is str else name
+
+
+def checked_task(task: Any, kwargs: Mapping[str, Any]) -> TaskDefinition:
+    """Returns the definition of a task, see `task_name`; TypeError for an unknown keyword."""
+    definition = task_definition(task_name(task))
+    check_keywords(f"task {definition.name!r}", kwargs, definition.keywords)
     return definition
 
 

@@ -113,7 +113,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         environment = self._environment
         with environment.lifecycle.one_thread:
             environment.lifecycle.check_running()
-            timestep = environment.advance(action)
+            timestep = environment.step(action)
             self._show()
             return _state(timestep.observation), timestep.reward, False, False, self._info(1)
 

@@ -113,8 +113,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._painter: Physics | None = None
         self._lifecycle = Lifecycle()
         self._nose = Nose(spot_radius=self._batch.dimensions.spot_radius)
-        self._randoms: dict[int, np.random.Generator] = {}
-        self._seeds: list[int] = [0] * num_envs
+        streams = [seeding.np_random() for _ in range(num_envs)]
+        self._randoms, self._seeds = map(list, zip(*streams, strict=True))
         self._steps = np.zeros(num_envs, dtype=np.int64)  # so far in each robot's episode
         self._counts = np.zeros((2, num_envs), dtype=np.int64)  # of them in contact, in the spot
         self._over = np.zeros(num_envs, dtype=bool)
@@ -122,12 +122,11 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Random stream of every robot."""
-        return tuple(self._streams().values())
+        return tuple(self._randoms)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Seed of every robot's random stream."""
-        self._streams()
         return tuple(self._seeds)
 
     def reset(
@@ -142,18 +141,12 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           seed: Seeds of the robots; or one seed s, which gives robot k the seed s + k. None
             continues a robot's random stream.
           options: `robot` and `spot` of these episodes, in place of the task's; and `reset_mask`,
-            the robots that start an episode, Booleans of shape (B,); all by default.
+            the robots that start an episode, Booleans of shape (B,); all by default, and before the
+            first reset and after a PhysicsError.
 
-        Returns:
-          Observations of all robots, shape (B, S), and the entries of `INFO`.
-
-        Raises:
-          TypeError: An option is unknown.
-          ValueError: The number of seeds is not the number of robots, a place is impossible; or the
-            mask is no array of B Booleans with one True, or leaves out robots before the first
-            reset or after a PhysicsError.
-          gymnasium.error.Error: A seed is negative.
-          RuntimeError: The batch is closed.
+        Returns the observations of all robots, shape (B, S), and the entries of `INFO`. Raises
+        TypeError for an unknown option, ValueError for another number of seeds, a wrong mask or an
+        impossible place, gymnasium.error.Error for a negative seed, RuntimeError after `close`.
         """
         with self._lifecycle.one_thread:
             self._lifecycle.check_open()
@@ -165,17 +158,21 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             seeds = [None] * self.num_envs if seed is None else list(seed)
             if len(seeds) != self.num_envs:
                 raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
-            self._seed([one if own else None for one, own in zip(seeds, mask, strict=True)])
+            # All streams are made before the first is kept: a seed may be refused.
+            made = {
+                robot: seeding.np_random(own)
+                for robot, own in enumerate(seeds)
+                if mask[robot] and own is not None
+            }
+            for robot, pair in made.items():
+                self._randoms[robot], self._seeds[robot] = pair
             self._begin(np.flatnonzero(mask), start)
             self._over[mask] = False
             self._lifecycle.become("running")
             return self._states(), self._info(mask)
 
     def step(self, actions: np.ndarray) -> _Timestep:
-        """Simulates 0.1 s.
-
-        Args:
-          actions: Left and right action of every robot, within `action_space`, shape (B, 2).
+        """Simulates 0.1 s for the robots' left and right actions, shape (B, 2).
 
         Returns:
           Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and a dictionary
@@ -201,8 +198,9 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
                 f"reset must be called with a reset_mask of the robots {starting.tolist()}, "
                 "whose episodes have ended"
             )
-        if self._episode.spot_steps:
-            self._jump(np.flatnonzero(self._episode.jumps(self._steps) & ~self._over))
+        for robot in np.flatnonzero(self._episode.jumps(self._steps) & ~self._over).tolist():
+            spot = random_spots(self._randoms[robot], batch.dimensions, 1)
+            batch.place_spot(np.array([robot]), spot)
         try:
             batch.step(motors)
         except CapacityError as error:
@@ -210,21 +208,19 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             raise PhysicsError(str(error)) from error
         self._check_sound(batch.valid)
         self._steps += 1
-        events: np.ndarray | None = self._events()
-        self._counts += events
+        self._counts += self._events()
         rewards = batch.rules.checked_reward(batch.sensordata).astype(float)
         if len(starting):
             self._begin(starting, self._episode.start)
             rewards[starting] = 0.0
-            events = None
         self._over = self._steps >= self._episode.steps
         truncations, observations, info = self._over.copy(), self._states(), {}
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
-            info = _final(observations, self._over.copy(), self._info(self._over, events))
+            info = _final(observations, self._over.copy(), self._info(self._over))
             self._begin(np.flatnonzero(self._over), self._episode.start)
             self._over[:] = False
-            observations, events = self._states(), None
-        info |= self._info(None, events)
+            observations = self._states()
+        info |= self._info()
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
     def _check_sound(self, sound: Any) -> None:
@@ -290,7 +286,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         return (shared[name],) * self.num_envs
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Raises AttributeError: robots of a batch have no attributes that can be set."""
         raise AttributeError(
             "robots of a batch have no attributes that can be set, use reset(options=) for robot "
             f"and spot, got {name!r}"
@@ -336,12 +331,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         check_state(state, {**self._state(), "batch": {}, "randoms": randoms})
         batch = state["batch"]
         check_state(batch, self._batch.arrays())
-        sound = self._batch.dimensions.sound(batch["state"][:, 1:7]).all()
-        if not (sound and all(np.isfinite(one).all() for one in batch.values())):
-            raise ValueError(
-                "state['batch'] must be finite numbers, of robots that stand in the arena, got x, "
-                f"y, z {batch['state'][:, 1:4].tolist()!r:.200}"
-            )
+        self._batch.dimensions.check_standing(batch["state"], *batch.values())
         if not batch["valid"].all():
             raise ValueError(f"state['batch']['valid'] must be all True, got {batch['valid']}")
         check_counts("steps", state["steps"], [self._episode.most_steps] * self.num_envs)
@@ -370,26 +360,9 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             )
         return mask.copy()
 
-    def _streams(self) -> dict[int, np.random.Generator]:
-        """Returns the random stream of every robot, by its number."""
-        if not self._randoms:
-            self._seed([None] * self.num_envs)
-        return self._randoms
-
-    def _seed(self, seeds: Sequence[int | None]) -> None:
-        """Makes a new random stream for every seed given, and for robots that have none yet."""
-        made = {  # all of them before the first is kept: a seed may be refused
-            robot: seeding.np_random(seed)
-            for robot, seed in enumerate(seeds)
-            if seed is not None or robot not in self._randoms
-        }
-        for robot, pair in made.items():
-            self._randoms[robot], self._seeds[robot] = pair
-
     def _begin(self, robots: np.ndarray, start: Start) -> None:
         """Starts an episode of some robots, with starts drawn from their own streams."""
-        randoms = self._streams()
-        starts = [start.draw(randoms[robot], self._batch.dimensions) for robot in robots]
+        starts = [start.draw(self._randoms[robot], self._batch.dimensions) for robot in robots]
         poses, spots = map(np.stack, zip(*starts, strict=True))
         self._batch.valid[robots] = True  # a robot that was stopped starts again
         self._batch.place_spot(robots, spots)
@@ -397,13 +370,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._check_sound(np.isfinite(self._batch.sensordata).all(axis=1))
         self._steps[robots] = 0
         self._counts[:, robots] = 0
-
-    def _jump(self, robots: np.ndarray) -> None:
-        """Moves the spots of some robots to places drawn from their own streams."""
-        randoms = self._streams()
-        for robot in robots:
-            spot = random_spots(randoms[robot], self._batch.dimensions, 1)
-            self._batch.place_spot(robot[None], spot)
 
     def _states(self) -> np.ndarray:
         return self._batch.rules.state(self._batch.sensordata).astype(np.float32)
@@ -414,16 +380,12 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         touched = readings[:, layout.touch][:, 0] > 0
         return np.stack([touched, self._nose.inside(readings[:, layout.smell])])
 
-    def _info(
-        self, robots: np.ndarray | None = None, events: np.ndarray | None = None
-    ) -> dict[str, Any]:
+    def _info(self, robots: np.ndarray | None = None) -> dict[str, Any]:
         """Returns the entries of `INFO`, and each one's mask, as Gymnasium's own batches do.
 
-        Args:
-          robots: Mask of the robots whose entries are returned, shape (B,); the others' are 0.
-          events: What `_events` returns now, if known.
+        With a mask of robots, shape (B,), the entries of the others are 0.
         """
-        pose, (contact, in_spot) = self._batch.pose, self._events() if events is None else events
+        pose, (contact, in_spot) = self._batch.pose, self._events()
         entries = {
             "position": pose[:, :2],
             "heading": pose[:, 2],
@@ -434,11 +396,9 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             "in_spot_steps": self._counts[1].copy(),
         }
         mask = np.ones(self.num_envs, dtype=bool) if robots is None else robots.copy()
-        info: dict[str, Any] = {}
-        for name, entry in entries.items():
-            info[name] = entry if robots is None else (entry.T * robots).T
-            info[f"_{name}"] = mask
-        return info
+        if robots is not None:
+            entries = {name: (entry.T * robots).T for name, entry in entries.items()}
+        return entries | {f"_{name}": mask for name in entries}
 
 
 def _final(observations: np.ndarray, mask: np.ndarray, info: dict[str, Any]) -> dict[str, Any]:

@@ -80,8 +80,8 @@ class TensorRobots(Robots):
         """Returns copies on the host of everything that the next steps depend on."""
         return {name: tensor.cpu().numpy().copy() for name, tensor in self._tensors.items()}
 
-    def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
-        self._host.load_arrays(arrays)
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        self._host.set_state(arrays)
         self._send()
 
     def _commanded(self) -> Tensor:
@@ -106,7 +106,7 @@ class TensorRobots(Robots):
         return torch.from_numpy(array.copy()).to(self._device)
 
     def _fetch(self) -> None:
-        self._host.load_arrays(self.arrays())
+        self._host.set_state(self.arrays())
 
     def _send(self) -> None:
         for name, array in self._host.arrays().items():
@@ -124,7 +124,7 @@ class KinematicTensors(TensorRobots):
     def __init__(self, batch: KinematicBatch) -> None:
         """Takes over the robots of a batch, which is not to be used any more."""
         super().__init__(batch)
-        self._kinematics = batch.kinematics
+        self.kinematics = batch.kinematics
         self._captured = Captured(self._simulate, self._device)
 
     def _advance(self) -> None:
@@ -134,7 +134,7 @@ class KinematicTensors(TensorRobots):
         own = self._tensors
         motors: Any = self._commanded()
         poses, wheels, contact = after_control_step(
-            own["poses"], own["wheels"], motors, self._kinematics, self.dimensions
+            own["poses"], own["wheels"], motors, self.kinematics, self.dimensions
         )
         own["poses"].copy_(poses)
         own["wheels"].copy_(wheels)
@@ -185,10 +185,10 @@ class Part(Robots):
         """Returns copies on the host of everything that the next steps depend on."""
         return {name: array[self.rows] for name, array in self.whole.arrays().items()}
 
-    def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
+    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         whole = self.whole.arrays()
         copy_arrays(arrays, {name: array[self.rows] for name, array in whole.items()})
-        self.whole.load_arrays(whole)
+        self.whole.set_state(whole)
 
 
 def parts(whole: TensorRobots, count: int) -> list[Part]:

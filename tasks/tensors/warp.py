@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import warnings
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -43,14 +42,9 @@ class WarpEngine:
     """
 
     def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:
-        """Moves the model to the device.
+        """Moves a compiled arena to the device, for B robots.
 
         Kernels are compiled here, the first time for a minute; they are kept on the disk.
-
-        Args:
-          model: Compiled arena.
-          robots: Number of robots, B.
-          substeps: Number of physics steps in a control step.
         """
         self.device = torch.get_default_device()
         # Warp starts without its greeting, and without its warning that there is no GPU.
@@ -78,24 +72,21 @@ class WarpEngine:
         self._measured = wp.to_torch(self._data.sensordata)
         self._overflow = wp.to_torch(self._data.overflow)
         self._timestep = model.opt.timestep
-        self._graph = self._captured()
-
-    def simulate(self, state: Tensor, control: Tensor) -> Tensor:
-        """Simulates the physics of a control step, without a transfer to or from the host.
-
-        Args:
-          state: Time, qpos and qvel of the robots, shape (B, 1 + nq + nv); overwritten.
-          control: Motor values and centres of the spots, shape (B, nu + 3).
-
-        Returns:
-          Measurements, shape (B, nsensordata), valid until the next call.
-        """
-        self.load(state, control)
-        self.run()
-        return self.read(state)
+        with wp.ScopedDevice(self._wp_device):
+            self._launch()  # compiles and loads the kernels, which a capture cannot
+            with wp.ScopedCapture(self._wp_device) as capture:
+                self._launch()
+        assert capture.graph is not None
+        self._graph = capture.graph
+        self._overflow.zero_()
 
     def load(self, state: Tensor, control: Tensor) -> None:
-        """Takes over state and control, the first part of `simulate`."""
+        """Takes over the robots' state and control, on the device.
+
+        Args:
+          state: Time, qpos and qvel, shape (B, 1 + nq + nv).
+          control: Motor values and centres of the spots, shape (B, nu + 3).
+        """
         nq, nu = self._position.shape[1], self._motors.shape[1]
         self._position.copy_(state[:, 1 : 1 + nq])
         self._velocity.copy_(state[:, 1 + nq :])
@@ -111,7 +102,10 @@ class WarpEngine:
             wp.capture_launch(self._graph)
 
     def read(self, state: Tensor) -> Tensor:
-        """Overwrites the state and returns the measurements, the last part of `simulate`."""
+        """Overwrites the state, and returns the measurements, valid until the next `run`.
+
+        They have the shape (B, nsensordata).
+        """
         nq = self._position.shape[1]
         state[:, 0] += len(self._models) * self._timestep
         state[:, 1 : 1 + nq].copy_(self._position)
@@ -122,12 +116,7 @@ class WarpEngine:
         return self._measured
 
     def check_capacity(self) -> None:
-        """Waits for the device.
-
-        Raises:
-          CapacityError: Robots had more contacts or constraints than there was room for, so that
-            some were dropped since the last check.
-        """
+        """Waits for the device; CapacityError if contacts were dropped since the last check."""
         full = (self._overflow & int(_OVERFLOW)).nonzero().flatten().tolist()
         if full:
             self._overflow.zero_()
@@ -138,25 +127,16 @@ class WarpEngine:
             )
 
     def _launch(self) -> None:
-        with wp.ScopedDevice(self._wp_device):
-            for model in self._models:
-                mjw.step(model, self._data)
-
-    def _captured(self) -> wp.Graph:
-        """Returns a graph of all substeps."""
-        self._launch()  # compiles and loads the kernels, which a capture cannot
-        with wp.ScopedCapture(self._wp_device) as capture:
-            self._launch()
-        self._overflow.zero_()
-        assert capture.graph is not None
-        return capture.graph
+        for model in self._models:
+            mjw.step(model, self._data)
 
 
 class WarpBatch(Batch):
     """B robots in MuJoCo Warp on the default device of PyTorch, with arrays of NumPy.
 
     All but the physics steps is the `Batch`'s: rules, placements, pictures, states. Robots
-    differ from those of a `Batch` by rounding (docs/physics.md). Raises ModuleNotFoundError where
+    differ from those of a `Batch` by rounding (docs/physics.md); copies are made on the default
+    device. Raises ModuleNotFoundError where
     MuJoCo Warp is not installed, NotImplementedError where it cannot simulate the arena.
     """
 
@@ -169,24 +149,15 @@ class WarpBatch(Batch):
         self._state[np.asarray(robots, dtype=int), 3] = _LIFTED
 
     def simulate(self) -> np.ndarray:
-        """Simulates the physics of a control step, see `Batch.simulate`.
-
-        Raises:
-          CapacityError: See `WarpEngine.check_capacity`.
-        """
+        """Does what `Batch.simulate` does; raises CapacityError if contacts were dropped."""
         device = self.warp.device
         state, control = (torch.from_numpy(a).to(device) for a in (self._state, self._control))
-        measured = self.warp.simulate(state, control).cpu().numpy()
+        self.warp.load(state, control)
+        self.warp.run()
+        measured = self.warp.read(state).cpu().numpy()
         self._state[:] = state.cpu().numpy()
         self.warp.check_capacity()
         return measured
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Makes an exact copy on the default device."""
-        model, rules, robots, _ = state["made_from"]
-        self.__init__(model, rules, robots)
-        self.dimensions = state["dimensions"]
-        self.set_state(state["state"])
 
 
 class WarpTensors(TensorRobots):
@@ -221,10 +192,6 @@ class WarpTensors(TensorRobots):
         self._motors.masked_fill_(unsound, 0.0)
 
     def stop(self, robots: np.ndarray) -> None:
-        """Makes robots invalid.
-
-        Raises:
-          CapacityError: See `WarpEngine.check_capacity`.
-        """
+        """Does what `Robots.stop` does; raises CapacityError if contacts were dropped."""
         self._warp.check_capacity()
         super().stop(robots)

@@ -84,12 +84,12 @@ def test_the_drawn_walls_of_a_larger_arena_are_where_its_walls_are():
     assert model.geom("floor").size[0] > 1.05 and model.geom("floor").size[1] > 0.70
 
 
-@pytest.mark.parametrize("factor", [0.9, 0.0, -1.0, float("nan"), float("inf")])
-def test_enlarge_refuses_a_factor_below_1(factor):
+def test_enlarge_refuses_a_factor_below_1():
     spec = arena_spec()
     before = spec.to_xml()
-    with pytest.raises(ValueError, match="factor must be finite and at least 1, got"):
-        enlarge(spec, factor)
+    for factor in (0.9, 0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="factor must be finite and at least 1, got"):
+            enlarge(spec, factor)
     assert spec.to_xml() == before
 
 

@@ -1,7 +1,6 @@
 """Pictures and windows: without a display, with one, and with the user's choice of a backend.
 
-Each script runs in a process of its own, because a process chooses OpenGL once. What it saw is
-checked by several tests.
+Each script runs in a process of its own, because a process chooses OpenGL once.
 """
 
 import importlib
@@ -161,7 +160,12 @@ for one in (env, robots):
     one.render()
 musebot.load("arena", "spot_finding").physics.render()
 """
-
+FIRST = """
+import gymnasium, musebot
+env = gymnasium.make("musebot/SpotFinding-v0", render_mode="rgb_array")
+env.reset(seed=0)
+assert env.render().std() > 0
+"""
 
 # As Gymnasium's AsyncVectorEnv does with context="fork", after the parent has drawn.
 FORKED = """
@@ -191,12 +195,19 @@ assert status == 0 and env.render().std() > 0, status
 """
 
 
+def ran(code, folder=None, **changes):
+    """Runs a script in a process that has no display but a given one."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
+    environment = {k: v for k, v in os.environ.items() if k not in names} | changes
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+
+
 @pytest.mark.slow
 def test_a_forked_process_refuses_pictures_after_its_parent_has_drawn(egl):
-    done = subprocess.run(
-        [sys.executable, "-c", FORKED], env=environment(), capture_output=True, text=True,
-        timeout=300,
-    )  # fmt: skip
+    done = ran(FORKED)
     assert done.returncode == 0, done.stderr
     sentences = done.stdout.splitlines()
     assert len(sentences) == 4 and len(set(sentences)) == 1
@@ -216,100 +227,40 @@ assert env.physics.render().std() > 0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("loaded", ["before", "after"])
-def test_a_deleted_working_directory_is_harmless_or_one_sentence(egl, loaded):
-    code = DELETED if loaded == "before" else DELETED.replace(", musebot.tasks", "")
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment(), capture_output=True, text=True, timeout=300
-    )
-    if loaded == "before":
-        assert done.returncode == 0, done.stderr
-    else:
-        last = done.stderr.splitlines()[-1]
-        assert last.startswith("FileNotFoundError: the working directory does not exist any more: ")
-
-
-def environment(**changes):
-    names = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
-    return {k: v for k, v in os.environ.items() if k not in names} | changes
-
-
-@pytest.fixture(scope="module")
-def headless(egl, tmp_path_factory):
-    """What a process without a display sees, where it leaves films, and what it prints."""
-    pytest.importorskip("moviepy", reason="needs the extra `gym`")
-    folder = tmp_path_factory.mktemp("headless")
-    done = subprocess.run(
-        [sys.executable, "-c", HEADLESS],
-        cwd=folder, env=environment(), capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+def test_a_deleted_working_directory_is_harmless_or_one_sentence(egl):
+    done = ran(DELETED)
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1]), folder, done.stderr
+    last = ran(DELETED.replace(", musebot.tasks", "")).stderr.splitlines()[-1]
+    assert last.startswith("FileNotFoundError: the working directory does not exist any more: ")
 
 
 @pytest.mark.slow
-def test_dm_control_renders_twice_without_a_display_and_in_any_size(headless):
-    seen, _, _ = headless
+def test_pictures_depth_and_films_are_made_without_a_display(egl, tmp_path):
+    pytest.importorskip("moviepy", reason="needs the extra `gym`")
+    done = ran(HEADLESS, tmp_path)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout.splitlines()[-1])
+    # dm_control renders twice, in any size; EGL is chosen by the first picture and not before.
     assert seen["std"] > 0 and seen["twice"]
     assert seen["large"] == [1080, 1920, 3] and seen["after large"]
-
-
-@pytest.mark.slow
-def test_egl_is_chosen_by_the_first_picture_and_not_before(headless):
-    seen, _, _ = headless
-    assert seen["before"] == [None, False]
-    assert seen["after"] == ["egl", False]
-
-
-@pytest.mark.slow
-def test_gymnasium_renders_the_same_picture_as_dm_control(headless):
-    seen, _, _ = headless
+    assert seen["before"] == [None, False] and seen["after"] == ["egl", False]
+    # Gymnasium renders the same picture, and environments leave each other's pictures alone.
     shape, dtype, std, large = seen["gymnasium"]
     assert (shape, dtype, large) == ([320, 480, 3], "uint8", [1080, 1920, 3]) and std > 0
     assert seen["both renderers"]
-
-
-@pytest.mark.slow
-def test_environments_in_one_process_leave_each_others_pictures_alone(headless):
-    seen, _, printed = headless
     assert seen["after close"] and seen["after deletion"] and seen["among others"]
-    assert not printed  # no warning, and nothing at exit, where four of them are still open
-
-
-@pytest.mark.slow
-def test_a_first_picture_of_gymnasiums_and_no_close_print_nothing_at_exit(egl):
-    code = (
-        "import gymnasium, musebot; env = gymnasium.make('musebot/SpotFinding-v0', "
-        "render_mode='rgb_array'); env.reset(seed=0); assert env.render().std() > 0"
-    )
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-@pytest.mark.slow
-def test_depth_is_rendered_alone_and_with_colours(headless):
-    shape, low, high, std = headless[0]["depth"]
-    assert shape == [320, 480] and 0 <= low < high <= 1 and std > 0
-    assert headless[0]["rgbd"]
-
-
-@pytest.mark.slow
-def test_a_window_without_a_display_and_an_unknown_camera_are_one_sentence(headless):
-    seen, _, _ = headless
+    assert not done.stderr  # no warning, and nothing at exit, where four of them are still open
+    shape, low, high, std = seen["depth"]
+    assert shape == [320, 480] and 0 <= low < high <= 1 and std > 0 and seen["rgbd"]
+    # A window and an unknown camera are one sentence.
     assert seen["window"] == (
         "RuntimeError: there is no display to open a window on; "
         "render_mode='rgb_array' needs no display"
     )
     assert seen["camera"].startswith("ValueError: camera must be one of ['overhead', ")
     assert seen["camera"].endswith("got 'nose'")
-
-
-@pytest.mark.slow
-def test_gymnasiums_recorders_leave_films(headless):
-    _, folder, _ = headless
     for name in ("single", "batch"):
-        (film,) = (folder / name).glob("*.mp4")
+        (film,) = (tmp_path / name).glob("*.mp4")
         assert film.stat().st_size > 1000
 
 
@@ -328,29 +279,22 @@ def display():
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", [{}, {"MUJOCO_GL": "egl"}], ids=["unset", "egl"])
 def test_a_window_and_pictures_share_a_process(display, egl, chosen):
-    done = subprocess.run(
-        [sys.executable, "-c", WINDOW],
-        env=environment(DISPLAY=display, **chosen), capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    done = ran(WINDOW, DISPLAY=display, **chosen)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == str(chosen.get("MUJOCO_GL"))
 
 
 @pytest.mark.slow
 def test_the_checkers_of_gymnasium_and_stable_baselines_skip_nothing(display, egl):
-    done = subprocess.run(
-        [sys.executable, "-c", CHECKERS],
-        env=environment(DISPLAY=display), capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+    done = ran(CHECKERS, DISPLAY=display)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "checked"
 
 
 @pytest.mark.slow
-def test_environments_that_nobody_closes_end_in_silence(egl):
-    done = subprocess.run(
-        [sys.executable, "-c", OPEN], env=environment(), capture_output=True, text=True, timeout=120
-    )
+@pytest.mark.parametrize("script", [OPEN, FIRST], ids=["several", "one"])
+def test_environments_that_nobody_closes_end_in_silence(egl, script):
+    done = ran(script)
     assert (done.returncode, done.stderr) == (0, "")
 
 

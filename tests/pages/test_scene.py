@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from musebot.models import Dimensions, half_size
-from musebot.models.obstacles import OBSTACLES
+from musebot.models.edits import OBSTACLES
 from musebot.protocols.pages import scene
 from musebot.tasks.suite import TASKS
 
