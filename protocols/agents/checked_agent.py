@@ -50,7 +50,6 @@ class CheckedAgent(Agent):
         self._agent = agent
 
     def reset(self) -> None:
-        """See `Agent.reset`."""
         self._call("reset")
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
@@ -70,19 +69,15 @@ class CheckedAgent(Agent):
         return motors
 
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`."""
         self._call("learn", reward.copy())
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
         return self._arrays("state")
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
         self._load("load_state", arrays, ValueError, KeyError)
 
     def weights(self) -> dict[str, np.ndarray]:
-        """See `Agent.weights`."""
         arrays = self._arrays("weights")
         for name, array in arrays.items():
             if array.shape[:1] != (self._robots,):
@@ -93,7 +88,6 @@ class CheckedAgent(Agent):
         return arrays
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_weights`."""
         self._load("load_weights", arrays, ValueError, KeyError, NotImplementedError)
 
     def _call(self, method: str, *arguments: Any) -> Any:

@@ -143,7 +143,7 @@ class Run:
     def _trust(self, rows: Iterable[Condition], held: Plan | None) -> None:
         """Lets the agents run that the command names; others only with --trust-agent."""
         from ..agents.names import recorded_name
-        from ..agents.trust import check_trusted, trust
+        from ..agents.factory import check_trusted, trust
 
         trust(*self.proposer, *map(recorded_name, self.agent))
         if self.trust_agent:

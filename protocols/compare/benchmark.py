@@ -18,7 +18,7 @@ import numpy as np
 from ...controller import BRAINS, PROPOSERS
 from ...models import Kinematics
 from ...tasks.arena import CONTROL_TIMESTEP
-from ..agents.factory import factory_of
+from ..agents.factory import factory_of, trust
 from ..agents.names import (
     LOWER,
     OWN,
@@ -29,7 +29,6 @@ from ..agents.names import (
     short_name,
 )
 from ..agents.senses import senses_of
-from ..agents.trust import trust
 from ..errors import InputError
 from ..lives.agent import make_agent
 from ..lives.conditions import Condition
@@ -74,7 +73,6 @@ class Ranking(Study):
         run_jobs([_cost_job(out, *row) for row in own if row[1].name != TRAINED_BEFORE])
 
     def page(self, out: Path) -> Page:
-        """See `Study.page`."""
         found = self.boards(out)
         jobs = {(b, e.name): _cost_job(out, b, e) for b, own in found.items() for e in own}
         costs = {row: job.read()["costs"] for row, job in jobs.items() if job.done()}
@@ -108,7 +106,6 @@ class Leaderboard(Ranking):
         return {"runs": runs, "tuned": efforts}
 
     def boards(self, out: Path) -> dict[Board, list[Entry]]:
-        """See `Ranking.boards`."""
         del out
         return boards(self._runs)
 
@@ -236,7 +233,6 @@ class Benchmark(Ranking):
         super().work(out, run_jobs)
 
     def boards(self, out: Path) -> dict[Board, list[Entry]]:
-        """See `Ranking.boards`."""
         found = boards(read_runs([out / name for name in self.plans()], networks=False))
         return {board: entries for board, entries in found.items() if board.signals in self.signals}
 

@@ -15,7 +15,8 @@ import torch
 
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
-from ..agents.ppo import POLICIES_FILE, policy_arrays, policy_shapes, read_policies
+from ..agents.ppo import POLICIES_FILE, policy_shapes, read_policies
+from ..agents.senses import senses_of
 from ..errors import InputError
 from ..storage import save_arrays
 from .jobs import ArrayJob, Arrays, Progress, StoppedError
@@ -71,7 +72,6 @@ class PPOTraining(Study):
         }
 
     def check(self, out: Path) -> None:
-        """See `Study.check`."""
         held = len([*(out / "policies").glob("*.safetensors")])
         if held > self.policies:
             raise InputError(f"{out} holds {held} policies, more than {self.policies}")
@@ -83,11 +83,10 @@ class PPOTraining(Study):
         """See `Study.work`; joins the policies in one file when all are trained."""
         run_jobs(self._jobs(out))
         policies = [job.read() for job in self._jobs(out)]
-        arrays = {name: np.concatenate([one[name] for one in policies]) for name in policy_arrays()}
+        arrays = {name: np.concatenate([one[name] for one in policies]) for name in policies[0]}
         save_arrays(out / POLICIES_FILE, arrays, **self.identity())
 
     def page(self, out: Path) -> Page:
-        """See `Study.page`."""
         read_policies(out / POLICIES_FILE)
         last = self.seed + self.policies - 1
         return Page(
@@ -102,7 +101,7 @@ class PPOTraining(Study):
                 out / "policies" / f"{number:04d}.safetensors",
                 functools.partial(train, self.task, self.steps, self.seed + number),
                 rounded(self.steps) * CONTROL_TIMESTEP,
-                policy_shapes(self.task, 1),
+                policy_shapes(len(senses_of(self.task).state), 1),
                 {"task": self.task, "steps": self.steps, "seed": self.seed + number},
             )
             for number in range(self.policies)

@@ -16,10 +16,9 @@ import numpy as np
 from scipy.stats import qmc
 
 from ...models import Kinematics
-from ..agents.factory import factory_of
+from ..agents.factory import factory_of, trust
 from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
-from ..agents.trust import trust
 from ..analysis import intervals
 from ..errors import InputError
 from ..lives.budget import check_memory
@@ -153,7 +152,6 @@ class Tune(Study):
         return dataclasses.asdict(self) | {"agent": self.condition.proposer, "drawn": drawn}
 
     def experiment(self) -> Experiment:
-        """See `Study.experiment`."""
         return self._round(True, [Trial(0, ())])
 
     @functools.cached_property
@@ -214,7 +212,6 @@ class Tune(Study):
         return ranked[0].trial
 
     def page(self, out: Path) -> Page:
-        """See `Study.page`."""
         rounds = ["first round", "second round", "after training", "during training"]
         rows = [["trial", *self.settings, *rounds]]
         ranked = self.ranked(out)

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from ...tasks.batch import CapacityError
-from ..agents.trust import trust
+from ..agents.factory import trust
 from ..errors import InputError, RunError
 from ..progress import JobProgress
 from ..storage import remove_files

@@ -19,7 +19,7 @@ from ...tasks.starts import Start, random_spots
 from ...tasks.suite import TASKS
 from ..agents.base import Agent
 from ..agents.names import recorded_name, short_name
-from ..agents.trust import trust
+from ..agents.factory import trust
 from ..analysis.behaviour import Track
 from ..errors import InputError
 from ..lives.agent import make_agent

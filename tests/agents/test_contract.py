@@ -6,7 +6,7 @@ import types
 import numpy as np
 import pytest
 
-from musebot.protocols.agents import trust
+from musebot.protocols.agents import factory
 from musebot.protocols.agents.base import Agent, load_random_state, random_state
 from musebot.protocols.agents.contract import AgentContract, check_agent
 from musebot.protocols.agents.names import OWN, OWN_BOUNDS, RECORDED_NAMES
@@ -189,7 +189,7 @@ def mine(monkeypatch):
     for cls in FAULTS:
         setattr(module, cls.__name__, cls)
     monkeypatch.setitem(sys.modules, "mine", module)
-    monkeypatch.setattr(trust, "_TRUSTED", set())
+    monkeypatch.setattr(factory, "_TRUSTED", set())
     monkeypatch.setattr(sys, "path", [*sys.path])
     return module
 

@@ -11,13 +11,12 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols.agents import names
-from musebot.protocols.agents import trust as trusting
+from musebot.protocols.agents import factory as trusting
 from musebot.protocols.agents.contract import check_agent
-from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.factory import factory_of, trust
 from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name, short_name
 from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
 from musebot.protocols.agents.senses import senses_of
-from musebot.protocols.agents.trust import trust
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.agent import make_agent

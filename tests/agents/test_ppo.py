@@ -97,7 +97,7 @@ def test_weights_that_a_run_keeps_drive_a_policy_again(folder):
     motors = agent.act(nose, True)
     other.load_weights(agent.weights())
     np.testing.assert_array_equal(other.act(nose, False), motors)
-    with pytest.raises(ValueError, match="must be those of a policy"):
+    with pytest.raises(ValueError, match="must have shape .*, got None"):
         other.load_weights({"0.weights": agent.weights()["0.weights"]})
     short = {name: array[:1] for name, array in agent.weights().items()}
     with pytest.raises(ValueError, match="must have shape"):
@@ -141,7 +141,7 @@ def test_policies_are_read_with_their_task_and_how_they_were_trained(folder):
     task = "spot_finding_unit"
     read_task, arrays, notes = ppo.read_policies(file_of(task))
     assert (read_task, notes) == (task, {"steps": 1})
-    assert sorted(arrays) == sorted(ppo.policy_arrays())
+    assert {*arrays} == {*ppo.policy_shapes(1, 1)}
     np.testing.assert_equal(arrays, newborn(task, 3).arrays)
     assert ppo.Policies.load(file_of(task), task).robots == 3
 

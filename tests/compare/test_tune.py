@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from musebot.protocols.agents import trust
+from musebot.protocols.agents import factory
 from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.settings import Setting, tunable
 from musebot.protocols.compare.study import STUDY_FILE, conduct
@@ -50,7 +50,7 @@ def module(monkeypatch):
     mine = types.ModuleType("mine")
     mine.graded, mine.each, mine.plain = graded, each, plain
     monkeypatch.setitem(sys.modules, "mine", mine)
-    monkeypatch.setattr(trust, "_TRUSTED", set())
+    monkeypatch.setattr(factory, "_TRUSTED", set())
 
 
 KEPT = Path(__file__).parents[2] / "docs" / "results" / "tuned"
@@ -74,7 +74,7 @@ def tuned(tmp_path_factory, in_process):
 
 
 def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
-    trust.trust(TINY.agent)
+    factory.trust(TINY.agent)
     trials = TINY.drawn()
     assert trials[0].settings == () and len({*trials}) == 4
     for trial in trials[1:]:
@@ -119,7 +119,7 @@ def test_shares_are_those_in_the_spot_or_without_contact_and_0_for_an_unstable_r
 
 def test_each_trial_is_given_its_own_robots(tuned):
     """An agent that drives well for the share of time it is given: so are its values."""
-    trust.trust("mine:graded", "mine:each")
+    factory.trust("mine:graded", "mine:each")
     alone, together = (
         {one.trial: one.early.mean() for one in study.ranked(out)}
         for study, out, _ in tuned.values()
@@ -130,7 +130,7 @@ def test_each_trial_is_given_its_own_robots(tuned):
 
 def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned):
     study, out, page = tuned["graded"]
-    trust.trust("mine:graded")
+    factory.trust("mine:graded")
     ranked = study.ranked(out)
     assert [one.late is not None for one in ranked] == [True, True, False, False]
     early = [one.early.mean() for one in ranked]
@@ -141,7 +141,7 @@ def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned
 
 
 def test_a_tuning_that_is_not_finished_has_no_best_trial(tuned, tmp_path, in_process):
-    trust.trust("mine:each")
+    factory.trust("mine:each")
     study, out, _ = tuned["each"]
     for name in ("trials", STUDY_FILE):
         (tmp_path / name).symlink_to(out / name)

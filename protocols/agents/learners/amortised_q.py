@@ -54,7 +54,6 @@ class AmortisedQ(OnlineLearner):
         self.pair("value_of_best", torch.zeros(robots))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         mean, spread = self._distribution(self.proposer(inputs))
         normals = torch.randn(self.robots, self.OWN, 2, generator=self.generator)
         own = (mean[:, None] + spread[:, None] * normals).clamp(-1, 1)
@@ -74,7 +73,6 @@ class AmortisedQ(OnlineLearner):
         return LARGEST * self.now["action"]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         inputs = self.before["inputs"]
         taken = torch.cat([inputs, self.before["action"]], dim=1)
         target = reward + self._discount * self.now["value_of_best"]

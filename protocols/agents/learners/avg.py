@@ -67,7 +67,6 @@ class AVG(OnlineLearner):
         self.pair("log_density", torch.zeros(robots))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         inputs.copy_(self._signals.standardised(inputs, learning, unbiased=False))
         noise = torch.zeros(self.robots, 2)
         if learning:
@@ -79,7 +78,6 @@ class AVG(OnlineLearner):
         return LARGEST * action
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         inputs, noise = self.before["inputs"], self.before["noise"]
         taken = torch.cat([inputs, self.before["action"]], dim=1)
         following = torch.cat([self.now["inputs"], self.now["action"]], dim=1)

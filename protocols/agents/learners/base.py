@@ -141,13 +141,11 @@ class OnlineLearner(Agent):
         """Forgets traces of earlier steps; called where no step leads to the next one."""
 
     def reset(self) -> None:
-        """See `Agent.reset`."""
         self._placed.fill_(True)
         self.placed_anew()
 
     @torch.no_grad()
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`."""
         for name, tensor in self.now.items():
             self.before[name].copy_(tensor)
         self._chained.copy_(~self._placed)
@@ -157,26 +155,21 @@ class OnlineLearner(Agent):
 
     @torch.no_grad()
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`."""
         if self._chained:
             self.update(torch.from_numpy(reward))
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
         return {name: tensor.contiguous().numpy() for name, tensor in self._tensors().items()}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
         tensors = self._tensors()
         load_into(tensors, {name: torch.from_numpy(array) for name, array in arrays.items()})
         self.generator.set_state(tensors["generator"])
 
     def weights(self) -> dict[str, np.ndarray]:
-        """See `Agent.weights`."""
         return {name: tensor.contiguous().numpy() for name, tensor in self._learned.items()}
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_weights`."""
         load_into(self._learned, {name: torch.from_numpy(a) for name, a in arrays.items()})
 
     def prepare_exploration(self, epsilon: float | Tensor, steps: float | Tensor) -> None:

@@ -48,13 +48,11 @@ class DQN(OnlineLearner):
         self._count = self.keep("count", torch.zeros(1, dtype=torch.int64))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         best = self.networks(inputs).argmax(dim=1)
         self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         count = int(self._count)
         place = count % self.REPLAY
         self._replay[:, place] = torch.cat(

@@ -109,7 +109,6 @@ class StreamLearner(OnlineLearner):
         self._trace = self.keep("rewards.trace", torch.zeros(self.robots, dtype=torch.float64))
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         self._trace.zero_()
 
     def normal_inputs(self, inputs: Tensor, learning: bool) -> Tensor:

@@ -45,14 +45,12 @@ class QLearner(OnlineLearner):
         return torch.from_numpy(state)
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         values = self._networks.forward(inputs)[1]
         chosen = self.epsilon_greedy(values.argmax(dim=1), len(self._actions), learning)
         self.now["chosen"].copy_(chosen)
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         inputs, chosen = self.before["inputs"], self.before["chosen"]
         best = self._networks.forward(self.now["inputs"])[1].amax(dim=1)
         hidden, values = self._networks.forward(inputs)

@@ -60,7 +60,6 @@ class SarsaLambda(OnlineLearner):
         self._decay = torch.as_tensor(setting["discount"] * setting["trace"]).view(-1, 1, 1)
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         self._traces.zero_()
 
     def tiles(self, inputs: Tensor) -> Tensor:
@@ -79,7 +78,6 @@ class SarsaLambda(OnlineLearner):
         return cells % self.cells
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         cells = self.tiles(inputs) + torch.arange(self.TILINGS) * self.cells
         size = self.TILINGS * self.cells
         starts = torch.arange(len(self._actions)) * size
@@ -95,7 +93,6 @@ class SarsaLambda(OnlineLearner):
         return self._actions[chosen]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         value, following = (
             self.values.gather(1, step["weights_of"]).sum(dim=1) for step in (self.before, self.now)
         )

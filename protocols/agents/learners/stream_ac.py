@@ -53,13 +53,11 @@ class StreamAC(StreamLearner):
         self.pair("action", torch.zeros(robots, 2))
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         super().placed_anew()
         self.critics_descent.forget()
         self.actors_descent.forget()
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         mean, spread = _distribution(self.actor(self.normal_inputs(inputs, learning)))
         action = mean
         if learning:
@@ -68,7 +66,6 @@ class StreamAC(StreamLearner):
         return LARGEST * action.clamp(-1, 1)
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         features, action = self.before["features"], self.before["action"]
         following = self.critic(self.now["features"])[:, 0]
         value, critics = self.critic.differentiated(lambda flat: self.critic(features, flat)[:, 0])

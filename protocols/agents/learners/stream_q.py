@@ -38,19 +38,16 @@ class StreamQ(StreamLearner):
         self.pair("exploratory", torch.zeros(robots, dtype=torch.bool))
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         super().placed_anew()
         self.descent.forget()
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         best = self.networks(self.normal_inputs(inputs, learning)).argmax(dim=1)
         self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
         self.now["exploratory"].copy_(self.now["chosen"] != best)
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         features, chosen = self.before["features"], self.before["chosen"][:, None]
         best = self.networks(self.now["features"]).amax(dim=1)
         value, gradient = self.networks.differentiated(
