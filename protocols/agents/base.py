@@ -137,7 +137,6 @@ class Wrapper(Agent):
     """
 
     def __init__(self, agent: Agent) -> None:
-        """Takes the agent inside."""
         self.agent = agent
 
     def reset(self) -> None:

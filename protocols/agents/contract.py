@@ -153,6 +153,22 @@ class AgentContract:
         equal = _close(alone[:, 1:], differing, atol=1e-3)
         _law(equal, "another value of one robot's settings changes the actions of others")
 
+    def broken(self) -> list[str]:
+        """Returns a sentence for each law that the agent breaks.
+
+        Raises:
+          InputError: the agent cannot be made.
+          RunError: its factory exits.
+        """
+        self.made()
+        sentences = []
+        for law in [law for law in dir(self) if law.startswith("test_")]:
+            try:
+                getattr(self, law)()
+            except (AssertionError, InputError, RunError) as error:
+                sentences.append(str(error))
+        return sentences
+
     @property
     def _factory(self) -> Callable[..., Agent]:
         name = recorded_name(self.name)
@@ -206,8 +222,7 @@ def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
       settings: Settings of the agent, as NAME=VALUE.
 
     Raises:
-      InputError: the agent cannot be made.
-      RunError: its factory exits.
+      InputError, RunError: see `AgentContract.broken`.
     """
     broken = []
     for task, signals in _CASES:
@@ -215,12 +230,7 @@ def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
         contract.name, contract.task, contract.signals = name, task, signals
         contract.learns = recorded_name(name) not in OWN_BOUNDS
         contract.settings = {one: value for one, (value,) in settings_from(settings).items()}
-        contract.made()
-        for law in [law for law in dir(contract) if law.startswith("test_")]:
-            try:
-                getattr(contract, law)()
-            except (AssertionError, InputError, RunError) as error:
-                broken.append(f"{task}, {signals} signals: {error}")
+        broken += [f"{task}, {signals} signals: {sentence}" for sentence in contract.broken()]
     return broken
 
 

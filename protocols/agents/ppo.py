@@ -40,7 +40,6 @@ class Policies:
     """
 
     def __init__(self, task: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Takes weights as `read_policies` returns them."""
         self.task = task
         self.arrays = dict(arrays)
         self._limit = TASKS[task].limit
@@ -112,7 +111,6 @@ class PolicyAgent(Agent):
     """
 
     def __init__(self, policies: Policies) -> None:
-        """Takes one policy for each robot."""
         self._policies = policies
         self._trained = np.zeros(1, dtype=np.uint8)
 
@@ -145,9 +143,7 @@ class PolicyAgent(Agent):
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
         # Policies that act alike before and after training.
         both = {f"{when}.{k}": v for when in ("before", "after") for k, v in arrays.items()}
-        own, given = (
-            {k: v.shape for k, v in one.items()} for one in (self._policies.arrays, both)
-        )
+        own, given = ({k: v.shape for k, v in one.items()} for one in (self._policies.arrays, both))
         for name in sorted({*own, *given}):
             if own.get(name) != given.get(name):
                 raise ValueError(f"{name} must have shape {own.get(name)}, got {given.get(name)}")
@@ -232,7 +228,7 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
         raise DamagedFileError(f"{path} holds no policies")
     signals, own = arrays["after.0.weights"].shape[2], len(senses_of(task).state)
     if signals != own:
-        raise DamagedFileError(f"{path}: policies for {task} must have {own} signals, got {signals}")
+        raise DamagedFileError(f"{path}: {task} has {own} signals, its policies {signals}")
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise DamagedFileError(f"{path}: {name} must be finite")

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..terminal import show_markdown
-from .options import argument, option
-from .workers import executor
+from .options import argument, executor, option
 
 if TYPE_CHECKING:
     from ..compare.study import Study

@@ -34,26 +34,18 @@ _ROLLOUT = SETTINGS["n_steps"] * ROBOTS  # control steps
 
 @dataclasses.dataclass
 class PPOTraining(Study):
-    """Train policies by PPO on any task, one random seed each.
-
-    Writes OUT/policies.safetensors. Its policies can drive robots, in films and in the viewer.
-    Needs Stable-Baselines3.
-    """
+    """Trains policies by PPO, one random seed each; its fields are options of `benchmark ppo`."""
 
     name: ClassVar[str] = "ppo"
     folders: ClassVar[tuple[str, ...]] = ("policies",)
 
     task: str
-    """any task of docs/tasks.md, preferably one with actions in [-1, 1]"""
     policies: int = 60
-    """number of policies; more can be added later"""
     steps: int = 144_000
-    """control steps of each policy's 16 robots together, rounded up to a multiple of 4,096"""
     seed: int = 0
-    """seed of the first policy; each further policy has the next one"""
 
     def identity(self) -> Mapping[str, Any]:
-        """See `Study.identity`; the number of policies may be increased later."""
+        """Returns all but the number of policies, which may be increased later."""
         check_positive(_MOST_POLICIES, policies=self.policies)
         check_positive(_MOST_STEPS, steps=self.steps)
         most = 2**32 - self.policies
@@ -63,13 +55,8 @@ class PPOTraining(Study):
             raise InputError(f"the task must be one of {', '.join(TASKS)}, got {self.task!r}")
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
-        return {
-            "task": self.task,
-            "steps": self.steps,
-            "seed": self.seed,
-            "settings": SETTINGS,
-            "robots": ROBOTS,
-        }
+        own = {"task": self.task, "steps": self.steps, "seed": self.seed}
+        return own | {"settings": SETTINGS, "robots": ROBOTS}
 
     def check(self, out: Path) -> None:
         held = len([*(out / "policies").glob("*.safetensors")])
@@ -80,7 +67,7 @@ class PPOTraining(Study):
                 job.read()
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """See `Study.work`; joins the policies in one file when all are trained."""
+        """Trains the policies, and joins them in one file."""
         run_jobs(self._jobs(out))
         policies = [job.read() for job in self._jobs(out)]
         arrays = {name: np.concatenate([one[name] for one in policies]) for name in policies[0]}

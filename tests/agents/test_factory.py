@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from musebot.controller import PROPOSERS
-from musebot.protocols.agents import names
 from musebot.protocols.agents import factory as trusting
+from musebot.protocols.agents import names
 from musebot.protocols.agents.contract import check_agent
 from musebot.protocols.agents.factory import factory_of, trust
 from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name, short_name
