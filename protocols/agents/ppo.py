@@ -62,11 +62,6 @@ class Policies:
         """Number of policies, B."""
         return len(self.arrays["after.0.weights"])
 
-    @property
-    def digest(self) -> np.ndarray:
-        """16 bytes that identify these policies."""
-        return np.frombuffer(bytes.fromhex(digest(self.arrays)), dtype=np.uint8)
-
     def some(self, robots: slice) -> Policies:
         """Returns the policies of some robots."""
         return Policies(self.task, {name: array[robots] for name, array in self.arrays.items()})
@@ -112,6 +107,7 @@ class PolicyAgent(Agent):
 
     def __init__(self, policies: Policies) -> None:
         self._policies = policies
+        self._digest = np.frombuffer(bytes.fromhex(digest(policies.arrays)), dtype=np.uint8)
         self._trained = np.zeros(1, dtype=np.uint8)
 
     def reset(self) -> None:
@@ -126,10 +122,10 @@ class PolicyAgent(Agent):
         """Learns nothing."""
 
     def state(self) -> dict[str, np.ndarray]:
-        return {"trained": self._trained, "policies": self._policies.digest}
+        return {"trained": self._trained, "policies": self._digest}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        if not np.array_equal(arrays.get("policies", ()), self._policies.digest):
+        if not np.array_equal(arrays.get("policies", ()), self._digest):
             raise ValueError("the policies are not those with which the life began")
         if "trained" not in arrays or arrays["trained"].shape != (1,):
             raise ValueError("trained must have shape (1,)")
