@@ -19,7 +19,7 @@ from ..agents.ppo import POLICIES_FILE, policy_shapes, read_policies
 from ..agents.senses import senses_of
 from ..errors import InputError
 from ..storage import save_arrays
-from .jobs import ArrayJob, Arrays, Progress, StoppedError
+from .jobs import ArrayJob, Arrays, Progress
 from .study import Page, RunJobs, Study, check_positive
 
 # What differs from Stable-Baselines3's defaults: many short rollouts, since there are few steps.
@@ -122,20 +122,13 @@ def train(task: str, steps: int, seed: int, progress: Progress) -> Arrays:
     torch.set_num_threads(1)
     model = PPO("MlpPolicy", ArenaVecEnv(task, ROBOTS), seed=seed, device="cpu", **SETTINGS)
     before = _weights(model.policy, "before")
-    stopped = False
 
-    def goes_on(*_: Any) -> bool:
-        nonlocal stopped
+    def report(*_: Any) -> bool:
         if model.num_timesteps % _ROLLOUT == ROBOTS:  # the first step of a rollout
-            try:
-                progress((model.num_timesteps - ROBOTS) * CONTROL_TIMESTEP)
-            except StoppedError:
-                stopped = True
-        return not stopped
+            progress((model.num_timesteps - ROBOTS) * CONTROL_TIMESTEP)
+        return True  # else the training would end
 
-    model.learn(steps, callback=goes_on)
-    if stopped:
-        raise StoppedError
+    model.learn(steps, callback=report)
     return before | _weights(model.policy, "after")
 
 

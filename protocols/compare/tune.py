@@ -179,12 +179,8 @@ class Tune(Study):
         early = self._values(out, False, self.drawn())
         late = self._values(out, True, self._kept(out))
         found = [Ranked(trial, values, late.get(trial)) for trial, values in early.items()]
-
-        def place(one: Ranked) -> tuple[float, float, int]:
-            second = -np.inf if one.late is None else float(one.late.mean())
-            return -second, -float(one.early.mean()), one.trial.number
-
-        return sorted(found, key=place)
+        found.sort(key=lambda one: (-one.early.mean(), one.trial.number))
+        return sorted(found, key=lambda one: np.inf if one.late is None else -one.late.mean())
 
     def best(self, out: Path) -> Trial:
         """Returns the best trial of a finished study.
