@@ -23,7 +23,7 @@ def newborn(task, robots, seed=0):
     """Policies with weights drawn at random."""
     random = np.random.default_rng(seed)
     arrays = {
-        name: random.normal(size=shape).astype("f4") / np.sqrt(shape[-1])
+        name: (random.normal(size=shape) / np.sqrt(shape[-1])).astype("f4")
         for name, (_, shape) in ppo.policy_shapes(len(senses_of(task).state), robots).items()
     }
     return ppo.Policies(task, arrays)
