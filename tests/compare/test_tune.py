@@ -163,7 +163,10 @@ def test_a_tuning_that_is_not_finished_has_no_best_trial(tuned, tmp_path, in_pro
         ({"trials": 0}, "trials must be from 1 to 1024, got 0"),
         ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
         ({"robots": 0}, "robots must be from 1"),
-        ({"agent": "sarsa_lambda", "robots": 100_000}, "cohort.size must be"),  # of a second round
+        (  # the second round, not the first
+            {"agent": "sarsa_lambda", "robots": 100_000, "trials": 16, "kept": 16},
+            "cohort.size must be",
+        ),
         ({"signals": "salty"}, "signals"),
     ],
 )
