@@ -127,3 +127,35 @@ class Agent(abc.ABC):
           ValueError: an array is missing, or its shape differs.
         """
         raise NotImplementedError(f"{type(self).__name__} has no load_weights")
+
+
+class Wrapper(Agent):
+    """An agent that passes every call on to another; a subclass changes some of them.
+
+    Attributes:
+      agent: The agent inside.
+    """
+
+    def __init__(self, agent: Agent) -> None:
+        self.agent = agent
+
+    def reset(self) -> None:
+        self.agent.reset()
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        return self.agent.act(state, learning)
+
+    def learn(self, reward: np.ndarray) -> None:
+        self.agent.learn(reward)
+
+    def state(self) -> dict[str, np.ndarray]:
+        return self.agent.state()
+
+    def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
+        self.agent.load_state(arrays)
+
+    def weights(self) -> dict[str, np.ndarray]:
+        return self.agent.weights()
+
+    def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
+        self.agent.load_weights(arrays)

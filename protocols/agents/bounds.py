@@ -46,10 +46,9 @@ class HandCoded(Agent):
         self._maximal = np.float32(senses.state[noses[0]].saturated) if noses else None
 
     def reset(self) -> None:
-        """See `Agent.reset`."""
+        """Has nothing to forget."""
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`."""
         if self._nose is None:
             front, left, right = state[:, :1], state[:, 2:3], state[:, 3:4]
             motors = np.where(right > self.BESIDE, self.FROM_RIGHT, self.AHEAD)
@@ -60,28 +59,26 @@ class HandCoded(Agent):
         return np.where(smell >= self._maximal, self.STAND, outside)
 
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`."""
+        """Learns nothing."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
         return {}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
+        """Has no state."""
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_weights`; it has none."""
+        """Has no weights."""
 
 
 class Newborn(NeurocontrollerAgent):
     """A brain that stays as it was born, and does not explore."""
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`."""
         return super().act(state, False)
 
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`: learns nothing."""
+        """Learns nothing."""
 
 
 def hand_coded(robots: int, senses: Senses, seed: int) -> Agent:

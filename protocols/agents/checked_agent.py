@@ -50,7 +50,6 @@ class CheckedAgent(Agent):
         self._agent = agent
 
     def reset(self) -> None:
-        """See `Agent.reset`."""
         self._call("reset")
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
@@ -70,60 +69,48 @@ class CheckedAgent(Agent):
         return motors
 
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`."""
         self._call("learn", reward.copy())
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
         return self._arrays("state")
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
-        self._load("load_state", arrays, ValueError, KeyError)
+        self._call("load_state", _copied(arrays), passed=(ValueError, KeyError))
 
     def weights(self) -> dict[str, np.ndarray]:
-        """See `Agent.weights`."""
         arrays = self._arrays("weights")
         for name, array in arrays.items():
             if array.shape[:1] != (self._robots,):
-                raise self._wrong(
-                    f"weights with a row a robot, got {name} of shape {array.shape} for "
-                    f"{self._robots} robots"
-                )
+                rows = f"got {name} of shape {array.shape} for {self._robots} robots"
+                raise self._wrong(f"weights with a row a robot, {rows}")
         return arrays
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_weights`."""
-        self._load("load_weights", arrays, ValueError, KeyError, NotImplementedError)
+        passed = (ValueError, KeyError, NotImplementedError)
+        self._call("load_weights", _copied(arrays), passed=passed)
 
-    def _call(self, method: str, *arguments: Any) -> Any:
-        with ending_in_a_sentence(f"{self._name} failed in {method}"):
-            return getattr(self._agent, method)(*arguments)
-
-    def _load(
-        self, method: str, arrays: Mapping[str, np.ndarray], *passed: type[Exception]
-    ) -> None:
-        copies = {name: array.copy() for name, array in arrays.items()}
+    def _call(self, method: str, *arguments: Any, passed: tuple[type[Exception], ...] = ()) -> Any:
         with ending_in_a_sentence(f"{self._name} failed in {method}", passed=passed):
-            getattr(self._agent, method)(copies)
+            return getattr(self._agent, method)(*arguments)
 
     def _arrays(self, what: str) -> dict[str, np.ndarray]:
         """Returns what a method returns, if it is a dict of arrays that a file can hold."""
         arrays = self._call(what)
         if not isinstance(arrays, Mapping):
-            raise self._wrong(f"a dict of arrays as its {what}, got {type(arrays).__name__}")
+            raise self._wrong(f"a dict of real arrays as its {what}, got {type(arrays).__name__}")
         for name, array in arrays.items():
-            if not isinstance(name, str) or not isinstance(array, np.ndarray):
-                kind = type(array).__name__
-                raise self._wrong(f"a dict of arrays as its {what}, got {name!r} of type {kind}")
-            if array.dtype not in DTYPES:
-                raise self._wrong(
-                    f"arrays of real numbers as its {what}, got {name} of dtype {array.dtype.str}"
-                )
+            fits = isinstance(array, np.ndarray) and array.dtype in DTYPES
+            if not isinstance(name, str) or not fits:
+                kind = f"{type(array).__name__} {getattr(array, 'dtype', '')}".rstrip()
+                raise self._wrong(f"a dict of real arrays as its {what}, got {name!r}: {kind}")
         return dict(arrays)
 
     def _wrong(self, words: str) -> InputError:
         return InputError(f"{self._name} must return {words}")
+
+
+def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: array.copy() for name, array in arrays.items()}
 
 
 @contextlib.contextmanager

@@ -20,12 +20,10 @@ from ...controller.senses import Senses
 from ..errors import InputError, RunError
 from .base import Agent
 from .checked_agent import CheckedAgent
-from .factory import factory_of
+from .factory import factory_of, trust
 from .names import OWN_BOUNDS, recorded_name
-from .raw_signals import raw_senses
-from .senses import senses_of
+from .senses import random_signals, raw_senses, senses_of
 from .settings import Setting, checked_settings, settings_from, settings_of
-from .trust import trust
 
 ROBOTS, STEPS = 4, 60
 _CHECKPOINTS = 12, 25, 40  # odd and even numbers of steps
@@ -57,9 +55,8 @@ class AgentContract:
 
     def test_motor_values_lie_in_their_range(self) -> None:
         """Larger values would be clipped."""
-        motors = self.motors
-        _law(np.isfinite(motors).all(), "motor values are not finite")
-        largest = float(np.abs(motors).max())
+        _law(np.isfinite(self.motors).all(), "motor values are not finite")
+        largest = float(np.abs(self.motors).max())
         _law(largest <= 0.5, f"motor values must lie in [-0.5, 0.5], the largest is {largest:.3g}")
 
     def test_weights_stay_finite(self) -> None:
@@ -156,6 +153,22 @@ class AgentContract:
         equal = _close(alone[:, 1:], differing, atol=1e-3)
         _law(equal, "another value of one robot's settings changes the actions of others")
 
+    def broken(self) -> list[str]:
+        """Returns a sentence for each law that the agent breaks.
+
+        Raises:
+          InputError: the agent cannot be made.
+          RunError: its factory exits.
+        """
+        self.made()
+        sentences = []
+        for law in [law for law in dir(self) if law.startswith("test_")]:
+            try:
+                getattr(self, law)()
+            except (AssertionError, InputError, RunError) as error:
+                sentences.append(str(error))
+        return sentences
+
     @property
     def _factory(self) -> Callable[..., Agent]:
         name = recorded_name(self.name)
@@ -165,13 +178,11 @@ class AgentContract:
     @functools.cached_property
     def stream(self) -> tuple[np.ndarray, np.ndarray]:
         """Signals (STEPS, B, S) and rewards (STEPS, B) from their ranges, with their ends."""
-        senses, random = self._senses, np.random.default_rng(0)
-        low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
-        states = random.uniform(low, high, (STEPS, ROBOTS, len(low))).astype(np.float32)
-        span = senses.reward
-        rewards = random.uniform(span.low, span.high, (STEPS, ROBOTS)).astype(np.float32)
+        states, rewards = random_signals(self._senses, STEPS, ROBOTS)
         # Saturated and silent signals occur in a life more often than any other.
-        states[::7], states[1::7], rewards[::5] = low, high, span.low
+        states[::7] = [signal.low for signal in self._senses.state]
+        states[1::7] = [signal.high for signal in self._senses.state]
+        rewards[::5] = self._senses.reward.low
         return states, rewards
 
     @property
@@ -211,8 +222,7 @@ def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
       settings: Settings of the agent, as NAME=VALUE.
 
     Raises:
-      InputError: the agent cannot be made.
-      RunError: its factory exits.
+      InputError, RunError: see `AgentContract.broken`.
     """
     broken = []
     for task, signals in _CASES:
@@ -220,12 +230,7 @@ def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
         contract.name, contract.task, contract.signals = name, task, signals
         contract.learns = recorded_name(name) not in OWN_BOUNDS
         contract.settings = {one: value for one, (value,) in settings_from(settings).items()}
-        contract.made()
-        for law in [law for law in dir(contract) if law.startswith("test_")]:
-            try:
-                getattr(contract, law)()
-            except (AssertionError, InputError, RunError) as error:
-                broken.append(f"{task}, {signals} signals: {error}")
+        broken += [f"{task}, {signals} signals: {sentence}" for sentence in contract.broken()]
     return broken
 
 
@@ -259,7 +264,7 @@ def _loaded(method: str, agent: Agent, arrays: Arrays) -> None:
     try:
         getattr(agent, method)(arrays)
     except (ValueError, KeyError) as error:
-        raise AssertionError(f"{method} refuses what the agent returned: {error}") from error
+        _law(False, f"{method} refuses what the agent returned: {error}")
 
 
 def _at(settings: Mapping[str, Setting], *shares: float) -> dict[str, list[float]]:
@@ -273,11 +278,10 @@ def _copied(arrays: Arrays) -> dict[str, np.ndarray]:
 
 def _differing(first: Arrays, second: Arrays) -> str:
     """Returns the names of at most three arrays that are not bit-equal, and "" if all are."""
+    none = np.empty(0)
     wrong = [
         name
         for name in {**first, **second}
-        if name not in first
-        or name not in second
-        or not np.array_equal(first[name], second[name], equal_nan=True)
+        if not np.array_equal(first.get(name, none), second.get(name, none), equal_nan=True)
     ]
     return ", ".join(wrong[:3])

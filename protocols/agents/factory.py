@@ -1,4 +1,4 @@
-"""Makes agents by their name: a proposer of the neurocontroller, or an agent's factory.
+"""Factories of agents by name, and which users' factories may run.
 
 A factory, named `package.module:factory`, receives the number of robots, what they sense and a
 seed; the run's settings follow as keywords. It returns an `Agent`.
@@ -7,14 +7,44 @@ seed; the run's settings follow as keywords. It returns an `Agent`.
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 from ..errors import InputError, similar
 from .base import Agent
 from .checked_agent import ending_in_a_sentence
-from .names import FACTORIES, RECORDED_NAMES
-from .trust import check_trusted
+from .names import FACTORIES, RECORDED_NAMES, is_own
+
+# Factories of users whose code may run here: named by this command, never by a file alone.
+_TRUSTED: set[str] = set()
+
+
+def trust(*names: str) -> None:
+    """Lets `factory_of` import the factories that the user's command names.
+
+    Their modules are also looked for in the working directory, as with `python -m`.
+    """
+    own = [name for name in names if not is_own(name)]
+    _TRUSTED.update(own)
+    here = str(Path.cwd()) if own else ""
+    if here and here not in sys.path:
+        sys.path.insert(0, here)
+
+
+def check_trusted(name: str, source: object) -> None:
+    """Raises InputError where a proposer is a user's factory that the command has not named.
+
+    Args:
+      name: Name of a proposer or factory.
+      source: What names it.
+    """
+    if not is_own(name) and name not in _TRUSTED:
+        raise InputError(
+            f"{source} names the agent {name}, whose code would be run: allow it by --agent "
+            f"{name}, or in `musebot run` by --trust-agent"
+        )
 
 
 def factory_of(name: str) -> Callable[..., Agent]:

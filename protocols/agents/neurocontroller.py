@@ -32,7 +32,6 @@ class NeurocontrollerAgent(Agent):
         self._across = learn_across_placement
 
     def reset(self) -> None:
-        """See `Agent.reset`."""
         if not self._across:
             self.controller.forget_step()
 
@@ -50,17 +49,13 @@ class NeurocontrollerAgent(Agent):
         self.controller.learn(reward if given else torch.from_numpy(reward))
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
         return {name: tensor.cpu().numpy() for name, tensor in self.controller.state().items()}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
         self.controller.load_state({k: torch.from_numpy(v) for k, v in arrays.items()})
 
     def weights(self) -> dict[str, np.ndarray]:
-        """See `Agent.weights`."""
         return {name: tensor.cpu().numpy() for name, tensor in self.controller.networks().items()}
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_weights`."""
         self.controller.load_networks({k: torch.from_numpy(v) for k, v in arrays.items()})

@@ -7,7 +7,7 @@ stored as safetensors, and the small network is evaluated here.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,8 +20,9 @@ from ..errors import DamagedFileError, InputError
 from ..examples import POLICIES
 from ..storage import Shapes, digest, load_arrays
 from .base import Agent
+from .senses import senses_of
 
-LAYERS = 3  # two hidden layers of 64 tanh neurons, and the mean action
+WIDTHS = 64, 64  # tanh neurons of the hidden layers; then follows the mean action
 
 # Tasks on which the policies of `ppo` are trained, by the number of sensor signals.
 TRAINED_ON = {5: "wall_avoidance_unit", 1: "spot_finding_unit", 6: "spot_finding_walls"}
@@ -39,7 +40,6 @@ class Policies:
     """
 
     def __init__(self, task: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Takes weights as `read_policies` returns them."""
         self.task = task
         self.arrays = dict(arrays)
         self._limit = TASKS[task].limit
@@ -61,11 +61,6 @@ class Policies:
     def robots(self) -> int:
         """Number of policies, B."""
         return len(self.arrays["after.0.weights"])
-
-    @property
-    def digest(self) -> np.ndarray:
-        """16 bytes that identify these policies."""
-        return np.frombuffer(bytes.fromhex(digest(self.arrays)), dtype=np.uint8)
 
     def some(self, robots: slice) -> Policies:
         """Returns the policies of some robots."""
@@ -94,12 +89,10 @@ class Policies:
         """
         when = "after" if trained else "before"
         signal = torch.from_numpy(state)[..., None]
-        for layer in range(LAYERS):
-            weights, biases = (
-                self._tensors[f"{when}.{layer}.{what}"] for what in ("weights", "biases")
-            )
+        for layer in range(len(WIDTHS) + 1):
+            weights, biases = (self._tensors[f"{when}.{layer}.{x}"] for x in ("weights", "biases"))
             signal = torch.baddbmm(biases[..., None], weights, signal)
-            if layer < LAYERS - 1:
+            if layer < len(WIDTHS):
                 signal = signal.tanh_()
         limit = self._limit
         return (signal[..., 0].clamp_(-limit, limit) * (0.5 / limit)).numpy()
@@ -113,48 +106,43 @@ class PolicyAgent(Agent):
     """
 
     def __init__(self, policies: Policies) -> None:
-        """Takes one policy for each robot."""
         self._policies = policies
+        self._digest = np.frombuffer(bytes.fromhex(digest(policies.arrays)), dtype=np.uint8)
         self._trained = np.zeros(1, dtype=np.uint8)
 
     def reset(self) -> None:
-        """See `Agent.reset`; a policy has no memory."""
+        """Has no memory to forget."""
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`; never explores."""
         if learning:
             self._trained[:] = 1
         return self._policies.act(state, bool(self._trained[0]))
 
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`; learns nothing."""
+        """Learns nothing."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
-        return {"trained": self._trained, "policies": self._policies.digest}
+        return {"trained": self._trained, "policies": self._digest}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
-        if not np.array_equal(arrays.get("policies", ()), self._policies.digest):
+        if not np.array_equal(arrays.get("policies", ()), self._digest):
             raise ValueError("the policies are not those with which the life began")
         if "trained" not in arrays or arrays["trained"].shape != (1,):
             raise ValueError("trained must have shape (1,)")
         self._trained[:] = arrays["trained"]
 
     def weights(self) -> dict[str, np.ndarray]:
-        """See `Agent.weights`."""
         when = "after." if self._trained[0] else "before."
         arrays = self._policies.arrays
         return {k.removeprefix(when): v for k, v in arrays.items() if k.startswith(when)}
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_weights`; a policy that is untrained and trained alike."""
+        # Policies that act alike before and after training.
         both = {f"{when}.{k}": v for when in ("before", "after") for k, v in arrays.items()}
-        if both.keys() != self._policies.arrays.keys():
-            raise ValueError(f"the weights must be those of a policy, got {sorted(arrays)}")
-        for name, own in self._policies.arrays.items():
-            if both[name].shape != own.shape:
-                raise ValueError(f"{name} must have shape {own.shape}, got {both[name].shape}")
+        own, given = ({k: v.shape for k, v in one.items()} for one in (self._policies.arrays, both))
+        for name in sorted({*own, *given}):
+            if own.get(name) != given.get(name):
+                raise ValueError(f"{name} must have shape {own.get(name)}, got {given.get(name)}")
         self._policies = Policies(self._policies.task, both)
 
 
@@ -203,28 +191,18 @@ def policy_file(task: str) -> Path:
     return path
 
 
-def policy_arrays() -> list[str]:
-    """Returns the names of a policy's arrays, such as "before.0.weights"."""
-    layers = itertools.product(("before", "after"), range(LAYERS), ("weights", "biases"))
-    return [f"{when}.{layer}.{what}" for when, layer, what in layers]
-
-
-def policy_shapes(task: str, policies: int, widths: Sequence[int] = (64, 64)) -> Shapes:
-    """Returns the dtype and shape of each array of some policies for a task.
+def policy_shapes(signals: int, policies: int) -> Shapes:
+    """Returns the dtype and shape of each array of some policies, by name as in `Policies`.
 
     Args:
-      task: Name of the task.
+      signals: Number of sensor signals.
       policies: Number of policies.
-      widths: Numbers of neurons of the hidden layers.
     """
-    signals = sum(length for length, _, _ in TASKS[task].rules.shapes.values())
-    sizes = (signals, *widths, 2)
     shapes = {}
-    for name in policy_arrays():
-        _, layer, what = name.split(".")
-        inputs, neurons = sizes[int(layer) :][:2]
-        shape = (neurons, inputs) if what == "weights" else (neurons,)
-        shapes[name] = ("F32", (policies, *shape))
+    layers = [*itertools.pairwise((signals, *WIDTHS, 2))]
+    for when, (layer, sizes) in itertools.product(("before", "after"), enumerate(layers)):
+        shapes[f"{when}.{layer}.weights"] = "F32", (policies, *sizes[::-1])
+        shapes[f"{when}.{layer}.biases"] = "F32", (policies, sizes[1])
     return shapes
 
 
@@ -232,35 +210,29 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
     """Reads a file of policies.
 
     Returns:
-      The task, the weights, named as in `policy_arrays`, and the notes on how they were trained.
+      The task, the weights, named as in `Policies`, and the notes on how they were trained.
 
     Raises:
       InputError: there is no such file, or it holds no policies.
     """
     try:
-        arrays, notes = load_arrays(path, _check_names)
+        arrays, notes = load_arrays(path, _check_shapes)
     except FileNotFoundError as error:
         raise InputError(str(error)) from error
     task = notes.pop("task", None)
     if not isinstance(task, str) or task not in TASKS:
         raise DamagedFileError(f"{path} holds no policies")
-    policies, *_ = arrays["after.0.biases"].shape
-    widths = [arrays[f"after.{layer}.biases"].shape[1] for layer in range(LAYERS - 1)]
-    for name, (_, shape) in policy_shapes(task, policies, widths).items():
-        if arrays[name].shape != shape:
-            got = arrays[name].shape
-            raise DamagedFileError(f"{path}: {name} must have shape {shape} for {task}, got {got}")
-        if not np.isfinite(arrays[name]).all():
+    signals, own = arrays["after.0.weights"].shape[2], len(senses_of(task).state)
+    if signals != own:
+        raise DamagedFileError(f"{path}: {task} has {own} signals, its policies {signals}")
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
             raise DamagedFileError(f"{path}: {name} must be finite")
     return task, arrays, notes
 
 
-def _check_names(shapes: Shapes) -> None:
+def _check_shapes(found: Shapes) -> None:
     """Raises ValueError where arrays cannot be the layers of at least one policy."""
-    if sorted(shapes) != sorted(policy_arrays()) or {kind for kind, _ in shapes.values()} != {
-        "F32"
-    }:
-        raise ValueError("it holds no policies")
-    biases = [shape for name, (_, shape) in shapes.items() if name.endswith("biases")]
-    if any(len(shape) != 2 for shape in biases) or 0 in shapes["after.0.biases"][1]:
+    _, shape = found.get("after.0.weights", ("", ()))
+    if len(shape) != 3 or not shape[0] or found != policy_shapes(shape[2], shape[0]):
         raise ValueError("it holds no policies")

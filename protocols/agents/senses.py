@@ -1,9 +1,15 @@
-"""The ranges of the signals that the robots of a task observe."""
+"""What agents sense: the signals of a task, as they are or before they saturate."""
 
 from __future__ import annotations
 
-from ...controller.senses import Senses, Signal
+import numpy as np
+import torch
+
+from ...controller.senses import Encoding, Senses, Signal, unsaturated
 from ...tasks.suite import task_definition
+from .base import Agent, Wrapper
+
+_SHARE = Signal(0.0, 1.0)  # of the raw signal at maximal smell
 
 
 def senses_of(task: str) -> Senses:
@@ -19,3 +25,53 @@ def senses_of(task: str) -> Senses:
         for _ in range(length)
     ]
     return Senses(tuple(signals), Signal(*rules.rewards, rules.maximal.get("reward")))
+
+
+def raw_senses(senses: Senses) -> Senses:
+    """Returns what an agent senses in the track of raw signals.
+
+    The raw value of each saturating signal, as a share of the largest, is a further signal; a
+    saturating reward is replaced by its raw value.
+
+    Args:
+      senses: What the paper's robot senses.
+    """
+    further = tuple(_SHARE for signal in senses.state if signal.maximal)
+    return Senses(senses.state + further, _SHARE if senses.reward.maximal else senses.reward)
+
+
+def random_signals(senses: Senses, steps: int, robots: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draws signals and rewards from their ranges, always the same ones.
+
+    Returns:
+      Signals, float32, shape (T, B, S), and rewards, float32, shape (T, B).
+    """
+    random = np.random.default_rng(0)
+    low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
+    states = random.uniform(low, high, (steps, robots, len(low)))
+    rewards = random.uniform(senses.reward.low, senses.reward.high, (steps, robots))
+    return states.astype(np.float32), rewards.astype(np.float32)
+
+
+class RawSignals(Wrapper):
+    """An agent that is given smell and reward before they saturate, as the brain `steady` is."""
+
+    def __init__(self, senses: Senses, agent: Agent) -> None:
+        """Takes an agent for raw signals.
+
+        Args:
+          senses: What the paper's robot senses.
+          agent: Agent made for `raw_senses(senses)`.
+        """
+        super().__init__(agent)
+        self._encoding = Encoding(senses.state, centred=False, raw_signals=True)
+        maximal = senses.reward.maximal
+        self._maximal = torch.tensor(maximal) if maximal else None
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        return self.agent.act(self._encoding.state(torch.from_numpy(state)).numpy(), learning)
+
+    def learn(self, reward: np.ndarray) -> None:
+        if self._maximal is not None:
+            reward = unsaturated(torch.from_numpy(reward), self._maximal).numpy()
+        self.agent.learn(reward)

@@ -8,8 +8,7 @@ import functools
 import numpy as np
 
 from ..errors import InputError, RunError
-from ..lives.agent import make_agent
-from ..lives.cohort import random_streams
+from ..lives.cohort import make_agent, random_streams
 from ..lives.conditions import CohortKey, Condition
 from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,30 +56,23 @@ class Bench:
             speed.check_populations(self.device)
             todo = {"populations": speed.populations(effort, self.device)}
         else:
-            todo = {
-                "lives": speed.lives(effort),
-                "interfaces": speed.interfaces(effort),
-                "processes": speed.processes(effort, cores()),
-            }
+            todo = {"lives": speed.lives(effort), "interfaces": speed.interfaces(effort)}
+            todo["processes"] = speed.processes(effort, cores())
         prepare_process()
         about = machine() | {"cores_used": cores(), "quick": self.quick}
         quick = " **Measured with --quick: too short to be quoted.**" if self.quick else ""
-        table = [("", "value"), *((_words(name), str(value)) for name, value in about.items())]
-        show_markdown(markdown.section("Machine", _TEXTS["machine"] + quick, table[0], table[1:]))
+        cells = [(_words(name), str(value)) for name, value in about.items()]
+        show_markdown(markdown.section("Machine", _TEXTS["machine"] + quick, ("", "value"), cells))
         found: dict[str, Any] = {"machine": about}
         for name, rows in todo.items():
             notice(f"measuring {name}")
-            found[name] = list(rows)
-            head, *cells = table_of(found[name])
-            show_markdown(markdown.section(name.capitalize(), _TEXTS[name], head, cells))
+            found[name] = own = list(rows)
+            head = [*max(own, key=len)]  # the longest row has all columns
+            cells = [[_cell(row.get(one, "")) for one in head] for row in own]
+            title, head = name.capitalize(), [*map(_words, head)]
+            show_markdown(markdown.section(title, _TEXTS[name], head, cells))
         if file is not None:
             write_atomically(file, (json.dumps(found, indent=2) + "\n").encode())
-
-
-def table_of(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Returns the cells of a table, its head first: the longest row has all columns."""
-    names = [*max(rows, key=len)]
-    return [[*map(_words, names)], *([_cell(row.get(name, "")) for name in names] for row in rows)]
 
 
 def _cell(value: Any) -> str:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
 from ..terminal import show_markdown
-from .options import argument, option
-from .workers import executor
-
-if TYPE_CHECKING:
-    from ..compare.study import Study
+from .options import argument, executor, option
 
 _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
@@ -23,13 +20,40 @@ _TUNED = "folders of `musebot benchmark tune`; other learners have their default
 _SCALE = "factor on every duration, in (0, 1]; below 1 for rehearsals (1)"
 
 
+class _Conducted:
+    """A command that conducts a study, whose fields are among its options.
+
+    Attributes:
+      study: Module of the study's class in `compare`, and the name of the class.
+    """
+
+    study: ClassVar[tuple[str, str]]
+
+    def __call__(self) -> None:
+        """Does what is missing, and prints the page."""
+        from ..compare.study import conduct
+
+        module, name = self.study
+        study = getattr(importlib.import_module(f"..compare.{module}", __package__), name)
+        given = vars(self)
+        options = {
+            one.name: given[one.name]
+            for one in dataclasses.fields(study)
+            if given.get(one.name, ()) != ()
+        }
+        workers = executor(given["processes"], given.get("ray"))
+        show_markdown(conduct(study(**options), given["out"], workers).markdown)
+
+
 @dataclasses.dataclass
-class Run:
+class Run(_Conducted):
     """Simulate learners by the same protocols, each with its tuned settings, and rank them.
 
     On each board each learner has one run per track. The bounds newborn and hand_coded have one run
     per board, which counts in both tracks. Learners, tracks and boards can be added later.
     """
+
+    study = "benchmark", "Benchmark"
 
     out: Path = argument(_OUT, "OUT")
     agent: tuple[str, ...] = option(
@@ -51,15 +75,9 @@ class Run:
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
 
-    def __call__(self) -> None:
-        """Simulates what is missing, and prints the page."""
-        from ..compare.benchmark import Benchmark
-
-        _conduct(Benchmark, self)
-
 
 @dataclasses.dataclass
-class Tune:
+class Tune(_Conducted):
     """Tune an agent's settings in the kinematic simulator, with equal effort for each.
 
     The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
@@ -67,6 +85,8 @@ class Tune:
     fresh seed. A robot's value is the mean of two shares of time in the spot, or without contact:
     in the test after training, and during training.
     """
+
+    study = "tune", "Tune"
 
     out: Path = argument(_OUT, "OUT")
     agent: str = option(
@@ -82,20 +102,16 @@ class Tune:
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
 
-    def __call__(self) -> None:
-        """Simulates what is missing, and prints the page."""
-        from ..compare.tune import Tune as Study
-
-        _conduct(Study, self)
-
 
 @dataclasses.dataclass
-class Rank:
+class Rank(_Conducted):
     """Rank learners in finished runs, between a newborn and a hand-coded robot.
 
     Each track, protocol, task and simulator is a board; its runs must hold the agents `newborn` and
     `hand_coded`, which are its bounds.
     """
+
+    study = "benchmark", "Leaderboard"
 
     out: Path = argument(_OUT, "OUT")
     runs: tuple[Path, ...] = option(
@@ -104,20 +120,16 @@ class Rank:
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
 
-    def __call__(self) -> None:
-        """Measures what learners cost, and prints the page."""
-        from ..compare.benchmark import Leaderboard
-
-        _conduct(Leaderboard, self)
-
 
 @dataclasses.dataclass
-class PPO:
+class PPO(_Conducted):
     """Train policies by PPO on any task, one random seed each.
 
     Writes OUT/policies.safetensors. Its policies can drive robots, in films and in the window.
     Needs Stable-Baselines3.
     """
+
+    study = "ppo", "PPOTraining"
 
     out: Path = argument(_OUT, "OUT")
     task: str = option(dataclasses.MISSING, "task that `musebot list tasks` prints", "TASK")
@@ -129,21 +141,3 @@ class PPO:
     )
     seed: int = option(0, "seed of the first policy; each further one has the next (0)", "N")
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
-
-    def __call__(self) -> None:
-        """Trains what is missing, and prints the page."""
-        from ..compare.ppo import PPOTraining
-
-        _conduct(PPOTraining, self)
-
-
-def _conduct(study: type[Study], command: Run | Tune | Rank | PPO) -> None:
-    """Makes a study of the options that it shares with a command, and does what is left of it."""
-    from ..compare.study import conduct
-
-    fields = {field.name for field in dataclasses.fields(study)}  # type: ignore[arg-type]
-    given = {name: value for name, value in vars(command).items() if name in fields}
-    if given.get("agent") == ():
-        del given["agent"]
-    workers = executor(command.processes, getattr(command, "ray", None))
-    show_markdown(conduct(study(**given), command.out, workers).markdown)

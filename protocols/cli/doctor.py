@@ -11,12 +11,11 @@ import os
 import platform
 import subprocess
 import sys
-import time
+import timeit
 from collections.abc import Callable, Iterable, Mapping
 from importlib import metadata
 
 from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
 from ..errors import EGL_REMEDY, InputError, RunError
 from ..machine import cores, machine_bytes
@@ -84,7 +83,7 @@ class Doctor:
             self._check_agent(self.agent)
         elif self.set:
             raise InputError("--set changes settings of the agent: it needs --agent")
-        elif report():
+        elif report(all_probes()):
             raise RunError("something that musebot requires is missing here")
 
     def _check_agent(self, name: str) -> None:
@@ -104,48 +103,36 @@ class Doctor:
 
 
 class Missing(Exception):
-    """Something required is missing.
+    """Something required is missing, or with the mark "WARNING" something optional may fail."""
 
-    Attributes:
-      remedy: Command that installs it.
-    """
-
-    def __init__(self, text: str, remedy: str) -> None:
+    def __init__(self, text: str, remedy: str, mark: str = "MISSING") -> None:
         super().__init__(text)
-        self.remedy = remedy
+        self.remedy, self.mark = remedy, mark
 
 
-class Fragile(Missing):
-    """Nothing is missing, but something fails unless the remedy is followed."""
-
-
-def report(probes: Mapping[str, Probe] | None = None) -> int:
+def report(probes: Mapping[str, Probe]) -> int:
     """Prints each check as soon as it is done, and in the end the remedies.
 
     Args:
-      probes: Functions that check one thing each, by name; None for all checks.
+      probes: Functions that check one thing each, by name.
 
     Returns:
       Number of required things that are missing.
     """
     missing, remedies = 0, []
-    for name, probe in (all_probes() if probes is None else probes).items():
+    for name, probe in probes.items():
         mark = "ok"
         try:
             text = probe()
         except Missing as problem:
-            text = str(problem)
+            text, mark = str(problem), problem.mark
             remedies.append(f"{name}: {text}. Remedy: {problem.remedy}")
-            mark = "WARNING" if isinstance(problem, Fragile) else "MISSING"
             missing += mark == "MISSING"
         say(f"{name:18} {mark:8} {text}")
         if sys.stdout:
             sys.stdout.flush()
-    say("")
-    for remedy in remedies:
-        say(remedy)
-    if not missing:
-        say("Nothing that musebot requires is missing.")
+    for line in ("", *remedies, *(["Nothing that musebot requires is missing."] * (not missing))):
+        say(line)
     return missing
 
 
@@ -158,7 +145,6 @@ def all_probes() -> dict[str, Probe]:
     return {
         "Python": lambda: f"{platform.python_version()} ({sys.executable})",
         **packages,
-        **{name: functools.partial(_optional, name) for name in _OPTIONAL if name not in packages},
         "EGL": _egl,
         "torch after EGL": _torch_after_egl,
         "display": _display,
@@ -169,112 +155,96 @@ def all_probes() -> dict[str, Probe]:
 
 
 def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
-    """Returns a probe for each required package.
+    """Returns a probe for each required package, then for each optional one.
 
     Args:
       lines: Requirements in the form of PEP 508. Those of other platforms and Python versions, and
         of extras, are left out; those of the extra `brain` count where torch is installed.
     """
-    extra = "brain" if importlib.util.find_spec("torch") else ""
-    return {
-        one.name: functools.partial(_package, one)
-        for one in map(Requirement, lines)
-        if one.marker is None or one.marker.evaluate({"extra": extra})
-    }
+    brain = "brain" if importlib.util.find_spec("torch") else ""
+    probes: dict[str, Probe] = {}
+    optional: dict[str, Probe] = {}
+    for one in map(Requirement, lines):
+        if one.marker is None or one.marker.evaluate({"extra": brain}):
+            probes[one.name] = functools.partial(_required, one)
+        elif one.name in _OPTIONAL:
+            optional[one.name] = functools.partial(_package, one, *_OPTIONAL[one.name])
+    return probes | {name: probe for name, probe in optional.items() if name not in probes}
 
 
 def _not_installed() -> str:
     raise Missing("not installed, so its requirements are unknown", "pip install -e .")
 
 
-def _package(requirement: Requirement) -> str:
+def _package(requirement: Requirement, extra: str, use: str) -> str:
+    """Returns the version of a package; without a use, it is required."""
     extras = f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
     remedy = f"pip install '{requirement.name}{extras}{requirement.specifier}'"
-    name = canonicalize_name(requirement.name)
+    if use:
+        remedy = f"pip install 'musebot[{extra}]'"
     try:
-        version = metadata.version(name)
+        version = metadata.version(requirement.name)
     except metadata.PackageNotFoundError as error:
+        if use:
+            return f"not installed, optional; for {use}: {remedy}"
         raise Missing("not installed", remedy) from error
     if not requirement.specifier.contains(version, prereleases=True):
-        raise Missing(f"version must be {requirement.specifier}, got {version}", remedy)
-    try:
-        importlib.import_module(_MODULES.get(name, name.replace("-", "_")))
-        details = _DETAILS.get(name)
-        return details(version) if details else version
-    except Exception as error:  # a broken installation can raise anything
-        reason = f"cannot be used ({type(error).__name__}: {error})"
-        raise Missing(reason, f"{remedy} --force-reinstall") from error
-
-
-def _mujoco(version: str) -> str:
-    from ...models import check_versions
-
-    check_versions()
+        text = f"{f'for {use} its ' * bool(use)}version must be {requirement.specifier}"
+        raise Missing(f"{text}, got {version}", remedy, "WARNING" if use else "MISSING")
     return version
 
 
-def _torch(version: str) -> str:
-    import torch
-
-    return f"{version}, {torch.get_num_threads()} threads (a run uses one a process)"
-
-
-def _ffmpeg(version: str) -> str:
-    import imageio_ffmpeg
-
-    return f"{version}, ffmpeg {imageio_ffmpeg.get_ffmpeg_version()}"
-
-
-_DETAILS = {"mujoco": _mujoco, "torch": _torch, "imageio-ffmpeg": _ffmpeg}
-
-
-def _optional(name: str) -> str:
-    extra, use = _OPTIONAL[name]
-    remedy = f"pip install 'musebot[{extra}]'"
+def _required(requirement: Requirement) -> str:
+    version, name = _package(requirement, "", ""), requirement.name.lower()
     try:
-        version = metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return f"not installed, optional; for {use}: {remedy}"
-    for one in map(Requirement, metadata.requires("musebot") or ()):
-        if one.name == name and not one.specifier.contains(version, prereleases=True):
-            raise Fragile(f"for {use} its version must be {one.specifier}, got {version}", remedy)
+        module = importlib.import_module(_MODULES.get(name, name.replace("-", "_")))
+        if name == "mujoco":
+            from ...models import check_versions
+
+            check_versions()
+        if name == "torch":
+            return f"{version}, {module.get_num_threads()} threads (a run uses one a process)"
+        if name == "imageio-ffmpeg":
+            return f"{version}, ffmpeg {module.get_ffmpeg_version()}"
+    except Exception as error:  # a broken installation can raise anything
+        reason = f"cannot be used ({type(error).__name__}: {error})"
+        remedy = f"pip install '{requirement.name}{requirement.specifier}' --force-reinstall"
+        raise Missing(reason, remedy) from error
     return version
 
 
 def _egl() -> str:
     if sys.platform != "linux":
         raise Missing(f"no EGL on {sys.platform}", "make films on Linux")
-    done = _child(["-m", "musebot.protocols.pages.offscreen"])
+    done = _child("-m", "musebot.protocols.pages.offscreen")
     if done.returncode < 0:
         raise Missing(f"the driver crashed (signal {-done.returncode})", EGL_REMEDY)
     if done.returncode:
-        lines = done.stderr.strip().splitlines() or ["no reason given"]
-        packages = "ModuleNotFoundError" in lines[-1]
-        raise Missing(lines[-1], _INSTALLATION if packages else EGL_REMEDY)
+        reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        packages = "ModuleNotFoundError" in reason
+        raise Missing(reason, _INSTALLATION if packages else EGL_REMEDY)
     found = json.loads(done.stdout.splitlines()[-1])
     return f"{found['renderer']}, {found['ms']:.0f} ms an image of 640 x 480"
 
 
 def _torch_after_egl() -> str:
-    done = _child(["-c", _TORCH_AFTER_EGL])
+    done = _child("-c", _TORCH_AFTER_EGL)
     if done.returncode < 0:
-        raise Fragile(
+        raise Missing(
             f"importing torch._dynamo after another program's picture crashes (signal "
             f"{-done.returncode}); after musebot's it does not",
             "import triton before the first picture, or install a CPU build of torch",
+            "WARNING",
         )
     return "no crash" if done.returncode == 0 else "not tested, because EGL or torch is missing"
 
 
-def _child(arguments: list[str]) -> subprocess.CompletedProcess[str]:
+def _child(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Runs Python in a process of its own, because a graphics driver can crash."""
+    words, environment = [sys.executable, *arguments], os.environ | {"MUJOCO_GL": "off"}
     try:
         return subprocess.run(
-            [sys.executable, *arguments],
-            env=os.environ | {"MUJOCO_GL": "off"},
-            capture_output=True,
-            text=True,
-            timeout=_PROBE_SECONDS,
+            words, env=environment, capture_output=True, text=True, timeout=_PROBE_SECONDS
         )
     except subprocess.TimeoutExpired as error:
         raise Missing(f"no image within {_PROBE_SECONDS} s", EGL_REMEDY) from error
@@ -299,14 +269,7 @@ def _physics() -> str:
         absent = isinstance(error, ImportError)
         remedy = _INSTALLATION if absent else "see mujoco and dm-control above"
         raise Missing(reason, remedy) from error
-    import mujoco
-
-    model, data = physics.model.ptr, physics.data.ptr
-    data.ctrl[:] = 0.3, 0.5
-    steps, times = 2000, []
-    for _ in range(3):
-        began = time.perf_counter()
-        mujoco.mj_step(model, data, nstep=steps)
-        times.append((time.perf_counter() - began) / steps)
-    rate = model.opt.timestep / min(times)
-    return f"{1e6 * min(times):.1f} us a step of the arena, {rate:,.0f} x real time a core"
+    physics.set_control((0.3, 0.5))
+    seconds = min(timeit.repeat(lambda: physics.step(2000), number=1, repeat=3)) / 2000
+    rate = physics.timestep() / seconds
+    return f"{1e6 * seconds:.1f} us a step of the arena, {rate:,.0f} x real time a core"

@@ -57,20 +57,16 @@ def _command(words: list[str]) -> Callable[[], None] | None:
     if words == ["--version"]:
         say(f"musebot {__version__}")
         return None
+    prefix, verbs = "", VERBS
+    if words[0] == "benchmark":
+        prefix, verbs, words = "benchmark ", BENCHMARK, words[1:] or ["--help"]
     if words[0] in _HELP:
-        say(overview("musebot VERB", VERBS), lines=True)
+        say(overview(f"musebot {prefix}VERB", verbs), lines=True)
         return None
-    verb, rest = words[0], words[1:]
-    if verb == "benchmark":
-        if not rest or rest[0] in _HELP:
-            say(overview("musebot benchmark VERB", BENCHMARK), lines=True)
-            return None
-        verb, rest = f"benchmark {rest[0]}", rest[1:]
-        if verb not in BENCHMARK:
-            raise InputError(f"there is no verb {verb!r}; {nearest(verb, BENCHMARK)}")
-    elif verb not in VERBS:
-        raise InputError(f"there is no verb {verb!r}; {nearest(verb, VERBS)}")
-    return parsed(verb_class(verb), f"musebot {verb}", rest)
+    verb = f"{prefix}{words[0]}"
+    if verb not in verbs:
+        raise InputError(f"there is no verb {verb!r}; {nearest(verb, verbs)}")
+    return parsed(verb_class(verb), f"musebot {verb}", words[1:])
 
 
 def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
@@ -150,17 +146,14 @@ def _add(group: Any, field: dataclasses.Field[Any], hint: Any) -> None:
         return
     settings["metavar"] = notes["values"]
     settings["type"] = _reader(name, kind, notes["choices"])
+    required = field.default is dataclasses.MISSING
+    if several:
+        settings["nargs"] = "+"
+    elif not notes["option"] and not required:
+        settings["nargs"] = "?"
     if notes["option"]:
-        settings["dest"] = field.name
-        settings["required"] = field.default is dataclasses.MISSING
-        if several:
-            settings["nargs"] = "+"
-        group.add_argument(name, **settings)
+        group.add_argument(name, dest=field.name, required=required, **settings)
     else:
-        if several:
-            settings["nargs"] = "+"
-        elif field.default is not dataclasses.MISSING:
-            settings["nargs"] = "?"
         group.add_argument(field.name, **settings)
 
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..terminal import show_markdown
-from .options import argument, option
-from .workers import executor
+from .options import argument, executor, option
 
 if TYPE_CHECKING:
     from ..lives.conditions import Condition
@@ -142,8 +141,8 @@ class Run:
 
     def _trust(self, rows: Iterable[Condition], held: Plan | None) -> None:
         """Lets the agents run that the command names; others only with --trust-agent."""
+        from ..agents.factory import check_trusted, trust
         from ..agents.names import recorded_name
-        from ..agents.trust import check_trusted, trust
 
         trust(*self.proposer, *map(recorded_name, self.agent))
         if self.trust_agent:

@@ -26,18 +26,22 @@ from mujoco import rollout
 from ... import tasks
 from ...controller import BRAINS
 from ...tasks import CONTROL_TIMESTEP, Batch
+from ..agents.base import Agent, Wrapper
 from ..errors import RunError
 from ..lives.cohort import Cohort
 from ..lives.conditions import PAPER_TASKS, CohortKey, Condition
-from ..lives.experiment import Experiment
+from ..lives.experiment import Body, Experiment
 from ..lives.jobs import DIED
 from ..lives.local import prepare_process, single_threaded_children
 from ..lives.plan import Plan
 from ..lives.runs import check_device
 
 _POPULATION = Condition("spot_finding", "creative")
-SIMULATORS = {"kinematic": {"body": "kinematic"}, "MuJoCo Warp": {"physics": "warp"}}
-_BODIES = ("mujoco", "kinematic")
+SIMULATORS: dict[str, dict[str, Any]] = {
+    "kinematic": {"body": "kinematic"},
+    "MuJoCo Warp": {"physics": "warp"},
+}
+_BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
 _BRAINS = ("paper", "steady")
 _MOST_STEPS = 250  # in a repetition, so that all end before the robots are placed again
 _OUT_OF_MEMORY = re.compile("out of memory|Failed to allocate")  # of PyTorch and of Warp
@@ -45,6 +49,9 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 State = dict[str, np.ndarray]
 Pair = tuple[float, float]  # duration of some work and of its reference in [s]
+# Simulates robots from their states, given motor values of shape (T, B, 2); returns the duration in
+# [s] and the final states.
+Replay = Callable[[State, np.ndarray], tuple[float, State]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,110 +73,60 @@ FULL = Effort()
 QUICK = Effort(2, 6, (2, 3), (2,), 2)
 
 
-@dataclasses.dataclass(frozen=True)
-class Paired:
-    """Durations of some work and of its reference in [s], of repetitions in alternation.
+def paired(robot_steps: int, repetitions: int, pair: Callable[[], Pair]) -> dict[str, float]:
+    """Times some work and its reference, once to warm up and then in repetitions.
 
-    Attributes:
+    Args:
       robot_steps: Number of robot-steps (control steps of one robot) in a repetition.
-      seconds: Duration of the work, one value for each repetition.
-      reference: Duration of the reference, one value for each repetition.
+      repetitions: Number of repetitions.
+      pair: Function that does both, and returns their durations in [s].
+
+    Returns:
+      The median rates of the work and of the reference in robot-steps per second, and the ratio of
+      the rates: the median of the repetitions' ratios, with their range, `lowest` and `highest`.
     """
-
-    robot_steps: int
-    seconds: tuple[float, ...]
-    reference: tuple[float, ...]
-
-    @classmethod
-    def of(cls, robot_steps: int, repetitions: int, pair: Callable[[], Pair]) -> Paired:
-        """Calls a function that times both, once to warm up and then for each repetition."""
-        pair()
-        seconds, reference = zip(*(pair() for _ in range(repetitions)), strict=True)
-        return cls(robot_steps, seconds, reference)
-
-    def numbers(self) -> dict[str, float]:
-        """Returns the median rates of the work and of the reference, and the ratio of the rates.
-
-        Rates are in robot-steps per second. The ratio is the median of the repetitions' ratios;
-        `lowest` and `highest` are its range.
-        """
-        ratios = np.array(self.reference) / np.array(self.seconds)
-        return {
-            "rate": float(self.robot_steps / np.median(self.seconds)),
-            "rate_alone": float(self.robot_steps / np.median(self.reference)),
-            "ratio": float(np.median(ratios)),
-            "lowest": float(ratios.min()),
-            "highest": float(ratios.max()),
-        }
+    pair()
+    seconds, reference = np.array([pair() for _ in range(repetitions)]).T
+    ratios = reference / seconds
+    return {
+        "rate": float(robot_steps / np.median(seconds)),
+        "rate_alone": float(robot_steps / np.median(reference)),
+        "ratio": float(np.median(ratios)),
+        "lowest": float(ratios.min()),
+        "highest": float(ratios.max()),
+    }
 
 
-class BareMujoco:
-    """MuJoCo alone: one call for each control step, with all sensors and without checks.
+def bare_mujoco(model: mujoco.MjModel, robots: int) -> Replay:
+    """Returns a function that simulates B robots by one call of MuJoCo for each control step.
 
-    One robot is simulated by `mj_step`, several by `mujoco.rollout`: the faster one for each. Any
-    program that chooses new motor values in every control step must do at least this.
+    Any program that chooses new motor values in every control step must do at least this.
     """
+    substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
+    engine, data = rollout.Rollout(nthread=0), mujoco.MjData(model)  # in the calling thread
+    states = np.zeros((robots, substeps, mujoco.mj_stateSize(model, _STATE)))
+    sensors = np.zeros((robots, substeps, model.nsensordata))
+    fixed: Any = dict(nstep=substeps, state=states, sensordata=sensors, skip_checks=True)
 
-    def __init__(self, model: mujoco.MjModel, robots: int) -> None:
-        """Allocates the arrays of B robots."""
-        self._model, self._data = model, mujoco.MjData(model)
-        self._substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
-        self._models = [model] * robots
-        self._engine = rollout.Rollout(nthread=0)  # in the calling thread
-        self._states = np.zeros((robots, self._substeps, mujoco.mj_stateSize(model, _STATE)))
-        self._sensors = np.zeros((robots, self._substeps, model.nsensordata))
-
-    def replay(self, start: State, motors: np.ndarray) -> tuple[float, State]:
-        """Simulates T control steps.
-
-        Args:
-          start: MuJoCo's full physics states as "state", shape (B, n).
-          motors: Motor values, shape (T, B, 2).
-
-        Returns:
-          The duration in [s], and the final states.
-        """
+    def replay(start: State, motors: np.ndarray) -> tuple[float, State]:
         state = start["state"].copy()
-        if len(state) == 1:
-            return self._one(state, motors)
-        controls = np.repeat(motors[:, :, None].astype(float), self._substeps, axis=2)
+        controls = np.repeat(motors[:, :, None].astype(float), substeps, axis=2)
         began = time.thread_time()
         for control in controls:
-            self._engine.rollout(
-                self._models,
-                [self._data],
-                state,
-                control,
-                nstep=self._substeps,
-                state=self._states,
-                sensordata=self._sensors,
-                skip_checks=True,
-            )
-            state[:] = self._states[:, -1]
+            engine.rollout([model] * robots, [data], state, control, **fixed)
+            state[:] = states[:, -1]
         return time.thread_time() - began, {"state": state}
 
-    def _one(self, state: np.ndarray, motors: np.ndarray) -> tuple[float, State]:
-        mujoco.mj_setState(self._model, self._data, state[0], _STATE)
-        began = time.thread_time()
-        for control in motors:
-            self._data.ctrl[:] = control[0]
-            mujoco.mj_step(self._model, self._data, self._substeps)
-        seconds = time.thread_time() - began
-        mujoco.mj_getState(self._model, self._data, state[0], _STATE)
-        return seconds, {"state": state}
+    return replay
 
 
-def over_bare(
-    work: Callable[[], np.ndarray],
-    state: Callable[[], State],
-    replay: Callable[[State, np.ndarray], tuple[float, State]],
-) -> Pair:
+def over_bare(work: Callable[[], np.ndarray], state: Callable[[], State], replay: Replay) -> Pair:
     """Times some work, and then the same physics alone; returns both durations in [s].
 
     Args:
       work: Function that simulates robots and returns their motor values, shape (T, B, 2).
       state: Function that returns the robots' states.
-      replay: Function that simulates the physics alone, see `BareMujoco.replay`.
+      replay: Function that simulates the physics alone.
 
     Raises:
       RunError: The final states differ, so the physics was not the same.
@@ -198,28 +155,34 @@ def lives(effort: Effort) -> Iterator[dict[str, Any]]:
     """Yields a row for each body, task, brain and cohort of creative robots."""
     kinds = itertools.product(_BODIES, PAPER_TASKS, _BRAINS, effort.cohorts)
     for body, task, brain, robots in kinds:
-        settings: dict[str, Any] = {"body": body, "brain": BRAINS[brain], "cohort_size": robots}
-        cohort = cohort_in_training(Experiment(**settings), Condition(task, "creative"))
-        timed = life(cohort, effort.steps(robots), effort.repetitions)
+        experiment = Experiment(body=body, brain=BRAINS[brain], cohort_size=robots)
+        cohort = cohort_in_training(experiment, Condition(task, "creative"))
         labels = {"body": body, "task": task, "brain": brain, "robots": robots}
-        yield labels | timed.numbers()
+        yield labels | life(cohort, effort.steps(robots), effort.repetitions)
 
 
-def life(cohort: Cohort, steps: int, repetitions: int) -> Paired:
-    """Times so many control steps of a cohort, and its physics alone."""
+class Recorder(Wrapper):
+    """An agent whose motor values are kept in the list `motors`."""
+
+    def __init__(self, agent: Agent) -> None:
+        super().__init__(agent)
+        self.motors: list[np.ndarray] = []
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        motors = self.agent.act(state, learning)
+        self.motors.append(motors.copy())
+        return motors
+
+
+def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
+    """Times so many control steps of a cohort, and its physics alone; see `paired`."""
     batch = cohort.batch
+    recorder = cohort.agent = Recorder(cohort.agent)
 
     def work() -> np.ndarray:
-        recorded = []
-
-        def step(motors: np.ndarray) -> None:
-            recorded.append(motors.copy())
-            type(batch).step(batch, motors)
-
-        batch.step = step
+        recorder.motors.clear()
         cohort.advance(steps)
-        del batch.step
-        return np.array(recorded)
+        return np.array(recorder.motors)
 
     def kinematic(start: State, motors: np.ndarray) -> tuple[float, State]:
         batch.set_state(start)
@@ -228,20 +191,16 @@ def life(cohort: Cohort, steps: int, repetitions: int) -> Paired:
             batch.step(command)
         return time.thread_time() - began, batch.get_state()
 
-    bare = BareMujoco(batch.model, batch.robots).replay if isinstance(batch, Batch) else kinematic
+    bare = bare_mujoco(batch.model, batch.robots) if isinstance(batch, Batch) else kinematic
     pair = functools.partial(over_bare, work, batch.arrays, bare)
-    return Paired.of(steps * batch.robots, repetitions, pair)
+    return paired(steps * batch.robots, repetitions, pair)
 
 
 def interfaces(effort: Effort) -> Iterator[dict[str, Any]]:
     """Yields a row for each interface to wall avoidance; Gymnasium's where it is installed."""
     environment = tasks.load("arena", "wall_avoidance", task_kwargs={"random": 1})
     environment.reset()
-
-    def dm_control_step(actions: np.ndarray) -> None:
-        environment.step(actions[0])
-
-    yield _interface_row("dm_control", [environment], dm_control_step, effort)
+    yield _interface_row("dm_control", [environment], lambda a: environment.step(a[0]), effort)
     try:
         import gymnasium
     except ImportError:
@@ -250,7 +209,7 @@ def interfaces(effort: Effort) -> Iterator[dict[str, Any]]:
     single = gymnasium.make(name, max_episode_steps=-1)
     single.reset(seed=0)
     one = [single.unwrapped]
-    yield _interface_row("Gymnasium, single", one, lambda actions: single.step(actions[0]), effort)
+    yield _interface_row("Gymnasium, single", one, lambda a: single.step(a[0]), effort)
     for kind, mode in (("vector of singles", "sync"), ("batch", "vector_entry_point")):
         vector: Any = gymnasium.make_vec(
             name, effort.cohorts[0], vectorization_mode=mode, max_episode_steps=-1
@@ -287,9 +246,8 @@ def _interface_row(
             step(control)
         return motors
 
-    pair = functools.partial(over_bare, work, own, BareMujoco(model, count).replay)
-    timed = Paired.of(steps * count, effort.repetitions, pair)
-    return {"interface": name, "robots": count} | timed.numbers()
+    pair = functools.partial(over_bare, work, own, bare_mujoco(model, count))
+    return {"interface": name, "robots": count} | paired(steps * count, effort.repetitions, pair)
 
 
 def processes(effort: Effort, cores: int) -> Iterator[dict[str, Any]]:
@@ -312,15 +270,15 @@ def processes(effort: Effort, cores: int) -> Iterator[dict[str, Any]]:
             blocks = [pool.submit(_simulate, active) for _ in range(most)]
             return sum(block.result() for block in blocks) / active
 
-        def pair(count: int) -> Pair:
-            return seconds(count), seconds(1)
-
         robots = effort.cohorts[-1]
         robot_steps = robots * effort.steps(robots)
         for count in sorted({2, most}):
-            both = functools.partial(pair, count)
+
+            def pair(count: int = count) -> Pair:
+                return seconds(count), seconds(1)
+
             try:
-                numbers = Paired.of(robot_steps, effort.repetitions, both).numbers()
+                numbers = paired(robot_steps, effort.repetitions, pair)
             except BrokenProcessPool as error:
                 raise RunError(DIED) from error
             labels = {"processes": count, "robots": robots}
@@ -354,8 +312,9 @@ def _simulate(active: int) -> float:
 
 def check_populations(device: str) -> None:
     """Raises InputError where a device is missing, or MuJoCo Warp is not installed."""
-    for simulator in SIMULATORS:
-        check_device(Plan.of(_experiment(simulator, device, 1), [_POPULATION], 1))
+    for fields in SIMULATORS.values():
+        experiment = Experiment(cohort_size=1, device=device, **fields)
+        check_device(Plan.of(experiment, [_POPULATION], 1))
 
 
 def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
@@ -364,10 +323,10 @@ def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
     The numbers are missing where the memory is too small. On a GPU the clock is the wall's.
     """
     sizes = effort.cohorts if device == "cpu" else effort.populations
-    for simulator, robots in itertools.product(SIMULATORS, sizes):
-        row = {"simulator": simulator, "robots": robots}
+    for (simulator, fields), robots in itertools.product(SIMULATORS.items(), sizes):
+        row: dict[str, Any] = {"simulator": simulator, "robots": robots}
         try:
-            row |= _population(_experiment(simulator, device, robots), effort).numbers()
+            row |= _population(Experiment(cohort_size=robots, device=device, **fields), effort)
         except RuntimeError as error:
             if not _OUT_OF_MEMORY.search(str(error)):
                 raise
@@ -376,12 +335,7 @@ def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
         yield row
 
 
-def _experiment(simulator: str, device: str, robots: int) -> Experiment:
-    settings: Any = SIMULATORS[simulator]
-    return Experiment(cohort_size=robots, device=device, **settings)
-
-
-def _population(experiment: Experiment, effort: Effort) -> Paired:
+def _population(experiment: Experiment, effort: Effort) -> dict[str, float]:
     cohort, device = cohort_in_training(experiment, _POPULATION), experiment.device
     batch: Any = cohort.batch
     steps = effort.population_steps
@@ -402,4 +356,4 @@ def _population(experiment: Experiment, effort: Effort) -> Paired:
             batch.step(motors)
         return between - began, now() - between
 
-    return Paired.of(steps * batch.robots, effort.repetitions, pair)
+    return paired(steps * batch.robots, effort.repetitions, pair)

@@ -11,14 +11,14 @@ import time
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from ...controller import BRAINS, PROPOSERS
 from ...models import Kinematics
 from ...tasks.arena import CONTROL_TIMESTEP
-from ..agents.factory import factory_of
+from ..agents.factory import factory_of, trust
 from ..agents.names import (
     LOWER,
     OWN,
@@ -28,8 +28,7 @@ from ..agents.names import (
     recorded_name,
     short_name,
 )
-from ..agents.senses import senses_of
-from ..agents.trust import trust
+from ..agents.senses import random_signals, senses_of
 from ..errors import InputError
 from ..lives.cohort import make_agent
 from ..lives.conditions import Condition
@@ -68,13 +67,12 @@ class Ranking(Study):
         """Returns the boards of the finished runs."""
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """See `Study.work`: measures our own learners; `ppo` has as many robots as policies."""
+        """Measures what our own learners cost; `ppo` has as many robots as policies."""
         rows = [(board, entry) for board, own in self.boards(out).items() for entry in own]
         own = [row for row in rows if is_own(row[1].condition.proposer)]
         run_jobs([_cost_job(out, *row) for row in own if row[1].name != TRAINED_BEFORE])
 
     def page(self, out: Path) -> Page:
-        """See `Study.page`."""
         found = self.boards(out)
         jobs = {(b, e.name): _cost_job(out, b, e) for b, own in found.items() for e in own}
         costs = {row: job.read()["costs"] for row, job in jobs.items() if job.done()}
@@ -83,84 +81,55 @@ class Ranking(Study):
 
 @dataclasses.dataclass
 class Leaderboard(Ranking):
-    """Rank learners in finished runs, between a newborn and a hand-coded robot.
-
-    Each track, protocol, task and simulator is a board; its runs must hold the agents `newborn` and
-    `hand_coded`, which are its bounds.
-    """
+    """Ranks learners in finished runs; its fields are options of `musebot benchmark rank`."""
 
     name: ClassVar[str] = "leaderboard"
 
     runs: tuple[Path, ...]
-    """folders of finished runs of `musebot run`"""
     tuned: tuple[Path, ...] = ()
-    """folders of `musebot benchmark tune`, whose effort is printed"""
 
     @functools.cached_property
     def _runs(self) -> list[Run]:
         return read_runs(self.runs, networks=False)
 
     def identity(self) -> Mapping[str, Any]:
-        """See `Study.identity`: the experiments of the runs, and the effort of tuning."""
         boards(self._runs)  # refuses runs that make none
         efforts = {" ".join(key): one.study.effort for key, one in read_tunings(self.tuned).items()}
         runs = {run.name: dataclasses.asdict(run.experiment) for run in self._runs}
         return {"runs": runs, "tuned": efforts}
 
     def boards(self, out: Path) -> dict[Board, list[Entry]]:
-        """See `Ranking.boards`."""
-        del out
         return boards(self._runs)
 
 
 @dataclasses.dataclass
 class Benchmark(Ranking):
-    """Simulate learners by the same schedules, each with its tuned settings, and rank them.
+    """Simulates learners by the same schedules, each with its tuned settings, and ranks them.
 
-    On each board each learner has one run per track. The bounds newborn and hand_coded have one
-    run per board, which counts in both tracks. More learners, tracks or boards can be added to
-    those that OUT has. Boards: paper, both tasks; walls, spot finding with walls sensed.
+    Its fields are options of `musebot benchmark run`. On each board each learner has one run per
+    track. The bounds have one run per board, which counts in both tracks.
     """
 
     name: ClassVar[str] = "benchmark"
 
     tuned: tuple[Path, ...] = ()
-    """folders of `musebot benchmark tune`; other learners have their default settings"""
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
-    """learners: agents, or a brain, paper or steady"""
     signals: tuple[Signals, ...] = ("paper", "raw")
-    """tracks; raw: smell and reward before they saturate"""
     board: tuple[BoardName, ...] = ("paper", "walls")
-    """protocols in which they are compared"""
     robots: int = 60
-    """robots of each learner: at most 30, or a multiple of 30; with --body kinematic of 60"""
     seed: int = 32010
-    """seed of all robots"""
     body: Body = "mujoco"
-    """body of the robot; kinematic: the kinematic simulator, with the effects of the body"""
     time_scale: float = 1.0
-    """factor on every duration, in (0, 1]; below 1 for rehearsals"""
 
     def identity(self) -> Mapping[str, Any]:
-        """See `Study.identity`: what all runs share; learners, tracks and boards may be added."""
+        """Returns what all runs share: learners, tracks and boards may be added later."""
         check_positive(robots=self.robots)
-        for option, known in (("signals", get_args(Signals)), ("board", get_args(BoardName))):
-            for given in getattr(self, option):
-                if given not in known:
-                    raise InputError(
-                        f"the {option} must be one of {', '.join(known)}, got {given!r:.60}"
-                    )
-        if (cohort := _COHORTS.get(self.body)) is None:
-            names = ", ".join(_COHORTS)
-            raise InputError(f"the body must be one of {names}, got {self.body!r:.60}")
-        if self.robots > cohort and self.robots % cohort:
-            raise InputError(
-                f"robots above {cohort} must be a multiple of {cohort}, got {self.robots}"
-            )
+        most = _COHORTS[self.body]
+        if self.robots > most and self.robots % most:
+            raise InputError(f"robots above {most} must be a multiple of {most}, got {self.robots}")
         return {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
 
     def plans(self) -> Mapping[str, Plan]:
-        """See `Study.plans`: for each board the bounds, and each learner in its tracks."""
         found = {}
         for board in self.board:
             bounds = tuple(map(recorded_name, (LOWER, UPPER)))
@@ -224,19 +193,16 @@ class Benchmark(Ranking):
         }
 
     def check(self, out: Path) -> None:
-        """See `Study.check`; also says which learners are not tuned."""
-        del out
+        """Says which learners are not tuned."""
         for name, signals in itertools.product(self._learners, self.signals if self.tuned else ()):
             if name not in (*_BRAINS, *_PAPER_ALONE) and (name, signals) not in self._settings:
                 notice(f"{short_name(name)} was not tuned with {signals} signals: its defaults")
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """See `Study.work`: all lives, then what each learner costs."""
         simulate_runs(out, self.plans(), run_jobs)
         super().work(out, run_jobs)
 
     def boards(self, out: Path) -> dict[Board, list[Entry]]:
-        """See `Ranking.boards`."""
         found = boards(read_runs([out / name for name in self.plans()], networks=False))
         return {board: entries for board, entries in found.items() if board.signals in self.signals}
 
@@ -254,13 +220,13 @@ def _cost_job(out: Path, board: Board, entry: Entry) -> ArrayJob:
     )
 
 
-def costs(experiment: Experiment, condition: Condition, progress: Progress | None = None) -> Arrays:
+def costs(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
     """Measures what an agent or brain costs, in training on a stream of signals.
 
     Args:
       experiment: Experiment with the brain, or with the agent's settings and signals.
       condition: Task, and the name of the agent or the proposer.
-      progress: Progress of the job, which takes seconds.
+      progress: Progress of the job; unused, since it takes seconds.
 
     Returns:
       "costs": CPU time of a robot-step in [us], that of the paper's creative brain, measured right
@@ -270,18 +236,14 @@ def costs(experiment: Experiment, condition: Condition, progress: Progress | Non
       InputError: the agent cannot be made.
       RunError: the agent fails or exits.
     """
-    del progress
     robots, steps = TIMED
     papers = Experiment(protocol=experiment.protocol, brain=BRAINS["paper"])
     agents = (
         make_agent(experiment, condition, robots, 1),
         make_agent(papers, Condition(condition.task, "creative"), robots, 1),
     )
-    senses, random = senses_of(experiment.arena_task(condition.task)), np.random.default_rng(0)
-    low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
-    states = random.uniform(low, high, (steps, robots, len(low))).astype(np.float32)
-    span = senses.reward
-    rewards = random.uniform(span.low, span.high, (steps, robots)).astype(np.float32)
+    senses = senses_of(experiment.arena_task(condition.task))
+    states, rewards = random_signals(senses, steps, robots)
     found = []
     for agent in agents:
         agent.reset()

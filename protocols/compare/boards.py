@@ -238,17 +238,11 @@ def _entry(run: Run, condition: Condition) -> Entry:
     return Entry(run.experiment, condition, after, training, curve, run.abilities(condition))
 
 
-def scores_of(entry: Entry, lower: Entry, upper: Entry) -> np.ndarray:
-    """Returns each robot's score: the mean of both values, 0 like a newborn and 1 like hand-coded.
-
-    NaN where the bounds do not differ.
-    """
-    every = (np.arange(len(one.after))[None] for one in (entry, lower, upper))
-    return _scores((entry, lower, upper), tuple(every))[0]
-
-
-def _scores(entries: Sequence[Entry], rows: Sequence[np.ndarray]) -> np.ndarray:
+def scores_of(entries: Sequence[Entry], rows: Sequence[np.ndarray]) -> np.ndarray:
     """Returns the scores of a learner's robots in each draw, shape (b, n).
+
+    A score is the mean of both values, scaled so that the mean newborn has 0 and the mean
+    hand-coded robot 1. NaN where the bounds do not differ.
 
     Args:
       entries: The learner and both bounds.
@@ -286,8 +280,8 @@ def ranked(entries: Sequence[Entry]) -> list[Ranked]:
     for entry in entries:
         three = entry, by_name[LOWER], by_name[UPPER]
         blocks = zip(*map(_drawn, three), strict=True)
-        draws = np.concatenate([_middle(_scores(three, rows)) for rows in blocks])
-        scores = scores_of(*three)
+        draws = np.concatenate([_middle(scores_of(three, rows)) for rows in blocks])
+        scores = scores_of(three, [np.arange(len(one.after))[None] for one in three])[0]
         found.append(Ranked(entry, scores, float(_middle(scores)), draws))
     return sorted(found, key=lambda one: (-np.nan_to_num(one.score), one.entry.name))
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..agents.trust import trust
+from ..agents.factory import trust
 from ..errors import InputError, RunError
 from ..lives.checkpoints import restored_cohort, save_checkpoint
 from ..lives.conditions import CohortKey, Condition
@@ -76,11 +76,9 @@ class ArrayJob:
         return f"{self.path.parent.name}/{self.path.stem}"
 
     def done(self) -> bool:
-        """See `Job.done`."""
         return self.path.exists()
 
     def run(self, stop: Stop, report: Report) -> bool:
-        """See `Job.run`."""
         progress = Progress(self.path.with_suffix(CHECKPOINT), stop, report)
         try:
             arrays = self.work(progress)

@@ -15,10 +15,11 @@ import torch
 
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
-from ..agents.ppo import POLICIES_FILE, policy_arrays, policy_shapes, read_policies
+from ..agents.ppo import POLICIES_FILE, policy_shapes, read_policies
+from ..agents.senses import senses_of
 from ..errors import InputError
 from ..storage import save_arrays
-from .jobs import ArrayJob, Arrays, Progress, StoppedError
+from .jobs import ArrayJob, Arrays, Progress
 from .study import Page, RunJobs, Study, check_positive
 
 # What differs from Stable-Baselines3's defaults: many short rollouts, since there are few steps.
@@ -33,26 +34,18 @@ _ROLLOUT = SETTINGS["n_steps"] * ROBOTS  # control steps
 
 @dataclasses.dataclass
 class PPOTraining(Study):
-    """Train policies by PPO on any task, one random seed each.
-
-    Writes OUT/policies.safetensors. Its policies can drive robots, in films and in the viewer.
-    Needs Stable-Baselines3.
-    """
+    """Trains policies by PPO, one random seed each; its fields are options of `benchmark ppo`."""
 
     name: ClassVar[str] = "ppo"
     folders: ClassVar[tuple[str, ...]] = ("policies",)
 
     task: str
-    """any task of docs/tasks.md, preferably one with actions in [-1, 1]"""
     policies: int = 60
-    """number of policies; more can be added later"""
     steps: int = 144_000
-    """control steps of each policy's 16 robots together, rounded up to a multiple of 4,096"""
     seed: int = 0
-    """seed of the first policy; each further policy has the next one"""
 
     def identity(self) -> Mapping[str, Any]:
-        """See `Study.identity`; the number of policies may be increased later."""
+        """Returns all but the number of policies, which may be increased later."""
         check_positive(_MOST_POLICIES, policies=self.policies)
         check_positive(_MOST_STEPS, steps=self.steps)
         most = 2**32 - self.policies
@@ -62,16 +55,10 @@ class PPOTraining(Study):
             raise InputError(f"the task must be one of {', '.join(TASKS)}, got {self.task!r}")
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
-        return {
-            "task": self.task,
-            "steps": self.steps,
-            "seed": self.seed,
-            "settings": SETTINGS,
-            "robots": ROBOTS,
-        }
+        own = {"task": self.task, "steps": self.steps, "seed": self.seed}
+        return own | {"settings": SETTINGS, "robots": ROBOTS}
 
     def check(self, out: Path) -> None:
-        """See `Study.check`."""
         held = len([*(out / "policies").glob("*.safetensors")])
         if held > self.policies:
             raise InputError(f"{out} holds {held} policies, more than {self.policies}")
@@ -80,14 +67,13 @@ class PPOTraining(Study):
                 job.read()
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """See `Study.work`; joins the policies in one file when all are trained."""
+        """Trains the policies, and joins them in one file."""
         run_jobs(self._jobs(out))
         policies = [job.read() for job in self._jobs(out)]
-        arrays = {name: np.concatenate([one[name] for one in policies]) for name in policy_arrays()}
+        arrays = {name: np.concatenate([one[name] for one in policies]) for name in policies[0]}
         save_arrays(out / POLICIES_FILE, arrays, **self.identity())
 
     def page(self, out: Path) -> Page:
-        """See `Study.page`."""
         read_policies(out / POLICIES_FILE)
         last = self.seed + self.policies - 1
         return Page(
@@ -102,7 +88,7 @@ class PPOTraining(Study):
                 out / "policies" / f"{number:04d}.safetensors",
                 functools.partial(train, self.task, self.steps, self.seed + number),
                 rounded(self.steps) * CONTROL_TIMESTEP,
-                policy_shapes(self.task, 1),
+                policy_shapes(len(senses_of(self.task).state), 1),
                 {"task": self.task, "steps": self.steps, "seed": self.seed + number},
             )
             for number in range(self.policies)
@@ -136,20 +122,13 @@ def train(task: str, steps: int, seed: int, progress: Progress) -> Arrays:
     torch.set_num_threads(1)
     model = PPO("MlpPolicy", ArenaVecEnv(task, ROBOTS), seed=seed, device="cpu", **SETTINGS)
     before = _weights(model.policy, "before")
-    stopped = False
 
-    def goes_on(*_: Any) -> bool:
-        nonlocal stopped
+    def report(*_: Any) -> bool:
         if model.num_timesteps % _ROLLOUT == ROBOTS:  # the first step of a rollout
-            try:
-                progress((model.num_timesteps - ROBOTS) * CONTROL_TIMESTEP)
-            except StoppedError:
-                stopped = True
-        return not stopped
+            progress((model.num_timesteps - ROBOTS) * CONTROL_TIMESTEP)
+        return True  # else the training would end
 
-    model.learn(steps, callback=goes_on)
-    if stopped:
-        raise StoppedError
+    model.learn(steps, callback=report)
     return before | _weights(model.policy, "after")
 
 

@@ -62,11 +62,10 @@ class Page:
 class Study(abc.ABC):
     """A question, the work that answers it, and the page of the answer.
 
-    A subclass is a dataclass whose fields are the options. The first line of its docstring is its
-    description in the list of studies.
+    A subclass is a dataclass whose fields are the options.
 
     Attributes:
-      name: Name of the study on the command line, and of the file of its page.
+      name: Name of the study, and of the file of its page.
       folders: Names of the folders below OUT that hold the files of its jobs.
     """
 

@@ -16,10 +16,9 @@ import numpy as np
 from scipy.stats import qmc
 
 from ...models import Kinematics
-from ..agents.factory import factory_of
+from ..agents.factory import factory_of, trust
 from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
-from ..agents.trust import trust
 from ..analysis import intervals
 from ..errors import InputError
 from ..lives.conditions import PAPER_TASKS, Condition, check_proposer
@@ -77,37 +76,26 @@ class Ranked(NamedTuple):
 
 @dataclasses.dataclass
 class Tune(Study):
-    """Tune an agent's settings in the kinematic simulator, with equal effort for each.
+    """Tunes an agent's settings; its fields are options of `musebot benchmark tune`.
 
-    The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
-    of each trial are simulated; then the best trials are simulated again, with all robots and on a
-    fresh seed. A robot's value is the mean of two shares of time in the spot, or without contact:
-    in the test after training, and during training. These two make the benchmark's score, too. A
-    trial's value is the mean over its robots. Sixteen trials share a cohort, which keeps one core
-    busy, if robots may differ in all settings (`Setting.each`).
+    A robot's value is the mean of two shares of time in the spot, or without contact: in the test
+    after training, and during training. These two make the benchmark's score, too. A trial's value
+    is the mean over its robots. Sixteen trials share a cohort, which keeps one core busy, if robots
+    may differ in all settings (`Setting.each`).
     """
 
     name: ClassVar[str] = "tune"
     folders: ClassVar[tuple[str, ...]] = ("trials",)
 
     agent: str
-    """name of the agent, or a factory of yours as package.module:factory"""
     signals: Signals = "paper"
-    """raw: smell and reward before they saturate"""
     task: str = "spot_finding"
-    """task of all robots, wall_avoidance or spot_finding"""
     trials: int = 16
-    """number of settings that are tried"""
     kept: int = 4
-    """number of settings that are simulated again"""
     robots: int = 20
-    """number of robots of a trial in the second round; half as many in the first, at least 1"""
     seed: int = 32001
-    """seed of the first round; the second round has the next one"""
     kinematics: tuple[str, ...] = BODY_EFFECTS
-    """parameters of the kinematic simulator, as NAME=VALUE"""
     time_scale: float = 1.0
-    """factor on every duration, in (0, 1]; below 1 for rehearsals"""
 
     @property
     def condition(self) -> Condition:
@@ -141,7 +129,7 @@ class Tune(Study):
         self._round(True, [Trial(0, ())])
 
     def identity(self) -> Mapping[str, Any]:
-        """See `Study.identity`: all options, and the settings of each trial."""
+        """Returns all options, and the settings of each trial."""
         self.check_options()
         trust(self.condition.proposer)  # the command names it
         for again, trials in ((False, self.drawn()), (True, self.drawn()[: self.kept])):
@@ -152,7 +140,6 @@ class Tune(Study):
         return dataclasses.asdict(self) | {"agent": self.condition.proposer, "drawn": drawn}
 
     def experiment(self) -> Experiment:
-        """See `Study.experiment`."""
         return self._round(True, [Trial(0, ())])
 
     @functools.cached_property
@@ -180,11 +167,9 @@ class Tune(Study):
         return trials
 
     def check(self, out: Path) -> None:
-        """See `Study.check`: reads the files of all jobs."""
-        self.ranked(out)
+        self.ranked(out)  # reads the files of all jobs
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """See `Study.work`: all trials, then the best again."""
         run_jobs([self._job(out, False, some) for some in self._cohorts(self.drawn())])
         run_jobs([self._job(out, True, some) for some in self._cohorts(self._kept(out))])
 
@@ -193,12 +178,8 @@ class Tune(Study):
         early = self._values(out, False, self.drawn())
         late = self._values(out, True, self._kept(out))
         found = [Ranked(trial, values, late.get(trial)) for trial, values in early.items()]
-
-        def place(one: Ranked) -> tuple[float, float, int]:
-            second = -np.inf if one.late is None else float(one.late.mean())
-            return -second, -float(one.early.mean()), one.trial.number
-
-        return sorted(found, key=place)
+        found.sort(key=lambda one: (-one.early.mean(), one.trial.number))
+        return sorted(found, key=lambda one: np.inf if one.late is None else -one.late.mean())
 
     def best(self, out: Path) -> Trial:
         """Returns the best trial of a finished study.
@@ -213,7 +194,6 @@ class Tune(Study):
         return ranked[0].trial
 
     def page(self, out: Path) -> Page:
-        """See `Study.page`."""
         rounds = ["first round", "second round", "after training", "during training"]
         rows = [["trial", *self.settings, *rounds]]
         ranked = self.ranked(out)

@@ -11,15 +11,13 @@ import numpy as np
 
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.parameters import PROPOSERS
-from ...controller.senses import Senses
 from ...tasks.batch import Robots
 from ..agents.base import Agent, sound
 from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
 from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
 from ..agents.neurocontroller import NeurocontrollerAgent
-from ..agents.raw_signals import RawSignals
-from ..agents.senses import senses_of
+from ..agents.senses import RawSignals, raw_senses, senses_of
 from ..agents.settings import checked_settings, settings_from
 from ..errors import InputError
 from ..storage import DTYPES, Shapes
@@ -78,12 +76,11 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     words = settings_from(experiment.settings, several=True)
     settings = checked_settings(short_name(proposer), factory, words, robots) if words else {}
 
-    def make(sensed: Senses) -> Agent:
-        agent = functools.partial(factory, robots, sensed, seed, **settings)
-        return agent() if is_own(proposer) else CheckedAgent(proposer, agent, robots)
-
     raw = experiment.signals == "raw" and proposer not in OWN_ENCODING
-    return RawSignals(senses, make) if raw else make(senses)
+    sensed = raw_senses(senses) if raw else senses
+    make = functools.partial(factory, robots, sensed, seed, **settings)
+    agent = make() if is_own(proposer) else CheckedAgent(proposer, make, robots)
+    return RawSignals(senses, agent) if raw else agent
 
 
 class Cohort:

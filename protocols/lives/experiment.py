@@ -64,7 +64,7 @@ class Experiment:
         Warp and the brains compute. Random numbers and rounding differ between devices, and so do
         lives.
       signals: What agents receive: "paper", or "raw" with smell and reward before they saturate
-        (see `agents.raw_signals`). Brains have parameters of their own for this.
+        (see `agents.senses`). Brains have parameters of their own for this.
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
     """
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...tasks.batch import CapacityError
-from ..agents.trust import trust
+from ..agents.factory import trust
 from ..errors import InputError, RunError
 from ..progress import JobProgress
 from ..storage import remove_files

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 
 from ..agents.base import Agent
+from ..agents.factory import check_trusted
 from ..agents.names import TRAINED_BEFORE, is_own, short_name
 from ..agents.settings import settings_from
-from ..agents.trust import check_trusted
 from ..errors import DamagedFileError, InputError, RunError
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from ..terminal import notice

@@ -18,8 +18,8 @@ from ...tasks import CONTROL_TIMESTEP, Robots, make_batch
 from ...tasks.starts import Start, random_spots
 from ...tasks.suite import TASKS
 from ..agents.base import Agent
+from ..agents.factory import trust
 from ..agents.names import recorded_name, short_name
-from ..agents.trust import trust
 from ..analysis.behaviour import Track
 from ..errors import InputError
 from ..lives.cohort import make_agent

@@ -20,17 +20,31 @@ def captures(device: torch.device) -> bool:
     return device.type == "cuda"
 
 
+def capture(work: Work, device: torch.device, generator: torch.Generator | None = None) -> Work:
+    """Returns a function that does work captured as a CUDA graph; it is not done now.
+
+    Args:
+      work: Work that has been done before. It reads and overwrites tensors that keep their places,
+        and no number of them on the host.
+      device: Device of the tensors.
+      generator: Random stream that the work uses; a replay continues it.
+    """
+    with torch.cuda.device(device):
+        graph = torch.cuda.CUDAGraph()
+        if generator is not None:
+            graph.register_generator_state(generator)
+        with torch.cuda.graph(graph, stream=torch.cuda.Stream(device)):
+            work()
+    return graph.replay
+
+
 class Captured:
     """Work that is done directly twice, and replayed from then on, where its device can do that."""
 
     def __init__(
         self, work: Work, device: torch.device, generator: torch.Generator | None = None
     ) -> None:
-        """Takes the work, the device of its tensors and the random stream that it uses, or None.
-
-        The work reads and overwrites tensors that keep their places, and no number of them on the
-        host. A replay continues the random stream.
-        """
+        """Takes what `capture` takes."""
         self._work = work
         self._device = device
         self._generator = generator
@@ -38,13 +52,9 @@ class Captured:
         self._calls = 0
 
     def __call__(self) -> None:
+        """Does the work."""
         if self._pending and self._calls == _DIRECT:
-            with torch.cuda.device(self._device):
-                graph = torch.cuda.CUDAGraph()
-                if self._generator is not None:
-                    graph.register_generator_state(self._generator)
-                with torch.cuda.graph(graph, stream=torch.cuda.Stream(self._device)):
-                    self._work()  # captured, not done
-            self._work, self._pending = graph.replay, False
+            self._work = capture(self._work, self._device, self._generator)
+            self._pending = False
         self._calls += 1
         self._work()

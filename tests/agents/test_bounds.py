@@ -14,24 +14,20 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks.starts import random_poses, random_spots
 
 
-@pytest.mark.parametrize(
-    ("smell", "motors"),
-    [(0.0, [0.5, -0.5]), (1e-6, [0.5, 0.45]), (0.909, [0.5, 0.45]), (10 / 11, [0, 0])],
-)
-def test_it_turns_without_smell_drives_where_it_smells_and_stands_inside(smell, motors):
-    agent = hand_coded(2, senses_of("spot_finding"), 0)
+def test_it_turns_without_smell_drives_where_it_smells_and_stands_inside():
+    agent = hand_coded(4, senses_of("spot_finding"), 0)
+    smell = np.array([[0.0], [1e-6], [0.909], [10 / 11]], np.float32)
     for learning in (False, True):
-        chosen = agent.act(np.full((2, 1), smell, np.float32), learning)
-        assert chosen.tolist() == [motors, motors]
+        chosen = agent.act(smell, learning).tolist()
+        assert chosen == [[0.5, -0.5], [0.5, 0.45], [0.5, 0.45], [0, 0]]
 
 
-@pytest.mark.parametrize("name", ["hand_coded", "newborn"])
-def test_bounds_that_use_the_maximal_smell_need_a_nose_that_has_one(name):
+def test_bounds_that_use_the_maximal_smell_need_a_nose_that_has_one():
     experiment = Experiment(cohort_size=2, body="kinematic", nose="printed")
-    condition = Condition("spot_finding", recorded_name(name))
-    with pytest.raises(InputError, match=f"{name} uses the maximal smell: .* 'inverse'"):
-        make_agent(experiment, condition, 2, 0)
-    make_agent(experiment, Condition("wall_avoidance", recorded_name(name)), 2, 0)
+    for name in ("hand_coded", "newborn"):
+        with pytest.raises(InputError, match=f"{name} uses the maximal smell: .* 'inverse'"):
+            make_agent(experiment, Condition("spot_finding", recorded_name(name)), 2, 0)
+        make_agent(experiment, Condition("wall_avoidance", recorded_name(name)), 2, 0)
 
 
 @pytest.mark.parametrize("body", ["kinematic", "mujoco"])
@@ -105,9 +101,3 @@ def test_a_newborn_neither_explores_nor_learns():
         assert np.array_equal(agent.act(state, True), other.act(state, False))
         agent.learn(np.ones(3, np.float32))
     np.testing.assert_equal(agent.weights(), before)
-
-
-def test_it_has_no_state_and_no_weights():
-    agent = hand_coded(2, senses_of("spot_finding"), 0)
-    assert agent.state() == agent.weights() == {}
-    agent.load_state({})

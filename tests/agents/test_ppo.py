@@ -21,13 +21,10 @@ AGENT = "musebot.protocols.ppo:ppo"
 def newborn(task, robots, seed=0):
     """Policies with weights drawn at random."""
     random = np.random.default_rng(seed)
-    sensors = next(count for count, known in ppo.TRAINED_ON.items() if known == task)
-    arrays = {}
-    for when in ("before", "after"):
-        for layer, (outputs, inputs) in enumerate([(64, sensors), (64, 64), (2, 64)]):
-            weights = random.normal(size=(robots, outputs, inputs)) / np.sqrt(inputs)
-            arrays[f"{when}.{layer}.weights"] = weights.astype(np.float32)
-            arrays[f"{when}.{layer}.biases"] = random.normal(size=(robots, outputs)).astype("f4")
+    arrays = {
+        name: (random.normal(size=shape) / np.sqrt(shape[-1])).astype("f4")
+        for name, (_, shape) in ppo.policy_shapes(len(senses_of(task).state), robots).items()
+    }
     return ppo.Policies(task, arrays)
 
 
@@ -61,8 +58,6 @@ def test_every_policy_drives_its_own_robot():
 def test_policies_are_trained_on_the_signals_that_robots_sense():
     for sensors, task in ppo.TRAINED_ON.items():
         assert len(senses_of(task).state) == sensors
-    walls = Experiment(protocol="walls").arena_task("spot_finding")
-    assert ppo.TRAINED_ON[len(senses_of(walls).state)] == walls
 
 
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
@@ -96,11 +91,10 @@ def test_weights_that_a_run_keeps_drive_a_policy_again(folder):
     motors = agent.act(nose, True)
     other.load_weights(agent.weights())
     np.testing.assert_array_equal(other.act(nose, False), motors)
-    with pytest.raises(ValueError, match="must be those of a policy"):
-        other.load_weights({"0.weights": agent.weights()["0.weights"]})
     short = {name: array[:1] for name, array in agent.weights().items()}
-    with pytest.raises(ValueError, match="must have shape"):
-        other.load_weights(short)
+    for wrong in (short, {"0.weights": agent.weights()["0.weights"]}):
+        with pytest.raises(ValueError, match="must have shape"):
+            other.load_weights(wrong)
 
 
 def test_missing_and_unfit_policies_are_refused(folder):
@@ -140,9 +134,7 @@ def test_policies_are_read_with_their_task_and_how_they_were_trained(folder):
     task = "spot_finding_unit"
     read_task, arrays, notes = ppo.read_policies(file_of(task))
     assert (read_task, notes) == (task, {"steps": 1})
-    assert sorted(arrays) == sorted(ppo.policy_arrays())
     np.testing.assert_equal(arrays, newborn(task, 3).arrays)
-    assert ppo.Policies.load(file_of(task), task).robots == 3
 
 
 def test_a_file_without_policies_is_refused(tmp_path):
@@ -177,18 +169,16 @@ def test_a_task_without_a_policy_is_one_sentence(monkeypatch):
         policy_file("mine")
 
 
-@pytest.mark.parametrize(("task", "limit"), [("wall_avoidance", 0.5), ("wall_avoidance_unit", 1)])
-def test_a_policys_action_is_clipped_to_its_tasks_limit_and_scaled_to_a_motor_value(task, limit):
+def test_a_policys_action_is_clipped_to_its_tasks_limit_and_scaled_to_a_motor_value():
     arrays = newborn("wall_avoidance_unit", 2).arrays
     state = np.random.default_rng(3).uniform(-1, 1, (2, 5)).astype(np.float32)
-    expected = []
-    for robot in range(2):
-        signal = state[robot].astype(float)
+    for task, limit in (("wall_avoidance", 0.5), ("wall_avoidance_unit", 1)):
+        signal = state[..., None].astype(float)
         for layer in range(3):
-            weights, biases = (arrays[f"after.{layer}.{x}"][robot] for x in ("weights", "biases"))
-            signal = weights @ signal + biases
+            weights, biases = (arrays[f"after.{layer}.{x}"] for x in ("weights", "biases"))
+            signal = weights @ signal + biases[..., None]
             signal = np.tanh(signal) if layer < 2 else signal
-        expected.append(np.clip(signal, -limit, limit) * 0.5 / limit)
-    found = Policies(task, arrays).act(state, trained=True)
-    np.testing.assert_allclose(found, expected, atol=1e-5)
-    assert np.abs(expected).max() <= 0.5 and np.abs(expected).min() < 0.5  # not all are clipped
+        expected = np.clip(signal[..., 0], -limit, limit) * 0.5 / limit
+        found = Policies(task, arrays).act(state, trained=True)
+        np.testing.assert_allclose(found, expected, atol=1e-5)
+        assert np.abs(expected).max() <= 0.5 and np.abs(expected).min() < 0.5  # not all clipped

@@ -1,5 +1,6 @@
 """The doctor's report."""
 
+import functools
 import os
 import subprocess
 import sys
@@ -54,24 +55,28 @@ def test_command_exits_with_0_exactly_if_nothing_is_missing(tmp_path):
 
 
 def test_what_musebot_requires_is_checked_and_other_extras_are_not():
-    assert set(doctor.package_probes(metadata.requires("musebot"))) == set(REQUIREMENTS)
-    lines = ["numpy>=2", "ray; extra == 'cluster'", "old; python_version < '3.2'"]
+    found = set(doctor.package_probes(metadata.requires("musebot")))
+    assert found == set(REQUIREMENTS) | set(doctor._OPTIONAL)
+    lines = ["numpy>=2", "rare; extra == 'cluster'", "old; python_version < '3.2'"]
     lines += ["tomli; python_version >= '3.2'", "torch; extra == 'brain'"]
     assert list(doctor.package_probes(lines)) == ["numpy", "tomli", "torch"]
 
 
 def test_without_torch_the_extra_brain_is_optional(monkeypatch):
     monkeypatch.setattr(doctor.importlib.util, "find_spec", lambda name: None)
-    assert list(doctor.package_probes(["numpy", "torch; extra == 'brain'"])) == ["numpy"]
+    lines = ["numpy", "scipy; extra == 'brain'"]
+    assert list(doctor.package_probes(lines)) == ["numpy"]
 
 
-@pytest.mark.parametrize("name", REQUIREMENTS)
-def test_a_required_package_passes_and_has_a_remedy_where_it_is_broken(name, monkeypatch):
-    assert metadata.version(name) in package(REQUIREMENTS[name])
-    monkeypatch.setitem(sys.modules, doctor._MODULES.get(name, name.replace("-", "_")), None)
-    problem = refused(lambda: package(REQUIREMENTS[name]))
-    specifier = Requirement(REQUIREMENTS[name]).specifier
-    assert problem.remedy == f"pip install '{name}{specifier}' --force-reinstall"
+def test_a_required_package_passes_and_has_a_remedy_where_it_is_broken(monkeypatch):
+    for name, line in REQUIREMENTS.items():
+        assert metadata.version(name) in package(line)
+        module = doctor._MODULES.get(name, name.replace("-", "_"))
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, module, None)
+            problem = refused(functools.partial(package, line))
+        remedy = f"pip install '{name}{Requirement(line).specifier}' --force-reinstall"
+        assert problem.remedy == remedy
 
 
 def test_packages_that_python_3_13_needs_are_imported_by_their_own_names():
@@ -107,10 +112,10 @@ def test_optional_packages_are_reported_and_never_missing(monkeypatch, capsys):
     assert "musebot[cluster]" in printed and "musebot[gym]" in printed
 
 
-@pytest.mark.parametrize("name", ["mujoco", "physics"])
-def test_a_mujoco_that_breaks_dm_control_is_missing(name, monkeypatch):
+def test_a_mujoco_that_breaks_dm_control_is_missing(monkeypatch):
     monkeypatch.setattr(mujoco, "__version__", "4.0.0")
-    refused(doctor.all_probes()[name])
+    for name in ("mujoco", "physics"):
+        refused(doctor.all_probes()[name])
 
 
 def test_an_arena_that_does_not_compile_is_reported(monkeypatch):

@@ -44,11 +44,10 @@ CHANGED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CHANGED)
-def test_every_field_of_an_experiment_is_set_by_a_word(name):
-    value = CHANGED[name]
-    word = f"{name}={value if isinstance(value, str) else json.dumps(value)}"
-    assert getattr(planned(robots=2, set=(word,)).experiment, name) == value
+def test_every_field_of_an_experiment_is_set_by_a_word():
+    for name, value in CHANGED.items():
+        word = f"{name}={value if isinstance(value, str) else json.dumps(value)}"
+        assert getattr(planned(robots=2, set=(word,)).experiment, name) == value
 
 
 def test_parts_have_dotted_names_and_parts_that_are_not_set_stay():
@@ -108,30 +107,22 @@ def test_the_same_agent_under_two_names_is_planned_once_only():
     [
         (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding"),
         (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
-        (["--robots", "0"], "robots must be a whole number from 1 to 1000000, got 0"),
         (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
         (["--processes", "0"], "processes must be a whole number of at least 1, got 0"),
-        (["--time-scale", "nan"], "time_scale must be a number in (0, 1], got nan"),
         (["--brain", "stedy"], "there is no brain 'stedy': did you mean steady?"),
-        (["--reading", "late"], "the reading must be one of body, plain, got 'late'"),
-        (["--protocol", "night"], "protocol must be 'paper' or 'walls', got 'night'"),
         (
             ["--protocol", "walls", "--task", "wall_avoidance"],
             "the protocol walls has only spot_finding, got wall_avoidance",
         ),
-        (["--agent", "hand"], "there is no agent 'hand': did you mean hand_coded?"),
         (["--set", "epsilon=1"], "there is no parameter 'epsilon'; did you mean brain.epsilon"),
         (["--set", "seed=010"], "seed must be a whole number"),
-        (["--set", "seed=1:30"], "seed must be a whole number"),
-        (["--set", "brain.epsilon=2"], "epsilon must be a number in [0, 1], got 2"),
         (["--set", "brain.epsilon"], "a value is set as NAME=VALUE, got 'brain.epsilon'"),
         (["--set", "seed=1", "seed=2"], "seed is given twice"),
-        (["--set", "kinematics.lag=1"], "kinematics need the body 'kinematic'"),
         (["--set", "signals=raw"], "settings and raw signals change agents only"),
+        (["--agent", "dqn", "--set", "agent.rat=1"], "dqn has no setting rat: did you mean rate"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--ray", "h:1", "--processes", "2"], "--processes and --ray exclude each other"),
         (["--robots", "251"], "or name a cohort size"),
-        (["--config", "nowhere.toml"], "there is no file nowhere.toml"),
     ],
 )
 def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(words, sentence, tmp_path, capsys):
@@ -182,19 +173,13 @@ def test_a_run_is_repeated_by_its_own_manifest(tmp_path, commands_in_process):
     assert repr(musebot.load_run(again).results) == repr(musebot.load_run(first).results)
 
 
-@pytest.mark.parametrize("name", ["thesis.tex", "experiment.json"])
-def test_a_foreign_folder_is_refused_and_left_alone(name, tmp_path, capsys):
-    (tmp_path / name).write_text('{"lab": "mine"}')
-    assert cli.main(["run", str(tmp_path)]) == 2
-    assert str(tmp_path) in capsys.readouterr().err
-    assert files_below(tmp_path) == {Path(name): b'{"lab": "mine"}'}
-
-
-def test_an_out_that_is_a_file_or_below_one_is_refused(tmp_path, capsys):
-    (tmp_path / "file").write_text("x")
-    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+def test_a_foreign_folder_or_file_is_refused_and_left_alone(tmp_path, capsys):
+    file = tmp_path / "experiment.json"
+    file.write_text('{"lab": "mine"}')
+    for out in (tmp_path, file, file / "below"):
         assert cli.main(["run", str(out)]) == 2
-        assert "is not a folder" in capsys.readouterr().err
+        assert str(tmp_path) in capsys.readouterr().err
+    assert files_below(tmp_path) == {Path(file.name): b'{"lab": "mine"}'}
 
 
 def test_wrong_calls_of_run_are_refused(tmp_path):

@@ -14,7 +14,7 @@ from hostile.mutations import one
 
 from musebot.protocols import exit_status
 from musebot.protocols.agents.names import recorded_name
-from musebot.protocols.agents.ppo import Policies, policy_arrays
+from musebot.protocols.agents.ppo import Policies, policy_shapes
 from musebot.protocols.lives import checkpoints
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
@@ -53,12 +53,10 @@ def make(folder, seed, invented):
     path = checkpoints.finished_file(folder, KEY)
     checkpoints.save_lives(path, cohort.lives(), short, KEY)
     draw = np.random.default_rng(seed)
-    shapes = {0: (64, 5), 1: (64, 64), 2: (2, 64)}
-    arrays = {}
-    for name in policy_arrays():
-        _, layer, what = name.split(".")
-        shape = shapes[int(layer)][: 1 if what == "biases" else 2]
-        arrays[name] = draw.normal(0, 0.3, (2, *shape)).astype(np.float32)
+    arrays = {
+        name: draw.normal(0, 0.3, shape).astype(np.float32)
+        for name, (_, shape) in policy_shapes(signals=5, policies=2).items()
+    }
     save_arrays(folder / "policies.safetensors", arrays, task=TASK, seed=seed)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers import LAZY_AGENT, files_below
 
-from musebot.protocols.agents import trust
+from musebot.protocols.agents import factory
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.lives import runs
@@ -252,7 +252,7 @@ def test_what_the_folder_or_the_machine_cannot_hold_is_refused_before_it_is_begu
 def test_an_agent_with_the_wrong_motor_values_is_refused(run, tmp_path, monkeypatch):
     (tmp_path / "one_for_all.py").write_text(LAZY_AGENT)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(trust, "_TRUSTED", {"one_for_all:Lazy"})
+    monkeypatch.setattr(factory, "_TRUSTED", {"one_for_all:Lazy"})
     lazy = plan(2, [Condition("wall_avoidance", "one_for_all:Lazy")])
     sentence = "^one_for_all:Lazy must return motor values of shape .2, 2., got .1, 2.$"
     with pytest.raises(InputError, match=sentence):

@@ -95,7 +95,7 @@ def newborn() -> Callable[[str], ppo.Policies]:
         sensors = sum(n for n, *_ in TASKS[task].rules.shapes.values())
         arrays = {}
         for when in ("before", "after"):
-            for layer, (outputs, inputs) in enumerate([(8, sensors), (8, 8), (2, 8)]):
+            for layer, (outputs, inputs) in enumerate([(64, sensors), (64, 64), (2, 64)]):
                 weights = random.normal(size=(2, outputs, inputs))
                 arrays[f"{when}.{layer}.weights"] = weights.astype(np.float32)
                 arrays[f"{when}.{layer}.biases"] = random.normal(size=(2, outputs)).astype("f4")

@@ -10,7 +10,7 @@ from torch.distributions import Normal
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import LARGEST, OnlineLearner, epsilon, epsilon_steps, for_each, hidden
+from .base import LARGEST, OnlineLearner, epsilon, epsilon_steps, hidden
 from .networks import Adam, LayeredNetworks, column
 
 
@@ -31,20 +31,16 @@ class AmortisedQ(OnlineLearner):
     SPREADS = 0.1, 1.0  # smallest and largest standard deviation
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Draws the initial networks; see `amortised_q` for the settings."""
-        super().__init__(robots, senses, seed)
-        setting = for_each(settings)
-        self._discount, self._entropy = setting["discount"], setting["entropy"]
-        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
-        width = int(setting["hidden"])
+        super().__init__(robots, senses, seed, settings)
+        width = int(self.setting["hidden"])
         sizes = (self.inputs + 2, width, width, 1), (self.inputs, width, width, 4)
         self.values, self.proposer = (
             LayeredNetworks(robots, shape, self.generator, F.tanh) for shape in sizes
         )
         self._adams = []
         for name, networks, rate in (
-            ("values", self.values, setting["rate"]),
-            ("proposer", self.proposer, setting["proposer_rate"]),
+            ("values", self.values, self.setting["rate"]),
+            ("proposer", self.proposer, self.setting["proposer_rate"]),
         ):
             self.keep_list(name, networks.tensors, learned=True)
             self._adams.append(Adam(networks, rate))
@@ -54,7 +50,6 @@ class AmortisedQ(OnlineLearner):
         self.pair("value_of_best", torch.zeros(robots))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         mean, spread = self._distribution(self.proposer(inputs))
         normals = torch.randn(self.robots, self.OWN, 2, generator=self.generator)
         own = (mean[:, None] + spread[:, None] * normals).clamp(-1, 1)
@@ -74,15 +69,14 @@ class AmortisedQ(OnlineLearner):
         return LARGEST * self.now["action"]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         inputs = self.before["inputs"]
         taken = torch.cat([inputs, self.before["action"]], dim=1)
-        target = reward + self._discount * self.now["value_of_best"]
+        target = reward + self.discount * self.now["value_of_best"]
 
         def loss(flat: Tensor) -> Tensor:
             return 0.5 * (target - self.values(taken, flat)[:, 0]).square()
 
-        entropy = column(self._entropy)
+        entropy = column(self.setting["entropy"])
 
         def cost(flat: Tensor) -> Tensor:
             distribution = self._distribution(self.proposer(inputs, flat))

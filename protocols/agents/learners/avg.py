@@ -11,7 +11,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import LARGEST, OnlineLearner, for_each, hidden
+from .base import LARGEST, OnlineLearner, hidden
 from .moments import Moments
 from .networks import Adam, LayeredNetworks, of_unit_length
 
@@ -39,11 +39,9 @@ class AVG(OnlineLearner):
     PRIOR = 1e-4
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Draws the initial networks; see `avg` for the settings."""
-        super().__init__(robots, senses, seed)
-        setting = for_each(settings)
-        self._discount, self._entropy = setting["discount"], setting["entropy"]
-        width = int(setting["hidden"])
+        super().__init__(robots, senses, seed, settings)
+        self._entropy = self.setting["entropy"]
+        width = int(self.setting["hidden"])
         self.actor, self.critic = (
             LayeredNetworks(
                 robots, (fan_in, width, width, fan_out), self.generator,
@@ -56,7 +54,7 @@ class AVG(OnlineLearner):
             for weights in networks.tensors[::2]:
                 make_orthogonal(weights, self.generator)
             self.keep_list(name, networks.tensors, learned=True)
-            self._adams.append(Adam(networks, setting[f"{name}_rate"], mean_decay=0.0))
+            self._adams.append(Adam(networks, self.setting[f"{name}_rate"], mean_decay=0.0))
             self.keep_list(f"{name}.adam", self._adams[-1].tensors)
         self._signals = Moments(robots, self.inputs, prior=self.PRIOR)
         self._rewards = Moments(robots)
@@ -67,7 +65,6 @@ class AVG(OnlineLearner):
         self.pair("log_density", torch.zeros(robots))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         inputs.copy_(self._signals.standardised(inputs, learning, unbiased=False))
         noise = torch.zeros(self.robots, 2)
         if learning:
@@ -79,7 +76,6 @@ class AVG(OnlineLearner):
         return LARGEST * action
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         inputs, noise = self.before["inputs"], self.before["noise"]
         taken = torch.cat([inputs, self.before["action"]], dim=1)
         following = torch.cat([self.now["inputs"], self.now["action"]], dim=1)
@@ -87,7 +83,7 @@ class AVG(OnlineLearner):
         variance = self._rewards.variance(unbiased=False)
         sigma = torch.where(variance > 0.01, variance.sqrt(), 1.0).float()
         soft = self.critic(following)[:, 0] - self._entropy * self.now["log_density"]
-        target = reward + self._discount * soft
+        target = reward + self.discount * soft
 
         def loss(flat: Tensor) -> Tensor:
             return ((target - self.critic(taken, flat)[:, 0]) / sigma).square()

@@ -23,14 +23,6 @@ def grid_of_actions() -> Tensor:
     return torch.cartesian_prod(motors, motors)
 
 
-def for_each(settings: Mapping[str, Number]) -> dict[str, float | Tensor]:
-    """Returns settings as numbers, or, where robots differ, as tensors of shape (B,)."""
-    return {
-        name: torch.from_numpy(value).float() if isinstance(value, np.ndarray) else value
-        for name, value in settings.items()
-    }
-
-
 def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | Tensor:
     """Returns a probability that falls linearly from 1 to its last value within some steps."""
     left = 1 - age / steps
@@ -73,12 +65,19 @@ class OnlineLearner(Agent):
       robots: Number of robots, B.
       inputs: Number I of inputs of a network, one for each signal.
       generator: Random stream of all robots.
+      setting: Each setting by name: a number, or, where robots differ, a tensor of shape (B,).
+      discount: The setting of this name.
       now: Tensors of this step by name, "inputs" of shape (B, I) and those of `pair`.
       before: The same tensors of the step before.
     """
 
-    def __init__(self, robots: int, senses: Senses, seed: int) -> None:
-        """Prepares B learners of a random stream."""
+    def __init__(
+        self, robots: int, senses: Senses, seed: int, settings: Mapping[str, Number]
+    ) -> None:
+        """Prepares B learners of a random stream.
+
+        With the settings `epsilon` and `epsilon_steps`, they explore by random actions.
+        """
         self.robots, self.inputs = robots, len(senses.state)
         self.generator = torch.Generator().manual_seed(seed)
         low, high = torch.tensor([(signal.low, signal.high) for signal in senses.state]).T
@@ -91,6 +90,13 @@ class OnlineLearner(Agent):
         self._chained = self.keep("chained", torch.zeros(1, dtype=torch.bool))
         self._placed = self.keep("placed", torch.ones(1, dtype=torch.bool))
         self.pair("inputs", torch.zeros(robots, self.inputs))
+        self.setting: dict[str, float | Tensor] = {
+            name: torch.from_numpy(value).float() if isinstance(value, np.ndarray) else value
+            for name, value in settings.items()
+        }
+        self.discount = self.setting["discount"]
+        if "epsilon" in settings:
+            self._age = self.keep("age", torch.zeros(1))
 
     def keep(self, name: str, tensor: Tensor, learned: bool = False) -> Tensor:
         """Registers a tensor that changes in place, and returns it.
@@ -141,13 +147,11 @@ class OnlineLearner(Agent):
         """Forgets traces of earlier steps; called where no step leads to the next one."""
 
     def reset(self) -> None:
-        """See `Agent.reset`."""
         self._placed.fill_(True)
         self.placed_anew()
 
     @torch.no_grad()
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`."""
         for name, tensor in self.now.items():
             self.before[name].copy_(tensor)
         self._chained.copy_(~self._placed)
@@ -157,43 +161,29 @@ class OnlineLearner(Agent):
 
     @torch.no_grad()
     def learn(self, reward: np.ndarray) -> None:
-        """See `Agent.learn`."""
         if self._chained:
             self.update(torch.from_numpy(reward))
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Agent.state`."""
         return {name: tensor.contiguous().numpy() for name, tensor in self._tensors().items()}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_state`."""
         tensors = self._tensors()
         load_into(tensors, {name: torch.from_numpy(array) for name, array in arrays.items()})
         self.generator.set_state(tensors["generator"])
 
     def weights(self) -> dict[str, np.ndarray]:
-        """See `Agent.weights`."""
         return {name: tensor.contiguous().numpy() for name, tensor in self._learned.items()}
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """See `Agent.load_weights`."""
         load_into(self._learned, {name: torch.from_numpy(a) for name, a in arrays.items()})
-
-    def prepare_exploration(self, epsilon: float | Tensor, steps: float | Tensor) -> None:
-        """Sets how often actions are random.
-
-        Args:
-          epsilon: Probability of a random action in the end, a number or one for each robot.
-          steps: Training steps in which it falls linearly from 1, a number or one for each robot.
-        """
-        self._epsilon, self._fall = epsilon, steps
-        self._age = self.keep("age", torch.zeros(1))
 
     def draw_exploratory(self) -> Tensor:
         """Draws which robots take a random action, shape (B,); once in a step of training."""
         self._age += 1
-        epsilon = falling(self._epsilon, float(self._age), self._fall)
-        return torch.rand(self.robots, generator=self.generator) < epsilon
+        epsilon, steps = self.setting["epsilon"], self.setting["epsilon_steps"]
+        probability = falling(epsilon, float(self._age), steps)
+        return torch.rand(self.robots, generator=self.generator) < probability
 
     def epsilon_greedy(self, best: Tensor, actions: int, learning: bool) -> Tensor:
         """Returns the index of the best action, or in training of a random one at times.

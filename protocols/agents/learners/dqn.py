@@ -9,7 +9,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon, epsilon_steps, for_each, grid_of_actions, hidden
+from .base import OnlineLearner, epsilon, epsilon_steps, grid_of_actions, hidden
 from .networks import Adam, LayeredNetworks, column
 
 
@@ -27,16 +27,12 @@ class DQN(OnlineLearner):
     REPLAY, BATCH, COPY = 50_000, 32, 500
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Draws the initial networks; see `dqn` for the settings."""
-        super().__init__(robots, senses, seed)
-        setting = for_each(settings)
-        self._discount = setting["discount"]
-        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
+        super().__init__(robots, senses, seed, settings)
         self._actions = grid_of_actions()
-        width, outputs = int(setting["hidden"]), len(self._actions)
+        width, outputs = int(self.setting["hidden"]), len(self._actions)
         sizes = (self.inputs, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, F.relu)
-        self._adam = Adam(self.networks, setting["rate"])
+        self._adam = Adam(self.networks, self.setting["rate"])
         self.keep_list("values", self.networks.tensors, learned=True)
         self.keep_list("values.adam", self._adam.tensors)
         self._target = self.keep("target", self.networks.flat.clone())
@@ -48,13 +44,11 @@ class DQN(OnlineLearner):
         self._count = self.keep("count", torch.zeros(1, dtype=torch.int64))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         best = self.networks(inputs).argmax(dim=1)
         self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         count = int(self._count)
         place = count % self.REPLAY
         self._replay[:, place] = torch.cat(
@@ -70,7 +64,7 @@ class DQN(OnlineLearner):
         )
         acted = self._acted[rows, drawn][..., None].long()
         best = self.networks(following, self._target).amax(dim=2)
-        target = rewards[..., 0] + column(self._discount) * best
+        target = rewards[..., 0] + column(self.discount) * best
 
         def loss(flat: Tensor) -> Tensor:
             values = self.networks(inputs, flat).gather(2, acted)[..., 0]

@@ -7,11 +7,13 @@ arXiv:2410.14606, 2024.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
 
+from ....controller.senses import Senses
+from ..settings import Number
 from .base import OnlineLearner
 from .moments import Moments
 from .networks import LayeredNetworks, column
@@ -95,13 +97,11 @@ class StreamLearner(OnlineLearner):
       features: Number of a network's inputs, the signals and the 1.
     """
 
-    def prepare(self, discount: float | Tensor) -> None:
-        """Begins the moments.
-
-        Args:
-          discount: Discount of the trace of rewards, whose variance scales the reward.
-        """
-        self._discount, self.features = discount, self.inputs + 1
+    def __init__(
+        self, robots: int, senses: Senses, seed: int, settings: Mapping[str, Number]
+    ) -> None:
+        super().__init__(robots, senses, seed, settings)
+        self.features = self.inputs + 1
         self.pair("features", torch.ones(self.robots, self.features))
         self._signals, self._rewards = Moments(self.robots, self.inputs), Moments(self.robots)
         self.keep_list("signals", self._signals.tensors(), learned=True)
@@ -109,7 +109,6 @@ class StreamLearner(OnlineLearner):
         self._trace = self.keep("rewards.trace", torch.zeros(self.robots, dtype=torch.float64))
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         self._trace.zero_()
 
     def normal_inputs(self, inputs: Tensor, learning: bool) -> Tensor:
@@ -119,6 +118,6 @@ class StreamLearner(OnlineLearner):
 
     def scaled_reward(self, reward: Tensor) -> Tensor:
         """Returns the reward divided by the standard deviation of the discounted sum of rewards."""
-        self._trace.mul_(self._discount).add_(reward)
+        self._trace.mul_(self.discount).add_(reward)
         self._rewards.add(self._trace)
         return (reward / self._rewards.deviation()).float()

@@ -10,7 +10,7 @@ from ....controller.networks import Networks
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon, epsilon_steps, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon, epsilon_steps, grid_of_actions
 
 
 class QLearner(OnlineLearner):
@@ -27,11 +27,7 @@ class QLearner(OnlineLearner):
     HIDDEN = 16
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Draws the initial networks; see `q_learner` for the settings."""
-        super().__init__(robots, senses, seed)
-        setting = for_each(settings)
-        self._rate, self._discount = setting["rate"], setting["discount"]
-        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
+        super().__init__(robots, senses, seed, settings)
         self._actions = grid_of_actions()
         count = len(self._actions)
         self._networks = Networks(robots, self.inputs, self.HIDDEN, count, 0.1, self.generator)
@@ -45,20 +41,18 @@ class QLearner(OnlineLearner):
         return torch.from_numpy(state)
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         values = self._networks.forward(inputs)[1]
         chosen = self.epsilon_greedy(values.argmax(dim=1), len(self._actions), learning)
         self.now["chosen"].copy_(chosen)
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         inputs, chosen = self.before["inputs"], self.before["chosen"]
         best = self._networks.forward(self.now["inputs"])[1].amax(dim=1)
         hidden, values = self._networks.forward(inputs)
-        error = reward + self._discount * best - values[self._rows, chosen]
+        error = reward + self.discount * best - values[self._rows, chosen]
         steps = torch.zeros_like(values)
-        steps[self._rows, chosen] = self._rate * error
+        steps[self._rows, chosen] = self.setting["rate"] * error
         self._networks.ascend(inputs, hidden, steps)
 
 

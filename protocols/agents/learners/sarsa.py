@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon, epsilon_steps, for_each, grid_of_actions
+from .base import OnlineLearner, epsilon, epsilon_steps, grid_of_actions
 from .networks import column
 
 _PRIMES = 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967, 86_028_121, 32_452_843
@@ -30,12 +30,9 @@ class SarsaLambda(OnlineLearner):
     TILINGS, MEMORY = 8, 48
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Begins with equal values; see `sarsa_lambda` for the settings."""
-        super().__init__(robots, senses, seed)
-        self.cells = int(settings.pop("cells"))
-        setting = for_each(settings)
-        self._rate, self._discount = setting["rate"] / self.TILINGS, setting["discount"]
-        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
+        super().__init__(robots, senses, seed, settings)
+        setting, self.cells = self.setting, int(settings["cells"])
+        self._rate = setting["rate"] / self.TILINGS
         # Tiles that cover a signal, for each robot, tiling and signal.
         self._tiles = torch.as_tensor(setting["tiles"]).view(-1, 1, 1)
         self._actions = grid_of_actions()
@@ -60,7 +57,6 @@ class SarsaLambda(OnlineLearner):
         self._decay = torch.as_tensor(setting["discount"] * setting["trace"]).view(-1, 1, 1)
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         self._traces.zero_()
 
     def tiles(self, inputs: Tensor) -> Tensor:
@@ -79,7 +75,6 @@ class SarsaLambda(OnlineLearner):
         return cells % self.cells
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         cells = self.tiles(inputs) + torch.arange(self.TILINGS) * self.cells
         size = self.TILINGS * self.cells
         starts = torch.arange(len(self._actions)) * size
@@ -95,11 +90,10 @@ class SarsaLambda(OnlineLearner):
         return self._actions[chosen]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         value, following = (
             self.values.gather(1, step["weights_of"]).sum(dim=1) for step in (self.before, self.now)
         )
-        error = reward + self._discount * following - value
+        error = reward + self.discount * following - value
         taken = self.before["weights_of"]
         replaced = self._past == taken[:, None]
         self._traces.copy_((self._decay * self._traces).masked_fill(replaced, 0).roll(1, dims=1))

@@ -10,7 +10,7 @@ from torch.distributions import Normal
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import LARGEST, for_each, hidden
+from .base import LARGEST, hidden
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -27,12 +27,8 @@ class StreamAC(StreamLearner):
     KAPPA_OF_ACTOR = 1.5  # times the critic's, as published (3 and 2)
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Draws the initial networks; see `stream_ac` for the settings."""
-        super().__init__(robots, senses, seed)
-        setting = for_each(settings)
-        self._entropy = setting["entropy"]
-        self.prepare(setting["discount"])
-        width, decay = int(setting["hidden"]), setting["discount"] * setting["trace"]
+        super().__init__(robots, senses, seed, settings)
+        width, decay = int(self.setting["hidden"]), self.discount * self.setting["trace"]
         self.critic, self.actor = (
             LayeredNetworks(
                 robots, (self.features, width, width, outputs), self.generator, normalised
@@ -41,8 +37,8 @@ class StreamAC(StreamLearner):
         )
         for networks in (self.critic, self.actor):
             make_sparse(networks.tensors, self.generator)
-        self.critics_descent = ObGD(self.critic, decay, setting["kappa"])
-        kappa = self.KAPPA_OF_ACTOR * setting["kappa"]
+        self.critics_descent = ObGD(self.critic, decay, self.setting["kappa"])
+        kappa = self.KAPPA_OF_ACTOR * self.setting["kappa"]
         self.actors_descent = ObGD(self.actor, decay, kappa)
         for name, networks, descent in (
             ("critic", self.critic, self.critics_descent),
@@ -53,13 +49,11 @@ class StreamAC(StreamLearner):
         self.pair("action", torch.zeros(robots, 2))
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         super().placed_anew()
         self.critics_descent.forget()
         self.actors_descent.forget()
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         mean, spread = _distribution(self.actor(self.normal_inputs(inputs, learning)))
         action = mean
         if learning:
@@ -68,15 +62,14 @@ class StreamAC(StreamLearner):
         return LARGEST * action.clamp(-1, 1)
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         features, action = self.before["features"], self.before["action"]
         following = self.critic(self.now["features"])[:, 0]
         value, critics = self.critic.differentiated(lambda flat: self.critic(features, flat)[:, 0])
-        error = self.scaled_reward(reward) + self._discount * following - value
+        error = self.scaled_reward(reward) + self.discount * following - value
 
         def objective(flat: Tensor) -> Tensor:
             policy = Normal(*_distribution(self.actor(features, flat)), validate_args=False)
-            bonus = self._entropy * error.sign() * policy.entropy().sum(dim=1)
+            bonus = self.setting["entropy"] * error.sign() * policy.entropy().sum(dim=1)
             return policy.log_prob(action).sum(dim=1) + bonus
 
         actors = self.actor.gradient(objective)

@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import epsilon, epsilon_steps, for_each, grid_of_actions, hidden
+from .base import epsilon, epsilon_steps, grid_of_actions, hidden
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -21,42 +21,36 @@ class StreamQ(StreamLearner):
     """
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
-        """Draws the initial networks; see `stream_q` for the settings."""
-        super().__init__(robots, senses, seed)
-        setting = for_each(settings)
-        self.prepare_exploration(setting["epsilon"], setting["epsilon_steps"])
-        self.prepare(setting["discount"])
+        super().__init__(robots, senses, seed, settings)
         self._actions = grid_of_actions()
-        width, outputs = int(setting["hidden"]), len(self._actions)
+        width, outputs = int(self.setting["hidden"]), len(self._actions)
         sizes = (self.features, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, normalised)
         make_sparse(self.networks.tensors, self.generator)
-        self.descent = ObGD(self.networks, setting["discount"] * setting["trace"], setting["kappa"])
+        decay = self.discount * self.setting["trace"]
+        self.descent = ObGD(self.networks, decay, self.setting["kappa"])
         self.keep_list("values", self.networks.tensors, learned=True)
         self.keep("traces", self.descent.traces)
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         self.pair("exploratory", torch.zeros(robots, dtype=torch.bool))
 
     def placed_anew(self) -> None:
-        """See `OnlineLearner.placed_anew`."""
         super().placed_anew()
         self.descent.forget()
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """See `OnlineLearner.choose`."""
         best = self.networks(self.normal_inputs(inputs, learning)).argmax(dim=1)
         self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
         self.now["exploratory"].copy_(self.now["chosen"] != best)
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
-        """See `OnlineLearner.update`."""
         features, chosen = self.before["features"], self.before["chosen"][:, None]
         best = self.networks(self.now["features"]).amax(dim=1)
         value, gradient = self.networks.differentiated(
             lambda flat: self.networks(features, flat).gather(1, chosen)[:, 0]
         )
-        error = self.scaled_reward(reward) + self._discount * best - value
+        error = self.scaled_reward(reward) + self.discount * best - value
         self.descent.step(gradient, error)
         self.descent.forget(self.before["exploratory"])
 

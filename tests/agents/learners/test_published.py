@@ -1,5 +1,6 @@
 """Learners agree with the published algorithms, written here for one robot without our parts."""
 
+import functools
 import math
 
 import numpy as np
@@ -75,11 +76,24 @@ def obgd(parameters, traces, delta, decay, kappa):
         parameter.data += size * delta * trace
 
 
-def lived(agent, states, rewards):
+def lived(agent, states, rewards, *noted):
+    """Lets an agent learn; returns what the second robot noted in each step, in lists."""
     agent.reset()
+    notes = []
     for state, reward in zip(states, rewards, strict=True):
         agent.act(state, True)
+        notes.append([agent.now[name][1].clone() for name in noted])
         agent.learn(reward)
+    return map(list, zip(*notes, strict=True))
+
+
+def normal_inputs(states):
+    """Returns standardised signals, and a 1 where the source has the time."""
+    seen, inputs = Normalizer(), []
+    for state in states:
+        seen.add(state)
+        inputs.append(torch.tensor([*seen.normal(state, 1), 1.0], dtype=torch.float32))
+    return inputs
 
 
 def check_networks(agent, name, robot, layers):
@@ -105,17 +119,8 @@ def test_stream_ac_is_the_published_algorithm():
     states, rewards = stream(12, 2)
     actor, critic = (networks(agent, name, 1) for name in ("actor", "critic"))
     first = {k: v.copy() for k, v in agent.weights().items()}
-    agent.reset()
-    actions = []
-    for state, reward in zip(states, rewards, strict=True):
-        agent.act(state, True)
-        actions.append(agent.now["action"][1].clone())
-        agent.learn(reward)
-    seen, inputs = Normalizer(), []
-    for state in states[:, 1]:
-        seen.add(state)
-        normal = [*seen.normal(state, 1), 1.0]  # the source has the time here
-        inputs.append(torch.tensor(normal, dtype=torch.float32))
+    (actions,) = lived(agent, states, rewards, "action")
+    inputs = normal_inputs(states[:, 1])
     paid = scaled_rewards(rewards[:, 1], discount)
     traces = [[torch.zeros_like(p) for p in net.parameters()] for net in (actor, critic)]
     for step in range(1, len(states)):
@@ -141,18 +146,8 @@ def test_stream_q_is_the_published_algorithm():
     agent = factory_of("stream_q")(2, SENSES, 3, discount=discount, epsilon=0.2)
     states, rewards = stream(15, 2)
     layers = networks(agent, "values", 1)
-    agent.reset()
-    chosen, explored = [], []
-    for state, reward in zip(states, rewards, strict=True):
-        agent.act(state, True)
-        chosen.append(int(agent.now["chosen"][1]))
-        explored.append(bool(agent.now["exploratory"][1]))
-        agent.learn(reward)
-    seen, inputs = Normalizer(), []
-    for state in states[:, 1]:
-        seen.add(state)
-        normal = [*seen.normal(state, 1), 1.0]  # the source has the time here
-        inputs.append(torch.tensor(normal, dtype=torch.float32))
+    chosen, explored = lived(agent, states, rewards, "chosen", "exploratory")
+    inputs = normal_inputs(states[:, 1])
     paid = scaled_rewards(rewards[:, 1], discount)
     traces = [torch.zeros_like(p) for p in layers.parameters()]
     for step in range(1, len(states)):
@@ -165,7 +160,7 @@ def test_stream_q_is_the_published_algorithm():
         if explored[step - 1]:
             for one in traces:
                 one.zero_()
-    assert True in explored
+    assert any(explored)
     check_networks(agent, "values", 1, layers)
 
 
@@ -174,12 +169,7 @@ def test_avg_is_the_published_algorithm():
     agent = factory_of("avg")(2, SENSES, 3, actor_rate=0.0063, critic_rate=0.0087)
     states, rewards = stream(12, 2)
     actor, critic = (networks(agent, name, 1) for name in ("actor", "critic"))
-    agent.reset()
-    noises = []
-    for state, reward in zip(states, rewards, strict=True):
-        agent.act(state, True)
-        noises.append(agent.now["noise"][1].clone())
-        agent.learn(reward)
+    (noises,) = lived(agent, states, rewards, "noise")
 
     def unit(layers, x):
         x = F.leaky_relu(layers[0](x))
@@ -293,10 +283,10 @@ def test_epsilon_falls_linearly_from_1_and_then_stays(last):
 
 @pytest.mark.parametrize("name", ["q_learner", "sarsa_lambda", "stream_q", "amortised_q", "dqn"])
 def test_as_many_actions_are_random_as_epsilon_says(name):
-    agent = factory_of(name)(4000, SENSES, 0, epsilon=0.2, epsilon_steps=10.0)
+    agent = factory_of(name)(1000, SENSES, 0, epsilon=0.2, epsilon_steps=10.0)
     for age, wanted in ((1, 0.92), (6, 0.52), (11, 0.2), (12, 0.2)):
         agent._age.fill_(age - 1)
-        assert agent.draw_exploratory().float().mean() == pytest.approx(wanted, abs=0.03)
+        assert agent.draw_exploratory().float().mean() == pytest.approx(wanted, abs=0.06)
 
 
 def test_exploratory_actions_of_amortised_q_are_uniform():
@@ -309,15 +299,15 @@ def test_exploratory_actions_of_amortised_q_are_uniform():
         assert stats.kstest(motor.numpy(), "uniform", args=(-1, 2)).pvalue > 1e-4
 
 
-@pytest.mark.parametrize("signals", [1, 5])
-def test_no_gradient_of_avg_is_boundless_at_the_start_of_a_life(signals):
+def test_no_gradient_of_avg_is_boundless_at_the_start_of_a_life():
     """The first signals of a life are those of which the moments know nothing."""
-    agent = factory_of("avg")(3, Senses((Signal(0, 1),) * signals, Signal(0, 1)), 0)
+    agent = factory_of("avg")(3, Senses((Signal(0, 1),), Signal(0, 1)), 0)
     random = np.random.default_rng(0)
+    signals, rewards = random.uniform(size=(2, 5, 3)).astype(np.float32)
     agent.reset()
-    for _ in range(5):
-        agent.act(random.uniform(size=(3, signals)).astype(np.float32), True)
-        agent.learn(random.uniform(size=3).astype(np.float32))
+    for state, reward in zip(signals[..., None], rewards, strict=True):
+        agent.act(state, True)
+        agent.learn(reward)
     moments = [array for key, array in agent.state().items() if ".adam.2" in key]
     assert len(moments) == 2 and max(array.max() for array in moments) < 1e3
 
@@ -330,26 +320,19 @@ def test_learners_with_one_signal_tell_more_of_it_than_its_sign():
         assert len(torch.unique(networks(smells)[0].round(decimals=4), dim=0)) == 3
 
 
-def test_neighbouring_states_share_tiles_and_distant_ones_share_none():
+def test_distant_states_share_no_tile_and_neighbours_some():
+    """With six signals no tiling has a cell for each tile."""
     agent = factory_of("sarsa_lambda")(3, Senses((Signal(0, 1),), Signal(0, 1)), 0)
     tiles = agent.tiles(torch.tensor([[0.0], [0.05], [0.9]]))
-    same = (tiles[0] == tiles[1]).sum()
-    assert 0 < same < SarsaLambda.TILINGS
+    assert 0 < (tiles[0] == tiles[1]).sum() < SarsaLambda.TILINGS
     assert not (tiles[0] == tiles[2]).any()
-    assert tiles.max() < 512
-
-
-@pytest.mark.parametrize("cells", [512, 16384])
-def test_fewer_distant_states_share_a_weight_with_more_cells(cells):
-    """With six signals no tiling has a cell for each tile."""
     senses = Senses((Signal(0, 1),) * 6, Signal(0, 1))
-    agent = factory_of("sarsa_lambda")(1, senses, 0, cells=cells)
     states = torch.rand(2000, 6, generator=torch.Generator().manual_seed(0)) * 2 - 1
-    tiles = agent.tiles(states)
-    used = len(torch.unique(tiles[:, 0]))
-    expected = cells * (1 - (1 - 1 / cells) ** 2000)  # if each state took a cell at random
-    assert used == pytest.approx(expected, rel=0.05)
-    assert 0 <= tiles.min() <= tiles.max() < cells
+    for cells in (512, 16384):
+        tiles = factory_of("sarsa_lambda")(1, senses, 0, cells=cells).tiles(states)
+        expected = cells * (1 - (1 - 1 / cells) ** 2000)  # if each state took a cell at random
+        assert len(torch.unique(tiles[:, 0])) == pytest.approx(expected, rel=0.05)
+        assert 0 <= tiles.min() <= tiles.max() < cells
 
 
 def test_a_step_of_the_q_learner_is_watkins_update_as_autograd_computes_it():
@@ -377,16 +360,13 @@ def test_a_step_of_the_q_learner_is_watkins_update_as_autograd_computes_it():
         assert torch.from_numpy(weights) == pytest.approx(wanted.detach(), abs=1e-6)
 
 
-def relu(layers, x):
+def relu(layers, x, rectified=torch.relu):
     for layer in layers[:-1]:
-        x = layer(x).relu()
+        x = rectified(layer(x))
     return layers[-1](x)
 
 
-def tanh(layers, x):
-    for layer in layers[:-1]:
-        x = layer(x).tanh()
-    return layers[-1](x)
+tanh = functools.partial(relu, rectified=torch.tanh)
 
 
 class ShortMemory(DQN):

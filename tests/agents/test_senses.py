@@ -1,13 +1,34 @@
-"""Raw signals are those that the brain `steady` reads."""
+"""What agents sense: each task describes its signals, and raw ones are those `steady` reads."""
 
 import numpy as np
+import pytest
 import torch
 
 from musebot.controller.brains import BRAINS
-from musebot.controller.senses import Encoding
+from musebot.controller.senses import Encoding, Senses, Signal
 from musebot.protocols.agents.bounds import HandCoded
-from musebot.protocols.agents.raw_signals import RawSignals, raw_senses
-from musebot.protocols.agents.senses import senses_of
+from musebot.protocols.agents.senses import RawSignals, raw_senses, senses_of
+from musebot.tasks.suite import TASKS
+
+DISTANCES, CONTACT = (Signal(0, 1),) * 4, Signal(-1, 0)
+SMELL, SPEED = Signal(0, 1, maximal=10), Signal(-1, 1)
+PUNISHED, PAID = Signal(-1, 0), Signal(0, 1)
+SENSES = {
+    "wall_avoidance": Senses((*DISTANCES, CONTACT), PUNISHED),
+    "wall_avoidance_unit": Senses((*DISTANCES, CONTACT), PAID),
+    "wall_avoidance_obstacles": Senses((*DISTANCES, CONTACT, SPEED), PAID),
+    "spot_finding": Senses((SMELL,), SMELL),
+    "spot_finding_unit": Senses((SMELL,), SMELL),
+    "spot_finding_jumping": Senses((SMELL,), SMELL),
+    "spot_finding_two_noses": Senses((SMELL, SMELL), SMELL),
+    "spot_finding_walls": Senses((SMELL, *DISTANCES, CONTACT), SMELL),
+}
+
+
+def test_every_task_describes_its_signals_and_its_reward():
+    assert {task: senses_of(task) for task in TASKS} == SENSES
+    with pytest.raises(ValueError, match="task"):
+        senses_of("swimming")
 
 
 class Spy(HandCoded):
@@ -23,13 +44,8 @@ class Spy(HandCoded):
 
 
 def guarded(task):
-    agents = []
-
-    def make(senses):
-        agents.append(Spy(senses))
-        return agents[0]
-
-    return RawSignals(senses_of(task), make), agents[0]
+    spy = Spy(raw_senses(senses_of(task)))
+    return RawSignals(senses_of(task), spy), spy
 
 
 def test_the_smell_is_a_further_signal_as_steady_reads_it():
