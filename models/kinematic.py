@@ -22,8 +22,8 @@ WALLS: tuple[Wall, ...] = get_args(Wall)
 Felt = Literal["near", "pushed"]
 Path = Literal["arc", "euler"]
 
-# Friction of both tyres, with the robot's weight on them, over the drag of both motors, in [m/s]: by
-# as much a wall straight ahead slows the wheels (docs/physics.md).
+# Friction of both tyres, with the robot on them, over the drag of both motors, in [m/s]: by as much
+# a wall straight ahead slows the wheels (docs/physics.md).
 GRIP = 0.436
 
 
