@@ -33,8 +33,10 @@ class Motion:
       tilt: Largest tilt in degrees, over all substeps.
     """
 
-    def __init__(self, motors, start):
-        model = arena_spec().compile()
+    def __init__(self, motors, start, substeps=None):
+        spec = arena_spec()
+        spec.option.timestep = 0.1 / substeps if substeps else spec.option.timestep
+        model = spec.compile()
         data, size = mujoco.MjData(model), Dimensions.of(model)
         data.qpos[:] = robot_qpos(np.array(start))
         first = np.empty(mujoco.mj_stateSize(model, STATE))

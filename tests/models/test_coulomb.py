@@ -1,4 +1,11 @@
-"""The body at a wall obeys Coulomb's law: MuJoCo's robot against an independent planar oracle."""
+"""The body at a wall obeys Coulomb's law: MuJoCo's robot against an independent planar oracle.
+
+    PYTHONPATH=tests .venv/bin/python tests/models/test_coulomb.py
+
+prints the errors by timestep, for docs/physics.md.
+"""
+
+import functools
 
 import mujoco
 import numpy as np
@@ -36,8 +43,7 @@ class Driven:
 
     def __init__(self, motors, start, substeps=None):
         spec = arena_spec()
-        if substeps is not None:
-            spec.option.timestep = 0.1 / substeps
+        spec.option.timestep = 0.1 / substeps if substeps else spec.option.timestep
         model = spec.compile()
         data, substeps = mujoco.MjData(model), round(0.1 / model.opt.timestep)
         geoms, floor = [model.geom(name).id for name in FLOOR], model.geom("floor").id
@@ -60,14 +66,9 @@ class Driven:
         self.loads /= STEPS / 2 * substeps
 
 
-@pytest.fixture(scope="module")
-def size():
-    return Dimensions.of(arena_spec().compile())
-
-
-@pytest.fixture(scope="module")
+@functools.cache
 def planar():
-    """The planar robot with the numbers of the compiled model."""
+    """Returns the planar robot with the numbers of the compiled model."""
     model = arena_spec().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -98,9 +99,10 @@ def planar():
     )
 
 
-@pytest.fixture(scope="module")
-def oracle(planar, size):
-    """Motors, starts, poses and loads of robots at a wall, of those without lean, and of drives."""
+@functools.cache
+def oracle():
+    """Returns motors, starts, poses and loads of robots at a wall, upright ones, and drives."""
+    size = Dimensions.of(arena_spec().compile())
     groups = np.repeat(["leaning", "upright", "drive"], [len(CASES), len(ANGLES), len(DRIVES)])
     motors = [motors for motors, _ in CASES] + [PAIRS[0]] * len(ANGLES)
     start = np.full((len(groups), 3), -0.25)
@@ -109,61 +111,85 @@ def oracle(planar, size):
     start[len(motors) :] = [start for _, start in DRIVES.values()]
     motors = np.array(motors + [motors for motors, _ in DRIVES.values()])
     half = size.half_length, size.half_width
-    poses, loads = drive(planar, motors, start, STEPS / 10, half, groups != "upright")
+    poses, loads = drive(planar(), motors, start, STEPS / 10, half, groups != "upright")
     return {
-        name: (motors[own], start[own], poses[:, own], loads[:, own])
+        name: (motors[own], start[own], np.moveaxis(poses, 0, 1)[own], loads[:, own])
         for name in np.unique(groups)
         for own in [groups == name]
     }
 
 
+def apart(ours, wanted):
+    """Returns the distance in [m] and the angle in [deg] between poses."""
+    turn = (ours - wanted)[..., 2]
+    turn = np.degrees(np.abs((turn + np.pi) % (2 * np.pi) - np.pi))
+    return np.hypot(*np.moveaxis(ours - wanted, -1, 0)[:2]), turn
+
+
 @pytest.fixture(scope="module", params=[None, 100], ids=["shipped", "1 ms"])
-def driven(request, oracle):
-    return Driven(*oracle["leaning"][:2], request.param)
+def driven(request):
+    return Driven(*oracle()["leaning"][:2], request.param)
 
 
-def test_the_oracle_slips_as_the_closed_form_of_coulombs_law_says(planar, oracle):
-    motors, start, poses, loads = oracle["upright"]
-    speed = (poses[-1, :, 1] - poses[-6, :, 1]) / 0.5
-    wanted = closed_form(planar, loads[-1, :, 0], start[:, 2], motors[:, 0])
+def test_the_oracle_slips_as_the_closed_form_of_coulombs_law_says():
+    motors, start, poses, loads = oracle()["upright"]
+    speed = (poses[:, -1, 1] - poses[:, -6, 1]) / 0.5
+    wanted = closed_form(planar(), loads[-1, :, 0], start[:, 2], motors[:, 0])
     np.testing.assert_allclose(speed, wanted, rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(poses[-1, :, 2], start[:, 2], atol=1e-9)  # it does not turn
+    np.testing.assert_allclose(poses[:, -1, 2], start[:, 2], atol=1e-9)  # it does not turn
     assert (wanted == 0).any() and (wanted > 0.1).any()
 
 
-def test_a_robot_at_a_wall_slips_and_turns_as_the_oracle(oracle, driven):
-    _, start, poses, _ = oracle["leaning"]
-    wanted, (slip, turn) = poses[-1] - start, (driven.poses[:, -1] - start)[:, 1:].T
+def test_a_robot_at_a_wall_slips_and_turns_as_the_oracle(driven):
+    _, start, poses, _ = oracle()["leaning"]
+    ours, wanted = driven.poses[:, -1] - start, poses[:, -1] - start
+    print("motors, angle; slip [mm] and turn [deg], MuJoCo's and the oracle's")
+    for case, (_, slip, turn), (_, slips, turns) in zip(CASES, ours, wanted, strict=True):
+        mm, degrees = 1000 * np.array([slip, slips]), np.degrees([turn, turns])
+        print(*case, mm.round(1), degrees.round(2))
     close = np.maximum(0.003, 0.1 * np.abs(wanted[:, 1]))
-    apart = np.abs(slip - wanted[:, 1]) / close, np.degrees(np.abs(turn - wanted[:, 2]))
-    print("angle, motors, slip [mm] and turn to the left [deg], MuJoCo's and the oracle's")
-    for (motors, angle), *row in zip(CASES, slip, wanted[:, 1], turn, wanted[:, 2], strict=True):
-        mm, degrees = 1000 * np.array(row[:2]), np.degrees(row[2:])
-        print(angle, motors, mm.round(1), degrees.round(2))
-    assert apart[0].max() <= 1
-    assert apart[1].max() <= 2
+    assert (np.abs(ours[:, 1] - wanted[:, 1]) <= close).all()
+    assert apart(ours, wanted)[1].max() <= 2
 
 
-def test_the_wheels_of_a_robot_at_a_wall_carry_what_statics_says(oracle, planar, driven):
-    wanted = oracle["leaning"][3][STEPS // 2 :].mean(axis=0)
-    print("greatest difference of a wheel's load:", np.abs(driven.loads[:, :2] / wanted - 1).max())
+def test_the_wheels_of_a_robot_at_a_wall_carry_what_statics_says(driven):
+    wanted = oracle()["leaning"][3][STEPS // 2 :].mean(axis=0)
+    print("largest difference of a load:", np.abs(driven.loads[:, :2] / wanted - 1).max())
     np.testing.assert_allclose(driven.loads[:, :2], wanted, rtol=0.15)
-    np.testing.assert_allclose(driven.loads.sum(axis=1), planar.mass * GRAVITY, rtol=0.03)
+    np.testing.assert_allclose(driven.loads.sum(axis=1), planar().mass * GRAVITY, rtol=0.03)
 
 
-def test_the_loads_at_rest_are_those_of_the_page(planar):
+def test_the_loads_at_rest_are_those_of_the_page():
     loads = Driven(np.zeros((1, 2)), np.zeros((1, 3))).loads[0]
-    np.testing.assert_allclose(loads[:2], (planar.mass * GRAVITY - HELD) / 2, rtol=0.02)
+    np.testing.assert_allclose(loads[:2], (planar().mass * GRAVITY - HELD) / 2, rtol=0.02)
     np.testing.assert_allclose(loads[2:], HELD / 2, rtol=0.1)
 
 
-def test_robots_drive_as_the_oracle(oracle):
-    motors, start, poses, _ = oracle["drive"]
-    ours, wanted = Driven(motors, start).poses, np.moveaxis(poses, 0, 1)
-    apart = np.hypot(*np.moveaxis(ours - wanted, -1, 0)[:2]).max(axis=1)
-    turned = np.unwrap(ours[..., 2], axis=1) - wanted[..., 2]
-    turned = np.degrees(np.abs((turned + np.pi) % (2 * np.pi) - np.pi).max(axis=1))
-    for name, *row in zip(DRIVES, 1000 * apart, turned, strict=True):
-        print(name, "mm, deg:", np.round(row, 2))
-    assert apart.max() < 0.006
-    assert turned.max() < 5
+def test_robots_drive_as_the_oracle():
+    motors, start, poses, _ = oracle()["drive"]
+    distance, turn = (part.max(axis=1) for part in apart(Driven(motors, start).poses, poses))
+    for name, *row in zip(DRIVES, 1000 * distance, turn, strict=True):
+        print(name, "[mm], [deg]:", np.round(row, 2))
+    assert distance.max() < 0.006
+    assert turn.max() < 5
+
+
+def errors_by_timestep():
+    """Prints a row for each number of substeps."""
+    from test_arena import Motion, random_motors
+
+    print("| substeps | slip [mm] | turn [deg] | drives [mm] | [deg] | wall [mm] | tilt [deg] |")
+    for substeps in (100, 20, 14, 12, 10):
+        motors, start, poses, _ = oracle()["leaning"]
+        wanted, ours = poses[:, -1], Driven(motors, start, substeps).poses[:, -1]
+        slip = np.abs(ours - wanted)[:, 1].max()
+        motors, start, poses, _ = oracle()["drive"]
+        distance, turned = apart(Driven(motors, start, substeps).poses, poses)
+        crash = Motion(random_motors(10, 3000), (-0.425, 0.25, 3 * np.pi / 4), substeps)
+        row = 1000 * slip, apart(ours, wanted)[1].max(), 1000 * distance.max(), turned.max()
+        row = [*row, -1000 * crash.deepest, crash.tilt]
+        print("|", substeps, "|", " | ".join(f"{number:.2f}" for number in row), "|")
+
+
+if __name__ == "__main__":
+    errors_by_timestep()
