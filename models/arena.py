@@ -101,7 +101,7 @@ def check_arena(model: mujoco.MjModel) -> None:
 
 _NEEDED = {
     mujoco.mjtObj.mjOBJ_BODY: ("robot", "left_wheel", "right_wheel", "spot"),
-    mujoco.mjtObj.mjOBJ_GEOM: ("bumper", "left_wheel", "east", "north"),
+    mujoco.mjtObj.mjOBJ_GEOM: ("bumper", "east", "north"),
     mujoco.mjtObj.mjOBJ_SITE: ("nose", "spot"),
     mujoco.mjtObj.mjOBJ_CAMERA: ("overhead",),
 }
