@@ -52,8 +52,9 @@ class Disk:
             patch.setattr(os, "open", self._call("open", os.open))
             patch.setattr(os, "fsync", lambda handle: self._count("fsync"))  # for speed
             patch.setattr(fcntl, "flock", self._call("flock", fcntl.flock, always=True))
+            opened = self._opened(io.open)
             for place in (io, builtins):
-                patch.setattr(place, "open", self._opened(io.open))
+                patch.setattr(place, "open", opened)
             yield self
 
     def _call(self, name, real, always=False):
