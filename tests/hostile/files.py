@@ -33,13 +33,7 @@ SHORT = Experiment(seed=1, cohort_size=2, time_scale=0.002, body="kinematic")
 
 
 def make(folder, seed, invented):
-    """Writes files of every kind, as musebot does.
-
-    Args:
-      folder: Folder to write them into.
-      seed: Seed of all random streams; two folders of different seeds are of different robots.
-      invented: Function `conftest.invented_lives`.
-    """
+    """Writes files of every kind into a folder, of other robots for another seed."""
     short = dataclasses.replace(SHORT, seed=seed)
     experiment = dataclasses.replace(short, time_scale=0.05)
     _make_run(folder / "run", experiment, {WALLS: 4, SPOT: 2}, invented)
@@ -141,12 +135,15 @@ def policies_of(folder):
 
 # ---- Changes ----
 
+UNWRITTEN = (
+    safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, RecursionError
+)  # fmt: skip
+
 
 def _in_place(**mutators):
     """Returns a change of a file's bytes."""
 
     def changed(draw, path, other):
-        del other
         name = one(draw, [*mutators])
         path.write_bytes(mutators[name](draw, path.read_bytes()))
         return name
@@ -191,17 +188,13 @@ def _forged(draw, path, other):
         arrays[name] = foreign.get(name, arrays[name])
     elif what == 4:
         notes = foreign_notes
-    elif what == 5 and notes:
-        try:
-            notes = json.loads(change.json_mutated(draw, json.dumps(notes).encode()))
-            json.dumps(notes := notes if isinstance(notes, dict) else {"x": 1})
-        except (ValueError, RecursionError):
-            notes = {}
-    else:
+    elif what > 5:
         arrays[name] = change.array_mutated(draw, arrays[name])
     try:
+        if what == 5 and notes:
+            notes = json.loads(change.json_mutated(draw, json.dumps(notes).encode()))
         save_arrays(path, arrays, **{str(k): v for k, v in notes.items()})
-    except (safetensors.SafetensorError, KeyError, ValueError, TypeError):  # of no such dtype
+    except UNWRITTEN:  # no such file can be
         path.write_bytes(path.read_bytes()[:-1])
     return "forged"
 
@@ -213,27 +206,16 @@ _ARRAYS = (*_ANY, (TENSORS, 3), (_forged, 4))
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """A kind of file.
-
-    Attributes:
-      name: Name of the kind.
-      file: File within the folder that `make` writes.
-      read: Function that reads what the folder holds.
-      changes: Functions that change the file, each with its weight.
-      harmless: Whether the file may be changed in any way, as nothing reads it.
-    """
+    """A kind of file within the folder that `make` writes."""
 
     name: str
     file: str
-    read: object
-    changes: tuple = _ARRAYS
-    harmless: bool = False
+    read: object  # function that reads what the folder holds
+    changes: tuple = _ARRAYS  # functions that change the file, each with its weight
+    harmless: bool = False  # whether nothing reads the file
 
     def changed(self, draw, folder, other, number):
-        """Changes the file in a folder; returns the name of the change.
-
-        The first cases have each of the changes once; all others draw one.
-        """
+        """Changes the file in a folder; returns the name of the change, of which all come first."""
         functions, weights = zip(*self.changes, strict=True)
         drawn = draw.choice(len(functions), p=np.array(weights) / sum(weights))
         function = functions[number if number < len(functions) else drawn]

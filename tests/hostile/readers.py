@@ -8,30 +8,17 @@ from hostile import files, oracle
 
 SEED = 20040
 
-# Accepted changes of a result: kinds of files, names of changes, and why nothing could tell.
-OTHERS = ("swapped", "mixed_up", "link_to_other")
-UNTOLD = (
-    (("policies",), OTHERS, "sound weights of other policies, with their own digest"),
-    (
-        [kind.name for kind in files.KINDS if kind.file.endswith(".safetensors")],
-        ("forged",),
-        "sound values, with a digest written anew",
-    ),
-)
+# Accepted changes of a result by kinds of files: nothing could tell of sound weights of other
+# policies, nor of sound values with a digest written anew.
+UNTOLD = {kind.name: ["forged"] for kind in files.KINDS if kind.file.endswith(".safetensors")}
+UNTOLD["policies"] += ["swapped", "mixed_up", "link_to_other"]
 
 
 def case(base, folder, kind, number):
-    """Carries out one case.
-
-    Args:
-      base: Folder with `a` and `b`, each made by `files.make`.
-      folder: Folder of the case; it is removed.
-      kind: Kind of file to change.
-      number: Number of the case within the kind.
+    """Carries out a numbered case of a kind of file, in a folder that is then removed.
 
     Returns:
-      A pair: the class of what happened, and what the case did in a sentence. Classes that begin
-      with "wrong" must not occur.
+      The class of what happened, which must not begin with "wrong", and a sentence.
     """
     draw = np.random.default_rng([SEED, files.KINDS.index(kind), number])
     own, victim = folder / "own", folder / "victim"
@@ -58,9 +45,8 @@ def _judged(kind, what, outcome, folders):
             return "accepted, the same results"
         if kind.name == "checkpoint" and outcome.value is (what != "no_file"):
             return "set aside, starts anew"
-        for kinds, changes, reason in UNTOLD:
-            if kind.name in kinds and what in changes:
-                return f"is unknown: {reason}"
+        if what in UNTOLD.get(kind.name, ()):
+            return f"is unknown: {what}"
         return f"wrong: accepted with other results after {what}"
     if kind.harmless:
         return f"wrong: refused, but nothing needs it: {outcome.printed}"

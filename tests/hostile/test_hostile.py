@@ -55,8 +55,7 @@ def test_a_changed_file_is_refused_or_gives_the_same_results(base, tmp_path, kin
 
 @pytest.fixture
 def begun_only(monkeypatch):
-    with commands.begun_only(monkeypatch):
-        yield
+    commands.begun_only(monkeypatch)
 
 
 @pytest.mark.usefixtures("begun_only")

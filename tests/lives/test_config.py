@@ -46,23 +46,19 @@ def test_a_named_brain_is_found_by_its_name_and_named_by_it():
     assert brain_name(brain) == "steady discount=0.8 keep_main_idea=true"
 
 
-@pytest.mark.parametrize(
-    ("numbers", "words", "changed"),
-    [
-        (Parameters(), ["epsilon=0.1", "ideas=5"], {"epsilon": 0.1, "ideas": 5}),
-        (Parameters(), ["fixed_motors=[0.0,0.5]"], {"fixed_motors": (0.0, 0.5)}),
-        (BRAINS["steady"], ["initial_epsilon=null"], {"initial_epsilon": None}),
+def test_overrides_replace_the_named_parameters_only():
+    for numbers, words, changed in (
         (
-            Kinematics(),
-            ["wall=slides", "felt=pushed", "any_contact=true", "lag=0.08"],
-            {"wall": "slides", "felt": "pushed", "lag": 0.08, "any_contact": True},
+            Parameters(),
+            ["fixed_motors=[0.0,0.5]", "ideas=5"],
+            dict(fixed_motors=(0.0, 0.5), ideas=5),
         ),
-    ],
-)
-def test_overrides_replace_the_named_parameters_only(numbers, words, changed):
-    found = with_overrides(numbers, words)
-    assert found == dataclasses.replace(numbers, **changed)
-    assert with_overrides(numbers, overrides_of(found, numbers)) == found
+        (BRAINS["steady"], ["initial_epsilon=null"], dict(initial_epsilon=None)),
+        (Kinematics(), ["wall=slides", "any_contact=true"], dict(wall="slides", any_contact=True)),
+    ):
+        found = with_overrides(numbers, words)
+        assert found == dataclasses.replace(numbers, **changed)
+        assert with_overrides(numbers, overrides_of(found, numbers)) == found
 
 
 def test_invalid_names_and_overrides_are_refused_in_a_sentence():
