@@ -167,6 +167,16 @@ def test_what_is_no_file_or_huge_is_refused_and_not_waited_for(sound, tmp_path):
             reader(tmp_path / "missing")
 
 
+def test_a_lack_of_memory_is_no_damage(tmp_path, monkeypatch):
+    def lacks(*_):
+        raise MemoryError
+
+    save_arrays(tmp_path / "file", ARRAYS)
+    monkeypatch.setattr(np, "ascontiguousarray", lacks)
+    with pytest.raises(MemoryError):
+        load_arrays(tmp_path / "file")
+
+
 def test_shapes_are_checked_before_arrays_are_read(tmp_path, monkeypatch):
     def refuse(shapes):
         assert shapes["weights"] == ("F32", (3, 4)) and shapes["age"] == ("I64", ())

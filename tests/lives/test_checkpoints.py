@@ -157,8 +157,9 @@ def test_a_file_that_cannot_be_read_is_no_damage_and_stays(tmp_path, monkeypatch
     path = checkpoint_file(tmp_path, KEY)
     save_checkpoint(path, young)
     for place, name in ((io, "open"), (os, "stat")):
+        real = getattr(place, name)
 
-        def fail(file, *args, real=getattr(place, name), **kwargs):
+        def fail(file, *args, real=real, **kwargs):
             if str(file) == str(path):
                 raise OSError(errno.EIO, "Input/output error", str(path))
             return real(file, *args, **kwargs)
