@@ -84,12 +84,10 @@ def test_arrays_and_notes_survive_the_file(tmp_path_factory, written, notes):
 
 
 def test_a_digest_depends_on_names_types_shapes_values_and_notes():
-    first = {"a": np.arange(4.0), "b": np.zeros((2, 2))}
+    numbers, first = np.arange(4.0), {"a": np.arange(4.0), "b": np.zeros((2, 2))}
     others = [
-        {"c": np.arange(4.0), "b": np.zeros((2, 2))},
-        {"a": np.arange(4.0, dtype=np.float32), "b": np.zeros((2, 2))},
-        {"a": np.arange(4.0).reshape(2, 2), "b": np.zeros((2, 2))},
-        {"a": np.arange(1.0, 5.0), "b": np.zeros((2, 2))},
+        {"c": numbers, "b": first["b"]},
+        *(first | {"a": x} for x in (np.float32(numbers), numbers.reshape(2, 2), numbers + 1)),
     ]
     assert digest(first) == digest(dict(reversed(first.items())))
     assert len({digest(first), digest(first, "notes"), *map(digest, others)}) == 6
@@ -268,10 +266,9 @@ def test_a_folder_that_is_a_link_or_a_file_is_refused(tmp_path, victim, work):
 
 
 def test_drafts_and_files_of_ours_are_removed_and_nothing_else(tmp_path, victim):
-    other = ".a.0123456789abcdef.musebot"
-    kept = {"file": b"1", ".hidden": b"2", ".novel.2024.draft": b"3", f"{OURS}.txt": b"5"}
-    folder = tmp_path / "own"
+    other, folder = ".a.0123456789abcdef.musebot", tmp_path / "own"
     folder.mkdir()
+    kept = {"file": b"1", ".hidden": b"2", ".novel.2024.draft": b"3", f"{OURS}.txt": b"5"}
     for name, content in (kept | {OURS: b"4", other: b"6"}).items():
         (folder / name).write_bytes(content)
     (folder / ".link.0123456789abcdef.musebot").symlink_to(victim / "file")
@@ -314,9 +311,9 @@ def test_a_place_for_a_file_is_checked_before_the_work(tmp_path, monkeypatch):
 def test_a_folder_can_be_made_or_is_refused(tmp_path, monkeypatch):
     check_folder(tmp_path / "new" / "folder")
     (tmp_path / "file").write_text("")
-    for path in (tmp_path / "file" / "below", tmp_path / ("x/" * 1000), tmp_path / ("x" * 300)):
+    for name in ("file/below", "x/" * 1000, "x" * 300):
         with pytest.raises(InputError):
-            check_folder(path)
+            check_folder(tmp_path / name)
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="cannot be read and written"):
         check_folder(tmp_path / "new")

@@ -57,9 +57,7 @@ def test_what_a_finished_cohort_leaves_survives_its_file(tmp_path, lives):
     with pytest.raises(FileNotFoundError):  # missing, not damaged
         read_lives(path, SHORT, KEY)
     save_lives(path, lives, SHORT, KEY)
-    read = read_lives(path, SHORT, KEY)
-    np.testing.assert_equal(vars(read), vars(lives))
-    assert (read.events.dtype, read.minutes.dtype) == (np.int32, np.int16)
+    np.testing.assert_equal(vars(read_lives(path, SHORT, KEY)), vars(lives))
     agent = CohortKey(Condition("wall_avoidance", "some.where:agent"), 0)
     bare = dataclasses.replace(lives, before={}, after={})  # of an agent without weights
     save_lives(path, bare, SHORT, agent)

@@ -4,6 +4,7 @@ There may be no GPU. So tensors are on the host, and captured steps are emulated
 the captured operations of PyTorch, with the tensors that they had, and nothing of the code around.
 """
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -257,23 +258,19 @@ def test_on_a_gpu_replayed_lives_equal_direct_ones(name, monkeypatch):
 
 def test_a_gpu_that_is_missing_or_too_small_is_refused(monkeypatch):
     gpu = Experiment(cohort_size=4, body="kinematic", device="cuda:1")
-    plan = Plan.of(gpu, [Condition("spot_finding", "creative")], 4)
-
-    def has(gpus, free):
-        monkeypatch.setattr(torch.cuda, "is_available", lambda: gpus > 0)
-        monkeypatch.setattr(torch.cuda, "device_count", lambda: gpus)
-        monkeypatch.setattr(torch.cuda, "mem_get_info", lambda number: (free, 10**11))
-
-    for gpus, free, words in (
-        (0, 0, "there is no GPU that PyTorch can use"),
-        (1, 0, "there is no device cuda:1: there are 1"),
-        (2, 1000, "cohorts of 4 robots would need about"),
+    brains, agents = (
+        Plan.of(gpu, [Condition("spot_finding", proposer)], 4)
+        for proposer in ("creative", "hand_coded:make")
+    )
+    for plan, gpus, free, words in (
+        (brains, 0, 0, "there is no GPU that PyTorch can use"),
+        (brains, 1, 0, "there is no device cuda:1: there are 1"),
+        (brains, 2, 1000, "cohorts of 4 robots would need about"),
+        (agents, 2, 10**10, "only robots with a brain are simulated on cuda:1"),
+        (brains, 2, 10**10, ""),
     ):
-        has(gpus, free)
-        with pytest.raises(InputError, match=words):
+        monkeypatch.setattr(torch.cuda, "is_available", lambda gpus=gpus: gpus > 0)
+        monkeypatch.setattr(torch.cuda, "device_count", lambda gpus=gpus: gpus)
+        monkeypatch.setattr(torch.cuda, "mem_get_info", lambda number, free=free: (free, 10**11))
+        with pytest.raises(InputError, match=words) if words else contextlib.nullcontext():
             check_device(plan)
-    has(2, 10**10)
-    check_device(plan)
-    agents = Plan.of(gpu, [Condition("spot_finding", "hand_coded:make")], 4)
-    with pytest.raises(InputError, match="only robots with a brain are simulated on cuda:1"):
-        check_device(agents)

@@ -1,6 +1,5 @@
 """The contract of jobs: stopped anywhere, they continue to the same bytes; and their progress."""
 
-import dataclasses
 import functools
 import itertools
 import queue
@@ -10,10 +9,9 @@ import pytest
 
 from musebot.controller import BRAINS, NoisePatterns, Parameters
 from musebot.protocols.compare.jobs import ArrayJob, lives
-from musebot.protocols.errors import Interrupted, RunError
+from musebot.protocols.errors import RunError
 from musebot.protocols.lives import jobs
 from musebot.protocols.lives.checkpoints import read_lives
-from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.jobs import CohortJob, execute, run_job
@@ -189,20 +187,6 @@ def test_what_stops_a_job_is_one_sentence(error, words, tmp_path, monkeypatch, d
         run(cohort_job(tmp_path, KEYS))
 
 
-def test_on_a_gpu_robots_are_looked_at_once_a_minute(tmp_path, monkeypatch):
-    steps = []
-
-    def advance(cohorts, count):
-        steps.append(count)
-        cohorts[0].step = cohorts[0].steps
-
-    gpu = dataclasses.replace(SHORT, device="cuda")
-    monkeypatch.setattr(jobs, "advance_together", advance)
-    monkeypatch.setattr(jobs, "restored_cohorts", lambda *of: ([Cohort(SHORT, KEYS[0])], ""))
-    assert run(cohort_job(tmp_path, experiment=gpu))[0]
-    assert steps == [600]
-
-
 # Execution
 
 
@@ -211,49 +195,23 @@ class Number:
 
     cost = 1.0
 
-    def __init__(self, number):
-        self.number = number
 
-
-def test_every_job_is_handed_on_as_soon_as_it_is_done_or_the_executor_is_closed(capfd):
-    execute("nothing", [], pytest.fail)
-    numbers, events = [Number(n) for n in range(3)], []
-
-    def executor(jobs, progress):
-        try:
-            for job in jobs:
-                progress.show(reports_of([]))
-                yield job
-        finally:
-            events.append("closed")
-
-    def finished(job):
-        events.append(job.number)
-
-    def refuse(job):
-        raise Interrupted
-
-    execute("numbers", numbers, executor, finished, watcher=lambda: events.append("watched"))
-    assert events == ["watched", 0, "watched", 1, "watched", 2, "closed"]
-    assert "numbers" in capfd.readouterr().err
-    events.clear()
-    with pytest.raises(Interrupted) as caught:  # it keeps the frame of the reader alive
-        execute("numbers", numbers, executor, refuse, quiet=True)
-    assert events == ["closed"] and caught
-    assert "numbers" not in capfd.readouterr().err
-
-
-def test_progress_counts_robots_where_every_job_is_a_cohort_and_jobs_otherwise(tmp_path, capfd):
+def test_jobs_are_watched_and_counted_as_robots_where_every_one_is_a_cohort(tmp_path, capfd):
     def executor(jobs, progress):
         progress.show(reports_of(jobs))
         yield from jobs
 
+    execute("nothing", [], pytest.fail)
     for own, words in (
         ([cohort_job(tmp_path)], "2 of 2 robots done"),
-        ([cohort_job(tmp_path), Number(3)], "2 of 2 jobs done"),
+        ([cohort_job(tmp_path), Number()], "2 of 2 jobs done"),
     ):
-        execute("work", own, executor)
+        events = []
+        execute("work", own, executor, events.append, watcher=lambda: events.append("watched"))  # noqa: B023
+        assert events == [event for job in own for event in ("watched", job)]
         assert words in capfd.readouterr().err
+    execute("work", own, executor, quiet=True)
+    assert "work" not in capfd.readouterr().err
 
 
 def reports_of(jobs):

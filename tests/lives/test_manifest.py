@@ -170,19 +170,20 @@ def test_the_probe_moves_with_the_walls_of_the_kinematic_simulator(monkeypatch):
 # Versions
 
 
-def test_versions_processor_and_optional_packages_are_named(monkeypatch):
+@pytest.mark.parametrize("there", [False, True])
+def test_versions_processor_and_optional_packages_are_named(there, monkeypatch):
     version = manifest.metadata.version
-    for there in (True, False):
 
-        def known(name, there=there):
-            if name == "cmaes" and not there:
-                raise manifest.metadata.PackageNotFoundError
-            return "9.8" if name == "cmaes" else version(name)
+    def known(name):
+        if name == "cmaes" and not there:
+            raise manifest.metadata.PackageNotFoundError
+        return "9.8" if name == "cmaes" else version(name)
 
-        monkeypatch.setattr(manifest.metadata, "version", known)
-        assert machine().get("cmaes") == ("9.8" if there else None)
-    assert machine()["numpy"] == np.__version__ and machine()["cores"] == os.cpu_count()
-    assert {"python", "musebot", "mujoco", "torch", "scipy", "cpu", "platform"} < {*machine()}
+    monkeypatch.setattr(manifest.metadata, "version", known)
+    found = machine()
+    assert found.get("cmaes") == ("9.8" if there else None)
+    assert found["numpy"] == np.__version__ and found["cores"] == os.cpu_count()
+    assert {"python", "musebot", "mujoco", "torch", "scipy", "cpu", "platform"} < {*found}
 
 
 def git(folder, *words):

@@ -128,29 +128,6 @@ def with_other_physics(folder):
     write_json(folder / MANIFEST, content)
 
 
-def test_results_are_written_once_the_last_cohort_is_finished(
-    run, whole, tmp_path, in_process, capfd
-):
-    """Each call finishes one cohort, and finds the earlier ones; a damaged one starts anew."""
-    done, damaged = [], None
-    while len(done) <= len(plan().cohorts()):
-        assert not (tmp_path / ROBOTS_FILE).exists()
-        executor = in_process(most=1)
-        try:
-            simulate(tmp_path, plan(), executor)
-        except Interrupted:
-            last = finished_file(tmp_path, keys(executor)[0])
-            if damaged is None:
-                damaged = last.with_suffix(".damaged")
-                last.write_bytes(last.read_bytes()[:-1])
-        done += keys(executor)
-    assert sorted({*done}) == sorted(plan().cohorts())
-    assert damaged.stem in capfd.readouterr().err.replace("\n", "")
-    damaged.unlink()
-    damaged.parent.rmdir()
-    assert contents(tmp_path) == contents(whole[0])
-
-
 @pytest.mark.parametrize("begun", [False, True])
 def test_a_run_that_had_begun_names_both_machines(begun, run, tmp_path, monkeypatch, in_process):
     here, small = os.cpu_count(), plan(robots=2)
@@ -234,7 +211,7 @@ def test_what_the_folder_or_the_machine_cannot_hold_is_refused_before_it_is_begu
 ):
     with locked(tmp_path / "run"), pytest.raises(InputError, match="another musebot .*is running"):
         run(tmp_path / "run", plan(), pytest.fail)
-    assert not (tmp_path / "run" / MANIFEST).exists()
+    assert not files_below(tmp_path)
     monkeypatch.setattr("musebot.protocols.lives.plan.machine_bytes", lambda: 10**6)
     large = plan(1000, cohort_size=1000)
     with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
