@@ -6,6 +6,7 @@ finite numbers. What Gymnasium refuses before it calls musebot has Gymnasium's o
 """
 
 import contextlib
+import functools
 import io
 import traceback
 import warnings
@@ -92,39 +93,29 @@ def _called(env, actions, order, kept, **start):
     return given
 
 
-def _gym(draw):
+def _gymnasium(draw, vector):
     import gymnasium
 
-    name, kwargs = one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_GYMNASIUM)
-    actions = _actions(draw, np.full(2, 0.3))
-    seed, options = (one(draw, VALUES) if draw.random() < 0.15 else None for _ in range(2))
-    order = int(draw.integers(12))
-
-    def call():
-        env = gymnasium.make(f"musebot/{name}", **kwargs)
-        return _called(env, actions, order, 2, seed=seed, options=options)
-
-    return call, (name, kwargs, seed, options, actions, order)
-
-
-def _vector(draw):
-    import gymnasium
-
-    name, kwargs = one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_VECTOR)
-    count = 2 if draw.random() < 0.8 else one(draw, [v for v in VALUES if v is not None])
-    actions = _actions(draw, np.full((2, 2), 0.3))
-    seed = one(draw, VALUES) if draw.random() < 0.2 else None
-    order = int(draw.integers(12))
+    name, kwargs = (
+        one(draw, [*musebot.GYMNASIUM_TASKS]),
+        _kwargs(draw, OF_VECTOR if vector else OF_GYMNASIUM),
+    )
+    actions = _actions(draw, np.full((2, 2) if vector else 2, 0.3))
+    starts = ("seed",) if vector else ("seed", "options")
+    start = {part: one(draw, VALUES) if draw.random() < 0.15 else None for part in starts}
+    count = one(draw, [v for v in VALUES if v is not None]) if draw.random() < 0.2 else 2
     if isinstance(count, int) and count > 10**6:
         count = 2  # rightly out of memory
+    order = int(draw.integers(12))
 
     def call():
-        env = gymnasium.make_vec(
-            f"musebot/{name}", num_envs=count, vectorization_mode="vector_entry_point", **kwargs
-        )
-        return _called(env, actions, order, 3, seed=seed)
+        if not vector:
+            return _called(gymnasium.make(f"musebot/{name}", **kwargs), actions, order, 2, **start)
+        sound = dict(num_envs=count, vectorization_mode="vector_entry_point")
+        env = gymnasium.make_vec(f"musebot/{name}", **sound, **kwargs)
+        return _called(env, actions, order, 3, **start)
 
-    return call, (name, count, kwargs, seed, actions, order)
+    return call, (name, count, kwargs, start, actions, order)
 
 
 def _batch(draw):
@@ -156,7 +147,12 @@ def _batch(draw):
 
 
 # Each draws a call, and returns the function that makes it, and what it is called with.
-KINDS = {"load": _dm, "gymnasium.make": _gym, "make_vec": _vector, "batch": _batch}
+KINDS = {
+    "load": _dm,
+    "gymnasium.make": functools.partial(_gymnasium, vector=False),
+    "make_vec": functools.partial(_gymnasium, vector=True),
+    "batch": _batch,
+}
 
 
 def case(kind, number):

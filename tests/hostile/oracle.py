@@ -8,7 +8,6 @@ import os
 import resource
 import signal
 import stat
-import sys
 import traceback
 
 REFUSED = {1, 2}  # exit statuses of a refusal
@@ -120,9 +119,3 @@ def snapshot(*folders, contents=True):
                     content = hashlib.blake2b(file.read(), digest_size=16).digest()
             found[path] = kind, stat.S_IMODE(state.st_mode), content
     return found
-
-
-def peak_bytes():
-    """Returns the peak memory of this process."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -134,16 +134,8 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
     bare = tmp_path / "bare"
     command = [sys.executable, "-m", "musebot", "run", str(bare), *SHORT.split()]
     environment = {"TMPDIR": str(tmp_path / "nothing"), "LC_ALL": "C", "PYTHONHASHSEED": "7"}
-    done = subprocess.run(
-        [*command, "--processes", "1"],
-        env=environment,
-        cwd=tmp_path,
-        umask=0o077,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    command += ["--processes", "1"]
+    subprocess.run(command, env=environment, cwd=tmp_path, umask=0o077, check=True)
     for name in ("robots.csv", "results.safetensors"):
         assert (bare / name).read_bytes() == (run / name).read_bytes()
         assert (bare / name).stat().st_mode & 0o077 == 0
