@@ -96,10 +96,8 @@ def _called(env, actions, order, kept, **start):
 def _gymnasium(draw, vector):
     import gymnasium
 
-    name, kwargs = (
-        one(draw, [*musebot.GYMNASIUM_TASKS]),
-        _kwargs(draw, OF_VECTOR if vector else OF_GYMNASIUM),
-    )
+    name = one(draw, [*musebot.GYMNASIUM_TASKS])
+    kwargs = _kwargs(draw, OF_VECTOR if vector else OF_GYMNASIUM)
     actions = _actions(draw, np.full((2, 2) if vector else 2, 0.3))
     starts = ("seed",) if vector else ("seed", "options")
     start = {part: one(draw, VALUES) if draw.random() < 0.15 else None for part in starts}

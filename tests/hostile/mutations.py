@@ -3,7 +3,6 @@
 import json
 import os
 import pickle
-import struct
 
 import numpy as np
 
@@ -166,31 +165,3 @@ def array_mutated(draw, array):
     rows = np.atleast_1d(array)
     shapes = (array.ravel()[:1].sum(), array[None], rows[:-1], np.concatenate([rows, rows]))
     return np.array(one(draw, (*shapes, array.reshape(-1), rows[..., :-1])))
-
-
-def tensors_mutated(draw, data):
-    """Changes the header of a safetensors file; its digest stays."""
-    size = struct.unpack("<Q", data[:8])[0]
-    header, rest = json.loads(data[8 : 8 + size]), data[8 + size :]
-    names = [name for name in header if name != "__metadata__"]
-    entry, other, what = header[one(draw, names)], header[one(draw, names)], draw.integers(9)
-    if what == 0:
-        entry["shape"] = one(draw, ([10**12], [2**63, 2], [-1], [], [0], "x", [1.5]))
-    elif what == 1:
-        offsets = ([0, 2**40], [2**62, 2**63], [-4, 0], [0, 0], [8, 4], [])
-        entry["data_offsets"] = one(draw, offsets)
-    elif what == 2:
-        entry["dtype"] = one(draw, ("F64", "F16", "I32", "BOOL", "F8_E4M3", "X", "", "BF16"))
-    elif what == 3:
-        entry["data_offsets"], other["data_offsets"] = other["data_offsets"], entry["data_offsets"]
-    elif what == 4:
-        header["__metadata__"] = {"musebot": hostile_value(draw)}
-    elif what == 5:
-        header["new"] = {"dtype": "F32", "shape": [1], "data_offsets": [len(rest), len(rest) + 4]}
-        rest += draw.bytes(4)
-    text = json.dumps(header).encode()
-    if what == 6:
-        text = json_mutated(draw, text)
-    sizes = (2**63 - 1, 2**64 - 1, 2**40, 0, 7, 10**8)
-    size = one(draw, sizes) if what == 7 else len(text)
-    return struct.pack("<Q", size) + text + (_flip(draw, rest) if what == 8 else rest)
