@@ -136,15 +136,10 @@ def soak(robot_hours, seed=1):
     return found
 
 
-def main():
-    """Soaks, and prints what was seen."""
+if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--robot-hours", type=float, default=150, help="at least so many (150)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the first round (1)")
     options = parser.parse_args()
     prepare_process()
     print(json.dumps(soak(options.robot_hours, options.seed), indent=1))
-
-
-if __name__ == "__main__":
-    main()

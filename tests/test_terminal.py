@@ -9,7 +9,7 @@ import pytest
 from musebot.protocols import progress as module
 from musebot.protocols.exit_status import exit_status
 from musebot.protocols.progress import JobProgress
-from musebot.protocols.terminal import notice, printable, say
+from musebot.protocols.terminal import notice, printable
 
 
 @pytest.fixture
@@ -148,13 +148,6 @@ def test_no_character_controls_the_terminal(capfd):
 def test_a_sentence_has_a_bounded_length_and_a_page_has_none():
     assert len(printable("9" * 5000)) < 2100
     assert printable("9\n" * 5000, lines=True) == "9\n" * 5000
-
-
-def test_a_stream_without_the_characters_gets_escapes():
-    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    say("10 µs", stream)
-    stream.flush()
-    assert stream.buffer.getvalue() == b"10 \\xb5s\n"
 
 
 def test_the_exit_status_follows_the_cause_and_not_the_type_of_an_error(capsys):

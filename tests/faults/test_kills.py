@@ -22,7 +22,6 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
-from musebot.protocols.progress import JobProgress
 
 # Commands, forked from one process that has imported everything: kills then fall into the work,
 # not into imports. Checkpoints are saved more often than their users would.
@@ -239,13 +238,3 @@ def test_a_clock_that_stands_or_steps_backwards_changes_nothing(tmp_path, in_pro
             patch.setattr(time, "monotonic", clock)
             simulate(tmp_path / name, plan, in_process(), save_every=1e-9, quiet=False)
         assert files(tmp_path / name) == files(tmp_path / "whole")
-
-
-def test_progress_is_shown_before_the_clock_has_moved(monkeypatch):
-    monkeypatch.setattr(time, "monotonic", lambda: 5.0)
-    reports = queue.Queue()
-    with JobProgress("jobs", [10.0], quiet=True) as progress:
-        for done in (1.0, 2.0):
-            reports.put((0, done, ""))
-            progress.show(reports)
-        assert progress.line().startswith("20.0 %")

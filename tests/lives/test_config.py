@@ -96,16 +96,11 @@ def test_a_file_gives_the_fields_and_the_robots_of_an_experiment(written):
 ROW = '{task = "a", proposer = "b", robots = 1}'
 WRONG = {
     "seed = 1": "the file has no 'seed'; there are experiment, plan, ",
-    "experiment = [1]": "experiment must have names with values, got (1,)",
     "experiment.sed = 1": "experiment has no 'sed'; did you mean seed?",
-    "experiment.brain.soul = 1": "brain has no 'soul'",
-    'experiment.brain = "divine"': "brain must be one of paper, steady, ",
     "experiment.brain.epsilon = 2": "epsilon must be a number in [0, 1], got 2",
     "experiment.brain = 3": "brain must have names with values, got 3",
     "experiment.brain.name = [1]": "brain must be one of paper, steady, ",
-    'experiment.kinematics.tyre = "flat"': "kinematics has no 'tyre'",
     'experiment.seed = "one"': "seed must be a whole number",
-    "experiment.seed = 010": "cannot be read",
     "experiment.seed = 1\nexperiment.seed = 2": "cannot be read",
     "plan = {a = 1}": "plan must be a list of rows",
     'plan = [{task = "spot_finding"}]': "needs task, proposer, robots, got no proposer",

@@ -35,10 +35,11 @@ from pathlib import Path
 
 @dataclasses.dataclass(frozen=True)
 class Write:
-    """A job that writes when it began, after some looks at whether to stop."""
+    """A job that writes when it began, after some looks at whether to stop, or that fails."""
 
     path: Path
     looks: int = 0
+    fails: str = ""
     cost: float = 1.0
 
     def done(self):
@@ -47,6 +48,8 @@ class Write:
     def run(self, stop, report):
         began = time.monotonic_ns()
         self.path.with_suffix(".begun").touch()
+        if self.fails:
+            self.fail()
         for _ in range(self.looks):
             if stop():
                 self.path.with_suffix(".stopped").touch()
@@ -59,25 +62,17 @@ class Write:
         self.path.write_text(f"{began} {threads} {os.environ['MUJOCO_GL']}")
         return True
 
-
-@dataclasses.dataclass(frozen=True)
-class Fail(Write):
-    """A job that raises an error once the other job has begun."""
-
-    how: str = ""
-
-    def run(self, stop, report):
-        while self.looks and len([*self.path.parent.glob("*.begun")]) < self.looks:
+    def fail(self):
+        while len([*self.path.parent.glob("*.begun")]) < 2:
             time.sleep(0.01)
-        if self.how == "killed with a lock":
+        if self.fails == "full disk":
+            raise OSError(28, "No space left on device")
+        if self.fails == "killed with a lock":
             from musebot.protocols.lives import local
 
             local._REPORTS._wlock.acquire()
             os.kill(os.getpid(), signal.SIGKILL)
-        raise {
-            "full disk": OSError(28, "No space left on device"),
-            "fault": ZeroDivisionError("a fault"),
-        }[self.how]
+        raise ZeroDivisionError("a fault")
 '''
 FOREVER = 10**6
 
@@ -162,8 +157,8 @@ def test_a_signal_stops_the_jobs_and_keeps_what_is_done(executor, kinds, tmp_pat
     ],
 )
 def test_where_a_job_cannot_go_on_the_others_stop(how, error, words, executor, kinds, tmp_path):
-    job, other = tmp_path / "file", kinds.Write(tmp_path / "other", FOREVER)
-    job = kinds.Write(job) if how == "not handed on" else kinds.Fail(job, 1, how=how)
+    job = kinds.Write(tmp_path / "file", fails="" if how == "not handed on" else how)
+    other = kinds.Write(tmp_path / "other", FOREVER)
 
     def refuse(job):
         waits((tmp_path / "other.begun").exists)
@@ -179,8 +174,8 @@ def test_where_a_job_cannot_go_on_the_others_stop(how, error, words, executor, k
 
 def test_a_killed_process_is_one_sentence_and_holds_up_nobody(kinds, tmp_path, monkeypatch):
     monkeypatch.setattr(local, "_GRACE", 0.5)
-    how = "killed with a lock"
-    jobs = [kinds.Fail(tmp_path / "file", 1, how=how), kinds.Write(tmp_path / "other", FOREVER)]
+    dying = kinds.Write(tmp_path / "file", fails="killed with a lock")
+    jobs = [dying, kinds.Write(tmp_path / "other", FOREVER)]
     ended = threading.Event()
 
     def rescue():
