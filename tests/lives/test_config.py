@@ -16,6 +16,7 @@ from musebot.protocols.lives.experiment import brain_name, overrides_of
 
 EXAMPLE = """
 experiment.seed = 7
+experiment.body = "kinematic"
 experiment.kinematics.wall = "slides"
 experiment.brain = {name = "steady", epsilon = 1e-1, fixed_motors = [0.0, 0.5]}
 plan = [
@@ -80,7 +81,7 @@ def written(tmp_path):
 
 def test_a_file_gives_the_fields_and_the_robots_of_an_experiment(written):
     config = read_config(written(EXAMPLE))
-    assert {*config.values} == {"seed", "kinematics", "brain"} and config.values["seed"] == 7
+    assert {*config.values} == {"seed", "body", "kinematics", "brain"}
     brain = config.values["brain"]
     assert (brain.epsilon, brain.fixed_motors) == (0.1, (0.0, 0.5))
     assert brain.learn_rate == BRAINS["steady"].learn_rate
