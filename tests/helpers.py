@@ -3,16 +3,6 @@
 import numpy as np
 from matplotlib.colors import to_rgb
 
-# Source of an agent whose motor values have a wrong shape.
-LAZY_AGENT = """import numpy as np
-from musebot.protocols.agents.bounds import HandCoded
-class Lazy(HandCoded):
-    def __init__(self, robots, senses, seed):
-        super().__init__(senses)
-    def act(self, state, learning):
-        return np.zeros((1, 2))
-"""
-
 
 def files_below(folder):
     """Returns the content of all files below a folder, by their paths within it."""

@@ -2,12 +2,10 @@
 
 import os
 import secrets
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import safetensors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -25,7 +23,6 @@ from musebot.protocols.storage import (
     load_arrays,
     locked,
     read_json,
-    read_whole,
     remove_drafts,
     remove_files,
     resolved_file,
@@ -85,25 +82,17 @@ def test_arrays_and_notes_survive_the_file(tmp_path_factory, written, notes):
     }
 
 
-def test_objects_are_not_pickled(tmp_path):
-    with pytest.raises(safetensors.SafetensorError, match='dtype "object"'):
-        save_arrays(tmp_path / "file", {"what": np.array([sys], dtype=object)})
-    assert files(tmp_path) == {}
-
-
 def test_a_digest_depends_on_names_types_shapes_values_and_notes():
-    first = {"a": np.arange(4.0), "b": np.zeros((2, 2))}
+    numbers, first = np.arange(4.0), {"a": np.arange(4.0), "b": np.zeros((2, 2))}
     others = [
-        {"c": np.arange(4.0), "b": np.zeros((2, 2))},
-        {"a": np.arange(4.0, dtype=np.float32), "b": np.zeros((2, 2))},
-        {"a": np.arange(4.0).reshape(2, 2), "b": np.zeros((2, 2))},
-        {"a": np.arange(1.0, 5.0), "b": np.zeros((2, 2))},
+        {"c": numbers, "b": first["b"]},
+        *(first | {"a": x} for x in (np.float32(numbers), numbers.reshape(2, 2), numbers + 1)),
     ]
     assert digest(first) == digest(dict(reversed(first.items())))
     assert len({digest(first), digest(first, "notes"), *map(digest, others)}) == 6
 
 
-# Damage: one law for the readers of both kinds of files
+# Damage: one law for the readers of both kinds; tests/hostile puts what is no file in the place
 
 
 @pytest.fixture(params=["arrays", "json"])
@@ -144,9 +133,8 @@ def test_a_file_with_any_byte_flipped_cut_or_added_is_damaged(sound):
 def test_a_file_of_another_kind_is_damaged(sound):
     path, read = sound
     contents = [
-        b"", b"robots", b"\0" * 100, b"PK\x03\x04", b"\xff" * 64, b"[" * 100_000, b"1" * 5000,
-        b'{"a":' * 100_000, b'{"a": 1, "a": 2}', b'{"a": 1, "digest": "0"}', b'{"a": 1}', b"[]",
-        b"\xed\xa0\x80",
+        b"", b"robots", b"\0" * 100, b"\xff" * 64, b"[" * 100_000, b"1" * 5000, b"[]",
+        b'{"a":' * 100_000, b'{"a": 1, "a": 2}', b'{"a": 1, "digest": "0"}', b"\xed\xa0\x80",
     ]  # fmt: skip
     texts = [
         '{"notes": ' + repr(content.decode(errors="replace")).replace("'", '"') + ', "digest": "0"}'
@@ -159,21 +147,6 @@ def test_a_file_of_another_kind_is_damaged(sound):
     for content in contents:
         path.write_bytes(content)
         refused(path, read)
-
-
-def test_what_is_no_file_or_huge_is_refused_and_not_waited_for(sound, tmp_path):
-    _, read = sound
-    pipe, folder, device, huge = (tmp_path / name for name in ("pipe", "folder", "device", "huge"))
-    os.mkfifo(pipe)
-    folder.mkdir()
-    device.symlink_to("/dev/zero")
-    huge.touch()
-    os.truncate(huge, 2**36)  # without a block on disk
-    for reader in (read, read_whole):
-        for path in (pipe, folder, device, huge):
-            refused(path, reader)
-        with pytest.raises(FileNotFoundError, match="missing"):
-            reader(tmp_path / "missing")
 
 
 def test_a_lack_of_memory_is_no_damage(tmp_path, monkeypatch):
@@ -214,17 +187,6 @@ def test_the_old_file_stays_until_the_new_one_is_whole_on_disk(tmp_path, monkeyp
     write_atomically(path, b"new")
     # The draft is on disk before it replaces the old file, and the folder after it did.
     assert seen == [b"old", b"new", b"new"] and files(path.parent) == {"file": b"new"}
-
-
-def test_a_failed_write_names_the_file_and_leaves_no_draft(tmp_path, monkeypatch):
-    def no_space(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", no_space)
-    with pytest.raises(OSError, match="No space left") as caught:
-        write_atomically(tmp_path / "file", b"new")
-    assert str(caught.value) == f"[Errno 28] No space left on device: {str(tmp_path / 'file')!r}"
-    assert files(tmp_path) == {}
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
@@ -288,10 +250,9 @@ def test_a_folder_that_is_a_link_or_a_file_is_refused(tmp_path, victim, work):
 
 
 def test_drafts_and_files_of_ours_are_removed_and_nothing_else(tmp_path, victim):
-    other = ".a.0123456789abcdef.musebot"
-    kept = {"file": b"1", ".hidden": b"2", ".novel.2024.draft": b"3", f"{OURS}.txt": b"5"}
-    folder = tmp_path / "own"
+    other, folder = ".a.0123456789abcdef.musebot", tmp_path / "own"
     folder.mkdir()
+    kept = {"file": b"1", ".hidden": b"2", ".novel.2024.draft": b"3", f"{OURS}.txt": b"5"}
     for name, content in (kept | {OURS: b"4", other: b"6"}).items():
         (folder / name).write_bytes(content)
     (folder / ".link.0123456789abcdef.musebot").symlink_to(victim / "file")
@@ -310,6 +271,9 @@ def test_drafts_and_files_of_ours_are_removed_and_nothing_else(tmp_path, victim)
 
 
 def test_a_place_for_a_file_is_checked_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises((InputError, OSError)):
+        resolved_file(tmp_path / "loop" / "file")
     (tmp_path / "link").symlink_to(tmp_path)
     file = resolved_file(tmp_path / "link" / "file")  # the user may name a folder that is a link
     check_place(file)
@@ -331,9 +295,9 @@ def test_a_place_for_a_file_is_checked_before_the_work(tmp_path, monkeypatch):
 def test_a_folder_can_be_made_or_is_refused(tmp_path, monkeypatch):
     check_folder(tmp_path / "new" / "folder")
     (tmp_path / "file").write_text("")
-    for path in (tmp_path / "file" / "below", tmp_path / ("x/" * 1000), tmp_path / ("x" * 300)):
+    for name in ("file/below", "x/" * 1000, "x" * 300):
         with pytest.raises(InputError):
-            check_folder(path)
+            check_folder(tmp_path / name)
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="cannot be read and written"):
         check_folder(tmp_path / "new")

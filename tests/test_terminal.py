@@ -3,88 +3,75 @@
 import errno
 import io
 import queue
-import time
+
+import pytest
 
 from musebot.protocols import progress as module
 from musebot.protocols.exit_status import exit_status
 from musebot.protocols.progress import JobProgress
-from musebot.protocols.terminal import notice, printable, say
+from musebot.protocols.terminal import notice, printable
 
 
-def later(progress, seconds, monkeypatch):
-    """Lets a progress display believe that some seconds have passed."""
-    now = time.monotonic() + seconds
-    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands at the seconds of its only entry."""
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    return now
 
 
-def test_a_log_gets_lines_with_robots_speed_and_time_left(capfd, monkeypatch):
-    reports = queue.Queue()
-    with JobProgress("two cohorts", [3600.0, 3600.0], robots=[5, 5]) as progress:
-        progress.show(reports)
-        progress._began -= 100
-        reports.put((0, 0.0, ""))
-        reports.put((1, 0.0, ""))
-        reports.put((0, 3600.0, ""))
-        reports.put((1, 2000.0, ""))
-        progress.show(reports)  # within the first five seconds
+def reports_of(*reports):
+    own = queue.Queue()
+    for report in reports:
+        own.put(report)
+    return own
+
+
+def test_a_log_gets_lines_with_robots_speed_and_time_left(capfd, clock):
+    costs = [3600.0, 3600.0]
+    with JobProgress("two cohorts", costs, robots=[5, 5]) as progress:
+        clock[0] = 4.9
+        progress.show(reports_of((0, 0.0, ""), (1, 0.0, ""), (0, 3600.0, ""), (1, 2000.0, "")))
         assert len(capfd.readouterr().err.splitlines()) == 1
-        later(progress, 5, monkeypatch)
-        progress._began += 5
-        progress.show(reports)
-        progress.show(reports)
+        clock[0] = 100.0
+        progress.show(reports_of())
+        progress.show(reports_of())
         (line,) = capfd.readouterr().err.splitlines()
     assert line == "musebot: 77.8 %, 5 of 10 robots done, 56 x real time, 0:00:29 left"
 
 
-def test_the_last_line_of_a_log_is_not_printed_twice(capfd, monkeypatch):
-    reports = queue.Queue()
-    with JobProgress("two cohorts", [3600.0, 3600.0]) as progress:
-        for number, done in ((0, 3600.0), (1, 3600.0)):
-            reports.put((number, done, ""))
-            later(progress, 60 + number, monkeypatch)
-            progress.show(reports)
-    lines = capfd.readouterr().err.splitlines()
-    assert [line.split(",")[0] for line in lines[1:]] == ["musebot: 50.0 %", "musebot: 100.0 %"]
-    with JobProgress("two cohorts", [3600.0]) as progress:
-        reports.put((0, 3600.0, ""))
-        progress.show(reports)
-    assert capfd.readouterr().err.splitlines()[1:] == ["musebot: 100.0 %, 1 of 1 jobs done"]
+def test_the_last_line_of_a_log_is_not_printed_twice(capfd, clock):
+    for wait, shares in ((60, ["50.0", "100.0"]), (0, ["100.0"])):
+        with JobProgress("two cohorts", [3600.0, 3600.0]) as progress:
+            for number in range(2):
+                clock[0] += wait
+                progress.show(reports_of((number, 3600.0, "")))
+        lines = capfd.readouterr().err.splitlines()[1:]
+        assert [line.split(",")[0] for line in lines] == [f"musebot: {n} %" for n in shares]
 
 
-def test_jobs_are_weighed_by_cost_and_what_an_earlier_call_did_is_not_this_ones_speed():
-    reports = queue.Queue()
+def test_jobs_are_weighed_by_cost_and_what_an_earlier_call_did_is_not_this_ones_speed(clock):
     with JobProgress("one cohort", [4000.0, 1000.0], quiet=True) as progress:
-        for number, done in ((0, 3000.0), (1, 500.0), (1, 1000.0)):
-            reports.put((number, done, ""))
-        progress.show(reports)
-        assert progress.line().startswith("80.0 %, 1 of 2 jobs done, ")
-    with JobProgress("one cohort", [4000.0], quiet=True) as progress:
-        reports.put((0, 3000.0, ""))
-        progress.show(reports)
-        assert progress.line() == "75.0 %, 0 of 1 jobs done"
-        progress._began -= 10  # ten seconds later
-        reports.put((0, 3100.0, ""))
-        progress.show(reports)
-        assert progress.line() == "77.5 %, 0 of 1 jobs done, 10 x real time, 0:01:30 left"
+        progress.show(reports_of((0, 3000.0, ""), (1, 1000.0, "")))
+        assert progress.line() == "80.0 %, 1 of 2 jobs done"
+        clock[0] += 10
+        progress.show(reports_of((0, 3100.0, "")))
+        assert progress.line() == "82.0 %, 1 of 2 jobs done, 10 x real time, 0:01:30 left"
 
 
-def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(monkeypatch):
-    now = 0.0
-    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(clock):
     pace, due = module._Pace(), []
     for second in range(300):
-        now = float(second)
+        clock[0] = float(second)
         if pace.due():
             due.append(second)
     assert due == [5, 15, 35, 75, 135, 195, 255]
 
 
-def test_steps_of_one_process_leave_lines_with_the_time_left(capfd, monkeypatch):
-    now = 0.0
-    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+def test_steps_of_one_process_leave_lines_with_the_time_left(capfd, clock):
     with module.StepProgress("watching\n", 40) as progress:
         for _ in range(8):
-            now += 1
+            clock[0] += 1
             progress.advance()
     lines = capfd.readouterr().err.splitlines()
     assert lines == [r"musebot: watching\n: 12.5 %, 0:00:35 left"]
@@ -100,22 +87,17 @@ def test_bars_are_drawn_on_terminals_only(monkeypatch):
         (True, {"TERM": "dumb"}, False),
         (True, {"TERM": "xterm"}, True),
     ):
+        stream = io.StringIO()
+        stream.isatty = lambda tty=tty: tty
         with monkeypatch.context() as patch:
-            check_bars(patch, tty, variables, bars)
-
-
-def check_bars(monkeypatch, tty, variables, bars):
-    stream = io.StringIO()
-    stream.isatty = lambda: tty
-    monkeypatch.setattr("sys.stderr", stream)
-    for name in ("TERM", "FORCE_COLOR"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in variables.items():
-        monkeypatch.setenv(name, value)
-    assert module._draws_bars() == bars
-    with JobProgress("jobs", [1.0]) as progress:
-        progress.tell("a message")
-    assert ("\x1b" in stream.getvalue()) == bars and "a message" in stream.getvalue()
+            patch.setattr("sys.stderr", stream)
+            for name in ("TERM", "FORCE_COLOR"):
+                patch.delenv(name, raising=False)
+            for name, value in variables.items():
+                patch.setenv(name, value)
+            with JobProgress("jobs", [1.0]) as progress:
+                progress.tell("a message")
+        assert ("\x1b" in stream.getvalue()) == bars and "a message" in stream.getvalue()
 
 
 class Full(io.StringIO):
@@ -136,12 +118,10 @@ def test_a_full_disk_under_stderr_stops_no_work(monkeypatch):
     assert exit_status(lambda: notice("unheard"), check=False) == 0
 
 
-def test_messages_are_shown_above_the_bar_and_in_quiet_too(capfd):
+def test_messages_are_shown_in_quiet_too(capfd):
     for quiet in (False, True):
-        reports = queue.Queue()
         with JobProgress("three cohorts", [7200.0], quiet) as progress:
-            reports.put((0, 0.0, "a robot was stopped"))
-            progress.show(reports)
+            progress.show(reports_of((0, 0.0, "a robot was stopped")))
         shown = capfd.readouterr().err
         assert "a robot was stopped" in shown
         assert ("three cohorts, 2 robot-hours" in shown) != quiet
@@ -168,13 +148,6 @@ def test_no_character_controls_the_terminal(capfd):
 def test_a_sentence_has_a_bounded_length_and_a_page_has_none():
     assert len(printable("9" * 5000)) < 2100
     assert printable("9\n" * 5000, lines=True) == "9\n" * 5000
-
-
-def test_a_stream_without_the_characters_gets_escapes():
-    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    say("10 µs", stream)
-    stream.flush()
-    assert stream.buffer.getvalue() == b"10 \\xb5s\n"
 
 
 def test_the_exit_status_follows_the_cause_and_not_the_type_of_an_error(capsys):

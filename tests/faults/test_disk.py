@@ -31,11 +31,9 @@ class Dead(BaseException):
 
 
 class Disk:
-    """Counts the calls on the files below a folder, and lets the n-th one fail.
+    """Counts the `calls` on the files below a folder, and lets the n-th one fail.
 
-    Attributes:
-      calls: Names of the calls made.
-      left: Names of the whole files at the failure.
+    The whole files at the failure are `left`.
     """
 
     PATHS = ("mkdir", "listdir", "replace", "rmdir", "unlink")
@@ -52,8 +50,9 @@ class Disk:
             patch.setattr(os, "open", self._call("open", os.open))
             patch.setattr(os, "fsync", lambda handle: self._count("fsync"))  # for speed
             patch.setattr(fcntl, "flock", self._call("flock", fcntl.flock, always=True))
+            opened = self._opened(io.open)
             for place in (io, builtins):
-                patch.setattr(place, "open", self._opened(io.open))
+                patch.setattr(place, "open", opened)
             yield self
 
     def _call(self, name, real, always=False):
@@ -148,12 +147,7 @@ def quick(monkeypatch, commands_in_process):
 
 
 class Sweep:
-    """Does a case again and again, each time with another failure.
-
-    Attributes:
-      ends: How often a failure ended in what.
-      calls: Names of the calls of the case without a failure.
-    """
+    """Does a case again and again, each time with another failure; counts how they end."""
 
     def __init__(self, case, folder, capsys):
         self.ends = collections.Counter()
@@ -188,10 +182,7 @@ class Sweep:
     def fails(self, number, mode, again=()):
         """Checks one failure: what is said, what stays, and what a repetition leaves.
 
-        Args:
-          number: Call that fails.
-          mode: How it fails.
-          again: Number and mode of a failure of the repetition, which is then repeated.
+        The repetition can have a failure of its own, `again`, and is then repeated.
         """
         where = f"{mode} at call {number}, {self.calls[number]}"
         out = self._fresh()

@@ -13,16 +13,15 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
-from musebot.protocols.cli import parser as cli
 from musebot.protocols.lives import jobs
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
-from musebot.protocols.progress import JobProgress
 
 # Commands, forked from one process that has imported everything: kills then fall into the work,
 # not into imports. Checkpoints are saved more often than their users would.
@@ -68,11 +67,7 @@ class Commands:
         return self._numbers.get()
 
     def ended(self, session, timeout=None):
-        """Returns the exit status of a command, once all its processes have ended.
-
-        Raises:
-          queue.Empty: the command goes on.
-        """
+        """Returns the exit status of a command, once all its processes have ended; queue.Empty."""
         status = self._numbers.get(timeout=timeout)
         for _ in range(1200):  # the last of its processes may still be dying
             try:
@@ -149,9 +144,6 @@ def survived(commands, kind, folder, kills, wanted):
 
     Each time it is killed again and again until it ends; then its files are compared. If the kills
     left too little, as on a busy machine, up to five times as many are tried.
-
-    Returns:
-      What the kills left, and how often.
     """
     began = time.monotonic()
     assert commands.run(words(kind, folder / "whole")) == 0, commands.said()
@@ -185,87 +177,32 @@ def test_many_kills_at_random_moments_leave_the_undisturbed_bytes(kind, commands
     survived(commands, kind, tmp_path, 100, {"checkpoints", "finished jobs"})
 
 
-# One process of several, and the folder
+# One process of several
 
 
-@pytest.fixture(scope="module")
-def whole(commands, tmp_path_factory):
-    """The files of an undisturbed run."""
-    out = tmp_path_factory.mktemp("whole") / "out"
-    assert commands.run(words("run", out)) == 0, commands.said()
-    return files(out)
-
-
-@pytest.fixture
-def begun(commands, tmp_path):
-    """Starts a run and waits for its first checkpoint; returns its session and its workers."""
-    out = tmp_path / "out"
+@pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's /proc")
+def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continues(
+    commands, tmp_path
+):
+    assert commands.run(words("run", tmp_path / "whole")) == 0, commands.said()
     commands.said()
-    session = commands.start(words("run", out))
+    session = commands.start(words("run", out := tmp_path / "out"))
     deadline = time.monotonic() + 300
     while not [*out.glob("checkpoints/*.safetensors")]:
         os.kill(session, 0)  # ProcessLookupError: it has ended
         assert time.monotonic() < deadline, "it makes nothing"
         time.sleep(0.01)
-    with open(f"/proc/{session}/task/{session}/children") as file:
-        return session, [int(child) for child in file.read().split()]
-
-
-def last_line(commands):
-    """Returns the sentence in which a command ended, after the lines of the progress."""
+    workers = Path(f"/proc/{session}/task/{session}/children").read_text().split()
+    os.kill(int(workers[0]), signal.SIGKILL)
+    assert commands.ended(session, 300) == 1
     said = commands.said()
     assert "Traceback" not in said
-    return [line for line in said.splitlines() if line.startswith("musebot")][-1]
-
-
-linux = pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's /proc")
-
-
-@linux
-def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continues(
-    commands, begun, whole, tmp_path
-):
-    session, workers = begun
-    os.kill(workers[0], signal.SIGKILL)
-    assert commands.ended(session, 300) == 1
-    assert last_line(commands) == (
+    assert [line for line in said.splitlines() if line.startswith("musebot")][-1] == (
         "musebot: a process died, perhaps for want of memory; the same command continues from the "
         "last checkpoints"
     )
-    assert commands.run(words("run", tmp_path / "out")) == 0
-    assert files(tmp_path / "out") == whole
-
-
-@linux
-def test_a_folder_that_is_moved_during_a_run_is_named_with_its_new_place(
-    commands, begun, whole, tmp_path
-):
-    session, _ = begun
-    out, moved = tmp_path / "out", tmp_path / "moved"
-    out.rename(moved)
-    assert commands.ended(session, 300) == 1
-    assert last_line(commands) == (
-        f"musebot: {out} was moved or deleted during the work; what is done lies in {moved}"
-    )
-    assert not out.exists()
-    assert commands.run(words("run", moved)) == 0
-    assert files(moved) == whole
-
-
-@linux
-def test_a_second_command_is_refused_and_a_dead_one_blocks_nobody(
-    commands, begun, tmp_path, capsys
-):
-    session, _ = begun
-    os.kill(session, signal.SIGSTOP)  # so that it does not end before the second begins
-    try:
-        assert cli.main(words("run", tmp_path / "out")) == 2
-        sentence = f"musebot: another musebot is running in {tmp_path / 'out'}\n"
-        assert sentence in capsys.readouterr().err
-    finally:
-        os.killpg(session, signal.SIGKILL)
-    assert commands.ended(session) == -signal.SIGKILL
-    assert commands.run(words("run", tmp_path / "out")) == 0, commands.said()
+    assert commands.run(words("run", out)) == 0
+    assert files(out) == files(tmp_path / "whole")
 
 
 def test_a_deleted_working_directory_is_one_sentence(tmp_path):
@@ -301,13 +238,3 @@ def test_a_clock_that_stands_or_steps_backwards_changes_nothing(tmp_path, in_pro
             patch.setattr(time, "monotonic", clock)
             simulate(tmp_path / name, plan, in_process(), save_every=1e-9, quiet=False)
         assert files(tmp_path / name) == files(tmp_path / "whole")
-
-
-def test_progress_is_shown_before_the_clock_has_moved(monkeypatch):
-    monkeypatch.setattr(time, "monotonic", lambda: 5.0)
-    reports = queue.Queue()
-    with JobProgress("jobs", [10.0], quiet=True) as progress:
-        for done in (1.0, 2.0):
-            reports.put((0, done, ""))
-            progress.show(reports)
-        assert progress.line().startswith("20.0 %")

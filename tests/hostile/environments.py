@@ -6,7 +6,7 @@ finite numbers. What Gymnasium refuses before it calls musebot has Gymnasium's o
 """
 
 import contextlib
-import dataclasses
+import functools
 import io
 import traceback
 import warnings
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from hostile import oracle
 from hostile.mutations import one
+from torch.utils._pytree import tree_leaves
 
 import musebot
 from musebot.models import Dimensions, Kinematics
@@ -27,71 +28,26 @@ NAN, INF = float("nan"), float("inf")
 
 VALUES = (
     None, 0, 1, -1, 2, 3, 5, 1.5, 0.5, NAN, INF, -INF, 1e400, -1e-300, 10**400, True, False, "",
-    "3",
-    "upper_left", "lower_left", "inverse", "printed", "x" * 5000, b"x", (), (0, 0), (0, 0, 0),
+    "3", "upper_left", "lower_left", "inverse", "printed", "x" * 5000, b"x", (), (0, 0), (0, 0, 0),
     (5, 5, 0), (0.3, 0.1, 1.0), (0.5249, 0, 0), (0, NAN, 0), (5, 5), (0.1, 0.1), ("a", "b", "c"),
     [[0, 0, 0]], {}, {"a": 1}, object, np.zeros(3), np.full(2, np.nan), np.array("x"), 1j,
-    lambda: 0,
-    np.int64(3), np.float32(0.1), 2**31, -(2**63), 2**64, [], [1, 2], np.array(1),
+    lambda: 0, np.int64(3), np.float32(0.1), 2**31, -(2**63), 2**64, [], [1, 2], np.array(1),
 )  # fmt: skip
 ACTIONS = (
-    *VALUES, np.array([0.5, -0.5]), [0.5, 0.5], np.array([NAN, 0.0]), np.array([INF, 0]), [1e300,
-    0],
-    np.array([0.1 + 1j, 0]), np.array(["a", "b"]), np.array([1, 2], dtype=object), np.zeros((1, 2)),
-    np.zeros((2, 2)), np.zeros(3), np.zeros((2, 3)), np.zeros((2, 1)), [[0.1, 0.1], [NAN, 0]],
-    np.array([True, False]), np.array([1, -1], dtype=np.int8), np.ma.masked_array([0.1, 0.1], [1,
-    0]),
-    np.array([0, 0], dtype="M8[s]"), np.float16([6e4, 0]), [None, 0], [[0.1], [0.1, 0.2]],
+    *VALUES, np.array([0.5, -0.5]), [0.5, 0.5], np.array([NAN, 0.0]), np.array([INF, 0]),
+    [1e300, 0], np.array([0.1 + 1j, 0]), np.array(["a", "b"]), np.array([1, 2], dtype=object),
+    np.zeros((1, 2)), np.zeros((2, 2)), np.zeros(3), np.zeros((2, 3)), np.zeros((2, 1)),
+    [[0.1, 0.1], [NAN, 0]], np.array([True, False]), np.array([1, -1], dtype=np.int8),
+    np.ma.masked_array([0.1, 0.1], [1, 0]), np.array([0, 0], dtype="M8[s]"), np.float16([6e4, 0]),
+    [None, 0], [[0.1], [0.1, 0.2]],
 )  # fmt: skip
-KEYWORDS = ("random", "time_limit", "robot", "spot", "nose", "nothing", "environment_kwargs")
-OF_ENVIRONMENT = (
-    "control_timestep",
-    "n_sub_steps",
-    "flat_observation",
-    "legacy_step",
-    "time_limit",
-    "x",
-)
+KEYWORDS = "random time_limit robot spot nose nothing environment_kwargs".split()
+OF_ENVIRONMENT = "control_timestep n_sub_steps flat_observation legacy_step time_limit x".split()
 OF_GYMNASIUM = (
-    "robot", "spot", "nose", "render_mode", "camera", "width", "height", "max_episode_steps",
-    "task",
-    "disable_env_checker", "nothing",
-)  # fmt: skip
-OF_VECTOR = (
-    "robot",
-    "spot",
-    "nose",
-    "render_mode",
-    "max_episode_steps",
-    "autoreset_mode",
-    "threads",
-)
-
-
-@dataclasses.dataclass
-class Case:
-    """A hostile call.
-
-    Attributes:
-      what: The call, in words.
-      call: Function that makes the call and returns the numbers that it gave.
-    """
-
-    what: str
-    call: object
-
-
-def _numbers(value):
-    """Yields all numbers of a nested value."""
-    if isinstance(value, dict):
-        value = [*value.values()]
-    if isinstance(value, tuple | list):
-        for part in value:
-            yield from _numbers(part)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-        yield value
-    elif isinstance(value, float | int | np.number):
-        yield np.asarray(value)
+    "robot spot nose render_mode camera width height max_episode_steps task disable_env_checker "
+    "nothing"
+).split()
+OF_VECTOR = "robot spot nose render_mode max_episode_steps autoreset_mode threads".split()
 
 
 def _kwargs(draw, names, most=2):
@@ -124,8 +80,7 @@ def _dm(draw):
         assert abs(pose[0]) < size.half_length and abs(pose[1]) < size.half_width, "outside"
         return [(step.observation, step.reward) for step in given], pose
 
-    shown = f"load({domain!r:.20}, {task!r:.30}, {kwargs!r:.200}, {environment!r:.200})"
-    return Case(f"{shown}, actions {actions!r:.300}, step first: {first}", call)
+    return call, (domain, task, kwargs, environment, actions, first)
 
 
 def _called(env, actions, order, kept, **start):
@@ -138,41 +93,27 @@ def _called(env, actions, order, kept, **start):
     return given
 
 
-def _gym(draw):
+def _gymnasium(draw, vector):
     import gymnasium
 
-    name, kwargs = one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_GYMNASIUM)
-    actions = _actions(draw, np.full(2, 0.3))
-    seed, options = (one(draw, VALUES) if draw.random() < 0.15 else None for _ in range(2))
-    order = int(draw.integers(12))
-
-    def call():
-        env = gymnasium.make(f"musebot/{name}", **kwargs)
-        return _called(env, actions, order, 2, seed=seed, options=options)
-
-    shown = f"make({name}, {kwargs!r:.200}), reset({seed!r:.60}, {options!r:.60})"
-    return Case(f"{shown}, actions {actions!r:.300}, order {order}", call)
-
-
-def _vector(draw):
-    import gymnasium
-
-    name, kwargs = one(draw, [*musebot.GYMNASIUM_TASKS]), _kwargs(draw, OF_VECTOR)
-    count = 2 if draw.random() < 0.8 else one(draw, [v for v in VALUES if v is not None])
-    actions = _actions(draw, np.full((2, 2), 0.3))
-    seed = one(draw, VALUES) if draw.random() < 0.2 else None
-    order = int(draw.integers(12))
+    name = one(draw, [*musebot.GYMNASIUM_TASKS])
+    kwargs = _kwargs(draw, OF_VECTOR if vector else OF_GYMNASIUM)
+    actions = _actions(draw, np.full((2, 2) if vector else 2, 0.3))
+    starts = ("seed",) if vector else ("seed", "options")
+    start = {part: one(draw, VALUES) if draw.random() < 0.15 else None for part in starts}
+    count = one(draw, [v for v in VALUES if v is not None]) if draw.random() < 0.2 else 2
     if isinstance(count, int) and count > 10**6:
         count = 2  # rightly out of memory
+    order = int(draw.integers(12))
 
     def call():
-        env = gymnasium.make_vec(
-            f"musebot/{name}", num_envs=count, vectorization_mode="vector_entry_point", **kwargs
-        )
-        return _called(env, actions, order, 3, seed=seed)
+        if not vector:
+            return _called(gymnasium.make(f"musebot/{name}", **kwargs), actions, order, 2, **start)
+        sound = dict(num_envs=count, vectorization_mode="vector_entry_point")
+        env = gymnasium.make_vec(f"musebot/{name}", **sound, **kwargs)
+        return _called(env, actions, order, 3, **start)
 
-    shown = f"make_vec({name}, {count!r:.60}, {kwargs!r:.200}), reset({seed!r:.60})"
-    return Case(f"{shown}, actions {actions!r:.300}, order {order}", call)
+    return call, (name, count, kwargs, start, actions, order)
 
 
 def _batch(draw):
@@ -197,44 +138,43 @@ def _batch(draw):
         given = []
         for motor in motors:
             batch.step(motor)
-            given.append(
-                (batch.rules.state(batch.sensordata), batch.rules.reward(batch.sensordata))
-            )
+            given += [rule(batch.sensordata) for rule in (batch.rules.state, batch.rules.reward)]
         return given, batch.pose[batch.valid]
 
-    kind = "make_kinematic_batch" if kinematic else "make_batch"
-    shown = f"{kind}({task}, {robots!r:.60}, {kwargs!r:.100}), place {place!r:.60}, {spot!r:.60}"
-    return Case(f"{shown}, motors {motors!r:.300}", call)
+    return call, (task, robots, kwargs, kinematic, place, spot, motors)
 
 
-KINDS = {"load": _dm, "gymnasium.make": _gym, "make_vec": _vector, "batch": _batch}
+# Each draws a call, and returns the function that makes it, and what it is called with.
+KINDS = {
+    "load": _dm,
+    "gymnasium.make": functools.partial(_gymnasium, vector=False),
+    "make_vec": functools.partial(_gymnasium, vector=True),
+    "batch": _batch,
+}
 
 
 def case(kind, number):
-    """Carries out one case; returns the class of what happened, and a sentence.
-
-    Args:
-      kind: A key of `KINDS`.
-      number: Number of the case.
-    """
+    """Carries out one case of a kind; returns the class of what happened, and a sentence."""
     draw = np.random.default_rng([SEED, [*KINDS].index(kind), number])
-    one = KINDS[kind](draw)
+    call, arguments = KINDS[kind](draw)
+    said = f"{kind} {number}: {arguments!r:.1000}"
     found, error = None, None
     with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
         warnings.simplefilter("ignore")
         try:
             with oracle.limited():
-                found = one.call()
+                found = call()
         except oracle.OutOfTime:
-            return "wrong: slow", one.what
+            return "wrong: slow", said
         except Exception as caught:
             error = caught
-    return _judged(found, error), f"{kind} {number}: {one.what}: {error!r:.600}"
+    return _judged(found, error), f"{said}: {error!r:.600}"
 
 
 def _judged(found, error):
     if error is None:
-        sound = all(np.isfinite(array).all() for array in _numbers(found))
+        arrays = [np.asarray(leaf) for leaf in tree_leaves(found)]
+        sound = all(np.isfinite(array).all() for array in arrays if array.dtype.kind in "fiub")
         return "carried out, finite" if sound else "wrong: numbers that are not finite"
     name = type(error).__name__
     if not str(error):
@@ -250,6 +190,8 @@ def _reached(error):
     """Returns whether an error was raised in a call of musebot, not by Gymnasium alone."""
     package = Path(musebot.__file__).resolve().parent
     paths = [Path(f.filename).resolve() for f in traceback.extract_tb(error.__traceback__)]
-    ours = [path for path in paths if path.is_relative_to(package)]
-    return any(not path.is_relative_to(package / "tests") and ".venv" not in path.parts
-               for path in ours)  # fmt: skip
+    others = (package / "tests", package / ".venv")
+    return any(
+        path.is_relative_to(package) and not any(path.is_relative_to(other) for other in others)
+        for path in paths
+    )

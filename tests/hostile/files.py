@@ -1,15 +1,17 @@
-"""Kinds of files that are read: real ones, the changes that hostile cases make, and the readers."""
+"""Hostile cases of files that are read: real ones of each kind, their changes, and the readers."""
 
 import dataclasses
 import functools
 import hashlib
 import json
+import os
 import shutil
 from pathlib import Path
 
 import numpy as np
 import safetensors
 from hostile import mutations as change
+from hostile import oracle
 from hostile.mutations import one
 
 from musebot.protocols import exit_status
@@ -23,7 +25,6 @@ from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import read_run, write_results
-from musebot.protocols.pages.replay import StoredRobot
 from musebot.protocols.storage import load_arrays, save_arrays
 
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
@@ -33,13 +34,7 @@ SHORT = Experiment(seed=1, cohort_size=2, time_scale=0.002, body="kinematic")
 
 
 def make(folder, seed, invented):
-    """Writes files of every kind, as musebot does.
-
-    Args:
-      folder: Folder to write them into.
-      seed: Seed of all random streams; two folders of different seeds are of different robots.
-      invented: Function `conftest.invented_lives`.
-    """
+    """Writes files of every kind into a folder, of other robots for another seed."""
     short = dataclasses.replace(SHORT, seed=seed)
     experiment = dataclasses.replace(short, time_scale=0.05)
     _make_run(folder / "run", experiment, {WALLS: 4, SPOT: 2}, invented)
@@ -74,6 +69,7 @@ def _make_run(folder, experiment, robots, invented):
 
 
 # ---- Readers: each returns a value that is equal if and only if the results are ----
+# A film has what the run of its robot has, and nothing reads robots.csv (test_run_files.py).
 
 
 def _digest(*arrays):
@@ -94,16 +90,6 @@ def run_of(folder):
         names = [[*networks] for networks in both]
         held.append((str(condition), repr(part.robots), names, _digest(part.curves, *arrays)))
     return run.experiment, held
-
-
-def film_of(folder):
-    """Reads a run and simulates the first moments of a film."""
-    run = read_run(folder / "run", replay=True)
-    moments = StoredRobot(run, SPOT, 0, "post").episode().moments()
-    found = [next(moments) for _ in range(3)]
-    motors = np.array([moment.motors for moment in found])
-    assert np.isfinite(motors).all(), "motor values that are not finite"
-    return _digest(motors, np.array([moment.pose for moment in found]))
 
 
 def _state_of(cohort):
@@ -141,12 +127,15 @@ def policies_of(folder):
 
 # ---- Changes ----
 
+UNWRITTEN = (
+    safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError, RecursionError
+)  # fmt: skip
+
 
 def _in_place(**mutators):
     """Returns a change of a file's bytes."""
 
     def changed(draw, path, other):
-        del other
         name = one(draw, [*mutators])
         path.write_bytes(mutators[name](draw, path.read_bytes()))
         return name
@@ -191,49 +180,32 @@ def _forged(draw, path, other):
         arrays[name] = foreign.get(name, arrays[name])
     elif what == 4:
         notes = foreign_notes
-    elif what == 5 and notes:
-        try:
-            notes = json.loads(change.json_mutated(draw, json.dumps(notes).encode()))
-            json.dumps(notes := notes if isinstance(notes, dict) else {"x": 1})
-        except (ValueError, RecursionError):
-            notes = {}
-    else:
+    elif what > 5:
         arrays[name] = change.array_mutated(draw, arrays[name])
     try:
+        if what == 5 and notes:
+            notes = json.loads(change.json_mutated(draw, json.dumps(notes).encode()))
         save_arrays(path, arrays, **{str(k): v for k, v in notes.items()})
-    except (safetensors.SafetensorError, KeyError, ValueError, TypeError):  # of no such dtype
+    except UNWRITTEN:  # no such file can be
         path.write_bytes(path.read_bytes()[:-1])
     return "forged"
 
 
-BYTES, TENSORS = _in_place(**change.BYTES), _in_place(tensors=change.tensors_mutated)
-_ANY = ((BYTES, 4), (_placed, 1), (_swapped, 0.4), (_mixed_up, 0.4))
-_ARRAYS = (*_ANY, (TENSORS, 3), (_forged, 4))
+_ANY = ((_in_place(**change.BYTES), 4), (_placed, 1), (_swapped, 0.4), (_mixed_up, 0.4))
+_ARRAYS = (*_ANY, (_forged, 4))
 
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """A kind of file.
-
-    Attributes:
-      name: Name of the kind.
-      file: File within the folder that `make` writes.
-      read: Function that reads what the folder holds.
-      changes: Functions that change the file, each with its weight.
-      harmless: Whether the file may be changed in any way, as nothing reads it.
-    """
+    """A kind of file within the folder that `make` writes."""
 
     name: str
     file: str
-    read: object
-    changes: tuple = _ARRAYS
-    harmless: bool = False
+    read: object  # function that reads what the folder holds
+    changes: tuple = _ARRAYS  # functions that change the file, each with its weight
 
     def changed(self, draw, folder, other, number):
-        """Changes the file in a folder; returns the name of the change.
-
-        The first cases have each of the changes once; all others draw one.
-        """
+        """Changes the file in a folder; returns the name of the change, of which all come first."""
         functions, weights = zip(*self.changes, strict=True)
         drawn = draw.choice(len(functions), p=np.array(weights) / sum(weights))
         function = functions[number if number < len(functions) else drawn]
@@ -244,20 +216,10 @@ KINDS = (
     Kind("experiment.json", "run/experiment.json", run_of,
          (*_ANY, (_in_place(json=change.json_mutated), 6))),
     Kind("results", "run/results.safetensors", run_of),
-    Kind("robots.csv", "run/robots.csv", run_of, _ANY, harmless=True),
-    Kind("film of a run", "run/results.safetensors", film_of),
     Kind("checkpoint", f"checkpoints/{KEY}.safetensors", checkpoint_of),
     Kind("finished cohort", f"checkpoints/{KEY}.finished.safetensors", finished_of),
     Kind("policies", "policies.safetensors", policies_of),
 )  # fmt: skip
-
-
-def copied(kind, base, folder):
-    """Copies the files that a reader reads."""
-    part = Path(kind.file).parts[0]
-    folder.mkdir(parents=True)
-    copy = shutil.copytree if (base / part).is_dir() else shutil.copy
-    copy(base / part, folder / part)
 
 
 def working(kind, folder):
@@ -269,3 +231,67 @@ def working(kind, folder):
         return status, found[0] if found else None
 
     return work
+
+
+# ---- Cases ----
+
+SEED = 20040
+# Accepted changes of a result by kinds of files: nothing could tell of sound weights of other
+# policies, nor of sound values with a digest written anew.
+UNTOLD = {kind.name: ["forged"] for kind in KINDS if kind.file.endswith(".safetensors")}
+UNTOLD["policies"] += ["swapped", "mixed_up", "link_to_other"]
+
+
+_TRUE = {}
+
+
+def case(base, folder, kind, number):
+    """Carries out a numbered case of a kind of file, in a folder that is then removed.
+
+    Returns:
+      The class of what happened, which must not begin with "wrong", and a sentence.
+    """
+    draw = np.random.default_rng([SEED, KINDS.index(kind), number])
+    own, victim = folder / "own", folder / "victim"
+    part = Path(kind.file).parts[0]
+    own.mkdir(parents=True)
+    copy = shutil.copytree if (base / "a" / part).is_dir() else shutil.copy
+    copy(base / "a" / part, own / part)
+    victim.mkdir()
+    (victim / "notes.txt").write_text("mine")
+    os.environ["HOSTILE_MARK"] = str(folder / "unpickled")
+    what = kind.changed(draw, own, base / "b", number)
+    before, outside = oracle.snapshot(own), oracle.snapshot(victim, base, contents=False)
+    outcome = oracle.carried_out(working(kind, own))
+    said = f"{kind.name} {number}, {what}: {outcome.status} {outcome.printed.strip()[-1200:]}"
+    try:
+        return _judged(kind, what, outcome, before != oracle.snapshot(own)), said
+    finally:
+        left = oracle.snapshot(victim, base, contents=False)
+        assert left == outside, f"{said}: something outside was changed"
+        assert not (folder / "unpickled").exists(), f"{said}: code of the file was run"
+        shutil.rmtree(folder)
+
+
+def _judged(kind, what, outcome, changed):
+    if outcome.status == 0:
+        if outcome.value == _TRUE[kind.name]:
+            return "accepted, the same results"
+        if kind.name == "checkpoint" and outcome.value is (what != "no_file"):
+            return "set aside, starts anew"
+        if what in UNTOLD.get(kind.name, ()):
+            return f"is unknown: {what}"
+        return f"wrong: accepted with other results after {what}"
+    if wrong := oracle.complaint(outcome):
+        return f"wrong: {wrong}"
+    if changed:
+        return "wrong: refused, but the folder was changed"
+    return "refused in one sentence"
+
+
+def learn_truth(base):
+    """Reads the unchanged files: what every accepted case must give."""
+    for kind in KINDS:
+        outcome = oracle.carried_out(working(kind, base / "a"))
+        assert outcome.status == 0, f"{kind.name}: {outcome.printed}"
+        _TRUE[kind.name] = outcome.value

@@ -1,15 +1,13 @@
 """Runs a hostile case within limits, and checks what it did."""
 
+import collections
 import contextlib
-import dataclasses
 import hashlib
 import io
 import os
 import resource
 import signal
 import stat
-import sys
-import time
 import traceback
 
 REFUSED = {1, 2}  # exit statuses of a refusal
@@ -22,21 +20,9 @@ class OutOfTime(BaseException):
     """A case ran longer than it may."""
 
 
-@dataclasses.dataclass
-class Outcome:
-    """What a case did.
-
-    Attributes:
-      status: Exit status; "traceback", "slow" or "memory" for what must not happen.
-      value: What the case's work returned.
-      printed: Text on stderr.
-      seconds: Duration.
-    """
-
-    status: object
-    value: object
-    printed: str
-    seconds: float
+Outcome = collections.namedtuple("Outcome", "status value printed")
+"""What a case did: its exit status, or "traceback", "slow" or "memory" for what must not happen;
+what its work returned; and its text on stderr."""
 
 
 @contextlib.contextmanager
@@ -67,14 +53,9 @@ def limited():
 
 
 def carried_out(work):
-    """Carries out what a command does, as the command would; returns its outcome.
-
-    Args:
-      work: Function that returns an exit status and a value.
-    """
-    out, err = io.StringIO(), io.StringIO()
-    began, value = time.perf_counter(), None
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    """Does work, which returns an exit status and a value, as a command would; its outcome."""
+    err, value = io.StringIO(), None
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(err):
         try:
             with limited():
                 status, value = work()
@@ -90,7 +71,7 @@ def carried_out(work):
     printed = err.getvalue()
     if status == 1 and "not enough memory" in printed:
         status = "memory"
-    return Outcome(status, value, printed, time.perf_counter() - began)
+    return Outcome(status, value, printed)
 
 
 def complaint(outcome):
@@ -113,9 +94,7 @@ def complaint(outcome):
 def snapshot(*folders, contents=True):
     """Returns names, kinds, sizes and contents of all below some folders, links not followed.
 
-    Args:
-      *folders: Folders or files.
-      contents: Whether contents are read; if not, the times of the last change stand for them.
+    Without contents, the times of the last change stand for them.
     """
     found = {}
     for folder in folders:
@@ -140,9 +119,3 @@ def snapshot(*folders, contents=True):
                     content = hashlib.blake2b(file.read(), digest_size=16).digest()
             found[path] = kind, stat.S_IMODE(state.st_mode), content
     return found
-
-
-def peak_bytes():
-    """Returns the peak memory of this process."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

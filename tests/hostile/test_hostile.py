@@ -3,9 +3,10 @@
 import collections
 import functools
 import importlib.util
+import resource
 
 import pytest
-from hostile import commands, environments, files, oracle, readers
+from hostile import commands, environments, files, oracle
 
 from musebot.protocols.cli import parser as cli
 
@@ -23,15 +24,16 @@ def base(tmp_path_factory, invented):
     folder = tmp_path_factory.mktemp("hostile")
     for name, seed in (("a", 1), ("b", 2)):
         files.make(folder / name, seed, invented)
-    readers.learn_truth(folder)
+    files.learn_truth(folder)
     yield folder
     torch.set_num_threads(threads)
 
 
 def judged(what, cases):
-    """Carries out cases and prints how often each class of outcomes occurred; none may be wrong."""
+    """Carries out cases and prints the classes of outcomes; none may be wrong."""
     found = [case() for case in cases]
-    print(f"\n{what}: {len(found)} cases, peak {oracle.peak_bytes() / 2**20:.0f} MiB")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # on Linux
+    print(f"\n{what}: {len(found)} cases, peak {peak:.0f} MiB")
     for outcome, count in sorted(collections.Counter(outcome for outcome, _ in found).items()):
         print(f"  {count:6d}  {outcome.splitlines()[0][:160]}")
     wrong = [f"{outcome}\n{said}" for outcome, said in found if outcome.startswith("wrong")]
@@ -49,14 +51,13 @@ def test_a_changed_file_is_refused_or_gives_the_same_results(base, tmp_path, kin
     cases = READERS // len(files.KINDS) if share else FEW
     judged(
         kind.name,
-        (functools.partial(readers.case, base, tmp_path / str(n), kind, n) for n in range(cases)),
+        (functools.partial(files.case, base, tmp_path / str(n), kind, n) for n in range(cases)),
     )
 
 
 @pytest.fixture
 def begun_only(monkeypatch):
-    with commands.begun_only(monkeypatch):
-        yield
+    commands.begun_only(monkeypatch)
 
 
 @pytest.mark.usefixtures("begun_only")

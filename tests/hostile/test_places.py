@@ -8,7 +8,6 @@ import pytest
 from hostile import oracle
 
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.lives import plan
 from musebot.protocols.pages import measured_behaviour, report
 
 SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --task wall_avoidance"
@@ -61,20 +60,7 @@ def test_a_link_in_the_place_of_what_is_ours_is_refused(run, victim, capsys):
         (run / place).unlink()
 
 
-def test_a_page_shows_no_film_that_is_a_link(run, victim):
-    (run / "films").mkdir()
-    (run / "films" / "wall_avoidance_linked.mp4").symlink_to(victim / "wall_avoidance_mine.mp4")
-    assert report._kept(run / "films") == []
-
-
-# ---- Folders that are not ours ----
-
-
-def test_a_folder_with_a_hidden_file_of_the_users_is_foreign(tmp_path, capsys):
-    for name in (".novel.2024.draft", ".git", ".x.musebot", ".x.0123456789abcdeg.musebot"):
-        (tmp_path / name).write_text("mine")
-        assert "is not empty and holds no" in refused(capsys, ["run", tmp_path], tmp_path)
-        (tmp_path / name).unlink()
+# ---- Files that are not ours ----
 
 
 def test_a_file_of_the_users_in_a_run_stays(run):
@@ -88,14 +74,13 @@ def test_a_file_of_the_users_in_a_run_stays(run):
 
 # ---- Names ----
 
-NAMES = ["a[/]b", "[red]x[/red]", "two\nlines", "\x1b[2J", "\udcff", "\u202egpj", "🤖", "a|b*_`<i>"]
+NAME = "a[/]b [red]x[/red] two\nlines \x1b[2J \udcff \u202egpj 🤖 a|b*_`<i>"
 
 
-@pytest.mark.parametrize("name", NAMES, ids=ascii)
 def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
-    name, tmp_path, capsys, monkeypatch, commands_in_process
+    tmp_path, capsys, monkeypatch, commands_in_process
 ):
-    out = tmp_path / name
+    out = tmp_path / NAME
     assert cli.main(["run", str(out), *SHORT.split()]) == 0
     assert cli.main(["tables", str(out)]) == 0
     (out / "checkpoints").mkdir()
@@ -108,7 +93,6 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     monkeypatch.setattr(measured_behaviour, "observe", lambda run: behaviour)
     monkeypatch.setattr(report, "_figures", lambda *_: iter(()))
     monkeypatch.setattr(report, "_film", lambda *_: "no film")
-    monkeypatch.setattr(report, "judge_all", lambda *_: [])
     assert cli.main(["report", str(out)]) == 0
     page = (out / "report.html").read_text()
     assert "<i>" not in page and "\x1b" not in page
@@ -126,18 +110,10 @@ def test_an_out_that_the_system_could_not_name_is_refused_and_a_long_one_is_not(
     assert cli.main(["tables", str(out)]) == 0
 
 
-def test_an_out_whose_links_lead_in_a_circle_is_refused(tmp_path, capsys):
-    (tmp_path / "a").symlink_to("b")
-    (tmp_path / "b").symlink_to("a")
-    for verb in ("run", "tables", "report"):
-        refused(capsys, [verb, tmp_path / "a"], tmp_path)
-        refused(capsys, [verb, tmp_path / "a" / "b"], tmp_path)
-
-
 # ---- Streams and machines ----
 
 
-def test_a_closed_stream_changes_no_status_and_no_result(run, monkeypatch):
+def test_a_closed_stream_or_one_of_ascii_changes_no_status_and_no_result(run, monkeypatch):
     tables = (run / "tables.md").read_bytes()
     for stream in ("stdout", "stderr"):
         with monkeypatch.context() as patch:
@@ -146,9 +122,6 @@ def test_a_closed_stream_changes_no_status_and_no_result(run, monkeypatch):
             assert cli.main(["tables", str(run), "--json"]) == 0
             assert cli.main(["tables", str(run / "nothing")]) == 2
     assert (run / "tables.md").read_bytes() == tables
-
-
-def test_a_terminal_of_ascii_shows_every_character_escaped(run, monkeypatch):
     out = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
     monkeypatch.setattr(sys, "stdout", out)
     assert cli.main(["tables", str(run), "--compare", str(run)]) == 0
@@ -161,32 +134,9 @@ def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp
     bare = tmp_path / "bare"
     command = [sys.executable, "-m", "musebot", "run", str(bare), *SHORT.split()]
     environment = {"TMPDIR": str(tmp_path / "nothing"), "LC_ALL": "C", "PYTHONHASHSEED": "7"}
-    done = subprocess.run(
-        [*command, "--processes", "1"],
-        env=environment,
-        cwd=tmp_path,
-        umask=0o077,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    command += ["--processes", "1"]
+    subprocess.run(command, env=environment, cwd=tmp_path, umask=0o077, check=True)
     for name in ("robots.csv", "results.safetensors"):
         assert (bare / name).read_bytes() == (run / name).read_bytes()
         assert (bare / name).stat().st_mode & 0o077 == 0
     assert bare.stat().st_mode & 0o077 == 0
-
-
-# ---- Bounds ----
-
-
-def test_a_number_that_no_machine_could_serve_is_refused(run, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(plan, "machine_bytes", lambda: 2**27)
-    for words, sentence in (
-        ("film RUN --task wall_avoidance --output NEW.mp4 --seconds 1e9", "3600"),
-        ("run NEW --body kinematic --robots 1000000000", "from 1 to 1000000"),
-        ("run NEW --robots 1000000", "GiB of memory; this machine has"),
-        ("run NEW --set brain.fixed_motors=" + "[" * 100_000, "fixed_motors must be"),
-    ):
-        words = words.replace("RUN", str(run)).replace("NEW", str(tmp_path / "new")).split()
-        assert sentence in refused(capsys, words, run, tmp_path)

@@ -17,10 +17,12 @@ AGENTS = ("a.b:c", "z:y")
 ORDERED = [Condition(task, p) for task in PAPER_TASKS for p in (*PROPOSERS, *AGENTS)]
 
 
-def test_conditions_sort_as_the_papers_tables_with_agents_by_name_after_the_proposers():
-    shuffled = [*ORDERED]
-    random.Random(0).shuffle(shuffled)
-    assert sorted(shuffled) == ORDERED
+def test_conditions_and_cohorts_sort_as_the_papers_tables_with_agents_after_the_proposers():
+    cohorts = [CohortKey(condition, index) for condition in ORDERED for index in (0, 2, 10)]
+    for ordered in (ORDERED, cohorts):
+        shuffled = [*ordered]
+        random.Random(0).shuffle(shuffled)
+        assert sorted(shuffled) == ordered
     assert PAPER_TASKS == ("wall_avoidance", "spot_finding")
 
 
@@ -31,13 +33,6 @@ def test_conditions_and_cohorts_have_names_and_equal_ones_are_one_key():
     assert str(CohortKey(Condition("spot_finding", "a.b:c"), 3)) == "spot_finding-a.b.c-0003"
     assert len({Condition("spot_finding", "fixed"), Condition("spot_finding", "fixed")}) == 1
     assert {c.proposer for c in ORDERED if c.has_brain} == set(PROPOSERS)
-
-
-def test_cohorts_sort_by_condition_and_then_by_number():
-    ordered = [CohortKey(condition, index) for condition in ORDERED for index in (0, 2, 10)]
-    shuffled = [*ordered]
-    random.Random(0).shuffle(shuffled)
-    assert sorted(shuffled) == ordered
 
 
 def test_unknown_tasks_and_proposers_are_refused_and_factories_accepted():

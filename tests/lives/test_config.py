@@ -15,22 +15,14 @@ from musebot.protocols.lives.config import named_brain, read_config, with_overri
 from musebot.protocols.lives.experiment import brain_name, overrides_of
 
 EXAMPLE = """
-[experiment]
-seed = 7
-time_scale = 0.001
-body = "kinematic"
-kinematics = {wall = "slides"}
-brain = {name = "steady", epsilon = 1e-1, fixed_motors = [0.0, 0.5]}
-
-[[plan]]
-task = "wall_avoidance"
-proposer = "fixed"
-robots = 2
-
-[[plan]]
-task = "spot_finding"
-proposer = "creative"
-robots = 4
+experiment.seed = 7
+experiment.body = "kinematic"
+experiment.kinematics.wall = "slides"
+experiment.brain = {name = "steady", epsilon = 1e-1, fixed_motors = [0.0, 0.5]}
+plan = [
+    {task = "wall_avoidance", proposer = "fixed", robots = 2},
+    {task = "spot_finding", proposer = "creative", robots = 4},
+]
 """
 
 
@@ -46,23 +38,15 @@ def test_a_named_brain_is_found_by_its_name_and_named_by_it():
     assert brain_name(brain) == "steady discount=0.8 keep_main_idea=true"
 
 
-@pytest.mark.parametrize(
-    ("numbers", "words", "changed"),
-    [
-        (Parameters(), ["epsilon=0.1", "ideas=5"], {"epsilon": 0.1, "ideas": 5}),
-        (Parameters(), ["fixed_motors=[0.0,0.5]"], {"fixed_motors": (0.0, 0.5)}),
-        (BRAINS["steady"], ["initial_epsilon=null"], {"initial_epsilon": None}),
-        (
-            Kinematics(),
-            ["wall=slides", "felt=pushed", "any_contact=true", "lag=0.08"],
-            {"wall": "slides", "felt": "pushed", "lag": 0.08, "any_contact": True},
-        ),
-    ],
-)
-def test_overrides_replace_the_named_parameters_only(numbers, words, changed):
-    found = with_overrides(numbers, words)
-    assert found == dataclasses.replace(numbers, **changed)
-    assert with_overrides(numbers, overrides_of(found, numbers)) == found
+def test_overrides_replace_the_named_parameters_only():
+    for numbers, words, changed in (
+        (Parameters(), ["fixed_motors=[0.0,0.5]"], dict(fixed_motors=(0.0, 0.5))),
+        (BRAINS["steady"], ["initial_epsilon=null"], dict(initial_epsilon=None)),
+        (Kinematics(), ["wall=slides", "any_contact=true"], dict(wall="slides", any_contact=True)),
+    ):
+        found = with_overrides(numbers, words)
+        assert found == dataclasses.replace(numbers, **changed)
+        assert with_overrides(numbers, overrides_of(found, numbers)) == found
 
 
 def test_invalid_names_and_overrides_are_refused_in_a_sentence():
@@ -87,8 +71,8 @@ def test_invalid_names_and_overrides_are_refused_in_a_sentence():
 
 @pytest.fixture
 def written(tmp_path):
-    def written(text, name="run.toml"):
-        path = tmp_path / name
+    def written(text):
+        path = tmp_path / ("run.json" if text.startswith("{") else "run.toml")
         path.write_text(text)
         return path
 
@@ -97,7 +81,7 @@ def written(tmp_path):
 
 def test_a_file_gives_the_fields_and_the_robots_of_an_experiment(written):
     config = read_config(written(EXAMPLE))
-    assert {*config.values} == {"seed", "time_scale", "body", "kinematics", "brain"}
+    assert {*config.values} == {"seed", "body", "kinematics", "brain"}
     brain = config.values["brain"]
     assert (brain.epsilon, brain.fixed_motors) == (0.1, (0.0, 0.5))
     assert brain.learn_rate == BRAINS["steady"].learn_rate
@@ -106,23 +90,18 @@ def test_a_file_gives_the_fields_and_the_robots_of_an_experiment(written):
     assert config.robots == dict(zip(pairs, (2, 4), strict=True))
     named = read_config(written('experiment.brain = "steady"'))
     assert named.values == {"brain": BRAINS["steady"]}
-    changed = read_config(written('{"experiment": {"brain": {"noise": 0.5}}}', "run.json"))
+    changed = read_config(written('{"experiment": {"brain": {"noise": 0.5}}}'))
     assert changed.values == {"brain": Parameters(noise=0.5)}
 
 
 ROW = '{task = "a", proposer = "b", robots = 1}'
 WRONG = {
     "seed = 1": "the file has no 'seed'; there are experiment, plan, ",
-    "experiment = [1]": "experiment must have names with values, got (1,)",
     "experiment.sed = 1": "experiment has no 'sed'; did you mean seed?",
-    "experiment.brain.soul = 1": "brain has no 'soul'",
-    'experiment.brain = "divine"': "brain must be one of paper, steady, ",
     "experiment.brain.epsilon = 2": "epsilon must be a number in [0, 1], got 2",
     "experiment.brain = 3": "brain must have names with values, got 3",
     "experiment.brain.name = [1]": "brain must be one of paper, steady, ",
-    'experiment.kinematics.tyre = "flat"': "kinematics has no 'tyre'",
     'experiment.seed = "one"': "seed must be a whole number",
-    "experiment.seed = 010": "cannot be read",
     "experiment.seed = 1\nexperiment.seed = 2": "cannot be read",
     "plan = {a = 1}": "plan must be a list of rows",
     'plan = [{task = "spot_finding"}]': "needs task, proposer, robots, got no proposer",
@@ -134,7 +113,7 @@ WRONG = {
 
 def test_a_wrong_file_is_one_sentence_that_names_the_file(written):
     for text, words in WRONG.items():
-        path = written(text, "run.json" if text.startswith("{") else "run.toml")
+        path = written(text)
         with pytest.raises(InputError) as caught:
             read_config(path)
         sentence = str(caught.value)

@@ -1,6 +1,5 @@
 """The contract of jobs: stopped anywhere, they continue to the same bytes; and their progress."""
 
-import dataclasses
 import functools
 import itertools
 import queue
@@ -8,11 +7,11 @@ import queue
 import numpy as np
 import pytest
 
+from musebot.controller import BRAINS, NoisePatterns, Parameters
 from musebot.protocols.compare.jobs import ArrayJob, lives
-from musebot.protocols.errors import Interrupted, RunError
+from musebot.protocols.errors import RunError
 from musebot.protocols.lives import jobs
 from musebot.protocols.lives.checkpoints import read_lives
-from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.jobs import CohortJob, execute, run_job
@@ -35,14 +34,22 @@ def evaluation(folder):
     return ArrayJob(folder / "one.safetensors", work, cost, {}, {"seed": SHORT.seed})
 
 
+def of(proposer, task="wall_avoidance", body="kinematic", **changes):
+    """Returns a function that makes the job of a cohort in a folder."""
+    experiment = Experiment(cohort_size=2, time_scale=0.001, body=body, **changes)
+    keys = (CohortKey(Condition(task, proposer), 1),)
+    return lambda folder: cohort_job(folder, keys, experiment=experiment)
+
+
 JOBS = {
-    "kinematic": cohort_job,
-    "mujoco": lambda folder: cohort_job(
-        folder, experiment=Experiment(cohort_size=2, time_scale=0.001)
-    ),
-    "of a learner": lambda folder: cohort_job(folder, (CohortKey(LEARNER, 1),)),
+    "fixed": of("fixed"),
+    "random": of("random", "spot_finding"),
+    "steady in MuJoCo": of("creative", body="mujoco", brain=BRAINS["steady"]),
+    "noise held": of("creative", brain=Parameters(noise_steps=7)),
+    "noise for life": of("creative", brain=Parameters(noise_steps=0)),
+    "of a learner": of(LEARNER.proposer, LEARNER.task),
     "together": lambda folder: cohort_job(folder, KEYS),
-    "saved often": lambda folder: cohort_job(folder, save_every=0.0),
+    "saved often": lambda folder: cohort_job(folder, KEYS[1:], save_every=0.0),
     "of a study": evaluation,
 }
 
@@ -51,6 +58,7 @@ JOBS = {
 def make(request, monkeypatch):
     """Makes a job of one kind in a folder."""
     monkeypatch.setattr(jobs, "_CHUNK", 7)
+    monkeypatch.setattr(NoisePatterns, "LIFETIME", 40)  # less than a life
     if request.param == "together":
         monkeypatch.setattr(Experiment, "on_tensors", True)
     return JOBS[request.param]
@@ -179,20 +187,6 @@ def test_what_stops_a_job_is_one_sentence(error, words, tmp_path, monkeypatch, d
         run(cohort_job(tmp_path, KEYS))
 
 
-def test_on_a_gpu_robots_are_looked_at_once_a_minute(tmp_path, monkeypatch):
-    steps = []
-
-    def advance(cohorts, count):
-        steps.append(count)
-        cohorts[0].step = cohorts[0].steps
-
-    gpu = dataclasses.replace(SHORT, device="cuda")
-    monkeypatch.setattr(jobs, "advance_together", advance)
-    monkeypatch.setattr(jobs, "restored_cohorts", lambda *of: ([Cohort(SHORT, KEYS[0])], ""))
-    assert run(cohort_job(tmp_path, experiment=gpu))[0]
-    assert steps == [600]
-
-
 # Execution
 
 
@@ -201,53 +195,25 @@ class Number:
 
     cost = 1.0
 
-    def __init__(self, number):
-        self.number = number
 
-
-def test_every_job_is_handed_on_as_soon_as_it_is_done_or_the_executor_is_closed(capfd):
-    execute("nothing", [], pytest.fail)
-    numbers, events = [Number(n) for n in range(3)], []
-
-    def executor(jobs, progress):
-        try:
-            for job in jobs:
-                events.append(f"ran {job.number}")
-                progress.show(reports_of([]))
-                yield job
-        except GeneratorExit:
-            events.append("closed")
-            raise
-
-    def finished(job):
-        events.append(f"got {job.number}")
-
-    execute("numbers", numbers, executor, finished, watcher=lambda: events.append("watched"))
-    assert events == [e for n in range(3) for e in (f"ran {n}", "watched", f"got {n}")]
-    assert "numbers" in capfd.readouterr().err
-    for error in (Interrupted, OSError, KeyboardInterrupt):
-        events.clear()
-
-        def refuse(job, error=error):
-            raise error
-
-        with pytest.raises(error) as caught:  # it keeps the frame of the reader alive
-            execute("numbers", numbers, executor, refuse, quiet=True)
-        assert events == ["ran 0", "closed"] and caught
-    assert "numbers" not in capfd.readouterr().err
-
-
-def test_progress_counts_robots_where_every_job_is_a_cohort_and_jobs_otherwise(tmp_path, capfd):
+def test_jobs_are_watched_and_counted_as_robots_where_every_one_is_a_cohort(tmp_path, capfd):
     def executor(jobs, progress):
         progress.show(reports_of(jobs))
-        yield from jobs
+        for job in jobs:
+            progress.show(reports_of([]))
+            yield job
 
+    execute("nothing", [], pytest.fail)
     for own, words in (
         ([cohort_job(tmp_path)], "2 of 2 robots done"),
-        ([cohort_job(tmp_path), Number(3)], "2 of 2 jobs done"),
+        ([cohort_job(tmp_path), Number()], "2 of 2 jobs done"),
     ):
-        execute("work", own, executor)
+        events = []
+        execute("work", own, executor, events.append, watcher=lambda: events.append("watched"))  # noqa: B023
+        assert events == ["watched", *(event for job in own for event in ("watched", job))]
         assert words in capfd.readouterr().err
+    execute("work", own, executor, quiet=True)
+    assert "work" not in capfd.readouterr().err
 
 
 def reports_of(jobs):

@@ -59,25 +59,17 @@ def measured(draw):
     """Draws what was measured of some of the plan's robots."""
     chosen = draw(st.sets(st.sampled_from([*PLAN.robots]), min_size=1))
     numbers = st.integers(0, 2**32 - 1)
+    robots = {c: draw(st.sampled_from(range(2, PLAN.robots[c] + 1, 2))) for c in sorted(chosen)}
     return {
-        c: sample(
-            c,
-            draw(st.sampled_from(range(2, PLAN.robots[c] + 1, 2))),
-            draw(numbers),
-            draw(st.sampled_from([0, 1, 600])),
-        )
-        for c in sorted(chosen)
+        c: sample(c, n, draw(numbers), draw(st.sampled_from([0, 1, 600])))
+        for c, n in robots.items()
     }
 
 
-def same(first, second):
-    """Returns whether two groups of lives by condition are equal."""
-
-    def content(lives):
-        return [(k, x.dtype, x.shape, x.tobytes()) for k, x in sorted(lives.arrays().items())]
-
-    return [(c, content(lives)) for c, lives in first.items()] == [
-        (c, content(lives)) for c, lives in second.items()
+def contents(lives):
+    return [
+        (c, [(k, x.dtype, x.shape, x.tobytes()) for k, x in sorted(own.arrays().items())])
+        for c, own in lives.items()
     ]
 
 
@@ -101,9 +93,9 @@ def folder(tmp_path):
 def test_what_was_measured_survives_the_files(tmp_path_factory, lives):
     folder = written(tmp_path_factory.mktemp("run"), lives)
     assert {path.name for path in folder.iterdir()} == {RESULTS_FILE, ROBOTS_FILE, MANIFEST}
-    assert same(read_measured(folder, EXPERIMENT), lives)
+    assert contents(read_measured(folder, EXPERIMENT)) == contents(lives)
     without = {c: dataclasses.replace(own, before={}, after={}) for c, own in lives.items()}
-    assert same(read_measured(folder, EXPERIMENT, networks=False), without)
+    assert contents(read_measured(folder, EXPERIMENT, networks=False)) == contents(without)
 
 
 @quick
@@ -172,22 +164,7 @@ def test_a_folder_without_results_has_no_robots_yet(folder, tmp_path):
             read_run(path)
 
 
-# Damage; tests/hostile changes every byte
-
-
-def refusal(folder):
-    with pytest.raises(DamagedFileError) as caught:
-        read_run(folder)
-    assert str(folder) in str(caught.value) and "\n" not in str(caught.value)
-    return str(caught.value)
-
-
-def test_results_of_another_experiment_are_refused(folder, tmp_path):
-    other = dataclasses.replace(PLAN, experiment=dataclasses.replace(EXPERIMENT, seed=2))
-    (tmp_path / "other").mkdir()
-    written(tmp_path / "other", {SPOT: sample(SPOT)}, other)
-    (folder / RESULTS_FILE).write_bytes((tmp_path / "other" / RESULTS_FILE).read_bytes())
-    assert "with seed 2, not 1" in refusal(folder)
+# Damage; tests/hostile changes every byte, and puts other files in the place
 
 
 def test_impossible_arrays_with_a_digest_of_their_own_are_refused(folder):
@@ -205,9 +182,11 @@ def test_impossible_arrays_with_a_digest_of_their_own_are_refused(folder):
         others = {k: x for k, x in arrays.items() if k != name}
         changed = others | ({} if array is None else {name: array})
         save_arrays(folder / RESULTS_FILE, changed, **notes)
-        assert RESULTS_FILE in refusal(folder)
+        with pytest.raises(DamagedFileError, match=f"^{folder / RESULTS_FILE}.*"):
+            read_run(folder)
     write_results(folder, EXPERIMENT, {WALLS: sample(WALLS, 3)})
-    assert "cohorts of 2, got 3 robots" in refusal(folder)
+    with pytest.raises(DamagedFileError, match="cohorts of 2, got 3 robots"):
+        read_run(folder)
 
 
 # Folders
@@ -219,10 +198,12 @@ def test_a_folder_holds_a_plan_or_can_hold_a_new_run_or_is_foreign(folder, tmp_p
     (tmp_path / "new").mkdir()
     (tmp_path / "new" / ".experiment.json.0123456789abcdef.musebot").write_text("")
     assert planned(tmp_path / "new") is None  # what a killed command has left
-    (tmp_path / "new" / "thesis.tex").write_text("mine")
-    for path in (tmp_path / "new", tmp_path / "new" / "thesis.tex"):
-        with pytest.raises(InputError, match=str(path)):
-            planned(path)
+    for name in ("thesis.tex", ".git", ".novel.2024.draft", ".x.0123456789abcdeg.musebot"):
+        (tmp_path / "new" / name).write_text("mine")
+        for path in (tmp_path / "new", tmp_path / "new" / name):
+            with pytest.raises(InputError, match=str(path)):
+                planned(path)
+        (tmp_path / "new" / name).unlink()
 
 
 def test_a_folder_has_all_robots_of_a_plan_or_not(folder, tmp_path):

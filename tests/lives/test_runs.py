@@ -12,20 +12,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LAZY_AGENT, files_below
+from helpers import files_below
 
-from musebot.protocols.agents import factory
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.lives import runs
 from musebot.protocols.lives.checkpoints import finished_file, save_lives
 from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.local import Local
 from musebot.protocols.lives.manifest import MANIFEST
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Lives, Run, results_of
+from musebot.protocols.lives.run import Lives
 from musebot.protocols.lives.run_files import RESULTS_FILE, ROBOTS_FILE, read_run
 from musebot.protocols.lives.runs import (
     UnfinishedRun,
@@ -129,29 +128,6 @@ def with_other_physics(folder):
     write_json(folder / MANIFEST, content)
 
 
-def test_results_are_written_once_the_last_cohort_is_finished(
-    run, whole, tmp_path, in_process, capfd
-):
-    """Each call finishes one cohort, and finds the earlier ones; a damaged one starts anew."""
-    done, damaged = [], None
-    while len(done) <= len(plan().cohorts()):
-        assert not (tmp_path / ROBOTS_FILE).exists()
-        executor = in_process(most=1)
-        try:
-            simulate(tmp_path, plan(), executor)
-        except Interrupted:
-            last = finished_file(tmp_path, keys(executor)[0])
-            if damaged is None:
-                damaged = last.with_suffix(".damaged")
-                last.write_bytes(last.read_bytes()[:-1])
-        done += keys(executor)
-    assert sorted({*done}) == sorted(plan().cohorts())
-    assert damaged.stem in capfd.readouterr().err.replace("\n", "")
-    damaged.unlink()
-    damaged.parent.rmdir()
-    assert contents(tmp_path) == contents(whole[0])
-
-
 @pytest.mark.parametrize("begun", [False, True])
 def test_a_run_that_had_begun_names_both_machines(begun, run, tmp_path, monkeypatch, in_process):
     here, small = os.cpu_count(), plan(robots=2)
@@ -163,8 +139,7 @@ def test_a_run_that_had_begun_names_both_machines(begun, run, tmp_path, monkeypa
     assert [made["cores"] for made in made_with] == [here, 1000][not begun :]
 
 
-# Processes that are stopped or killed
-
+# Processes that are stopped; tests/faults kills them
 
 LONGER = plan(conditions=BOTH[:1], time_scale=0.01)
 
@@ -176,8 +151,8 @@ def undisturbed(in_process, tmp_path_factory):
     return contents(directory)
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGHUP, signal.SIGKILL])
-def test_a_run_that_is_stopped_or_killed_resumes_to_the_same_bytes(how, run, tmp_path, undisturbed):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGHUP])
+def test_a_run_that_is_stopped_resumes_to_the_same_bytes(how, run, tmp_path, undisturbed):
     out = tmp_path / "run"
     process = subprocess.Popen(
         [sys.executable, "-m", "musebot", "run", str(out), "--robots", "4", "--processes", "1",
@@ -189,20 +164,15 @@ def test_a_run_that_is_stopped_or_killed_resumes_to_the_same_bytes(how, run, tmp
     while not any((out / "checkpoints").glob("*.safetensors")):
         assert process.poll() is None, process.stdout.read()
         time.sleep(0.02)
-    process.kill() if how == signal.SIGKILL else os.killpg(group, how)
+    os.killpg(group, how)
     output = process.communicate(timeout=300)[0]
-    if how != signal.SIGKILL:
-        assert process.returncode == 130, output
-        assert "stopped; the same command continues from here" in output
-    for _ in range(300):  # no process is left
-        try:
+    assert process.returncode == 130, output
+    assert "stopped; the same command continues from here" in output
+    deadline = time.monotonic() + 30
+    with pytest.raises(ProcessLookupError):  # once no process is left
+        while time.monotonic() < deadline:
             os.killpg(group, 0)
-        except ProcessLookupError:
-            break
-        time.sleep(0.1)
-    else:
-        os.killpg(group, signal.SIGKILL)
-        raise AssertionError("its processes are still there")
+            time.sleep(0.1)
     assert not (out / ROBOTS_FILE).exists()
     run(out, LONGER)
     assert contents(out) == undisturbed
@@ -241,23 +211,12 @@ def test_what_the_folder_or_the_machine_cannot_hold_is_refused_before_it_is_begu
 ):
     with locked(tmp_path / "run"), pytest.raises(InputError, match="another musebot .*is running"):
         run(tmp_path / "run", plan(), pytest.fail)
-    assert not (tmp_path / "run" / MANIFEST).exists()
+    assert not files_below(tmp_path)
     monkeypatch.setattr("musebot.protocols.lives.plan.machine_bytes", lambda: 10**6)
     large = plan(1000, cohort_size=1000)
     with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
         run(tmp_path / "new", large, pytest.fail)
     assert not (tmp_path / "new").exists()
-
-
-def test_an_agent_with_the_wrong_motor_values_is_refused(run, tmp_path, monkeypatch):
-    (tmp_path / "one_for_all.py").write_text(LAZY_AGENT)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(factory, "_TRUSTED", {"one_for_all:Lazy"})
-    lazy = plan(2, [Condition("wall_avoidance", "one_for_all:Lazy")])
-    sentence = "^one_for_all:Lazy must return motor values of shape .2, 2., got .1, 2.$"
-    with pytest.raises(InputError, match=sentence):
-        run(tmp_path / "out", lazy, pytest.fail)
-    assert not (tmp_path / "out").exists()
 
 
 def test_robots_with_other_weights_than_those_of_the_run_are_not_added(tmp_path):
@@ -280,24 +239,3 @@ def test_robots_with_other_weights_than_those_of_the_run_are_not_added(tmp_path)
         save_lives(finished_file(tmp_path, key), lives, unfinished.plan.experiment, key)
     with pytest.raises(InputError, match="0001 keeps other weights than the robots of the run"):
         unfinished.begin()
-
-
-# Robots that become unstable
-
-
-def test_an_unstable_robot_is_invalid_and_the_others_are_not_changed(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where MuJoCo would leave a log
-    experiment = Experiment(cohort_size=3, time_scale=0.01)
-    sound, broken = (Cohort(experiment, CohortKey(BOTH[0], 0)) for _ in range(2))
-    sound.advance(100)
-    broken.advance(100)
-    broken.batch.arrays()["state"][1, 1] = np.nan
-    sound.advance(10**9)
-    broken.advance(10**9)
-    ours, theirs = broken.lives(), sound.lives()
-    assert ours.valid.tolist() == [True, False, True]
-    for name in ("events", "minutes"):
-        np.testing.assert_array_equal(getattr(ours, name)[[0, 2]], getattr(theirs, name)[[0, 2]])
-    run = Run("run", experiment, results_of(experiment, {BOTH[0]: ours}))
-    assert [robot.category == "invalid" for robot in run.robots(BOTH[0])] == [False, True, False]
-    assert (run.summary(BOTH[0]).invalid, run.summary(BOTH[0]).robots) == (1, 2)

@@ -49,31 +49,15 @@ def schedules(draw):
     return Schedule("wall_avoidance", tuple(drawn), False, "genius")
 
 
-# The paper's
+# The paper's; test_cohort.py has the steps of sections 3.1 and 3.2
 
 
-def test_wall_avoidance_is_that_of_section_3_1():
-    def tests(stage):
-        return [Phase(stage, 10, False, robot=corner) for corner in (UPPER_LEFT, UPPER_RIGHT)]
-
-    training = Phase("training", 120, True, robot="random", every_minutes=5)
-    assert WALL_AVOIDANCE == Schedule(
-        "wall_avoidance", (*tests("pre"), training, *tests("post")), False, "genius"
-    )
-    assert WALL_AVOIDANCE.steps() == [6_000, 6_000, 72_000, 6_000, 6_000]
-
-
-def test_spot_finding_is_that_of_section_3_2_and_walls_are_sensed_in_a_task_of_their_own():
-    pre, post = (
-        Phase(stage, 60, False, robot=UPPER_LEFT, spot=UPPER_RIGHT[:2]) for stage in ("pre", "post")
-    )
-    training = Phase("training", 240, True, spot="random", every_minutes=60)
-    assert SPOT_FINDING == Schedule("spot_finding", (pre, training, post), True, "ignorant")
-    assert SPOT_FINDING.steps() == [36_000, 144_000, 36_000]
-    assert dataclasses.replace(WALLS_SENSED, task="spot_finding") == SPOT_FINDING
-    assert WALLS_SENSED.task == "spot_finding_walls"
+def test_walls_are_sensed_in_a_task_of_their_own():
+    assert WALLS_SENSED == dataclasses.replace(SPOT_FINDING, task="spot_finding_walls")
     assert SCHEDULES == {"wall_avoidance": WALL_AVOIDANCE, "spot_finding": SPOT_FINDING}
     assert PROTOCOLS == {"paper": SCHEDULES, "walls": {"spot_finding": WALLS_SENSED}}
+    assert WALL_AVOIDANCE.steps() == [6_000, 6_000, 72_000, 6_000, 6_000]
+    assert SPOT_FINDING.steps() == [36_000, 144_000, 36_000]
 
 
 def test_starts_are_10_cm_from_both_walls_and_face_the_corner():
@@ -164,12 +148,8 @@ class Recorder:
     def __init__(self):
         self.dimensions, self.robots = Dimensions.of(arena_spec().compile()), 2
         self.calls = []
-
-    def place(self, which, poses):
-        self.calls.append(("robots", which.tolist(), poses.tolist()))
-
-    def place_spot(self, which, spots):
-        self.calls.append(("spots", which.tolist(), spots.tolist()))
+        for name, what in (("place", "robots"), ("place_spot", "spots")):
+            setattr(self, name, lambda *given, what=what: self.calls.append((what, *given)))
 
 
 @given(phases)
@@ -180,10 +160,10 @@ def test_a_phase_places_spots_before_robots_and_what_it_does_not_place_stays(pha
     given_places = {"spots": phase.spot, "robots": phase.robot}
     wanted = [what for what, where in given_places.items() if where is not None]
     assert [what for what, *_ in first.calls] == wanted  # robots sense the new spots
-    assert first.calls == again.calls
+    np.testing.assert_equal(first.calls, again.calls)
     for (what, which, places), (_, _, others) in zip(first.calls, other.calls, strict=True):
-        assert which == [0, 1]
+        assert which.tolist() == [0, 1]
         if given_places[what] == "random":
-            assert all(a != b for a, b in zip(*places, strict=True)) and places != others
+            assert (places[0] != places[1]).all() and (places != others).all()
         else:
-            assert places == [[*given_places[what]]] * 2
+            assert places.tolist() == [[*given_places[what]]] * 2

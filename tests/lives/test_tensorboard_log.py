@@ -31,8 +31,9 @@ def check_log(folder, run, robots=4):
         events = accumulator.EventAccumulator(str(path)).Reload()
         assert events.Tags()["scalars"] == [tag]
         wanted = run.curves(condition).mean(axis=0)
-        assert [one.step for one in events.Scalars(tag)] == [*range(1, len(wanted) + 1)]
-        np.testing.assert_allclose([one.value for one in events.Scalars(tag)], wanted, rtol=1e-6)
+        minutes, values = zip(*((s.step, s.value) for s in events.Scalars(tag)), strict=True)
+        assert minutes == (*range(1, len(wanted) + 1),)
+        np.testing.assert_allclose(values, wanted, rtol=1e-6)
         assert len(wanted) > 1 and (condition == SPOT or wanted.max() > 0)
 
 
