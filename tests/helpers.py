@@ -68,3 +68,18 @@ def contrast(shade, background):
     """Returns the contrast of two colours, as WCAG defines it."""
     first, second = sorted([luminance(shade), luminance(background)])
     return (second + 0.05) / (first + 0.05)
+
+
+def run_of_rows(rows, experiment=None, *, minutes=1, name="run"):
+    """Returns a run of robots' rows, without networks and without events in its curves."""
+    from musebot.protocols.lives.conditions import Condition
+    from musebot.protocols.lives.experiment import Experiment
+    from musebot.protocols.lives.run import ConditionResults, Run
+
+    results = {}
+    for row in rows:
+        results.setdefault(Condition(row.task, row.proposer), []).append(row)
+    for condition, own in results.items():
+        curves = np.zeros((len(own), minutes))
+        results[condition] = ConditionResults(own, curves, {"before": {}, "after": {}})
+    return Run(name, experiment or Experiment(), results)

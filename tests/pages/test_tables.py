@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import run_of_rows
 
 from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.analysis import intervals
@@ -14,17 +15,15 @@ from musebot.protocols.analysis.comparison import compare_runs
 from musebot.protocols.analysis.paper_tables import column
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import ConditionResults, Robot, Run
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import tables
 
 WA = "wall_avoidance"
 
 
-def run_of(proposer, kind, ability, *, post=2.0, experiment=None):
-    condition = Condition(WA, proposer)
+def run_of(proposer, kind, ability, *, post=2.0, **fields):
     rows = [Robot(WA, proposer, 1, 0, i, 6.0, post, ability, kind) for i in range(20)]
-    results = ConditionResults(rows, np.zeros((20, 1)), {"before": {}, "after": {}})
-    return Run("run", experiment or Experiment(), {condition: results})
+    return run_of_rows(rows, Experiment(**fields))
 
 
 def test_a_column_without_robots_has_no_total_variation_in_text_and_data():
@@ -82,9 +81,7 @@ def test_names_of_folders_are_no_markup():
 def test_a_comparison_has_short_names_and_settings_as_on_the_command_line():
     name = RECORDED_NAMES["sarsa_lambda"]
     ours = run_of(name, "0 < L < 1", 0.5)
-    theirs = run_of(
-        name, "L < 0", -0.5, post=600.0, experiment=Experiment(settings=("trace=0.5", "tiles=6"))
-    )
+    theirs = run_of(name, "L < 0", -0.5, post=600.0, settings=("trace=0.5", "tiles=6"))
     text = tables.comparison_markdown(ours, theirs, compare_runs(ours, theirs))
     assert "- wall_avoidance, sarsa_lambda: " in text and "| sarsa_lambda | L < 0 |" in text
     assert name not in text
