@@ -6,17 +6,17 @@ import math
 from functools import partial
 
 import numpy as np
+from helpers import run_of_rows
 
 from musebot.controller import BRAINS, PROPOSERS
-from musebot.protocols.analysis import hypothesis_tests, paper_claims
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.analysis.claims import Claim, Evidence, judge
-from musebot.protocols.analysis.hypothesis_tests import Share
+from musebot.protocols.analysis.hypothesis_tests import TestedInequality
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import ConditionResults, Robot, Run
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.schedules import SCHEDULES
 from musebot.protocols.pages import tables
 
@@ -39,15 +39,11 @@ def robots(task, proposer, pre=1.0, post=1.0, **counts):
 
 def run_of(*groups, curves=None, time_scale=1.0):
     """Returns a run of some rows; curves of creative robots, or no event at all."""
-    rows = {}
-    for row in (row for group in groups for row in group):
-        rows.setdefault(Condition(row.task, row.proposer), []).append(row)
-    results = {}
-    for condition, own in rows.items():
-        minutes = np.zeros((len(own), 160 if condition.task == WA else 360))
-        minutes = curves if condition == CREATIVE and curves is not None else minutes
-        results[condition] = ConditionResults(own, minutes, {"before": {}, "after": {}})
-    return Run("run", Experiment(time_scale=time_scale), results)
+    rows = [row for group in groups for row in group]
+    run = run_of_rows(rows, Experiment(time_scale=time_scale), minutes=360)
+    if curves is not None:
+        run.results[CREATIVE] = dataclasses.replace(run.results[CREATIVE], curves=curves)
+    return run
 
 
 def evidence(*groups, behaviour=None, **options):
@@ -325,33 +321,20 @@ def test_each_result_has_the_verdict_by_the_papers_tables():
     assert contact.paper == NEVER and "paper" not in contact.words
 
 
-def test_the_papers_means_are_those_of_its_measured_robots():
-    found = [paper_claims.ability(Evidence(None), c) for c in (Condition(SF, "fixed"), CREATIVE)]
-    assert found == [(0.0800, 0.9681, 500 - 455), (0.0045, 0.8829, 500 - 157)]
-
-
-def test_p_is_two_sided_and_corrected_for_the_number_of_inequalities_if_against_a_claim():
-    run = three(WA, "one", 60, 40, 40).run
-    result = next(f for f in judge_all(run) if f.claim.says.startswith("Creative has most"))
-    against = hypothesis_tests.larger_share(Share(40, 100), Share(60, 100), "").p_against
-    assert f"fixed 60 of 100 (p = {2 * 2 * against:.2g} against it)" in result.why
-
-
 def test_a_claim_of_several_inequalities_needs_more_against_one_of_them():
-    one = hypothesis_tests.TestedInequality("", "", 0.98, 0.02)  # two-sided: 0.04
-    claims = [Claim(WA, "", (lambda _, n=n: [one] * n,)) for n in (1, 2)]
-    assert [judge(claim, Evidence(None)).verdict for claim in claims] == [NO, OPEN]
+    one = TestedInequality("words", "Test", 0.98, 0.02)  # two-sided: 0.04
+    results = [judge(Claim(WA, "", (lambda _, n=n: [one] * n,)), Evidence(None)) for n in (1, 2)]
+    assert [result.verdict for result in results] == [NO, OPEN]
+    assert results[1].why == "words (p = 0.08 against it); words (p = 0.08 against it). Test."
 
 
 def test_no_p_exceeds_one_and_a_number_without_a_test_is_shown_without_p():
-    inequality = hypothesis_tests.TestedInequality
-    tested = inequality("60 of 100 and 40 of 100", "Fisher", 0.2, 0.9)
-    shown = inequality("0 of 0", "Fisher", math.nan, math.nan)
+    shown = TestedInequality("0 of 0", "Fisher", math.nan, math.nan)
     for p_for, p_against, others, words in (
         (0.2, 0.9, [shown], "(p = 0.4); 0 of 0. Fisher."),
         (0.9, 0.7, [], "(p = 1 against it). Fisher."),
         (0.6, 0.7, [], "(p = 1). Fisher."),
     ):
-        one = dataclasses.replace(tested, p_for=p_for, p_against=p_against)
+        one = TestedInequality("60 of 100", "Fisher", p_for, p_against)
         claim = Claim(WA, "", (lambda _, one=one, others=others: [one, *others],))
-        assert judge(claim, Evidence(None)).why == f"60 of 100 and 40 of 100 {words}"
+        assert judge(claim, Evidence(None)).why == f"60 of 100 {words}"

@@ -67,6 +67,8 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["film", "--task", "spot_finding", "--output", "x.txt"], "x.txt"),
         (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
+        (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
+        (["explore", "dancing"], "the task must be one of"),
         (["list", "feelings"], "there are tasks, brains, protocols, agents"),
         (["doctor", "--set", "a=1"], "it needs --agent"),
     ],

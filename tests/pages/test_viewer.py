@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from musebot import tasks
-from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import viewer
 from musebot.tasks.suite import TASKS
@@ -149,20 +148,3 @@ def test_keys_are_those_of_dm_controls_viewer():
     # The window's keyboard, which announces keys, is private in dm_control.
     assert "self._window.keyboard" in (source / "application.py").read_text()
     assert "self.on_key = " in (source / "gui" / "glfw_gui.py").read_text()
-
-
-def test_command_that_cannot_open_a_window_is_one_sentence(
-    policy_file, tmp_path, monkeypatch, capsys
-):
-    policy_file("spot_finding_walls", tmp_path / "p.safetensors")
-    monkeypatch.chdir(tmp_path)
-    for words, sentence in (
-        ("wall_avoidance --keys --policies p.safetensors", "--policies, --keys and --random can"),
-        ("wall_avoidance --proposer fixed", "--proposer needs --out"),
-        ("wall_avoidance --agent avg", "--agent needs --out"),
-        ("dancing", "the task must be one of"),
-        ("spot_finding_unit --policies p.safetensors", "holds policies for spot_finding_walls"),
-        ("spot_finding_unit --policies q.safetensors", "there is no file q.safetensors"),
-    ):
-        assert cli.main(["explore", *words.split()]) == 2
-        assert sentence in capsys.readouterr().err
