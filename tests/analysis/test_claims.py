@@ -9,9 +9,9 @@ import numpy as np
 from helpers import run_of_rows
 
 from musebot.controller import BRAINS, PROPOSERS
+from musebot.protocols.analysis import hypothesis_tests
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.analysis.claims import Claim, Evidence, judge
-from musebot.protocols.analysis.hypothesis_tests import TestedInequality
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.lives.conditions import Condition
@@ -322,19 +322,19 @@ def test_each_result_has_the_verdict_by_the_papers_tables():
 
 
 def test_a_claim_of_several_inequalities_needs_more_against_one_of_them():
-    one = TestedInequality("words", "Test", 0.98, 0.02)  # two-sided: 0.04
+    one = hypothesis_tests.TestedInequality("words", "Test", 0.98, 0.02)  # two-sided: 0.04
     results = [judge(Claim(WA, "", (lambda _, n=n: [one] * n,)), Evidence(None)) for n in (1, 2)]
     assert [result.verdict for result in results] == [NO, OPEN]
     assert results[1].why == "words (p = 0.08 against it); words (p = 0.08 against it). Test."
 
 
 def test_no_p_exceeds_one_and_a_number_without_a_test_is_shown_without_p():
-    shown = TestedInequality("0 of 0", "Fisher", math.nan, math.nan)
+    shown = hypothesis_tests.TestedInequality("0 of 0", "Fisher", math.nan, math.nan)
     for p_for, p_against, others, words in (
         (0.2, 0.9, [shown], "(p = 0.4); 0 of 0. Fisher."),
         (0.9, 0.7, [], "(p = 1 against it). Fisher."),
         (0.6, 0.7, [], "(p = 1). Fisher."),
     ):
-        one = TestedInequality("60 of 100", "Fisher", p_for, p_against)
+        one = hypothesis_tests.TestedInequality("60 of 100", "Fisher", p_for, p_against)
         claim = Claim(WA, "", (lambda _, one=one, others=others: [one, *others],))
         assert judge(claim, Evidence(None)).why == f"60 of 100 {words}"

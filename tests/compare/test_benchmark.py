@@ -113,18 +113,3 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(tmp_path, in_
     assert costs and all(float(number) > 0 for row in costs for number in row)
     assert conduct(Leaderboard(runs), tmp_path / "board", in_process(most=0)).markdown == first
     assert read_run(runs[0]).name in ("walls-sarsa_lambda-raw", "walls-steady-raw")
-
-
-def test_runs_without_learners_and_folders_of_no_tuning_are_refused(
-    tmp_path, in_process, commands_in_process
-):
-    bounds = "run OUT --agent newborn hand_coded --robots 2 --time-scale 0.001 --body kinematic"
-    words = bounds.replace("OUT", str(tmp_path / "bounds")).split()
-    assert cli.main([*words, "--processes", "1"]) == 0
-    for study, sentence in (
-        (Leaderboard((tmp_path / "bounds",)), "hold no learner"),
-        (Leaderboard((tmp_path / "bounds",), (tmp_path,)), "hold no learner|is no study `tune`"),
-    ):
-        with pytest.raises(InputError, match=sentence):
-            conduct(study, tmp_path / "out", in_process())
-    assert not (tmp_path / "out").exists()

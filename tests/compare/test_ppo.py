@@ -70,15 +70,6 @@ def test_policies_added_later_equal_those_trained_together(tmp_path, in_process)
     assert files_below(tmp_path) == before
 
 
-@needs_it
-def test_training_stops_between_rollouts_when_asked(tmp_path):
-    reports = []
-    (job,) = PPOTraining(TASK, 1, steps=10 * ROLLOUT)._jobs(tmp_path)
-    assert job.run(lambda: len(reports) == 2, lambda *report: reports.append(report)) is False
-    assert reports == [(0, ""), (ROLLOUT * 0.1, "")]
-    assert not job.done()
-
-
 def test_without_stable_baselines_nothing_is_made(tmp_path, in_process, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="pip install 'musebot\\[baselines\\]'"):
@@ -87,22 +78,16 @@ def test_without_stable_baselines_nothing_is_made(tmp_path, in_process, monkeypa
 
 
 def test_an_invalid_option_is_refused():
-    for options in (
-        {"task": "flying"},
-        {"policies": 0},
-        {"policies": 10_001},
-        {"steps": 0},
-        {"seed": -1},
-        {"seed": 2**32 - 59},
-    ):
-        with pytest.raises(InputError, match=f"{[*options][0]} must .*, got "):
-            PPOTraining(**({"task": TASK} | options)).identity()
+    ends = {"policies": (0, 10_001), "steps": (0,), "seed": (-1, 2**32 - 59), "task": ("flying",)}
+    for name, values in ends.items():
+        for value in values:
+            with pytest.raises(InputError, match=f"{name} must .*, got "):
+                PPOTraining(**({"task": TASK} | {name: value})).identity()
 
 
 def test_policies_of_an_impossible_shape_or_value_are_refused(tmp_path):
-    wanted = policy_shapes(1, 1)
+    wanted, path = policy_shapes(1, 1), tmp_path / POLICIES_FILE
     arrays = {name: np.ones(shape, np.float32) for name, (_, shape) in wanted.items()}
-    path = tmp_path / POLICIES_FILE
 
     def read(changes, task=TASK):
         save_arrays(path, arrays | changes, task=task)
@@ -114,7 +99,6 @@ def test_policies_of_an_impossible_shape_or_value_are_refused(tmp_path):
     for name, array in arrays.items():
         with pytest.raises(InputError, match=f"{name} must be finite"):
             read({name: array * np.nan})
-        for other in (array[:0], array[0], array[:, :1, ...], array.astype(float)):
-            if other.shape != array.shape or other.dtype != array.dtype:
-                with pytest.raises(InputError, match="it holds no policies"):
-                    read({name: other})
+        for other in (array[:0], array[0], array.astype(float)):
+            with pytest.raises(InputError, match="it holds no policies"):
+                read({name: other})
