@@ -50,7 +50,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
     assert cli.main(["tables", str(run), "--compare", str(copy)]) == 0
     text = capsys.readouterr().out
     assert f"{run.parent.name}/{run.name}" in text and f"{tmp_path.name}/{run.name}" in text
-    assert "After Holm's correction 0 of 18 cells differ." in text
+    assert "After Holm's correction 0 of 18 cells differ." in text and "in pairs" in text
     assert cli.main(["tables", str(run), "--compare", str(copy), "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)
     assert plain["differ_in"] == {} and len(plain["cells"]) == 18
