@@ -13,7 +13,6 @@ from musebot.protocols.analysis import hypothesis_tests
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.analysis.claims import Claim, Evidence, judge
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
-from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Robot
@@ -278,47 +277,17 @@ def test_every_claim_about_degenerate_runs_has_a_verdict_and_a_reason(recwarn):
     for name, given in DEGENERATE.items():
         results = judge_all(given)
         assert sum("musebot report" in result.why for result in results) == 7  # not observed
-        for result in results:
-            assert result.verdict in (YES, OPEN, NO, NEVER)
-            assert result.why.endswith(".")
+        assert {result.verdict for result in results} <= {YES, OPEN, NO, NEVER}
         assert "nan" not in tables.markdown(given), name
         json.dumps(tables.as_json(given), allow_nan=False)
     assert not recwarn.list
 
 
-def test_the_table_and_the_single_robots_of_the_paper_give_the_same_verdicts():
-    kinds = ("one", "some", "zero", "less", "un")
-    groups = [
-        robots(condition.task, condition.proposer, **dict(zip(kinds, column.counts, strict=True)))
-        for condition, column in PAPER.items()
-    ]
-    results = judge_all(run_of(*groups))
-    found = {f.claim.says: f.verdict for f in results}
-    for says in ("Fixed has the most geniuses.", "Random robots mostly have L < 0."):
-        assert found[says] == YES
-    # 282 against 260 of 500 is no significant difference: the paper's claim rests on chance.
-    assert found["Creative has most robots with L = 1."] == OPEN
-    tested = [f for f in results if "Fisher" in f.why and f.paper != NEVER]
-    assert tested and all(f.paper == f.verdict for f in tested)
-
-
 def test_no_claim_is_judged_for_another_brain():
     run = three(WA, "one", 90, 80, 10).run
-    assert judge_all(run)
-    for brain in BRAINS.values():
-        other = dataclasses.replace(run, experiment=Experiment(brain=brain))
-        assert (judge_all(other) == []) == (brain != BRAINS["paper"])
-        assert ("claims" in tables.markdown(other)) == (brain == BRAINS["paper"])
-
-
-def test_each_result_has_the_verdict_by_the_papers_tables():
-    found = {f.claim.says: f for f in judge_all(three(WA, "one", 90, 80, 10).run)}
-    ours = found["Creative has most robots with L = 1."]
-    assert (ours.verdict, ours.paper) == (NO, OPEN)
-    assert ours.words.endswith("The paper's own numbers: undecided.")
-    # The paper prints the mean contact without its scatter.
-    contact = found["Random's contact after training is the lowest."]
-    assert contact.paper == NEVER and "paper" not in contact.words
+    for name in ("paper", "steady"):
+        other = dataclasses.replace(run, experiment=Experiment(brain=BRAINS[name]))
+        assert bool(judge_all(other)) == ("claims" in tables.markdown(other)) == (name == "paper")
 
 
 def test_a_claim_of_several_inequalities_needs_more_against_one_of_them():

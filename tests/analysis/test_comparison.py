@@ -10,7 +10,6 @@ from helpers import run_of_rows
 from musebot.controller import Parameters
 from musebot.models import Kinematics
 from musebot.protocols.analysis.comparison import CELLS, _newborns, compare_runs, is_paired
-from musebot.protocols.analysis.paper_tables import column, row_names
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
@@ -55,24 +54,6 @@ def by_name(cells):
     return {cell.name: cell for cell in cells}
 
 
-def test_cells_are_those_of_the_tables():
-    conditions = Condition(WA, "random"), Condition(SF, "creative")
-    seconds = {condition: times(i) for i, condition in enumerate(conditions)}
-    ours, other = run_of("ours", seconds, invalid={3, 4}), run_of("other", seconds, seed=2)
-    cells = compare_runs(ours, other)
-    assert len(cells) == 2 * CELLS
-    for condition in conditions:
-        own = by_name(cell for cell in cells if cell.condition == condition)
-        *names, post = row_names(condition.task)[1:]
-        for which, run in (("ours", ours), ("other", other)):
-            summary = column(run, condition).summary
-            values = [*summary.shares, summary.mean, summary.deviation, summary.post_share]
-            for name, value in zip([*names, post], values, strict=True):
-                assert getattr(own[name], which) == pytest.approx(value), (condition, name)
-        pre = np.mean(seconds[condition][:, 0]) / (3600 if condition.task == SF else 1200)
-        assert own[post.replace("post", "pre")].other == pytest.approx(pre)
-
-
 def test_a_run_compared_with_itself_differs_in_nothing():
     cells = compare_runs(*two(times(), times()))
     assert {cell.difference for cell in cells} == {0.0}
@@ -93,12 +74,10 @@ def test_only_the_cells_that_differ_are_reported():
     assert cells[post].difference == pytest.approx(30 / 59 * 840 / 1200)
     for name in differ - {"sd of L"}:
         low, high = cells[name].interval
-        assert low < cells[name].difference < high
-        assert low > 0 or high < 0
+        assert low < cells[name].difference < high and not low <= 0 <= high
     assert cells[pre].corrected == 1
     text = tables.comparison_markdown(ours, other, list(cells.values()))
     assert f"After Holm's correction 5 of {CELLS} cells differ:" in text
-    assert "- wall_avoidance, fixed: L < 0 50.8% against 0.0%, +50.8% [" in text
 
 
 def test_robots_with_the_same_newborn_brain_are_compared_in_pairs_and_others_are_not():

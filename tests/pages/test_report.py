@@ -14,15 +14,13 @@ import pytest
 from helpers import run_of_rows
 
 from musebot import __version__
-from musebot.protocols.analysis.paper_claims import judge_all
+from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import read_run
 from musebot.protocols.pages import film, report, tables
 from musebot.protocols.pages.report import page
-
-# ---- The page, without a simulation ----
 
 
 def run_of(*proposers, robots=6):
@@ -40,47 +38,24 @@ def test_the_page_has_every_cell_note_and_verdict_of_the_tables_escaped(exact):
     text = page(run, narrow, {}, [], "No <film>.")
     shown = " ".join(html.unescape(re.sub("<[^>]*>", " ", text)).split())
     for cell in re.split(r"[|\n*`]+", wide):
-        words = cell.strip(" #-:")
-        assert words in shown, cell
+        assert cell.strip(" #-:") in shown
     assert narrow.count("fixed, ours") == wide.count("fixed, ours") == 1
-    assert text.count("<table>") == 3 and text.count("<th ") + text.count("<th>") == 9
-    assert "<em>By chance</em>" in text and "<strong>" in text
+    assert text.count("<table>") == 3
     assert ("rounded to two decimals" in text) == (not exact)
     for tag in ("title", "h1"):
         assert f"<{tag}>a &amp; b - Musebot report</{tag}>" in text
     assert "No &lt;film&gt;." in text and "0 < L" not in text
     assert f"musebot {__version__}<" in text and "18 robots, seed 1" in text
-    assert "1 robot, seed 1" in page(run_of("fixed", robots=1), "", {}, [], "")
 
 
 def test_claims_that_a_run_cannot_judge_are_one_line():
     run = run_of("fixed", "random", "creative")
-    results = judge_all(run)
-    judged = [one for one in results if one.verdict != "not judged"]
+    judged = [one for one in judge_all(run) if one.verdict != "not judged"]
     text = tables.markdown(run)
-    assert 0 < len(judged) < len(results) and text.count("not judged") == 1
-    assert f"{len(results) - len(judged)} of {len(results)} claims are not judged" in text
+    assert judged and text.count("not judged") == 1
+    assert f"{len(CLAIMS) - len(judged)} of {len(CLAIMS)} claims are not judged" in text
     assert text.count("no robots of spot_finding, fixed") == 1
     assert "Spot finding (table 2)" not in text  # none of its claims is judged
-
-
-def test_figures_and_films_are_part_of_the_page_in_their_order(tmp_path):
-    run = run_of("fixed", "creative")
-    names = ["stays", "spinning", "categories", "learning_curves", "values_wall_avoidance"]
-    paths, film = {name: tmp_path / name for name in names}, tmp_path / "my_robot.mp4"
-    for path in (*paths.values(), film):
-        path.write_bytes(b"figure")
-    text = page(run, "| a |\n| --- |", paths, [film], "No film.")
-    assert text.count('<img src="data:image/png;base64,ZmlndXJl" alt="') == 5
-    assert '<video aria-label="Film: my robot" ' in text
-    assert text.count('src="data:video/mp4;base64,ZmlndXJl"') == 1
-    marks = ["<video", "No film.", ">Learning curves<", "<table>", ">Categories<"]
-    marks += [">Values of actions, wall avoidance<", ">Spinning<", ">At the spot<"]
-    places = [text.index(mark) for mark in marks]
-    assert places == sorted(places)
-
-
-# ---- The files of a report ----
 
 
 @pytest.fixture(scope="module")
