@@ -1,7 +1,6 @@
 """Small functions that several tests need."""
 
 import numpy as np
-from matplotlib.colors import to_rgb
 
 # Source of an agent whose motor values have a wrong shape.
 LAZY_AGENT = """import numpy as np
@@ -56,18 +55,6 @@ def same_results(first, second):
         )
         for one, other in zip(first.values(), second.values(), strict=True)
     )
-
-
-def luminance(shade):
-    """Returns the relative luminance of a colour, as WCAG defines it."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(shade)]
-    return sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
-
-
-def contrast(shade, background):
-    """Returns the contrast of two colours, as WCAG defines it."""
-    first, second = sorted([luminance(shade), luminance(background)])
-    return (second + 0.05) / (first + 0.05)
 
 
 def run_of_rows(rows, experiment=None, *, minutes=1, name="run"):

@@ -102,9 +102,9 @@ def test_learners_are_ranked_and_tested_in_pairs():
     assert np.isnan([bound, own, other]).all() and alike > 0.05 > slow
     # A learner more changes no interval; what was trained beforehand is not compared.
     more = ranked([entry("mine:new", 0.4, 0.4), entry(recorded_name("ppo"), 0.95, 1), *ENTRIES])
-    assert {one.entry.name: one.interval for one in ranking}.items() <= {
-        one.entry.name: one.interval for one in more
-    }.items()
+    assert {(one.entry.name, one.interval) for one in ranking} <= {
+        (one.entry.name, one.interval) for one in more
+    }
     assert names(more)[0] == "ppo" and np.isnan(pair_tests(more)[0]).all()
 
 

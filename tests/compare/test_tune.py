@@ -122,17 +122,6 @@ def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned
     assert f"Best: trial {first.trial.number}, `musebot run OUT --agent mine:graded" in page
 
 
-def test_a_tuning_that_is_not_finished_has_no_best_trial(tuned, tmp_path, in_process):
-    factory.trust("mine:each")
-    study, out, _ = tuned["each"]
-    for name in ("trials", STUDY_FILE):
-        (tmp_path / name).symlink_to(out / name)
-    assert study.best(tmp_path)
-    assert dataclasses.replace(study, trials=3).identity() != study.identity()
-    with pytest.raises(InputError, match="is not finished"):
-        dataclasses.replace(study, kept=1).best(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -105,9 +104,8 @@ def check_figure(tmp_path):
 
     def check(figure):
         style.save(figure, tmp_path, "figure")
-        assert ElementTree.parse(tmp_path / "figure.svg").getroot().tag.endswith("svg")
-        picture = np.asarray(Image.open(tmp_path / "figure.png").convert("RGBA"))
-        assert (picture[..., 3] == 0).mean() > 0.05  # the background is transparent
-        assert (picture[..., 3] > 200).mean() > 0.005  # and something is drawn
+        assert "<svg" in (tmp_path / "figure.svg").read_text()
+        opaque = np.asarray(Image.open(tmp_path / "figure.png").convert("RGBA"))[..., 3] > 200
+        assert 0.005 < opaque.mean() < 0.95
 
     return check

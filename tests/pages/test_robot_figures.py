@@ -70,22 +70,6 @@ def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
         robot_figures.typical(run)
 
 
-@pytest.mark.parametrize("task", [WA, SF])
-def test_single_robots_are_drawn_before_and_after_training(task, run, check_figure):
-    condition = Condition(task, "creative")
-    part = run.results[condition]
-    rows = [
-        dataclasses.replace(row, category=kind, t_pre_s=pre, t_post_s=post)
-        for row, (kind, pre, post, _) in zip(part.robots, KINDS[task], strict=False)
-    ]
-    run = dataclasses.replace(run, results={condition: dataclasses.replace(part, robots=rows)})
-    with style.styled():
-        for draw in (robot_figures.trajectories, robot_figures.values):
-            figure = draw(run, task)
-            assert len(figure.axes) == 6
-            check_figure(figure)
-
-
 def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
     poses, events = np.zeros((5, 2, 3)), np.zeros((4, 2), bool)
     poses[:, 1, 0], poses[:, 1, 1], events[2:, 1] = range(5), 7, True
@@ -201,9 +185,7 @@ def five(monkeypatch):
         spinning = number < 10 * np.array(SPINNING if condition == WALLS else 4 * [0])
         poses = np.zeros((len(number) + 1, 4, 3))
         poses[1:, :, 2] = 0.2 * spinning.cumsum(axis=0)
-        return Track(
-            poses, number >= np.array(ARRIVALS), np.zeros(2), np.zeros((len(number), 4, 2))
-        )
+        return Track(poses, number >= np.array(ARRIVALS), np.zeros(2), poses[1:, :, :2])
 
     monkeypatch.setattr(robot_figures, "evaluate", evaluated)
     return invented([WALLS, SPOT], FIVE, first=7)
@@ -233,15 +215,11 @@ def test_a_run_whose_robots_hardly_spin_has_no_spinner(five, monkeypatch):
 
 def test_the_follower_is_the_robot_that_its_words_describe(monkeypatch):
     """The first robot of three does not stay; the last one follows most."""
-    numbers = Stay(
-        np.array([False, True, True]),
-        np.array([[0.9, 0.9], [0.2, 0.3], [0.8, 0.1]]),
-        np.array([[0.9, 0.9], [0.1, 0.3], [0.0, 0.4]]),
-        np.zeros((1, 3)),
-    )
-    nose = np.full((60, 3, 2), 0.2)
+    following, spinning = [[0.9, 0.9], [0.2, 0.3], [0.8, 0.1]], [[0.9, 0.9], [0.1, 0.3], [0.0, 0.4]]
+    staying = np.array([False, True, True])
+    numbers = Stay(staying, np.array(following), np.array(spinning), np.zeros((1, 3)))
+    nose, poses = np.full((60, 3, 2), 0.2), np.zeros((61, 3, 3))
     nose[20:50, 2] = 0.06, 0.0  # at the rim
-    poses = np.zeros((61, 3, 3))
     poses[:, 2, 0] = np.arange(61)
     track = Track(poses, np.zeros((60, 3), bool), np.zeros(2), nose)
     monkeypatch.setattr(robot_figures, "finders", lambda *_: [5, 6, 7])
@@ -251,7 +229,6 @@ def test_the_follower_is_the_robot_that_its_words_describe(monkeypatch):
     (follower,) = robot_figures.typical_robots(invented([SPOT], lost, scale=0.02))
     assert (follower.kind, follower.row, follower.index) == ("contour follower", 7, 2)
     assert follower.words == "follows the rim 80%,\nat last spins 40%"
-    steps = round(robot_figures.DRAWN_MINUTES * 600 * 0.02)
-    assert steps == 36 and len(follower.track.events) == steps
     # The 30 steps at the rim are in the path that is drawn.
-    assert follower.track.poses[:, 2, 0].tolist() == [*range(14, 15 + steps)]
+    assert len(follower.track.events) == round(robot_figures.DRAWN_MINUTES * 600 * 0.02) == 36
+    assert follower.track.poses[:, 2, 0].tolist() == [*range(14, 15 + 36)]

