@@ -54,13 +54,6 @@ def by_name(cells):
     return {cell.name: cell for cell in cells}
 
 
-def test_a_run_compared_with_itself_differs_in_nothing():
-    cells = compare_runs(*two(times(), times()))
-    assert {cell.difference for cell in cells} == {0.0}
-    assert {cell.p for cell in cells} == {1.0}
-    assert not any(cell.differs for cell in cells)
-
-
 def test_only_the_cells_that_differ_are_reported():
     first = np.tile([600.0, 60.0], (ROBOTS, 1))
     second = first.copy()

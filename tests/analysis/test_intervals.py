@@ -3,7 +3,6 @@
 import json
 import math
 from pathlib import Path
-from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -189,23 +188,6 @@ def test_a_difference_of_shares_lies_in_its_interval_and_swapping_mirrors_it(tab
         assert first.mean() - second.mean() - 1e-12 <= high <= 1
         mirror = intervals.difference_of_shares(second, first, paired)
         assert mirror == pytest.approx((-high, -low))
-
-
-@pytest.mark.parametrize("paired", [False, True])
-def test_intervals_of_differences_cover_the_true_value_in_about_95_per_cent(paired):
-    random = np.random.default_rng(5)
-    hits = np.zeros(2)
-    for _ in range(200):
-        common = random.normal(0, 0.6, 60) if paired else 0.0
-        first, second = (common + random.normal(mean, 0.6, 60) for mean in (0.5, 0.2))
-        low, high = intervals.difference(first, second, np.nanmean, paired)
-        hits[0] += low < 0.3 < high
-        # Shares above a border, known for normal distributions.
-        spread = math.hypot(0.6, 0.6) if paired else 0.6
-        p, q = (1 - NormalDist(mean, spread).cdf(0.9) for mean in (0.5, 0.2))
-        low, high = intervals.difference_of_shares(first > 0.9, second > 0.9, paired)
-        hits[1] += low < p - q < high
-    assert ((hits >= 178) & (hits <= 199)).all(), hits  # 190 +- 3 standard deviations
 
 
 def test_equal_values_or_few_robots_leave_a_difference_unknown(recwarn):

@@ -45,15 +45,14 @@ def test_only_the_papers_conditions_and_protocol_have_a_paper_column():
 
 def test_a_column_has_the_values_of_valid_robots_and_intervals_around_them():
     condition = Condition("wall_avoidance", "random")
-    abilities = [1.0, 1.0, 0.5, -0.5, 0.25, 0.75]
     rows = [
         Robot(condition.task, condition.proposer, 1, 0, i, 1.0, 12.0 * i, ability, "0 < L < 1")
-        for i, ability in enumerate(abilities)
+        for i, ability in enumerate([1.0, 1.0, 0.5, -0.5, 0.25, 0.75])
     ]
     rows.append(dataclasses.replace(rows[0], robot=6, t_post_s=9e9, category="invalid"))
     found = column(run_of_rows(rows), condition)
-    assert (found.summary.robots, found.summary.invalid) == (6, 1)
-    assert found.summary.counts == (2, 3, 0, 1, 0)
-    assert found.mean[0] < found.summary.mean == 0.5 < found.mean[1]
-    assert found.post_share[0] < found.summary.post_share == 30 / 1200 < found.post_share[1]
+    summary = found.summary
+    assert (summary.robots, summary.invalid, summary.counts) == (6, 1, (2, 3, 0, 1, 0))
+    assert found.mean[0] < summary.mean == 0.5 < found.mean[1]
+    assert found.post_share[0] < summary.post_share == 30 / 1200 < found.post_share[1]
     assert len(row_names("wall_avoidance")) == 1 + len(found.shares) + 3

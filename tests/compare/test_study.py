@@ -82,10 +82,7 @@ class Squares(Study):
         return Page(f"The sum is {total}.\n", {"squares": Figure()} if self.drawn else {})
 
 
-@dataclasses.dataclass
 class Cubes(Squares):
-    """Another study with the same options."""
-
     name: ClassVar[str] = "cubes"
 
 

@@ -207,8 +207,6 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
         ("p.safetensors", f"{walls} --robot 2", "the policies are 0 to 1, got 2"),
         ("p.safetensors", f"{walls} --seed -1", "the seed must lie in"),
         ("q.safetensors", spot, "there is no file"),
-        (".", spot, "holds no experiment"),
-        ("nothing", spot, "there is no folder"),
         (directory / "results.safetensors", spot, "holds no policies"),
         ("text.csv", spot, "is neither a run's folder nor a .safetensors file"),
     ):

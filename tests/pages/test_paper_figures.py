@@ -1,6 +1,7 @@
 """The paper's two figures show our own objects: the networks of a brain, the parts of the model."""
 
 import matplotlib.colors
+import numpy as np
 import pytest
 
 from musebot.controller import Parameters
@@ -43,12 +44,8 @@ def test_every_label_of_the_robot_points_into_the_robot(egl):
     (axis,) = figure.axes
     words = {text.get_text() for text in axis.texts}
     assert words == {part.words for part in PARTS}
-    (picture,) = axis.images
-    pixels = picture.get_array()
-    height, width, _ = pixels.shape
-    for line in axis.lines:
-        x, y = float(line.get_xdata()[0]), float(line.get_ydata()[0])
-        assert 0.2 < x / width < 0.8 and 0.1 < y / height < 0.9
-    # The floor is bright and without colour; the robot is dark or coloured.
-    places = [(int(line.get_ydata()[0]), int(line.get_xdata()[0])) for line in axis.lines]
-    assert all(int(pixels[place].min()) < 180 for place in places)
+    pixels = axis.images[0].get_array()
+    for line in axis.lines:  # the floor is bright and without colour; the robot is dark or coloured
+        (column, row), (height, width, _) = np.ravel(line.get_xydata()).astype(int), pixels.shape
+        assert 0.2 < column / width < 0.8 and 0.1 < row / height < 0.9
+        assert int(pixels[row, column].min()) < 180
