@@ -76,11 +76,6 @@ def test_a_required_package_passes_and_has_a_remedy_where_it_is_broken(monkeypat
         assert problem.remedy == remedy
 
 
-def test_packages_that_python_3_13_needs_are_imported_by_their_own_names():
-    lines = [line.partition(";")[0] for line in PROJECT["dependencies"] if ">= '3.13'" in line]
-    assert len(lines) == 11 and all(map(package, lines))
-
-
 @pytest.mark.parametrize(
     ("line", "sentence", "remedy"),
     [
@@ -96,14 +91,11 @@ def test_a_missing_package_ends_the_report_with_its_remedy(line, sentence, remed
 
 
 def test_optional_packages_are_reported_and_never_missing(monkeypatch, capsys):
-    def none(name):
-        raise metadata.PackageNotFoundError(name)
-
     probes = {name: doctor.all_probes()[name] for name in ("ray", "gymnasium")}
     monkeypatch.setattr(metadata, "version", lambda name: "0.29.1")
     assert "got 0.29.1" in str(refused(probes["gymnasium"]))
     assert doctor.report(probes) == 0 and "WARNING" in capsys.readouterr().out
-    monkeypatch.setattr(metadata, "version", none)
+    monkeypatch.setattr(metadata, "version", Mock(side_effect=metadata.PackageNotFoundError))
     assert doctor.report(probes) == 0
     printed = capsys.readouterr().out
     assert "musebot[cluster]" in printed and "musebot[gym]" in printed
@@ -137,14 +129,15 @@ def test_a_driver_that_fails_crashes_or_hangs_is_missing(monkeypatch):
     assert hang.call_args.kwargs["timeout"] > 0
 
 
-@pytest.mark.parametrize("status", [0, 1, -11])
-def test_a_crash_of_torch_after_egl_is_a_warning_that_says_what_helps(status, monkeypatch, capsys):
-    done = SimpleNamespace(returncode=status)
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
+def test_a_crash_of_torch_after_egl_is_a_warning_that_says_what_helps(monkeypatch, capsys):
     name = "torch after EGL"
-    assert doctor.report({name: doctor.all_probes()[name]}) == 0
-    printed = capsys.readouterr().out
-    assert ("WARNING" in printed and "import triton before the first" in printed) == (status < 0)
+    for status in (0, 1, -11):
+        done = SimpleNamespace(returncode=status)
+        monkeypatch.setattr(subprocess, "run", lambda *_, done=done, **__: done)
+        assert doctor.report({name: doctor.all_probes()[name]}) == 0
+        printed = capsys.readouterr().out
+        helps = "WARNING" in printed and "import triton before the first" in printed
+        assert helps == (status < 0)
 
 
 def test_a_display_is_reported_and_never_missing(monkeypatch):

@@ -33,15 +33,9 @@ def test_tables_show_ours_next_to_the_papers_and_name_a_rehearsal(run, capsys):
     assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
     assert cli.main(["run", str(run)]) == 0  # finished: prints the same, and keeps it
     assert capsys.readouterr().out == text == (run / "tables.md").read_text()
-
-
-def test_tables_as_json_hold_both(run, capsys):
     assert cli.main(["tables", str(run), "--json"]) == 0
-    tables = json.loads(capsys.readouterr().out)["tables"]
-    assert tables["spot_finding"]["creative"]["paper"]["counts"]["L = 1"] == 109
-    ours = tables["spot_finding"]["creative"]["ours"]
-    assert ours["robots"] == 2 == sum(ours["counts"].values())
-    assert ours["intervals"]["mean"] is None  # two robots are too few for an interval
+    ours = json.loads(capsys.readouterr().out)["tables"]["spot_finding"]["creative"]["ours"]
+    assert ours["robots"] == 2 and ours["intervals"]["mean"] is None  # of too few robots
 
 
 def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_path, capsys):

@@ -108,25 +108,6 @@ def test_learners_are_ranked_and_tested_in_pairs():
     assert names(more)[0] == "ppo" and np.isnan(pair_tests(more)[0]).all()
 
 
-def test_learners_of_equal_scores_differ_in_about_one_of_twenty_samples(monkeypatch):
-    """However their robots are spread: one learner fails in a quarter of its robots."""
-    monkeypatch.setattr("musebot.protocols.compare.boards.DRAWS", 1000)
-    random, p = np.random.default_rng(1), []
-    population = np.where(np.arange(4000) < 1000, 0.1, random.normal(0.85, 0.05, 4000))
-    ordered = np.sort([random.choice(population, 30) for _ in range(4000)])
-    equal = ordered[:, 7:-7].mean()
-    for _ in range(150):
-        samples = random.choice(population, 30), random.normal(equal, 0.03, 30)
-        entries = [
-            dataclasses.replace(entry(name, 0.0, 0.0, robots=30), after=one, training=one)
-            for name, one in zip(("mine:fails", "mine:alike"), samples, strict=True)
-        ]
-        ranking = ranked([*entries, LOW, HIGH])
-        rows = [n for n, one in enumerate(ranking) if one.entry.competes]
-        p.append(pair_tests(ranking)[rows[0], rows[1]])
-    assert 0.02 < np.mean(np.array(p) < 0.05) < 0.10
-
-
 def test_the_page_has_a_row_a_learner_and_marks_those_that_may_be_the_first():
     touching = entry("mine:good", 1.0, 1.0, task=WALLS)
     touching = dataclasses.replace(touching, after=np.repeat([1.0, 0.9], [18, 2]))

@@ -8,13 +8,12 @@ import pytest
 import torch
 from helpers import files_below
 
-from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, policy_shapes, read_policies
+from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, read_policies
 from musebot.protocols.compare import ppo
 from musebot.protocols.compare.jobs import Progress
 from musebot.protocols.compare.ppo import PPOTraining
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.errors import InputError
-from musebot.protocols.storage import save_arrays
 
 TASK = "spot_finding_unit"
 ROLLOUT = ppo.ROBOTS * ppo.SETTINGS["n_steps"]
@@ -83,22 +82,3 @@ def test_an_invalid_option_is_refused():
         for value in values:
             with pytest.raises(InputError, match=f"{name} must .*, got "):
                 PPOTraining(**({"task": TASK} | {name: value})).identity()
-
-
-def test_policies_of_an_impossible_shape_or_value_are_refused(tmp_path):
-    wanted, path = policy_shapes(1, 1), tmp_path / POLICIES_FILE
-    arrays = {name: np.ones(shape, np.float32) for name, (_, shape) in wanted.items()}
-
-    def read(changes, task=TASK):
-        save_arrays(path, arrays | changes, task=task)
-        return read_policies(path)[0]
-
-    assert read({}) == TASK
-    with pytest.raises(InputError, match="wall_avoidance_unit has 5 signals, its policies 1"):
-        read({}, task="wall_avoidance_unit")
-    for name, array in arrays.items():
-        with pytest.raises(InputError, match=f"{name} must be finite"):
-            read({name: array * np.nan})
-        for other in (array[:0], array[0], array.astype(float)):
-            with pytest.raises(InputError, match="it holds no policies"):
-                read({name: other})

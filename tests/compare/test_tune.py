@@ -127,16 +127,13 @@ def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned
     [
         ({"agent": "creative"}, "is a proposer of the brain"),
         ({"task": "spot_finding_unit"}, "the task must be one of wall_avoidance, spot_finding"),
-        ({"agent": "streamq"}, "did you mean stream_q"),
         ({"agent": "mine:plain"}, "mine:plain has no settings to tune"),
         ({"trials": 0}, "trials must be from 1 to 1024, got 0"),
         ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
-        ({"robots": 0}, "robots must be from 1"),
         (  # the second round, not the first
             {"agent": "sarsa_lambda", "robots": 100_000, "trials": 16, "kept": 16},
             "cohort.size must be",
         ),
-        ({"signals": "salty"}, "signals"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(changes, sentence):
