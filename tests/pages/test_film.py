@@ -15,7 +15,6 @@ from unittest.mock import Mock
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from PIL import Image
 
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
@@ -94,7 +93,9 @@ def test_all_frames_are_written_and_only_the_film_and_its_drafts_are_replaced(tm
     assert {*os.listdir(tmp_path)} == {*others, output.name}
     reader: Any = imageio.get_reader(output)
     with reader:
-        assert sum(1 for _ in reader) == 5
+        shapes = [frame.shape[:2] for frame in reader]
+    half = 2 if suffix == ".gif" else 1
+    assert shapes == [(HEIGHT // half, WIDTH // half)] * 5
 
 
 def failing():
@@ -214,12 +215,3 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
         said = capsys.readouterr().err
         assert sentence in said and said.count("\n") == 1
         assert {*os.listdir(tmp_path)} == {"p.safetensors", "text.csv"}
-
-
-def test_film_of_a_policy_can_be_a_gif_of_half_the_size(egl, policy_file, tmp_path):
-    policies = policy_file("spot_finding_jumping", tmp_path / "p.safetensors")
-    options = "--task spot_finding_jumping --seconds 1 --output film.gif"
-    musebot("film", policies, *options.split(), folder=tmp_path)
-    with Image.open(tmp_path / "film.gif") as gif:
-        assert gif.size == (WIDTH // 2, HEIGHT // 2)
-        assert (gif.n_frames, gif.info["loop"]) == (8, 0)
