@@ -1,7 +1,6 @@
 """Small functions that several tests need."""
 
 import numpy as np
-from matplotlib.colors import to_rgb
 
 
 def files_below(folder):
@@ -48,13 +47,16 @@ def same_results(first, second):
     )
 
 
-def luminance(shade):
-    """Returns the relative luminance of a colour, as WCAG defines it."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(shade)]
-    return sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+def run_of_rows(rows, experiment=None, *, minutes=1, name="run"):
+    """Returns a run of robots' rows, without networks and without events in its curves."""
+    from musebot.protocols.lives.conditions import Condition
+    from musebot.protocols.lives.experiment import Experiment
+    from musebot.protocols.lives.run import ConditionResults, Run
 
-
-def contrast(shade, background):
-    """Returns the contrast of two colours, as WCAG defines it."""
-    first, second = sorted([luminance(shade), luminance(background)])
-    return (second + 0.05) / (first + 0.05)
+    results = {}
+    for row in rows:
+        results.setdefault(Condition(row.task, row.proposer), []).append(row)
+    for condition, own in results.items():
+        curves = np.zeros((len(own), minutes))
+        results[condition] = ConditionResults(own, curves, {"before": {}, "after": {}})
+    return Run(name, experiment or Experiment(), results)

@@ -18,21 +18,13 @@ _STAYING = 0.1  # share of the time at the spot from which a robot counts as sta
 
 @dataclasses.dataclass(frozen=True)
 class Track:
-    """Motion and events of B robots in T control steps.
+    """Motion and events of B robots at the start and after each of T control steps."""
 
-    Attributes:
-      poses: x, y in [m] and heading in [rad], at the start and after every step, shape
-        (T + 1, B, 3).
-      events: Whether each robot was in contact (or in the spot) after every step, shape (T, B).
-      spot: x, y of the spot's centre in [m], shape (2,).
-      nose: Position of the spot's centre relative to the nose after every step, in [m]: first the
-        coordinate ahead, then the coordinate to the left; shape (T, B, 2).
-    """
-
-    poses: np.ndarray
-    events: np.ndarray
-    spot: np.ndarray
-    nose: np.ndarray
+    poses: np.ndarray  # x, y in [m] and heading in [rad], shape (T + 1, B, 3)
+    events: np.ndarray  # whether in contact (or in the spot) after every step, shape (T, B)
+    spot: np.ndarray  # x, y of the spot's centre in [m], shape (2,)
+    # The spot's centre as seen from the nose after every step, in [m]: ahead, and to the left.
+    nose: np.ndarray  # shape (T, B, 2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,16 +51,12 @@ class Stay:
 class Behaviour:
     """Behaviour of a sample of a run's robots.
 
-    Attributes:
-      spinning: By condition: share of time in which each robot spins, in the tests before (first
-        column) and after training (second column), shape (n, 2).
-      stays: Behaviour of untrained robots that start at the rim of the spot and learn, by proposer.
-      nearer: By condition: by how many metres each robot came nearer to the arena's centre, in the
-        same tests as `spinning`, shape (n, 2).
+    The arrays, shape (n, 2), hold a value of each robot in the tests before and after training.
     """
 
-    spinning: dict[Condition, np.ndarray]
-    stays: dict[str, Stay]
+    spinning: dict[Condition, np.ndarray]  # share of time in which each robot spins
+    stays: dict[str, Stay]  # of untrained robots that start at the spot's rim, by proposer
+    # By how many metres each robot came nearer to the arena's centre.
     nearer: dict[Condition, np.ndarray] = dataclasses.field(default_factory=dict)
 
 

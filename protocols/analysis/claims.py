@@ -42,14 +42,10 @@ class Evidence:
     """Data by which claims are judged: a run, or the paper's own tables.
 
     Every method raises Undecidable where data are missing.
-
-    Attributes:
-      run: The run; None for the paper's tables, which hold no data of single robots.
-      behaviour: Behaviour of the run's robots; None if they were not observed.
     """
 
-    run: Run | None
-    behaviour: Behaviour | None = None
+    run: Run | None  # None for the paper's tables, which hold no data of single robots
+    behaviour: Behaviour | None = None  # of the run's robots; None if they were not observed
 
     def summary(self, condition: Condition) -> Summary:
         """Returns a column of table 1 or 2."""
@@ -161,22 +157,13 @@ class Claim(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ClaimResult:
-    """The verdict on a claim.
-
-    Attributes:
-      claim: The claim.
-      verdict: Whether the claim holds.
-      why: Text with the numbers and the names of the tests; if data are missing for a verdict, a
-        text that says which.
-      inequalities: Inequalities that the verdict rests on.
-      paper: Verdict on the same claim by the paper's own tables.
-    """
+    """The verdict on a claim."""
 
     claim: Claim
     verdict: Verdict
-    why: str
-    inequalities: tuple[TestedInequality, ...] = ()
-    paper: Verdict = "not judged"
+    why: str  # the numbers and the names of the tests; or which data are missing for a verdict
+    inequalities: tuple[TestedInequality, ...] = ()  # that the verdict rests on
+    paper: Verdict = "not judged"  # on the same claim, by the paper's own tables
 
     @property
     def words(self) -> str:

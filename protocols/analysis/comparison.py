@@ -26,33 +26,19 @@ _deviation = functools.partial(np.nanstd, ddof=1)
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """A cell of table 1 or 2 in two runs.
+    """A cell of table 1 or 2 in two runs."""
 
-    Attributes:
-      condition: Column of the table.
-      name: Row of the table.
-      share: Whether the value is a share of the robots.
-      paired: Whether the robots of the two runs are pairs with the same initial brain.
-      robots: Two numbers of compared robots: in our run, and in the other run.
-      incomplete: Number of pairs that are left out because only one robot has a value.
-      ours: Value in our run.
-      other: Value in the other run.
-      interval: 95 % confidence interval of the difference `ours` - `other`.
-      p: Two-sided p-value under the null hypothesis of equal robots; NaN if not tested.
-      corrected: p after Holm's correction over the family of cells; NaN before the correction.
-    """
-
-    condition: Condition
-    name: str
-    share: bool
-    paired: bool
-    robots: tuple[int, int]
-    incomplete: int
-    ours: float
-    other: float
-    interval: Interval
-    p: float
-    corrected: float = float("nan")
+    condition: Condition  # column of the table
+    name: str  # row of the table
+    share: bool  # whether the value is a share of the robots
+    paired: bool  # whether the robots of the two runs are pairs with the same initial brain
+    robots: tuple[int, int]  # numbers of compared robots: in our run, and in the other run
+    incomplete: int  # number of pairs that are left out because only one robot has a value
+    ours: float  # value in our run
+    other: float  # value in the other run
+    interval: Interval  # 95 % confidence interval of the difference `ours` - `other`
+    p: float  # two-sided, under the null hypothesis of equal robots; NaN if not tested
+    corrected: float = float("nan")  # p after Holm's correction over the family of cells
 
     @property
     def difference(self) -> float:
@@ -65,12 +51,8 @@ class Cell:
         return self.corrected < ALPHA
 
 
-def shared_conditions(ours: Run, other: Run) -> list[Condition]:
-    """Returns the conditions that both runs have, in the order of the tables.
-
-    Raises:
-      InputError: the runs share no condition, or their schedules differ.
-    """
+def _shared_conditions(ours: Run, other: Run) -> list[Condition]:
+    """Returns the conditions that both runs have; raises InputError, see `compare_runs`."""
     for what, name in (("time scales", "time_scale"), ("protocols", "protocol")):
         first, second = (getattr(run.experiment, name) for run in (ours, other))
         if first != second:
@@ -179,7 +161,7 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
     Raises:
       InputError: the runs share no condition, or their schedules differ.
     """
-    conditions = shared_conditions(ours, other)
+    conditions = _shared_conditions(ours, other)
     # Holm's smallest threshold is ALPHA / family: 50 permutations beyond it, or more.
     draws = max(DRAWS, 1000 * CELLS * len(conditions))
     found: list[Cell] = []

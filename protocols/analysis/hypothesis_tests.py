@@ -61,19 +61,13 @@ class Sample(NamedTuple):
 class TestedInequality:
     """An inequality that a claim needs, tested in both directions.
 
-    Attributes:
-      words: Description of the comparison in words, with its numbers.
-      test: Name of the test.
-      p_for: One-sided p-value under the null hypothesis that the inequality is false: small values
-        support it. NaN where the data do not allow the test.
-      p_against: One-sided p-value under the null hypothesis that it is true: small values
-        contradict it. NaN where the data do not allow the test.
+    The p-values are one-sided, and NaN where the data do not allow the test.
     """
 
-    words: str
-    test: str
-    p_for: float
-    p_against: float
+    words: str  # description of the comparison, with its numbers
+    test: str  # name of the test
+    p_for: float  # under the null hypothesis that the inequality is false: a small one supports it
+    p_against: float  # under the null hypothesis that it is true: a small one contradicts it
 
 
 def larger_share(first: Share, second: Share, words: str, times: float = 1) -> TestedInequality:
@@ -134,12 +128,8 @@ def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     """Returns the two-sided p-value under the null hypothesis of equal shares.
 
     Pairs are tested by McNemar's exact test, independent groups by Fisher's exact test. Both are
-    exact forms of a permutation test of shares.
-
-    Args:
-      first: Whether each robot of the first group has the property, shape (n,).
-      second: Whether each robot of the second group has the property, shape (m,).
-      paired: Whether robots of the same index are pairs; then n = m.
+    exact forms of a permutation test of shares. The groups, shapes (n,) and (m,), say whether each
+    robot has the property. If they are paired, robots of the same index are pairs, and n = m.
     """
     if paired:
         only_first, only_second = int((first & ~second).sum()), int((second & ~first).sum())

@@ -136,13 +136,9 @@ def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) ->
     This is method 10 of both of Newcombe's papers (Statistics in Medicine 17, 1998). It combines
     Wilson's intervals of both shares with the correlation of the pairs, 0 for independent groups.
 
-    Args:
-      first: Whether each robot of the first group has the property, shape (n,).
-      second: Whether each robot of the second group has the property, shape (m,).
-      paired: Whether robots of the same index are pairs; then n = m.
-
-    Returns:
-      Interval of the first share minus the second, in [-1, 1]; unknown if a group has no robots.
+    The groups, shapes (n,) and (m,), say whether each robot has the property. If they are paired,
+    robots of the same index are pairs, and n = m. The interval of the first share minus the second
+    lies in [-1, 1], and is unknown if a group has no robots.
     """
     if not len(first) or not len(second):
         return UNKNOWN

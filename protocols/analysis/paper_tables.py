@@ -32,22 +32,13 @@ PAPER: Mapping[Condition, Summary] = MappingProxyType(
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """A column of table 1 or 2 with the 95 % intervals of its cells.
+    """A column of table 1 or 2 with the 95 % intervals of its cells."""
 
-    Attributes:
-      summary: Values of the cells.
-      shares: For each category, the interval of its share of the robots.
-      mean: Interval of the mean L.
-      deviation: Interval of the standard deviation of L.
-      post_share: Interval of the mean share of time in contact (or in the spot) in the test after
-        training.
-    """
-
-    summary: Summary
-    shares: tuple[Interval, ...]
-    mean: Interval
-    deviation: Interval
-    post_share: Interval
+    summary: Summary  # values of the cells
+    shares: tuple[Interval, ...]  # of the robots in each category
+    mean: Interval  # of L
+    deviation: Interval  # standard deviation of L
+    post_share: Interval  # mean share of the test after training in contact (or in the spot)
 
 
 def column(run: Run, condition: Condition) -> Column:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,6 @@ class Bench:
         from ..lives.local import prepare_process
         from ..lives.manifest import machine
         from ..machine import cores
-        from ..pages import markdown
         from ..storage import check_place, resolved_file, write_atomically
         from ..terminal import notice, show_markdown
         from . import speed
@@ -62,17 +62,24 @@ class Bench:
         about = machine() | {"cores_used": cores(), "quick": self.quick}
         quick = " **Measured with --quick: too short to be quoted.**" if self.quick else ""
         cells = [(_words(name), str(value)) for name, value in about.items()]
-        show_markdown(markdown.section("Machine", _TEXTS["machine"] + quick, ("", "value"), cells))
+        show_markdown(_section("machine", quick, [("", "value"), *cells]))
         found: dict[str, Any] = {"machine": about}
         for name, rows in todo.items():
             notice(f"measuring {name}")
             found[name] = own = list(rows)
             head = [*max(own, key=len)]  # the longest row has all columns
             cells = [[_cell(row.get(one, "")) for one in head] for row in own]
-            title, head = name.capitalize(), [*map(_words, head)]
-            show_markdown(markdown.section(title, _TEXTS[name], head, cells))
+            show_markdown(_section(name, "", [[*map(_words, head)], *cells]))
         if file is not None:
             write_atomically(file, (json.dumps(found, indent=2) + "\n").encode())
+
+
+def _section(name: str, more: str, rows: Sequence[Sequence[str]]) -> str:
+    """Returns a heading, a paragraph and a table, whose first row is the head, as Markdown."""
+    from ..pages.markdown import table
+
+    lines = "\n".join(table(rows))
+    return f"### {name.capitalize()}\n\n{_TEXTS[name]}{more}\n\n{lines}\n"
 
 
 def _cell(value: Any) -> str:

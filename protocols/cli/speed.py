@@ -30,6 +30,7 @@ from ..agents.base import Agent, Wrapper
 from ..errors import RunError
 from ..lives.cohort import Cohort
 from ..lives.conditions import PAPER_TASKS, CohortKey, Condition
+from ..lives.device import decide
 from ..lives.experiment import Body, Experiment
 from ..lives.jobs import DIED
 from ..lives.local import prepare_process, single_threaded_children
@@ -178,6 +179,7 @@ def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
     """Times so many control steps of a cohort, and its physics alone; see `paired`."""
     batch = cohort.batch
     recorder = cohort.agent = Recorder(cohort.agent)
+    cohort.decide = functools.partial(decide, recorder, batch)
 
     def work() -> np.ndarray:
         recorder.motors.clear()

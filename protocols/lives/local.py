@@ -123,7 +123,7 @@ def stop_on_signals() -> Iterator[StopRequest]:
 
 @contextlib.contextmanager
 def handling(
-    handler: Callable[[int, object], None] | signal.Handlers, *numbers: signal.Signals
+    handler: Callable[[int, Any], None] | signal.Handlers, *numbers: signal.Signals
 ) -> Iterator[None]:
     """Lets a handler receive signals; only the main thread has them, others change nothing.
 

@@ -19,7 +19,7 @@ from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES, Summary
 from ..lives.run import Run
 from ..lives.schedules import SCHEDULES, STAGES, TASK_NAMES, Schedule, control_steps
-from .style import CATEGORY_COLOURS, DARK, INK, Look, canvas, colour, in_per_cent, looks
+from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks
 
 _STEPS = 36  # of a learning curve, about
 _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its number
@@ -42,12 +42,11 @@ def learning_curves(run: Run) -> Figure:
         axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
         in_per_cent(axis)
-    shown = {short_name(name): {"color": o.colour, "ls": o.dashes} for name, o in look.items()}
-    _legend(figure, shown)
+    _legend(figure, {short_name(name): own for name, own in look.items()})
     return figure
 
 
-def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> None:
+def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: dict[str, Any]) -> None:
     """Draws the curve of n robots from their shares of each of M minutes, shape (n, M).
 
     No point mixes minutes of a test and of training.
@@ -70,8 +69,8 @@ def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: Look) -> No
     times = np.concatenate([[0], steps.cumsum()])[edges] / control_steps(60)
     hours = (times[:-1] + times[1:]) / 2
     mark = "o" if len(points) == 1 else None  # a rehearsal
-    axis.plot(hours, means, color=look.colour, linestyle=look.dashes, marker=mark)
-    axis.fill_between(hours, low, high, color=look.colour, alpha=0.2, linewidth=0)
+    axis.plot(hours, means, marker=mark, **look)
+    axis.fill_between(hours, low, high, color=look["color"], alpha=0.2, linewidth=0)
 
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
@@ -147,7 +146,7 @@ def abilities(run: Run) -> Figure:
     figure, axes = canvas(1.35 * len(look) + 0.6, len(look), len(tasks), sharex=True, sharey="col")
     for task, column in zip(tasks, axes.T, strict=True):
         for axis, (proposer, own) in zip(column, look.items(), strict=True):
-            title = _histogram(axis, run, Condition(task, proposer), own.colour)
+            title = _histogram(axis, run, Condition(task, proposer), own["color"])
             first = f"{TASK_NAMES[task]}\n" if axis is column[0] else ""
             axis.set_title(f"{first}{title}", fontsize=8)
         column[-1].set_xlabel("Learn Ability L")

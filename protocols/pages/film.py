@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import signal
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -44,12 +45,9 @@ _ENCODERS = {
 def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> None:
     """Films an episode from its start, until its end or its last stable step at the latest.
 
-    Args:
-      episode: Episode to film; it is simulated once.
-      output: File to write, an .mp4 (H.264, yuv420p) or a .gif of half the width and height; an
-        existing file is replaced when the film is complete.
-      seconds: Requested length of the film in [s].
-      speed: Simulated seconds per second of the film.
+    The film, an .mp4 (H.264, yuv420p) or a .gif of half the width and height, lasts `seconds` [s].
+    `speed` is the simulated seconds per second of it. An existing file is replaced when the film
+    is complete.
 
     Raises:
       InputError: a value is invalid, the file cannot be written, or there is no EGL.
@@ -85,12 +83,8 @@ def shots_at(
     """Yields what the frame at each time shows; poses are interpolated between control steps.
 
     A frame also shows the contact and the events since the frame before. It ends at the first time
-    after the last moment, from which on nothing was simulated.
-
-    Args:
-      times: Simulated times in [s], ascending.
-      moments: Moments of the episode, in order.
-      speed: Simulated seconds per second of the film.
+    after the last moment, from which on nothing was simulated. `times` are in [s], ascending;
+    `speed` is the simulated seconds per second of the film.
     """
     past = [next(moments)]
     shown = 0  # index of the last moment in the frame before
@@ -133,13 +127,8 @@ def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed
 def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     """Writes frames into a film; an existing file is replaced when the film is complete.
 
-    Args:
-      output: File to write, an .mp4 or .gif.
-      frames: Pixels of each frame, uint8, shape (height, width, 3), with even height and width.
-      count: Number of frames, at most, for the display of progress.
-
-    Returns:
-      Number of frames.
+    Frames are pixels, uint8, shape (height, width, 3), with even height and width. `count` is their
+    number, at most, for the display of progress; the actual number is returned.
 
     Raises:
       OSError: the film could not be written completely; the partial film is deleted.
@@ -147,7 +136,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     suffix = output.suffix.lower()
     codec, pixels, options = _ENCODERS[suffix]
     with (
-        handling(_interrupt, *END_SIGNALS),
+        handling(signal.default_int_handler, *END_SIGNALS),  # as Ctrl-C, so that nothing is left
         tempfile.TemporaryDirectory(prefix="musebot-") as folder,
     ):
         draft = Path(folder) / "film.mp4"  # imageio's FFMPEG writer refuses names in .gif
@@ -171,11 +160,6 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
         remove_drafts(output.parent, output.name)  # of a film that was killed
         write_atomically(output, draft.read_bytes())
         return given
-
-
-def _interrupt(number: int, frame: object) -> None:
-    """Turns a signal into Ctrl-C, after which nothing is left."""
-    raise KeyboardInterrupt
 
 
 def _frames_in(path: Path) -> int:

@@ -27,12 +27,10 @@ _STATED_APART = ("seed", "cohort_size", "time_scale", "protocol")
 
 
 def table(rows: Sequence[Sequence[object]], align: str = "") -> list[str]:
-    """Returns the lines of a table.
+    """Returns the lines of a table from the cells of its rows, the head first.
 
-    Args:
-      rows: Cells of each row, the head first.
-      align: Alignment of each column, a letter each: l for left, r for right. Empty aligns the
-        first column left and all others right.
+    `align` has a letter for each column: l for left, r for right. Empty aligns the first column
+    left and all others right.
     """
     align = align or "l" + "r" * (len(rows[0]) - 1)
     rule = ["---:" if letter == "r" else "---" for letter in align]
@@ -64,11 +62,9 @@ def with_interval(value: str, interval: Interval, form: str = ".3f") -> str:
 
 
 def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
-    """Returns the mean of some values, with its 95 % interval in brackets if it is known.
+    """Returns the mean of n robots' values, shape (n,), with its 95 % interval if it is known.
 
-    Args:
-      values: One value for each robot, shape (n,).
-      span: Lowest and highest value that a robot can have; None if not known.
+    `span` is the lowest and highest value that a robot can have; None if not known.
     """
     return with_interval(f"{values.mean():.3f}", intervals.mean(values, span))
 

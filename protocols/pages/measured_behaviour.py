@@ -48,13 +48,8 @@ def finders(run: Run, condition: Condition) -> list[int]:
 def from_the_rim(run: Run, condition: Condition, rows: list[int]) -> tuple[Track, float]:
     """Places untrained robots with their nose at the rim of the spot and lets them learn.
 
-    Args:
-      run: Run of the robots.
-      condition: Condition of the robots, in spot finding.
-      rows: Rows of the robots within the condition.
-
-    Returns:
-      The robots' track over `STAY_MINUTES`, and the radius of the spot in [m].
+    Returns the track of these rows of a condition over `STAY_MINUTES`, and the radius of the spot
+    in [m].
     """
     agent = stored_brains(run, condition, [(row, "before") for row in rows])
     batch = run.experiment.batch(condition.task, len(rows))

@@ -25,9 +25,8 @@ _FRAMES = 5  # timed by `probe`
 class Canvas:
     """Renders a model through one of its cameras.
 
-    Attributes:
-      renderer: Name that OpenGL reports for its renderer; "llvmpipe" renders on the CPU.
-      scene: MuJoCo's scene; geoms can be added to it between `look` and `pixels`.
+    `renderer` is OpenGL's name; "llvmpipe" renders on the CPU. Geoms can be added to MuJoCo's
+    `scene` between `look` and `pixels`.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.colors import to_hex
 from PIL import Image, ImageDraw, ImageFont
 
 from ...tasks import CONTROL_TIMESTEP
@@ -14,7 +15,7 @@ from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from . import scene
 from .replay import Moment
-from .scene import AMBER, BLUE, GREEN, RED, Colour, heat
+from .scene import AMBER, BLUE, GREEN, RED, heat
 
 _HEADER, _PANEL = 44, 240
 WIDTH, HEIGHT = scene.WIDTH + _PANEL, scene.HEIGHT + _HEADER  # [pixels]; H.264 needs even numbers
@@ -38,12 +39,8 @@ class Panel:
     def __init__(self, task: str, driver: str, trained: bool, speed: float, seconds: float) -> None:
         """Draws the parts that are the same in all frames.
 
-        Args:
-          task: Task of the domain "arena".
-          driver: Description of the driver in a few words.
-          trained: Whether the driver has been trained.
-          speed: Simulated seconds per second of the film.
-          seconds: Simulated duration of the film in [s].
+        `driver` is described in a few words, `speed` is the simulated seconds per second of the
+        film, and `seconds` its simulated duration in [s].
         """
         self._shapes = TASKS[task].rules.shapes
         wanted = issubclass(TASKS[task].rules, SpotFindingRules)  # being in the spot; or contact
@@ -57,20 +54,16 @@ class Panel:
         draw.text((20, 22), title.capitalize(), _INK, bold, "lm")
         draw.text((34 + bold.getlength(title.capitalize()), 23), driver, _DIM, _font(14), "lm")
         when = "after training" if trained else "before training"
-        draw.text((_RIGHT, 22), when, _hex(GREEN if trained else AMBER), _font(13, "-Bold"), "rm")
+        draw.text((_RIGHT, 22), when, to_hex(GREEN if trained else AMBER), _font(13, "-Bold"), "rm")
         speeds = f"{speed:g} \N{MULTIPLICATION SIGN} real time"
         draw.text((_RIGHT, _HEADER + 24), speeds, _DIM, self._small, "rm")
         draw.rectangle((_LEFT, _TIMELINE, _RIGHT, _TIMELINE + 12), _GROOVE)
 
     def frame(self, image: np.ndarray, shot: Moment) -> np.ndarray:
-        """Returns a frame; its timeline also shows the events of all earlier calls.
+        """Returns a frame, uint8, shape (HEIGHT, WIDTH, 3), around an image of the scene.
 
-        Args:
-          image: Image of the scene, uint8, shape (scene.HEIGHT, scene.WIDTH, 3).
-          shot: What the instruments show.
-
-        Returns:
-          Pixels of the frame, uint8, shape (HEIGHT, WIDTH, 3).
+        The image is uint8, shape (scene.HEIGHT, scene.WIDTH, 3). The instruments show the moment;
+        the timeline also shows the events of all earlier calls.
         """
         begun, now = (
             _LEFT + (_RIGHT - _LEFT) * min(time / self._seconds, 1)
@@ -78,7 +71,7 @@ class Panel:
         )
         if shot.event:
             event = begun, _TIMELINE, now, _TIMELINE + 12
-            ImageDraw.Draw(self._blank).rectangle(event, _hex(self._hot))
+            ImageDraw.Draw(self._blank).rectangle(event, to_hex(self._hot))
         self._seen = shot.time
         frame = self._blank.copy()
         frame.paste(Image.fromarray(image), (0, _HEADER))
@@ -125,13 +118,9 @@ class Panel:
             (left, heat(value, self._hot)) if limit is None else ((left + right) / 2, BLUE)
         )
         tip = zero + value * (right - left) / (2 * limit if limit else 1)
-        draw.rectangle((min(zero, tip), y - 4, max(zero, tip), y + 4), _hex(colour))
+        draw.rectangle((min(zero, tip), y - 4, max(zero, tip), y + 4), to_hex(colour))
         draw.line((zero, y - 7, zero, y + 7), _DIM)
         return y + 26
-
-
-def _hex(colour: Colour) -> str:
-    return "#" + "".join(f"{round(255 * part):02x}" for part in colour)
 
 
 def _font(size: int, style: str = "", family: str = "") -> ImageFont.FreeTypeFont:

@@ -37,9 +37,6 @@ def architecture(task: str) -> Figure:
 
     Neurons, connections, the connections with noise of one idea, and the ideas of one step are
     those of a `Neurocontroller`.
-
-    Args:
-      task: Task of the paper, "wall_avoidance" or "spot_finding".
     """
     senses, sensors = senses_of(task), list[str]()
     for name, (length, _, _) in task_definition(task).rules.shapes.items():

@@ -48,27 +48,16 @@ _ALONE = np.array([0])  # the robot of a batch of one
 
 @dataclasses.dataclass(frozen=True)
 class Moment:
-    """A robot at the start of a control step.
+    """A robot at the start of a control step."""
 
-    Attributes:
-      time: Simulated time since the start of the episode in [s].
-      pose: x, y in [m] and heading in [rad], shape (3,).
-      spot: x, y of the spot's centre in [m], shape (2,).
-      signals: Latest sensor signals by name, each of shape (number of signals,).
-      motors: Motor values that the driver commands, left motor first, shape (2,).
-      contact: Whether the robot is in contact.
-      event: Whether the task's event, contact or being in the spot, happens; False at the start.
-      event_seconds: Time with the event since the start of the episode in [s].
-    """
-
-    time: float
-    pose: np.ndarray
-    spot: np.ndarray
-    signals: dict[str, np.ndarray]
-    motors: np.ndarray
+    time: float  # simulated, since the start of the episode, in [s]
+    pose: np.ndarray  # x, y in [m] and heading in [rad], shape (3,)
+    spot: np.ndarray  # x, y of the spot's centre in [m], shape (2,)
+    signals: dict[str, np.ndarray]  # latest sensor signals by name, each of shape (signals,)
+    motors: np.ndarray  # motor values that the driver commands, left motor first, shape (2,)
     contact: bool
-    event: bool
-    event_seconds: float
+    event: bool  # whether the task's event happens: contact, or being in the spot; False at first
+    event_seconds: float  # with the event, since the start of the episode, in [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,11 +125,7 @@ class Episode:
 
 
 def policy_act(policies: Policies, robot: int, phase: str) -> Act:
-    """Returns the function that acts by one policy, before ("pre") or after ("post") training.
-
-    Raises:
-      InputError: there is no policy of this index, or no such phase.
-    """
+    """Returns how one policy acts before or after training; raises InputError if there is none."""
     return functools.partial(policies.one(robot).act, trained=_when(phase) == "after")
 
 
@@ -155,21 +140,13 @@ def _when(phase: str, seed: int = SEED) -> When:
 
 @dataclasses.dataclass(frozen=True)
 class StoredRobot:
-    """A robot of a run that repeats a test with its stored brain.
-
-    Attributes:
-      run: Run of the robot.
-      condition: Condition of the robot.
-      robot: Number of the robot within its condition.
-      phase: Test to repeat: "pre" before training, or "post" after training.
-      seed: Seed of the brain's noise.
-    """
+    """A robot of a run that repeats a test with its stored brain."""
 
     run: Run
     condition: Condition
-    robot: int
-    phase: str
-    seed: int = SEED
+    robot: int  # number within the condition
+    phase: str  # test to repeat: "pre" before training, or "post" after training
+    seed: int = SEED  # of the brain's noise
 
     def agent(self) -> Agent:
         """Returns the robot's brain, or its agent, at the time of the test, as a batch of one.
@@ -255,12 +232,8 @@ def stored_brains(
 ) -> Agent:
     """Returns stored brains, or agents with stored weights, of a condition as one batch.
 
-    Args:
-      run: Run of the robots.
-      condition: Condition of the robots.
-      which: For each robot, its row within the condition, and whether with the weights "before" or
-        "after" training.
-      seed: Seed of the batch's random stream.
+    `which` holds, for each robot, its row within the condition, and whether it has the weights
+    "before" or "after" training. `seed` is that of the batch's random stream.
 
     Raises:
       InputError: the agent is not trusted, or cannot take over these weights.
@@ -298,12 +271,8 @@ def watch(
 ) -> Track:
     """Simulates robots from their current poses, shows the progress, and records their track.
 
-    Args:
-      batch: Batch of B robots that have been placed.
-      agent: Agent that drives the robots.
-      steps: Number of control steps.
-      learning: Whether the robots learn and explore.
-      what: The robots in a few words, for the progress.
+    The robots, B of them, have been placed. `learning` is whether they learn and explore, `what`
+    describes them in the progress.
     """
     poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
     events = np.empty((steps, batch.robots), dtype=bool)

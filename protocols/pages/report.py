@@ -33,9 +33,6 @@ from . import film as films
 from .replay import StoredRobot
 
 PAGE = "report.html"
-FIGURES = ("architecture", "robot", "typical")
-"""Names of the figures that `draw` draws."""
-
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
 _FILM_SECONDS = 10.0
 _FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
@@ -44,11 +41,8 @@ _FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
 def draw(name: str, path: Path, run: Run | None = None, task: str | None = None) -> None:
     """Draws a figure of the paper, or typical robots of a run, into a file.
 
-    Args:
-      name: One of `FIGURES`: the two networks, the robot, or a run's typical robots.
-      path: File to write, an .svg or .png.
-      run: Run of the typical robots; only for "typical".
-      task: Task of the networks; only for "architecture". None for "wall_avoidance".
+    The figure is "architecture", the two networks for a task (wall_avoidance), "robot", or
+    "typical", the typical robots of a run. The file is an .svg or .png.
 
     Raises:
       InputError: a value is invalid, there is no EGL, or the run has no typical robots; nothing
@@ -56,8 +50,6 @@ def draw(name: str, path: Path, run: Run | None = None, task: str | None = None)
       OSError: the file could not be written.
     """
     style.check_output(path)
-    if name not in FIGURES:
-        raise InputError(f"the figure must be one of {', '.join(FIGURES)}, got {name!r}")
     if (name == "typical") != (run is not None):
         raise InputError(f"typical needs a run, and only typical takes one, got {name}")
     if task is not None and name != "architecture":
@@ -77,13 +69,8 @@ def draw(name: str, path: Path, run: Run | None = None, task: str | None = None)
 def report(run: Run, out: Path, output: Path | None) -> Path:
     """Writes the figures into OUT/figures/, the page, and missing films if they can be rendered.
 
-    Args:
-      run: The run.
-      out: Folder of the run.
-      output: File of the page to write, an .html; None for `report.html` in `out`.
-
-    Returns:
-      Path of the page.
+    `out` is the folder of the run; the page is `output`, an .html, or `report.html` in `out`. Its
+    path is returned.
 
     Raises:
       InputError: a path cannot be written, or another process writes the report; no file was
@@ -168,12 +155,8 @@ def page(
 ) -> str:
     """Returns the report as HTML that needs no other file.
 
-    Args:
-      run: The run.
-      text: Tables and claims as Markdown.
-      drawn: Figures, each a .png, by the name of the figure.
-      filmed: Films, each an .mp4 whose name is its caption.
-      missing: Sentence about missing films; empty for none.
+    `text` is Markdown. Figures are .png, by the figure's name; films are .mp4, and their names are
+    their captions. `missing` is a sentence about missing films, or empty.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATE.parent),

@@ -139,14 +139,9 @@ def grid() -> torch.Tensor:
 
 
 def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
-    """Returns the sensor signals of a robot in three typical situations of a task.
+    """Returns the sensor signals, shape (S,), of a task's robot in three situations, by name.
 
-    Args:
-      batch: Batch of one robot, which is placed in each situation.
-      task: Task of the batch.
-
-    Returns:
-      Sensor signals by the name of the situation, each of shape (S,).
+    The robot of the batch, its only one, is placed in each of them.
     """
     size, one, (x, y, _) = batch.dimensions, np.array([0]), UPPER_RIGHT
     wall = size.half_length - size.radius
@@ -202,10 +197,7 @@ def values(run: Run, task: str) -> Figure | None:
 def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
     """Draws the value of every action, the ideas of one step, and the chosen idea.
 
-    Args:
-      axis: Axes to draw on.
-      brain: Brain of a single robot.
-      state: Sensor signals, shape (S,).
+    The brain is that of a single robot, `state` its sensor signals, shape (S,).
     """
     sensed = torch.from_numpy(state.astype(np.float32))[None]
     value = brain.values(sensed, grid())[0].reshape(_GRID, _GRID).numpy()

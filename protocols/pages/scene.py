@@ -33,11 +33,7 @@ class Trail(NamedTuple):
 
 
 class Scene:
-    """Draws the arena of a task, or one of other dimensions, with the robot's trail and signals.
-
-    Attributes:
-      renderer: Name that OpenGL reports for its renderer.
-    """
+    """Draws the arena of a task, or one of other dimensions, with the robot's trail and signals."""
 
     def __init__(self, task: str, dimensions: Dimensions | None = None) -> None:
         """Compiles the arena; raises InputError where there is no EGL."""

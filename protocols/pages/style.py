@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib.style
 import numpy as np
@@ -51,20 +51,13 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-class Look(NamedTuple):
-    """Colour of whatever belongs to a proposer or an agent, and the style of its lines."""
-
-    colour: str
-    dashes: Any
-
-
 def colour(proposer: str) -> str:
     """Returns the colour of one of the three proposers, the same in every figure."""
     return _PROPOSERS[proposer]
 
 
-def looks(names: Iterable[str]) -> dict[str, Look]:
-    """Returns a different look for each proposer or agent of a run, by name.
+def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Returns a different colour and style of lines for each proposer or agent of a run, by name.
 
     Agents share a few distinguishable colours: each further round of them has one more dot between
     its dashes. So an agent's look depends on its place among the names.
@@ -72,9 +65,10 @@ def looks(names: Iterable[str]) -> dict[str, Look]:
     found = {}
     for name in dict.fromkeys(names):
         turn, place = divmod(len(found.keys() - _PROPOSERS.keys()), len(_OTHERS))
+        if name in _PROPOSERS:
+            turn = 0
         dashes = (0, (4, 1.5, *(1, 1.5) * (turn - 1))) if turn else "-"
-        own = name in _PROPOSERS
-        found[name] = Look(_PROPOSERS[name], "-") if own else Look(_OTHERS[place], dashes)
+        found[name] = {"color": _PROPOSERS.get(name, _OTHERS[place]), "linestyle": dashes}
     return found
 
 

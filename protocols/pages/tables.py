@@ -49,10 +49,8 @@ _ROUNDED = " L is rounded to two decimals before it is classed (`--exact-classes
 def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = False) -> str:
     """Returns the tables of a run, and the verdicts on the claims that it can test.
 
-    Args:
-      run: The run.
-      behaviour: Behaviour of the run's robots; None if they were not observed.
-      narrow: Whether each proposer or agent has a table of its own, as wide as a telephone.
+    `behaviour` is None if the robots were not observed. With `narrow`, each proposer or agent has a
+    table of its own, as wide as a telephone.
     """
     parts = []
     for task in run.tasks():
@@ -227,10 +225,8 @@ def _differ_in(ours: Run, other: Run) -> str:
     )
     if len(fields) == 1:
         return f"Their experiments differ in {named}."
-    return (
-        f"Their experiments differ in {len(fields)} fields, so that no difference below can be "
-        f"attributed to one of them: {named}."
-    )
+    several = f"{len(fields)} fields, so that no difference below can be attributed to one of them"
+    return f"Their experiments differ in {several}: {named}."
 
 
 def _numbers(cell: comparison.Cell) -> tuple[str, str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from ...tasks.sensors import NoseForm
 from ...tasks.suite import TASKS
 from ..agents.names import short_name
 from ..errors import InputError
+from ..lives.experiment import Experiment
 from .replay import Act, StoredRobot, policy_act
 
 if TYPE_CHECKING:
@@ -46,13 +48,8 @@ class Driver:
           InputError: there is no such robot, or its body or arena is not that in the window.
         """
         experiment, condition = robot.run.experiment, robot.condition
-        for name, ordinary in (
-            ("body", "mujoco"),
-            ("motor_speed", None),
-            ("arena_scale", 1),
-            ("nose_place", "front"),
-        ):
-            if (value := getattr(experiment, name)) != ordinary:
+        for name in ("body", "motor_speed", "arena_scale", "nose_place"):
+            if (value := getattr(experiment, name)) != getattr(Experiment(), name):
                 raise InputError(
                     f"the window shows a robot with the default {name}, got a run with {value}"
                 )
@@ -107,17 +104,10 @@ def check_display() -> None:
 
 def random_motors(seed: int, steps: int = 10) -> Policy:
     """Returns a policy that draws uniform motor values and holds each for some control steps."""
-    random, step, motors = np.random.default_rng(seed), 0, np.zeros(2)
-
-    def policy(timestep: dm_env.TimeStep) -> np.ndarray:
-        nonlocal step, motors
-        step = 0 if timestep.first() else step
-        if step % steps == 0:
-            motors = random.uniform(-0.5, 0.5, 2)
-        step += 1
-        return motors
-
-    return policy
+    random = np.random.default_rng(seed)
+    drawn = (random.uniform(-0.5, 0.5, 2) for _ in itertools.count())
+    held = itertools.chain.from_iterable(itertools.repeat(motors, steps) for motors in drawn)
+    return lambda timestep: next(held)
 
 
 class ArrowKeys:

@@ -33,10 +33,7 @@ def test_a_robot_that_turns_without_moving_spins_in_every_second():
     ]
     found = spins(np.concatenate([track for track, _ in tracks], axis=1))
     assert found.tolist() == [[expected for _, expected in tracks]] * 5
-
-
-def test_track_shorter_than_a_second_counts_as_one_second():
-    assert spins(poses(1, turn=4.0)[:6]).shape == (1, 1)
+    assert spins(tracks[0][0][:6]).shape == (1, 1)  # a shorter track counts as one second
 
 
 def at_the_spot(*parts):
@@ -73,22 +70,14 @@ def test_time_away_from_the_spot_does_not_count():
     np.testing.assert_allclose(stay.minutes, [[0, 0, 1], [1, np.nan, np.nan], [2, 1, 0]])
 
 
-def test_robot_that_leaves_at_once_does_not_stay():
-    stay = stay_of(at_the_spot((5, *SPIN), (95, *AWAY)), R)
-    assert stay.staying.tolist() == [False]
-    never = stay_of(at_the_spot((100, *AWAY)), R)
-    assert never.staying.tolist() == [False]
-    assert np.isnan(never.following).all()
-
-
-def test_minutes_are_those_of_staying_robots():
-    stayer, leaver = at_the_spot((100, *FOLLOW)), at_the_spot((5, *SPIN), (95, *AWAY))
+def test_robots_that_leave_at_once_do_not_stay_nor_count():
+    tracks = at_the_spot((100, *FOLLOW)), at_the_spot((5, *SPIN), (95, *AWAY))
     both = [
-        np.concatenate([getattr(track, name) for track in (stayer, leaver)], axis=1)
+        np.concatenate([getattr(track, name) for track in (*tracks, at_the_spot((100, *AWAY)))], 1)
         for name in ("poses", "events", "nose")
     ]
     stay = stay_of(Track(both[0], both[1], np.zeros(2), both[2]), R)
-    assert stay.staying.tolist() == [True, False]
+    assert stay.staying.tolist() == [True, False, False] and np.isnan(stay.following[2]).all()
     np.testing.assert_allclose(stay.minutes, [[0, 1, 0], [1, 1, 0]])
 
 

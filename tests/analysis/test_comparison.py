@@ -2,46 +2,40 @@
 
 import dataclasses
 import json
-import math
 
 import numpy as np
 import pytest
+from helpers import run_of_rows
 
 from musebot.controller import Parameters
 from musebot.models import Kinematics
 from musebot.protocols.analysis.comparison import CELLS, _newborns, compare_runs, is_paired
-from musebot.protocols.analysis.paper_tables import column, row_names
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.learn_ability import CATEGORIES, category, learn_ability
-from musebot.protocols.lives.run import ConditionResults, Robot, Run
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.schedules import SCHEDULES
 from musebot.protocols.pages import tables
 
 WA, SF = "wall_avoidance", "spot_finding"
 WALLS_FIXED = Condition(WA, "fixed")
 ROBOTS = 60
-
-
-def condition_results(condition, seconds, invalid=()):
-    """Returns results of a condition from times before and after training, shape (robots, 2)."""
-    schedule, rows = SCHEDULES[condition.task], []
-    abilities = learn_ability(*seconds.T, schedule.wanted)
-    for i, (pre, post) in enumerate(seconds):
-        kind = category(abilities[i])
-        kind = schedule.unmeasured if kind == "unmeasured" else kind
-        ability = math.nan if i in invalid else float(abilities[i])
-        kind = "invalid" if i in invalid else kind
-        rows.append(Robot(condition.task, condition.proposer, 1, 0, i, pre, post, ability, kind))
-    return ConditionResults(rows, np.zeros((len(rows), 1)), {"before": {}, "after": {}})
+NAN = float("nan")
 
 
 def run_of(name, times, *, invalid=(), **fields):
     """Returns a run from the times of its robots, by condition; fields are of its experiment."""
-    results = {c: condition_results(c, seconds, invalid) for c, seconds in times.items()}
-    return Run(name, Experiment(**fields), results)
+    rows = []
+    for condition, seconds in times.items():
+        schedule = SCHEDULES[condition.task]
+        abilities = learn_ability(*seconds.T, schedule.wanted)
+        for i, (pre, post) in enumerate(seconds):
+            kind = category(abilities[i]).replace("unmeasured", schedule.unmeasured)
+            own = (NAN, "invalid") if i in invalid else (float(abilities[i]), kind)
+            rows.append(Robot(condition.task, condition.proposer, 1, 0, i, pre, post, *own))
+    return run_of_rows(rows, Experiment(**fields), name=name)
 
 
 def times(seed=0, longest=1200.0):
@@ -60,33 +54,6 @@ def by_name(cells):
     return {cell.name: cell for cell in cells}
 
 
-def test_cells_are_those_of_the_tables():
-    conditions = Condition(WA, "random"), Condition(SF, "creative")
-    seconds = {condition: times(i) for i, condition in enumerate(conditions)}
-    ours, other = run_of("ours", seconds, invalid={3, 4}), run_of("other", seconds, seed=2)
-    cells = compare_runs(ours, other)
-    assert len(cells) == 2 * CELLS
-    for condition in conditions:
-        task = condition.task
-        own = by_name(cell for cell in cells if cell.condition == condition)
-        for which, run in (("ours", ours), ("other", other)):
-            summary = column(run, condition).summary
-            *names, _ = row_names(task)[1:]
-            values = [*summary.shares, summary.mean, summary.deviation]
-            post = f"share of time {'in the spot' if task == SF else 'in contact'}, post"
-            for name, value in zip([*names, post], [*values, summary.post_share], strict=True):
-                assert getattr(own[name], which) == pytest.approx(value), (task, name)
-        pre = np.mean(seconds[condition][:, 0]) / (3600 if task == SF else 1200)
-        assert own[post.replace("post", "pre")].other == pytest.approx(pre)
-
-
-def test_a_run_compared_with_itself_differs_in_nothing():
-    cells = compare_runs(*two(times(), times()))
-    assert {cell.difference for cell in cells} == {0.0}
-    assert {cell.p for cell in cells} == {1.0}
-    assert not any(cell.differs for cell in cells)
-
-
 def test_only_the_cells_that_differ_are_reported():
     first = np.tile([600.0, 60.0], (ROBOTS, 1))
     second = first.copy()
@@ -100,27 +67,25 @@ def test_only_the_cells_that_differ_are_reported():
     assert cells[post].difference == pytest.approx(30 / 59 * 840 / 1200)
     for name in differ - {"sd of L"}:
         low, high = cells[name].interval
-        assert low < cells[name].difference < high
-        assert low > 0 or high < 0
+        assert low < cells[name].difference < high and not low <= 0 <= high
     assert cells[pre].corrected == 1
     text = tables.comparison_markdown(ours, other, list(cells.values()))
     assert f"After Holm's correction 5 of {CELLS} cells differ:" in text
-    assert "- wall_avoidance, fixed: L < 0 50.8% against 0.0%, +50.8% [" in text
 
 
 def test_robots_with_the_same_newborn_brain_are_compared_in_pairs_and_others_are_not():
     random = np.random.default_rng(3)
     first = random.uniform(300, 900, (ROBOTS, 2))
     second = first + random.uniform(0, 40, (ROBOTS, 2))  # each a little more
-    pairs = by_name(compare_runs(*two(first, second)))
-    others = by_name(compare_runs(*two(first, second, seed=2)))
-    name = "share of time in contact, pre"
-    assert pairs[name].difference == others[name].difference < 0
-    assert pairs[name].differs and not others[name].differs
-    paired = tables.comparison_markdown(*two(first, second), list(pairs.values()))
-    assert "McNemar's exact" in paired
-    unpaired = tables.comparison_markdown(*two(first, second, seed=2), list(others.values()))
-    assert "The robots are independent groups" in unpaired and "Fisher's exact" in unpaired
+    found = []
+    for seed, words in ((1, "McNemar's exact"), (2, "Fisher's exact")):  # no run holds networks
+        runs = two(first, second, seed=seed)
+        cells = compare_runs(*runs)
+        assert words in tables.comparison_markdown(*runs, cells)
+        found.append(by_name(cells)["share of time in contact, pre"])
+    pairs, others = found
+    assert pairs.difference == others.difference < 0
+    assert pairs.differs and not others.differs
 
 
 def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
@@ -193,19 +158,13 @@ def test_only_conditions_that_both_runs_have_are_compared():
         compare_runs(ours, run_of("short", {a: times()}, time_scale=0.5))
 
 
-@pytest.mark.parametrize(
-    ("robots", "invalid"), [(1, ()), (4, ()), (30, ()), (4, range(4)), (30, range(30))]
-)
-def test_degenerate_runs_have_dashes_and_plain_json(robots, invalid, recwarn):
-    never = np.zeros((robots, 2))
-    ours, other = two(never, never + 1, invalid=invalid)
-    cells = compare_runs(ours, other)
-    text = tables.comparison_markdown(ours, other, cells)
-    assert "nan" not in text
-    plain = json.loads(json.dumps(tables.comparison_json(ours, other, cells), allow_nan=False))
-    assert [cell["name"] for cell in plain["cells"]][: len(CATEGORIES)] == [
-        *CATEGORIES[:-1],
-        "(genius)",
-    ]
-    assert {cell["paired"] for cell in plain["cells"]} == {True}
+def test_degenerate_runs_have_dashes_and_plain_json(recwarn):
+    for robots, invalid in ((1, ()), (4, ()), (30, ()), (4, range(4)), (30, range(30))):
+        never = np.zeros((robots, 2))
+        ours, other = two(never, never + 1, invalid=invalid)
+        cells = compare_runs(ours, other)
+        assert "nan" not in tables.comparison_markdown(ours, other, cells)
+        plain = json.loads(json.dumps(tables.comparison_json(ours, other, cells), allow_nan=False))
+        assert [cell["name"] for cell in plain["cells"]][:4] == [*CATEGORIES[:4]]
+        assert {cell["paired"] for cell in plain["cells"]} == {True}
     assert not recwarn.list

@@ -1,10 +1,8 @@
 """Intervals against small oracles, and for data that do not determine them."""
 
-import itertools
 import json
 import math
 from pathlib import Path
-from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -38,39 +36,17 @@ def test_the_interval_of_a_share_is_that_of_wilson(pair):
     assert all(map(math.isnan, intervals.share(0, 0)))
 
 
-def bca_of_mean(values, level=0.95):
-    """Returns the BCa interval by its definition, from every resample of a few values."""
-    normal, n = NormalDist(), len(values)
-    means = np.sort([np.mean(s) for s in itertools.product(values, repeat=n)])
-    below = (np.sum(means < np.mean(values)) + np.sum(means <= np.mean(values))) / 2 / len(means)
-    bias = normal.inv_cdf(below)
-    left_out = np.array([np.mean(np.delete(values, i)) for i in range(n)])
-    d = left_out.mean() - left_out
-    skew = (d**3).sum() / (6 * (d**2).sum() ** 1.5)
-    ends = []
-    for tail in ((1 - level) / 2, (1 + level) / 2):
-        z = bias + normal.inv_cdf(tail)
-        ends.append(np.quantile(means, normal.cdf(bias + z / (1 - skew * z))))
-    return tuple(ends)
+def test_the_interval_of_a_mean_is_scipys_bca_bootstrap():
+    values = np.random.default_rng(0).gamma(1.0, size=30)  # skewed: other methods differ
+    expected = stats.bootstrap((values,), np.mean, method="BCa", n_resamples=20_000, rng=2)
+    ends = tuple(expected.confidence_interval)
+    assert intervals.mean(values) == pytest.approx(ends, abs=0.04 * np.ptp(ends))
 
 
-def test_the_interval_of_a_mean_equals_bca_over_all_resamples():
-    values = [0.1, 0.2, 0.35, 0.4, 0.9, 1.7]
-    low, high = intervals.mean(np.array(values))
-    expected = bca_of_mean(np.array(values))
-    assert (low, high) == pytest.approx(expected, abs=0.05 * np.ptp(values))
-    assert low < np.mean(values) < high
-
-
-def test_intervals_cover_the_true_value_in_about_95_per_cent():
+def test_intervals_of_deviations_cover_the_true_value_in_about_95_per_cent():
     random = np.random.default_rng(3)
-    hits = np.zeros(2)
-    for _ in range(200):
-        values = random.normal(0.4, 0.7, 40)
-        for i, (find, truth) in enumerate([(intervals.mean, 0.4), (intervals.deviation, 0.7)]):
-            low, high = find(values)
-            hits[i] += low < truth < high
-    assert ((hits >= 176) & (hits <= 199)).all(), hits  # 190 +- 3 standard deviations
+    found = np.array([intervals.deviation(random.normal(0.4, 0.7, 40)) for _ in range(200)])
+    assert 176 <= ((found[:, 0] < 0.7) & (found[:, 1] > 0.7)).sum() <= 199  # 190 +- 3 deviations
 
 
 def test_few_robots_or_equal_values_have_no_interval(recwarn):
@@ -89,12 +65,11 @@ POPULATIONS = {name: np.array(values) for name, values in _KEPT.items()}
 many = pytest.mark.parametrize("samples", [100, pytest.param(1000, marks=pytest.mark.night)])
 
 
-def share_of_hits(true, find, draw, samples):
-    """Returns in what share of samples an interval contains the true value, and the mean width."""
-    found = np.array([find(*draw()) for _ in range(samples)])
-    hits = (found[:, 0] <= true) & (true <= found[:, 1])
-    share, width = hits.mean(), np.diff(found).mean()
-    print(f"{samples} samples: covered {share:.3f}, mean width {width:.4f}")
+def share_of_hits(true, ends):
+    """Returns what share of intervals contains the true value, and their mean width."""
+    low, high = np.array(ends).T
+    share, width = ((low <= true) & (true <= high)).mean(), (high - low).mean()
+    print(f"{len(ends)} samples: covered {share:.3f}, mean width {width:.4f}")
     return share, width
 
 
@@ -112,13 +87,9 @@ def test_intervals_of_means_near_an_end_cover_the_true_mean(samples):
         # L where few robots touch a wall; BCa covers 0.48.
         ("steady, L among walls", ABILITY, 60, 0.22),
     ):
-        population, random = POPULATIONS[name], np.random.default_rng(7)
-        found, width = share_of_hits(
-            population.mean(),
-            lambda values, span=span: intervals.mean(values, span),
-            lambda own=population, n=robots, draw=random: (draw.choice(own, n),),
-            samples,
-        )
+        own, random = POPULATIONS[name], np.random.default_rng(7)
+        drawn = (random.choice(own, robots) for _ in range(samples))
+        found, width = share_of_hits(own.mean(), [intervals.mean(one, span) for one in drawn])
         assert found >= 0.92 and width < widest, name
 
 
@@ -126,21 +97,14 @@ def test_intervals_of_means_near_an_end_cover_the_true_mean(samples):
 @pytest.mark.parametrize("paired", [False, True])
 def test_intervals_of_differences_of_rare_contact_cover_the_true_difference(paired, samples):
     for other in ("persistent_exploration", "advantage"):
-        names = "60 steady, contact", f"without {other}, contact"
-        one, two = (POPULATIONS[name] for name in names)
-        random = np.random.default_rng(8)
-
-        def draw(one=one, two=two, random=random):
-            rows = random.integers(0, 60, (2, 60))
-            first, second = rows[[0, 0]] if paired else rows
-            return one[first], two[second]
-
-        found, width = share_of_hits(
-            one.mean() - two.mean(),
-            lambda *pair: intervals.difference_of_means(*pair, paired, SHARE),
-            draw,
-            samples,
-        )
+        one, two = POPULATIONS["60 steady, contact"], POPULATIONS[f"without {other}, contact"]
+        rows = np.random.default_rng(8).integers(0, 60, (samples, 2, 60))
+        rows[:, 1] = rows[:, 0] if paired else rows[:, 1]
+        ends = [
+            intervals.difference_of_means(one[first], two[second], paired, SHARE)
+            for first, second in rows
+        ]
+        found, width = share_of_hits(one.mean() - two.mean(), ends)
         assert found >= 0.92 and width < 0.15, other
 
 
@@ -166,15 +130,11 @@ def test_a_difference_is_that_of_groups_if_one_mean_is_near_an_end():
     usual, rare = random.random(60), np.append(np.zeros(58), [0.1, 0.2])
     far = intervals.difference(usual, usual[::-1], np.nanmean, paired=True)
     assert intervals.difference_of_means(usual, usual[::-1], True, SHARE) == far
-    means, (a, b), (c, d) = (
-        usual.mean() - rare.mean(),
-        intervals.mean(usual, SHARE),
-        intervals.mean(rare, SHARE),
-    )
-    low = means - math.hypot(usual.mean() - a, d - rare.mean())
-    high = means + math.hypot(b - usual.mean(), rare.mean() - c)
+    (a, b), (c, d) = (intervals.mean(values, SHARE) for values in (usual, rare))
+    one, two = usual.mean(), rare.mean()
+    ends = one - two - math.hypot(one - a, d - two), one - two + math.hypot(b - one, two - c)
     found = intervals.difference_of_means(np.append(usual, NAN), np.append(NAN, rare), False, SHARE)
-    assert found == pytest.approx((low, high), abs=1e-12)
+    assert found == pytest.approx(ends, abs=1e-12)
     assert intervals.difference_of_means(usual, rare, True, SHARE) == found
     few = np.append(np.zeros(4), np.full(56, NAN))
     assert all(map(math.isnan, intervals.difference_of_means(few, rare, True, SHARE)))
@@ -190,14 +150,11 @@ def test_the_papers_mean_has_the_interval_of_student():
 
 def test_variation_by_chance_is_that_of_two_samples_of_one_population():
     # Of two categories: |a / n - b / n|, about normal, with variance 2 p (1 - p) / n.
-    pair = Summary((250, 0, 0, 250, 0), 0, 0, 0), Summary((250, 0, 0, 250, 0), 0, 0, 0)
+    half, nobody = Summary((250, 0, 0, 250, 0), 0, 0, 0), Summary((0, 0, 0, 0, 0), 0, 0, 0)
     expected = Z * math.sqrt(2 * 0.25 / 500)
-    assert intervals.chance_variation(*pair) == pytest.approx(expected, abs=0.004)
-    nobody = Summary((0, 0, 0, 0, 0), 0, 0, 0)
-    assert all(
-        math.isnan(intervals.chance_variation(*two))
-        for two in ((nobody, pair[0]), (pair[0], nobody))
-    )
+    assert intervals.chance_variation(half, half) == pytest.approx(expected, abs=0.004)
+    assert math.isnan(intervals.chance_variation(nobody, half))
+    assert math.isnan(intervals.chance_variation(half, nobody))
 
 
 def marks(count, robots):
@@ -231,30 +188,6 @@ def test_a_difference_of_shares_lies_in_its_interval_and_swapping_mirrors_it(tab
         assert first.mean() - second.mean() - 1e-12 <= high <= 1
         mirror = intervals.difference_of_shares(second, first, paired)
         assert mirror == pytest.approx((-high, -low))
-
-
-def test_pairs_of_which_one_side_never_differs_are_as_if_independent():
-    """Their phi coefficient has no value; Newcombe's method takes 0."""
-    first, second = marks(60, 60), marks(33, 60)
-    paired, independent = (intervals.difference_of_shares(first, second, p) for p in (True, False))
-    assert paired == pytest.approx(independent)
-
-
-@pytest.mark.parametrize("paired", [False, True])
-def test_intervals_of_differences_cover_the_true_value_in_about_95_per_cent(paired):
-    random = np.random.default_rng(5)
-    hits = np.zeros(2)
-    for _ in range(200):
-        common = random.normal(0, 0.6, 60) if paired else 0.0
-        first, second = (common + random.normal(mean, 0.6, 60) for mean in (0.5, 0.2))
-        low, high = intervals.difference(first, second, np.nanmean, paired)
-        hits[0] += low < 0.3 < high
-        # Shares above a border, known for normal distributions.
-        spread = math.hypot(0.6, 0.6) if paired else 0.6
-        p, q = (1 - NormalDist(mean, spread).cdf(0.9) for mean in (0.5, 0.2))
-        low, high = intervals.difference_of_shares(first > 0.9, second > 0.9, paired)
-        hits[1] += low < p - q < high
-    assert ((hits >= 178) & (hits <= 199)).all(), hits  # 190 +- 3 standard deviations
 
 
 def test_equal_values_or_few_robots_leave_a_difference_unknown(recwarn):

@@ -1,45 +1,29 @@
 """Tables 1 and 2: the paper's numbers, and a run's columns."""
 
-import numpy as np
+import dataclasses
+from pathlib import Path
 
-from musebot.controller import PROPOSERS
+import pytest
+from helpers import run_of_rows
+
 from musebot.protocols.analysis.paper_tables import PAPER, column, paper_column, row_names
+from musebot.protocols.cli import parser as cli
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import ConditionResults, Robot, Run
+from musebot.protocols.lives.run import Robot
 
-TABLES = {
-    "wall_avoidance": """
-        L = 1       260     196     282
-        L > 0       12      215     65
-        L = 0       13      1       0
-        L < 0       19      51      80
-        (Genius)    196     37      73
-        mean        0.8232  0.7150  0.6109
-        sigma       0.4959  0.5137  0.7068
-        t_post      0.0584  0.0160  0.0402
-    """,
-    "spot_finding": """
-        L = 1       22      20      109
-        L > 0       2       16      63
-        L = 0       1       0       1
-        L < 0       20      323     170
-        (Ignorant)  455     141     157
-        mean        0.0800  -0.8064 0.0045
-        sigma       0.9681  0.5631  0.8829
-        t_post      0.0440  0.0296  0.2581
-    """,
-}
+KEPT = Path(__file__).parents[2] / "docs" / "results"
 
 
-def test_the_columns_hold_the_printed_numbers():
-    for task, table in TABLES.items():
-        lines = [line.split()[-3:] for line in table.strip().splitlines()]
-        for cells, proposer in zip(zip(*lines, strict=True), PROPOSERS, strict=True):
-            paper = PAPER[Condition(task, proposer)]
-            assert paper.counts == tuple(int(cell) for cell in cells[:5])
-            printed = tuple(float(cell) for cell in cells[5:])
-            assert (paper.mean, paper.deviation, paper.post_share) == printed
+@pytest.mark.slow
+def test_kept_pages_are_printed_again_from_runs_kept_without_brains(monkeypatch, capsys):
+    monkeypatch.chdir(KEPT)
+    for words, page in (
+        ("mujoco", "mujoco/tables.md"),
+        ("mujoco --compare kinematic", "mujoco/compare-kinematic.md"),  # in pairs
+    ):
+        assert cli.main(["tables", *words.split()]) == 0
+        assert capsys.readouterr().out == Path(page).read_text()
 
 
 def test_the_paper_has_500_robots_in_each_of_six_columns_with_means_that_agree():
@@ -61,18 +45,14 @@ def test_only_the_papers_conditions_and_protocol_have_a_paper_column():
 
 def test_a_column_has_the_values_of_valid_robots_and_intervals_around_them():
     condition = Condition("wall_avoidance", "random")
-    abilities = [1.0, 1.0, 0.5, -0.5, 0.25, 0.75]
     rows = [
         Robot(condition.task, condition.proposer, 1, 0, i, 1.0, 12.0 * i, ability, "0 < L < 1")
-        for i, ability in enumerate(abilities)
+        for i, ability in enumerate([1.0, 1.0, 0.5, -0.5, 0.25, 0.75])
     ]
-    rows.append(
-        Robot(condition.task, condition.proposer, 1, 0, 6, 1.0, 9e9, float("nan"), "invalid")
-    )
-    results = ConditionResults(rows, np.zeros((7, 1)), {"before": {}, "after": {}})
-    found = column(Run("run", Experiment(), {condition: results}), condition)
-    assert (found.summary.robots, found.summary.invalid) == (6, 1)
-    assert found.summary.counts == (2, 3, 0, 1, 0)
-    assert found.mean[0] < found.summary.mean == 0.5 < found.mean[1]
-    assert found.post_share[0] < found.summary.post_share == 30 / 1200 < found.post_share[1]
+    rows.append(dataclasses.replace(rows[0], robot=6, t_post_s=9e9, category="invalid"))
+    found = column(run_of_rows(rows), condition)
+    summary = found.summary
+    assert (summary.robots, summary.invalid, summary.counts) == (6, 1, (2, 3, 0, 1, 0))
+    assert found.mean[0] < summary.mean == 0.5 < found.mean[1]
+    assert found.post_share[0] < summary.post_share == 30 / 1200 < found.post_share[1]
     assert len(row_names("wall_avoidance")) == 1 + len(found.shares) + 3

@@ -33,24 +33,20 @@ def drive(*words):
     return cli.parsed(Drive, "musebot drive", words)
 
 
-@pytest.mark.parametrize(
-    ("words", "given"),
-    [
-        (["a"], {}),
-        (["a", "--speed", "2"], {"speed": 2.0}),
-        (["--speed=2", "a"], {"speed": 2.0}),
-        (["a", "--gears", "1", "2", "--loud"], {"gears": ("1", "2"), "loud": True}),
-        (["a", "--wheels", "-3"], {"wheels": -3}),
-        (["a", "--mood=wild"], {"mood": "wild"}),
-    ],
-)
-def test_words_give_the_fields_of_a_command_wherever_they_stand(words, given):
-    assert drive(*words) == Drive("a", **given)
+def test_words_give_the_fields_of_a_command_wherever_they_stand():
+    for words, given in (
+        ("a", {}),
+        ("a --speed 2", {"speed": 2.0}),
+        ("--speed=2 a", {"speed": 2.0}),
+        ("a --gears 1 2 --loud", {"gears": ("1", "2"), "loud": True}),
+        ("a --wheels -3", {"wheels": -3}),
+        ("a --mood=wild", {"mood": "wild"}),
+    ):
+        assert drive(*words.split()) == Drive("a", **given)
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
+def test_words_that_a_command_does_not_take_are_one_sentence():
+    for words, sentence in (
         ([], "missing: OUT"),
         (["a", "b"], "'b' is one word too many"),
         (["a", ""], "a word of the command is empty: is a variable of the shell unset?"),
@@ -62,12 +58,10 @@ def test_words_give_the_fields_of_a_command_wherever_they_stand(words, given):
         (["a", "--loud", "--loud"], "--loud is given twice: give it once, followed by all its"),
         (["a", "--speed"], "--speed: expected one argument"),
         (["a", "--loud=1"], "--loud: ignored explicit argument '1'"),
-    ],
-)
-def test_words_that_a_command_does_not_take_are_one_sentence(words, sentence):
-    with pytest.raises(InputError) as caught:
-        drive(*words)
-    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+    ):
+        with pytest.raises(InputError) as caught:
+            drive(*words)
+        assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("verb", COMMANDS)
@@ -106,16 +100,10 @@ def test_an_unknown_verb_gets_the_nearest_one(capsys):
 
 
 def fresh(code, **environment):
-    """Runs code in a new process; returns what it printed."""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    """Runs code in a new process."""
+    command, environment = [sys.executable, "-c", code], os.environ | environment
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 HEAVY = ("torch", "mujoco", "matplotlib", "scipy", "rich", "safetensors", "jinja2")
@@ -131,7 +119,7 @@ for words in (["list"], ["run", "--help"], ["--help"], ["--version"]):
     assert main(words) == 0
 assert main(["tables", "nowhere"]) == 2
 """
-    assert fresh(code)
+    fresh(code)
 
 
 def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):

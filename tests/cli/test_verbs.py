@@ -33,15 +33,9 @@ def test_tables_show_ours_next_to_the_papers_and_name_a_rehearsal(run, capsys):
     assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
     assert cli.main(["run", str(run)]) == 0  # finished: prints the same, and keeps it
     assert capsys.readouterr().out == text == (run / "tables.md").read_text()
-
-
-def test_tables_as_json_hold_both(run, capsys):
     assert cli.main(["tables", str(run), "--json"]) == 0
-    tables = json.loads(capsys.readouterr().out)["tables"]
-    assert tables["spot_finding"]["creative"]["paper"]["counts"]["L = 1"] == 109
-    ours = tables["spot_finding"]["creative"]["ours"]
-    assert ours["robots"] == 2 == sum(ours["counts"].values())
-    assert ours["intervals"]["mean"] is None  # two robots are too few for an interval
+    ours = json.loads(capsys.readouterr().out)["tables"]["spot_finding"]["creative"]["ours"]
+    assert ours["robots"] == 2 and ours["intervals"]["mean"] is None  # of too few robots
 
 
 def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_path, capsys):
@@ -50,7 +44,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
     assert cli.main(["tables", str(run), "--compare", str(copy)]) == 0
     text = capsys.readouterr().out
     assert f"{run.parent.name}/{run.name}" in text and f"{tmp_path.name}/{run.name}" in text
-    assert "After Holm's correction 0 of 18 cells differ." in text
+    assert "After Holm's correction 0 of 18 cells differ." in text and "in pairs" in text
     assert cli.main(["tables", str(run), "--compare", str(copy), "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)
     assert plain["differ_in"] == {} and len(plain["cells"]) == 18
@@ -67,6 +61,8 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["film", "--task", "spot_finding", "--output", "x.txt"], "x.txt"),
         (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
+        (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
+        (["explore", "dancing"], "the task must be one of"),
         (["list", "feelings"], "there are tasks, brains, protocols, agents"),
         (["doctor", "--set", "a=1"], "it needs --agent"),
     ],

@@ -1,7 +1,7 @@
 """Learners are ranked between a newborn and a hand-coded robot."""
 
 import dataclasses
-import itertools
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 from musebot.controller import BRAINS
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.compare.boards import Board, Entry, boards, pair_tests, ranked
-from musebot.protocols.compare.leaderboard_page import draw, page
+from musebot.protocols.compare.leaderboard_page import page
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Robot, Run, results_of
 
 SPOT, WALLS = "spot_finding", "wall_avoidance"
+STEADY = BRAINS["steady"]
+SATURATED = dataclasses.replace(STEADY, raw_signals=False, raw_reward=False)
 BOARD, CONTACT = Board("raw", "paper", SPOT), Board("raw", "paper", WALLS)
 
 
@@ -100,58 +102,35 @@ def test_learners_are_ranked_and_tested_in_pairs():
     assert np.isnan([bound, own, other]).all() and alike > 0.05 > slow
     # A learner more changes no interval; what was trained beforehand is not compared.
     more = ranked([entry("mine:new", 0.4, 0.4), entry(recorded_name("ppo"), 0.95, 1), *ENTRIES])
-    assert {one.entry.name: one.interval for one in ranking}.items() <= {
-        one.entry.name: one.interval for one in more
-    }.items()
+    assert {(one.entry.name, one.interval) for one in ranking} <= {
+        (one.entry.name, one.interval) for one in more
+    }
     assert names(more)[0] == "ppo" and np.isnan(pair_tests(more)[0]).all()
-
-
-def test_learners_of_equal_scores_differ_in_about_one_of_twenty_samples(monkeypatch):
-    """However their robots are spread: one learner fails in a quarter of its robots."""
-    monkeypatch.setattr("musebot.protocols.compare.boards.DRAWS", 1000)
-    random, p = np.random.default_rng(1), []
-    population = np.where(np.arange(4000) < 1000, 0.1, random.normal(0.85, 0.05, 4000))
-    ordered = np.sort([random.choice(population, 30) for _ in range(4000)])
-    equal = ordered[:, 7:-7].mean()
-    for _ in range(150):
-        samples = random.choice(population, 30), random.normal(equal, 0.03, 30)
-        entries = [
-            dataclasses.replace(entry(name, 0.0, 0.0, robots=30), after=one, training=one)
-            for name, one in zip(("mine:fails", "mine:alike"), samples, strict=True)
-        ]
-        ranking = ranked([*entries, LOW, HIGH])
-        rows = [n for n, one in enumerate(ranking) if one.entry.competes]
-        p.append(pair_tests(ranking)[rows[0], rows[1]])
-    assert 0.02 < np.mean(np.array(p) < 0.05) < 0.10
 
 
 def test_the_page_has_a_row_a_learner_and_marks_those_that_may_be_the_first():
     touching = entry("mine:good", 1.0, 1.0, task=WALLS)
     touching = dataclasses.replace(touching, after=np.repeat([1.0, 0.9], [18, 2]))
-    walls = [dataclasses.replace(e, condition=Condition(WALLS, e.condition.proposer)) for e in
-             (LOW, HIGH)]  # fmt: skip
-    other = Board("raw", "walls", SPOT)
-    others = [
-        LOW, HIGH, entry("mine:alike", 0.9, 0.8, spread=0.05), entry("mine:slow", 0.2, 0.2),
-    ]  # fmt: skip
-    found = {CONTACT: [touching, *walls], BOARD: ENTRIES, other: others}
+    walls = [dataclasses.replace(e, condition=Condition(WALLS, e.condition.proposer))
+             for e in (LOW, HIGH)]  # fmt: skip
+    others = [entry("mine:alike", 0.9, 0.8, spread=0.05), entry("mine:slow", 0.2, 0.2)]
+    found = {
+        CONTACT: [touching, *walls],
+        BOARD: ENTRIES,
+        Board("raw", "walls", SPOT): [LOW, HIGH, *others],
+    }
     rows = rows_of(found, {(BOARD, "mine:slow"): np.array([8.0, 4.0, 2048.0])})
     assert rows[0] == ["learner", "spot finding", "spot finding, protocol walls", "touch a wall"]
     summary = {row[0]: row[1:] for row in rows[2:7]}
     assert [*summary] == ["*hand_coded*", "mine:good", "mine:alike", "mine:slow", "*newborn*"]
-    assert summary["mine:good"][0].startswith("**0.8")
-    assert summary["mine:good"][1:] == ["-", "2 of 20"]
-    assert all(cell.startswith("**0.") for cell in summary["mine:alike"][:2])
-    assert all(cell.startswith("0.") for cell in summary["mine:slow"][:2])
+    bold = {name: [cell[:2] == "**" for cell in cells[:2]] for name, cells in summary.items()}
+    assert bold["mine:good"] == [True, False] and summary["mine:good"][1:] == ["-", "2 of 20"]
+    assert bold["mine:alike"] == [True, True] and bold["mine:slow"] == [False, False]
     assert summary["*hand_coded*"][0].startswith("1.000 [")
     (slow,) = [row for row in rows if row[0] == "mine:slow" and "8.0" in row]
     assert slow[1:] == ["8.0", "2.0", "2.0", "defaults", "`--agent mine:slow`"]
-    (contact,) = [row for row in rows if row[:3] == ["mine:good", "20", "2 [1.2 %, 30.1 %]"]] or [
-        [row for row in rows if row[0] == "mine:good"][1]
-    ]
+    contact = [row for row in rows if row[0] == "mine:good"][1]
     assert contact[2].startswith("2 ")
-    curves = page(found, {}, {}).figures[BOARD.name].axes[0]
-    assert sorted(text.get_text() for text in curves.texts) == sorted(e.name for e in ENTRIES)
 
 
 def test_few_robots_are_not_tested_and_equal_bounds_give_no_scores():
@@ -161,46 +140,30 @@ def test_few_robots_are_not_tested_and_equal_bounds_give_no_scores():
     assert {row[1] for row in rows_of({BOARD: alike})[2:5]} == {"-"}
 
 
-def test_the_curve_of_a_rehearsal_shows_all_its_minutes():
-    minutes = 8
-    short = [dataclasses.replace(e, curve=e.curve[:minutes]) for e in ENTRIES]
-    line = draw(ranked(short)).axes[0].lines[0]
-    assert line.get_xdata() == [minutes / 60]
-    assert line.get_ydata() == pytest.approx(ranked(short)[0].entry.curve.mean())
-
-
 def test_the_page_says_how_a_learner_was_tuned():
-    class Tuning:
-        class study:
-            effort = "3 settings"
-
-        tried = frozenset({(), ("a=1", "b=2")})
-
-    held = {("mine:slow", "paper"): Tuning}
+    tuning = Mock(study=Mock(effort="3 settings"), tried=frozenset({(), ("a=1", "b=2")}))
 
     def tuned(one, tunings):
         rows = rows_of({BOARD: [one, LOW, HIGH]}, {}, tunings)
         return next(row[4] for row in rows if row[0] == one.name and row[1] == "-")
 
-    slow = {
-        chosen: entry("mine:slow", 0.5, 0.2, settings=chosen)
-        for chosen in ((), ("b=2", "a=1"), ("a=3",))
-    }
-    assert [tuned(one, held) for one in slow.values()] == ["3 settings"] * 2 + [
-        "own settings, not the tuning's"
-    ]
-    assert [tuned(one, {}) for one in slow.values()] == ["defaults"] + ["own settings"] * 2
-    steady = BRAINS["steady"]
-    saturated = dataclasses.replace(steady, raw_signals=False, raw_reward=False)
+    for chosen, with_it, without in (
+        ((), "3 settings", "defaults"),
+        (("b=2", "a=1"), "3 settings", "own settings"),
+        (("a=3",), "own settings, not the tuning's", "own settings"),
+    ):
+        slow = entry("mine:slow", 0.5, 0.2, settings=chosen)
+        assert tuned(slow, {("mine:slow", "paper"): tuning}) == with_it
+        assert tuned(slow, {}) == without
     for brain, words in (
         (BRAINS["paper"], "as published"),
-        (steady, "by hand, hundreds of settings"),
-        (saturated, "by hand, hundreds of settings"),
-        (dataclasses.replace(steady, noise=0.1), "another brain, see the command"),
+        (STEADY, "by hand, hundreds of settings"),
+        (SATURATED, "by hand, hundreds of settings"),
+        (dataclasses.replace(STEADY, noise=0.1), "another brain, see the command"),
     ):
         assert tuned(entry("creative", 0.5, 0.5, brain=brain), {}) == words
-    assert entry("creative", 0.5, 0.5, brain=saturated).name == "steady, creative"
-    assert "brain.raw_reward=false" in entry("creative", 0.5, 0.5, brain=saturated).command
+    one = entry("creative", 0.5, 0.5, brain=SATURATED)
+    assert one.name == "steady, creative" and "brain.raw_reward=false" in one.command
 
 
 @pytest.fixture
@@ -210,35 +173,26 @@ def runs(invented):
     def run(name, *proposers, **fields):
         experiment, results = Experiment(cohort_size=2, **fields), {}
         for condition in (Condition(t, p) for t in (WALLS, SPOT) for p in proposers):
-            rows = [
-                Robot(condition.task, condition.proposer, 1, 0, n, 60.0, 90.0, 0.2, "0 < L < 1")
-                for n in range(2)
-            ]
+            row = Robot(condition.task, condition.proposer, 1, 0, 0, 60.0, 90.0, 0.2, "0 < L < 1")
+            rows = [row, dataclasses.replace(row, robot=1)]
             results[condition] = invented(experiment, rows)
         return Run(name, experiment, results_of(experiment, results))
 
-    steady = BRAINS["steady"]
-    saturated = dataclasses.replace(steady, raw_signals=False, raw_reward=False)
     return [
         run("bounds", NEWBORN, CODED),
         run("learner", "mine:a", signals="raw", settings=("rate=0.2",)),
-        run("steady", "creative", brain=steady),
-        run("saturated", "creative", brain=saturated),
+        run("steady", "creative", brain=STEADY),
+        run("saturated", "creative", brain=SATURATED),
     ]
 
 
 def test_runs_become_boards_between_their_bounds(runs):
     found = boards(runs)
-    paper, raw = ["steady, creative"], ["mine:a", "steady, creative"]
-    assert {board: [e.name for e in entries if not e.is_bound] for board, entries in
-            found.items()} == {
-        Board("paper", "paper", SPOT): paper,
-        Board("paper", "paper", WALLS): paper,
-        Board("raw", "paper", SPOT): raw,
-        Board("raw", "paper", WALLS): raw,
-    }  # fmt: skip
+    learners = {"paper": ["steady, creative"], "raw": ["mine:a", "steady, creative"]}
+    assert found.keys() == {Board(t, "paper", task) for t in learners for task in (SPOT, WALLS)}
     for board, entries in found.items():
         assert {e.name for e in entries[:2]} == {"hand_coded", "newborn"}
+        assert [e.name for e in entries[2:]] == learners[board.signals]
         share = 90 / runs[0].test_seconds(board.task)
         assert entries[0].after == pytest.approx(share if board.task == SPOT else 1 - share)
     (learner,) = [e for e in found[BOARD] if e.name == "mine:a"]
@@ -246,19 +200,13 @@ def test_runs_become_boards_between_their_bounds(runs):
     assert learner.world == "cohort_size=2"
 
 
-@pytest.mark.parametrize("task", [SPOT, WALLS])
-def test_a_robot_that_was_stopped_counts_as_the_worst(runs, task):
-    condition = Condition(task, "mine:a")
-    held = runs[1].results[condition]
-    rows = [held.robots[0], dataclasses.replace(held.robots[1], category="invalid")]
-    stopped = dataclasses.replace(
-        runs[1], results={condition: dataclasses.replace(held, robots=rows)}
-    )
-    (one,) = [
-        e for e in itertools.chain(*boards([runs[0], stopped]).values()) if e.name == "mine:a"
-    ]
-    assert one.stopped == 1 and (one.after[1], one.training[1]) == (0, 0)
-    assert one.after[0] > 0
+def test_a_robot_that_was_stopped_counts_as_the_worst(runs):
+    for part in runs[1].results.values():
+        part.robots[1] = dataclasses.replace(part.robots[1], category="invalid")
+    for entries in boards(runs[:2]).values():
+        (one,) = [e for e in entries if e.name == "mine:a"]
+        assert one.stopped == 1 and (one.after[1], one.training[1]) == (0, 0)
+        assert one.after[0] > 0
 
 
 def test_runs_that_make_no_board_are_refused(runs):

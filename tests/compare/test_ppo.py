@@ -8,13 +8,12 @@ import pytest
 import torch
 from helpers import files_below
 
-from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, policy_shapes, read_policies
+from musebot.protocols.agents.ppo import POLICIES_FILE, Policies, read_policies
 from musebot.protocols.compare import ppo
 from musebot.protocols.compare.jobs import Progress
 from musebot.protocols.compare.ppo import PPOTraining
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.errors import InputError
-from musebot.protocols.storage import save_arrays
 
 TASK = "spot_finding_unit"
 ROLLOUT = ppo.ROBOTS * ppo.SETTINGS["n_steps"]
@@ -70,15 +69,6 @@ def test_policies_added_later_equal_those_trained_together(tmp_path, in_process)
     assert files_below(tmp_path) == before
 
 
-@needs_it
-def test_training_stops_between_rollouts_when_asked(tmp_path):
-    reports = []
-    (job,) = PPOTraining(TASK, 1, steps=10 * ROLLOUT)._jobs(tmp_path)
-    assert job.run(lambda: len(reports) == 2, lambda *report: reports.append(report)) is False
-    assert reports == [(0, ""), (ROLLOUT * 0.1, "")]
-    assert not job.done()
-
-
 def test_without_stable_baselines_nothing_is_made(tmp_path, in_process, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="pip install 'musebot\\[baselines\\]'"):
@@ -87,34 +77,8 @@ def test_without_stable_baselines_nothing_is_made(tmp_path, in_process, monkeypa
 
 
 def test_an_invalid_option_is_refused():
-    for options in (
-        {"task": "flying"},
-        {"policies": 0},
-        {"policies": 10_001},
-        {"steps": 0},
-        {"seed": -1},
-        {"seed": 2**32 - 59},
-    ):
-        with pytest.raises(InputError, match=f"{[*options][0]} must .*, got "):
-            PPOTraining(**({"task": TASK} | options)).identity()
-
-
-def test_policies_of_an_impossible_shape_or_value_are_refused(tmp_path):
-    wanted = policy_shapes(1, 1)
-    arrays = {name: np.ones(shape, np.float32) for name, (_, shape) in wanted.items()}
-    path = tmp_path / POLICIES_FILE
-
-    def read(changes, task=TASK):
-        save_arrays(path, arrays | changes, task=task)
-        return read_policies(path)[0]
-
-    assert read({}) == TASK
-    with pytest.raises(InputError, match="wall_avoidance_unit has 5 signals, its policies 1"):
-        read({}, task="wall_avoidance_unit")
-    for name, array in arrays.items():
-        with pytest.raises(InputError, match=f"{name} must be finite"):
-            read({name: array * np.nan})
-        for other in (array[:0], array[0], array[:, :1, ...], array.astype(float)):
-            if other.shape != array.shape or other.dtype != array.dtype:
-                with pytest.raises(InputError, match="it holds no policies"):
-                    read({name: other})
+    ends = {"policies": (0, 10_001), "steps": (0,), "seed": (-1, 2**32 - 59), "task": ("flying",)}
+    for name, values in ends.items():
+        for value in values:
+            with pytest.raises(InputError, match=f"{name} must .*, got "):
+                PPOTraining(**({"task": TASK} | {name: value})).identity()

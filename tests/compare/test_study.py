@@ -1,9 +1,11 @@
 """Conducting a study: what is done once for all of them, shown with a small one."""
 
+import contextlib
 import dataclasses
 import functools
 import json
 from typing import ClassVar
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from helpers import files_below
 from matplotlib.figure import Figure
 
 from musebot.protocols.compare import jobs, study
-from musebot.protocols.compare.jobs import ArrayJob, Progress, lives
+from musebot.protocols.compare.jobs import ArrayJob, lives
 from musebot.protocols.compare.study import (
     STUDY_FILE,
     Page,
@@ -80,10 +82,7 @@ class Squares(Study):
         return Page(f"The sum is {total}.\n", {"squares": Figure()} if self.drawn else {})
 
 
-@dataclasses.dataclass
 class Cubes(Squares):
-    """Another study with the same options."""
-
     name: ClassVar[str] = "cubes"
 
 
@@ -168,21 +167,17 @@ def test_another_study_identity_run_or_physics_is_refused(tmp_path, in_process):
             conduct(Squares(robots=2), tmp_path, in_process())
 
 
-def test_a_damaged_manifest_is_refused(tmp_path, in_process):
-    for content in ("{}", "[]", '{"study": "squares"}', "nonsense", "[" * 100_000):
-        (tmp_path / STUDY_FILE).write_text(content)
-        refused(Squares(), tmp_path, "is no study of musebot's|damaged|nested", in_process)
-
-
-def test_an_edited_manifest_or_another_jobs_file_is_refused(tmp_path, in_process):
+def test_a_damaged_or_edited_manifest_or_another_jobs_file_is_refused(tmp_path, in_process):
     conduct(Squares(), tmp_path, in_process())
     path, numbers = tmp_path / STUDY_FILE, tmp_path / "numbers"
     text = path.read_text()
+    for content in ("{}", "[]", "nonsense", "[" * 100_000):
+        path.write_text(content)
+        refused(Squares(), tmp_path, "is no study of musebot's|damaged|nested", in_process)
     path.write_text(text.replace('"python": "', '"python": "1'))
     refused(Squares(), tmp_path, "was changed after musebot had written it", in_process)
-    known = json.loads(text)
     for wrong in ({"identity": ["numbers"]}, {"physics": None}, {"made_with": 3}):
-        write_json(path, known | wrong)
+        write_json(path, json.loads(text) | wrong)
         refused(Squares(), tmp_path, "is no study of musebot's", in_process)
     path.write_text(text)
     (numbers / "1.safetensors").replace(numbers / "2.safetensors")
@@ -206,49 +201,38 @@ STEPS = sum(EXPERIMENT.schedule("wall_avoidance").steps())
 def cohort_job(path):
     path.mkdir()
     shapes = {"events": ("I32", (2, 3)), "valid": ("BOOL", (2,))}
-    work = functools.partial(lives, EXPERIMENT, Condition("wall_avoidance", "fixed"))
+    work = functools.partial(lives, EXPERIMENT, WALLS[0])
     return ArrayJob(path / "a.safetensors", work, EXPERIMENT.robot_seconds(STEPS), shapes, {})
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    job = cohort_job(tmp_path_factory.mktemp("whole") / "folder")
-    assert job.run(lambda: False, lambda *_: None)
-    return job
+def test_a_job_that_stops_continues_to_the_same_bytes(tmp_path, monkeypatch):
+    whole = cohort_job(tmp_path / "whole")
+    assert whole.run(lambda: False, lambda *_: None)
+    for minute, killed in ((0, False), (1, False), (1, True)):
+        cut, calls, reported = cohort_job(tmp_path / f"{minute}{killed}"), iter(range(100)), []
+        if killed:
+            monkeypatch.setattr(jobs, "SAVE_EVERY", 0.0)
 
+        def stop(minute=minute, killed=killed, calls=calls):
+            if (now := next(calls) == minute) and killed:
+                raise KeyboardInterrupt
+            return now
 
-@pytest.mark.parametrize(("minute", "killed"), [(0, False), (1, False), (1, True)])
-def test_a_job_that_stops_continues_to_the_same_bytes(minute, killed, whole, tmp_path, monkeypatch):
-    if killed:
-        monkeypatch.setattr(jobs, "SAVE_EVERY", 0.0)
-    cut = cohort_job(tmp_path / "cut")
-    calls, reported = iter(range(100)), []
-
-    def stop():
-        if (now := next(calls) == minute) and killed:
-            raise KeyboardInterrupt
-        return now
-
-    if killed:
-        with pytest.raises(KeyboardInterrupt):
-            cut.run(stop, lambda *_: None)
-    else:
-        assert cut.run(stop, lambda *_: None) is False
-    assert not cut.done()
-    assert cut.run(lambda: False, lambda seconds, _: reported.append(seconds))
-    assert reported[0] == minute * 60 * 2 and reported[-1] == cut.cost
-    assert cut.path.read_bytes() == whole.path.read_bytes()
-    assert [*cut.path.parent.iterdir()] == [cut.path]
+        with pytest.raises(KeyboardInterrupt) if killed else contextlib.nullcontext():
+            assert cut.run(stop, lambda *_: None) is False
+        assert not cut.done()
+        assert cut.run(lambda: False, lambda seconds, _, to=reported: to.append(seconds))
+        assert reported[0] == minute * 60 * 2 and reported[-1] == cut.cost
+        assert cut.path.read_bytes() == whole.path.read_bytes()
+        assert [*cut.path.parent.iterdir()] == [cut.path]
     cut.path.write_bytes(cut.path.read_bytes()[:-1] + b"?")
     with pytest.raises(DamagedFileError):
         cut.read()
 
 
-def test_an_agents_fault_is_one_sentence_with_job_and_step(tmp_path):
-    def fail(progress: Progress):
-        raise InputError("mine:make failed")
-
-    job = dataclasses.replace(cohort_job(tmp_path / "folder"), work=fail)
+def test_an_agents_fault_is_one_sentence_with_its_job(tmp_path):
+    work = Mock(side_effect=InputError("mine:make failed"))
+    job = dataclasses.replace(cohort_job(tmp_path / "folder"), work=work)
     with pytest.raises(InputError, match="mine:make failed, in folder/a"):
         job.run(lambda: False, lambda *_: None)
     assert not job.done()

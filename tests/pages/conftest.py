@@ -5,58 +5,43 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from musebot.protocols.agents import ppo
-from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.manifest import write_manifest
 from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Measured, Run, joined, results_of
-from musebot.protocols.lives.run_files import write_results
+from musebot.protocols.lives.run import Run
+from musebot.protocols.lives.run_files import read_run
+from musebot.protocols.lives.runs import simulate
 from musebot.protocols.pages import style
 from musebot.protocols.pages.replay import StoredRobot
 from musebot.protocols.storage import save_arrays
 from musebot.tasks.suite import TASKS
 
-EXPERIMENT = Experiment(time_scale=0.002, cohort_size=3)
 CONDITIONS = (
     Condition("wall_avoidance", "fixed"),
     Condition("wall_avoidance", "creative"),
     Condition("spot_finding", "creative"),
 )
-PLAN = Plan.of(EXPERIMENT, CONDITIONS, robots=3)
+PLAN = Plan.of(Experiment(time_scale=0.002, cohort_size=3), CONDITIONS, robots=3)
 
 
 @pytest.fixture(scope="session")
-def measured() -> Measured:
-    """What was measured of three robots in each of three conditions."""
-    lives = []
-    for key in PLAN.cohorts():
-        cohort = Cohort(EXPERIMENT, key)
-        cohort.advance(cohort.steps)
-        lives.append((key, cohort.lives()))
-    return joined({}, lives)
-
-
-@pytest.fixture(scope="session")
-def run(measured: Measured) -> Run:
-    """A run with three robots in each of three conditions."""
-    return Run("run", EXPERIMENT, results_of(EXPERIMENT, measured))
-
-
-@pytest.fixture(scope="session")
-def directory(measured: Measured, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the run."""
-    directory = tmp_path_factory.mktemp("run")
-    write_manifest(directory, PLAN)
-    write_results(directory, EXPERIMENT, measured)
+def directory(tmp_path_factory: pytest.TempPathFactory, in_process) -> Path:
+    """The folder of a run with three robots in each of three conditions."""
+    directory = tmp_path_factory.mktemp("pages") / "run"
+    simulate(directory, PLAN, in_process(), quiet=True)
     return directory
+
+
+@pytest.fixture(scope="session")
+def run(directory: Path) -> Run:
+    """The run in the folder, with its brains."""
+    return read_run(directory, replay=True)
 
 
 @pytest.fixture(scope="session")
@@ -93,12 +78,10 @@ def newborn() -> Callable[[str], ppo.Policies]:
     def newborn(task: str) -> ppo.Policies:
         random = np.random.default_rng(0)
         sensors = sum(n for n, *_ in TASKS[task].rules.shapes.values())
-        arrays = {}
-        for when in ("before", "after"):
-            for layer, (outputs, inputs) in enumerate([(64, sensors), (64, 64), (2, 64)]):
-                weights = random.normal(size=(2, outputs, inputs))
-                arrays[f"{when}.{layer}.weights"] = weights.astype(np.float32)
-                arrays[f"{when}.{layer}.biases"] = random.normal(size=(2, outputs)).astype("f4")
+        shapes = ppo.policy_shapes(sensors, 2)
+        arrays = {
+            name: random.normal(size=shape).astype("f4") for name, (_, shape) in shapes.items()
+        }
         return ppo.Policies(task, arrays)
 
     return newborn
@@ -121,9 +104,8 @@ def check_figure(tmp_path):
 
     def check(figure):
         style.save(figure, tmp_path, "figure")
-        assert ElementTree.parse(tmp_path / "figure.svg").getroot().tag.endswith("svg")
-        picture = np.asarray(Image.open(tmp_path / "figure.png").convert("RGBA"))
-        assert (picture[..., 3] == 0).mean() > 0.05  # the background is transparent
-        assert (picture[..., 3] > 200).mean() > 0.005  # and something is drawn
+        assert "<svg" in (tmp_path / "figure.svg").read_text()
+        opaque = np.asarray(Image.open(tmp_path / "figure.png").convert("RGBA"))[..., 3] > 200
+        assert 0.005 < opaque.mean() < 0.95
 
     return check

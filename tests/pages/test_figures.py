@@ -6,14 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import contrast
-from matplotlib.colors import to_hex
+from helpers import run_of_rows
 
 from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import ConditionResults, Robot, Run
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import figures, style
 
 WA, SF = "wall_avoidance", "spot_finding"
@@ -22,37 +21,31 @@ NAN = float("nan")
 ALL = [Condition(t, p) for t in (WA, SF) for p in ("fixed", "random", "creative")]
 
 
-def run_of(*conditions, robots=6, minutes=160):
-    random = np.random.default_rng(0)
-    results = {}
-    for condition in conditions:
-        rows = [
-            Robot(
-                condition.task, condition.proposer, 1, 0, i, 1.0, 2.0,
-                *(((i - 3) / 3, "L < 0") if i < 3 else (1.0, "L = 1")),
-            )
-            for i in range(robots)
-        ]  # fmt: skip
-        curves = random.random((robots, minutes))
-        results[condition] = ConditionResults(rows, curves, {"before": {}, "after": {}})
-    return Run("run", Experiment(), results)
+def run_of(*conditions, robots=6, minutes=160, **fields):
+    """A run in which some robots got worse, others are perfect, and events are at random."""
+    rows = [
+        Robot(
+            c.task, c.proposer, 1, 0, i, 1.0, 2.0, *(((i - 3) / 3, "L < 0"), (1.0, "L = 1"))[i > 2]
+        )
+        for c in conditions
+        for i in range(robots)
+    ]
+    run = run_of_rows(rows, Experiment(**fields), minutes=minutes)
+    for part in run.results.values():
+        part.curves[:] = np.random.default_rng(0).random(part.curves.shape)
+    return run
 
 
-@pytest.mark.parametrize(
-    ("conditions", "robots", "minutes"),
-    [
+def test_populations_are_drawn_for_any_conditions(check_figure, recwarn):
+    for conditions, robots, minutes in (
         (ALL, 6, 160),
         ([Condition(WA, "creative")], 1, 1),
         ([WALLS_FIXED, Condition(SF, "random"), Condition(SF, "agents:mine")], 6, 2),
-    ],
-)
-def test_populations_are_drawn_for_any_conditions(
-    conditions, robots, minutes, check_figure, recwarn
-):
-    run = run_of(*conditions, robots=robots, minutes=minutes)
-    with style.styled():
-        for draw in (figures.learning_curves, figures.categories, figures.abilities):
-            check_figure(draw(run))
+    ):
+        run = run_of(*conditions, robots=robots, minutes=minutes)
+        with style.styled():
+            for draw in (figures.learning_curves, figures.categories, figures.abilities):
+                check_figure(draw(run))
     assert not recwarn.list
 
 
@@ -70,69 +63,51 @@ def test_the_band_of_a_curve_is_the_interval_of_the_mean_of_valid_robots():
 
 
 @pytest.mark.parametrize(
-    ("task", "experiment"),
+    ("task", "fields"),
     [
-        (WA, Experiment()),
-        (WA, Experiment(time_scale=0.5)),
-        (SF, Experiment(protocol="walls")),
-        (WA, Experiment(time_scale=0.07)),  # the first test and training share a minute
+        (WA, {}),
+        (WA, {"time_scale": 0.5}),
+        (SF, {"protocol": "walls"}),
+        (WA, {"time_scale": 0.07}),  # the first test and training share a minute
     ],
 )
-def test_no_point_of_a_curve_mixes_a_test_and_training(task, experiment):
-    schedule = experiment.schedule(task)
+def test_no_point_of_a_curve_mixes_a_test_and_training(task, fields):
+    schedule = Experiment(**fields).schedule(task)
     borders = [schedule.minutes_of("pre").stop, schedule.minutes_of("training").stop]
     minutes = schedule.minutes_of("post").stop
-    condition = Condition(task, "fixed")
-    run = dataclasses.replace(run_of(condition, minutes=minutes), experiment=experiment)
+    run = run_of(condition := Condition(task, "fixed"), minutes=minutes, **fields)
     run.results[condition].curves[:] = np.repeat([0.8, 0.1, 0.3], np.diff([0, *borders, minutes]))
     with style.styled():
         axis = figures.learning_curves(run).axes[0]
     hours, means = axis.lines[0].get_data()
-    assert {*np.round(means, 6)} == {0.8, 0.1, 0.3}
-    assert len(means) >= min(minutes, 20)
+    assert {*np.round(means, 6)} == {0.8, 0.1, 0.3} and len(means) >= min(minutes, 20)
     # The marks are where the parts begin and end, and the curve's values lie between them.
     ends = np.cumsum([schedule.steps_of(part) for part in ("pre", "training", "post")]) / 36000
     assert [line.get_xdata()[0] for line in axis.lines[1:]] == pytest.approx(ends[:2])
-    assert (hours[means > 0.5] < ends[0] + 1 / 60).all()
-    assert (hours[means < 0.5] > ends[0]).all()
-    (upper,) = axis.child_axes
-    assert [text.get_text() for text in upper.get_xticklabels()] == ["test", "training", "test"]
-    assert upper.get_xticks() == pytest.approx((np.array([0, *ends[:2]]) + ends) / 2)
+    assert (hours[means > 0.5] < ends[0] + 1 / 60).all() and (hours[means < 0.5] > ends[0]).all()
+    assert axis.child_axes[0].get_xticks() == pytest.approx((np.array([0, *ends[:2]]) + ends) / 2)
 
 
-@pytest.mark.parametrize("scale", [0.97, 1 / 128, 1 / 400])
-def test_the_points_of_a_curve_add_up_to_the_time_with_the_event(scale):
-    experiment = Experiment(time_scale=scale)
-    steps = experiment.schedule(WA).steps_of_minutes()
-    assert len({*steps}) > 1 or len(steps) == 1  # the last minute is shorter than others
-    run = dataclasses.replace(run_of(WALLS_FIXED, minutes=len(steps)), experiment=experiment)
-    with style.styled():
-        line = figures.learning_curves(run).axes[0].lines[0]
-    hours, means = line.get_data()
-    edges = [0.0]
-    for hour in hours:  # the middle of each point's stretch
-        edges.append(2 * hour - edges[-1])
-    total = run.results[WALLS_FIXED].curves.mean(axis=0) @ steps / 36000
-    assert edges[-1] == pytest.approx(steps.sum() / 36000)
-    assert means @ np.diff(edges) == pytest.approx(total)
-    assert (line.get_marker() == "o") == (len(hours) == 1)  # a single point has no line
-
-
-def test_lines_and_legend_tell_agents_apart():
-    agents = [Condition(WA, f"agents:number_{number}") for number in range(6)]
-    with style.styled():
-        figure = figures.learning_curves(run_of(*agents))
-    drawn = figure.axes[0].lines[:6], figure.legends[0].get_lines()
-    shown = [{(one.get_color(), one.get_linestyle()) for one in lines} for lines in drawn]
-    assert shown[0] == shown[1] and len(shown[0]) == 6
+def test_the_points_of_a_curve_add_up_to_the_time_with_the_event():
+    for scale in (0.97, 1 / 128, 1 / 400):
+        steps = Experiment(time_scale=scale).schedule(WA).steps_of_minutes()
+        assert len({*steps}) > 1 or len(steps) == 1  # the last minute is shorter than others
+        run = run_of(WALLS_FIXED, minutes=len(steps), time_scale=scale)
+        with style.styled():
+            line = figures.learning_curves(run).axes[0].lines[0]
+        hours, means = line.get_data()
+        edges = [0.0]
+        for hour in hours:  # the middle of each point's stretch
+            edges.append(2 * hour - edges[-1])
+        total = run.results[WALLS_FIXED].curves.mean(axis=0) @ steps / 36000
+        assert edges[-1] == pytest.approx(steps.sum() / 36000)
+        assert means @ np.diff(edges) == pytest.approx(total)
+        assert (line.get_marker() == "o") == (len(hours) == 1)  # a single point has no line
 
 
 def test_a_histogram_has_a_scale_and_no_shares_where_nothing_was_measured():
-    run = run_of(WALLS_FIXED, Condition(SF, "fixed"), Condition(SF, "random"))
-    for condition, ability, kind in (
-        (WALLS_FIXED, NAN, "genius"),
-        (Condition(SF, "random"), 0.0, "L = 0"),
-    ):
+    run, random = run_of(WALLS_FIXED, Condition(SF, "fixed"), *ALL[4:5]), ALL[4]
+    for condition, ability, kind in ((WALLS_FIXED, NAN, "genius"), (random, 0.0, "L = 0")):
         rows = run.results[condition].robots
         rows[:] = [dataclasses.replace(one, learn_ability=ability, category=kind) for one in rows]
     with style.styled():
@@ -140,18 +115,8 @@ def test_a_histogram_has_a_scale_and_no_shares_where_nothing_was_measured():
     assert not empty.texts and [text.get_text() for text in full.texts] == ["17%", "50%"]
     assert empty.get_title(loc="left") == "Wall avoidance\nfixed, 0 measured"
     assert full.get_title(loc="left") == "Spot finding\nfixed, 6 measured, mean 0.17"
-    assert all([*axis.get_yticks()] == [0, 0.5, 1] for axis in (empty, full))
     ((left, width),) = [(b.get_x(), b.get_width()) for b in zeros.patches if b.get_height() == 1]
     assert left + width / 2 == pytest.approx(0)
-
-
-def test_numbers_in_bars_contrast_with_them():
-    with style.styled():
-        axis = figures.categories(run_of(*ALL)).axes[0]
-    bars = [bar for part in axis.containers for bar in part]
-    assert {to_hex(bar.get_facecolor()) for bar in bars} == {*style.CATEGORY_COLOURS}
-    for bar, text in zip(bars, axis.texts, strict=True):
-        assert contrast(text.get_color(), bar.get_facecolor()) >= 4.5
 
 
 def test_stacked_categories_are_the_counts_of_the_robots():
@@ -172,15 +137,13 @@ def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(ch
         figure = figures.spinning(Behaviour({WALLS_FIXED: shares}, {}))
         check_figure(figure)
     before, first, after, second = figure.axes[0].lines
-    for marks, column in ((before, 0), (after, 1)):
+    for marks, mean, column in ((before, first, 0), (after, second, 1)):
         assert marks.get_ydata() == pytest.approx(shares[:, column])
-        assert (np.sign(marks.get_xdata()) == 2 * column - 1).all()
-    assert first.get_xydata() == pytest.approx(np.array([[-0.35, 0.2], [-0.05, 0.2]]))
-    assert second.get_xydata() == pytest.approx(np.array([[0.05, 0.7], [0.35, 0.7]]))
+        assert mean.get_ydata() == pytest.approx([shares[:, column].mean()] * 2)
+        for line in (marks, mean):
+            assert (np.sign(line.get_xdata()) == 2 * column - 1).all()
     for empty, full in ((before, after), figure.legends[0].get_lines()):
         assert empty.get_markerfacecolor() == "none" != full.get_markerfacecolor()
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words == ["before training", "after training"]
 
 
 def test_following_the_contour_is_dashed_and_spinning_inside_is_solid(check_figure):
@@ -191,8 +154,6 @@ def test_following_the_contour_is_dashed_and_spinning_inside_is_solid(check_figu
         check_figure(figure)
     drawn = {line.get_linestyle(): [*line.get_ydata()] for line in figure.axes[0].lines}
     assert drawn == {"--": [0.5, 0.4], "-": [0.1, 0.2]}
-    assert all([*line.get_xdata()] == [0.5, 1.5] for line in figure.axes[0].lines)
-    (legend,) = figure.legends
-    named = {line.get_label(): line.get_linestyle() for line in legend.get_lines()}
+    named = {line.get_label(): line.get_linestyle() for line in figure.legends[0].get_lines()}
     assert named == {"along the contour": "--", "spinning inside": "-"}
     assert figure.axes[0].get_title(loc="left") == "random, 2 robots"

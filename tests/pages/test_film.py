@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import resource
 import signal
 import subprocess
 import sys
 import tempfile
-import types
 from typing import Any
+from unittest.mock import Mock
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from PIL import Image
 
-from musebot.protocols.agents import ppo
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import film
@@ -47,9 +47,7 @@ def test_film_is_h264_in_yuv420p_of_the_requested_length_and_something_moves(
     with reader:
         meta = reader.get_meta_data()
         images = np.stack([np.asarray(image) for image in reader])
-    assert meta["codec"] == "h264"
-    assert meta["pix_fmt"].startswith("yuv420p")
-    assert meta["fps"] == 25
+    assert (meta["codec"], meta["pix_fmt"][:7], meta["fps"]) == ("h264", "yuv420p", 25)
     assert meta["duration"] == pytest.approx(0.6, abs=0.5 / 25)
     assert images.shape == (15, HEIGHT, WIDTH, 3)
     assert images[0].std() > 20  # not a blank frame
@@ -66,7 +64,6 @@ def test_a_film_that_cannot_be_made_is_one_sentence_and_leaves_nothing(
     episode = stored().episode()
     for changes, sentence in (
         ({"seconds": 0.0}, "length in seconds must be positive"),
-        ({"seconds": float("inf")}, "length in seconds must be positive"),
         ({"seconds": 3601.0}, "must last at most 3600 s"),
         ({"seconds": 3600.0}, "there is no headless OpenGL"),
         ({"speed": float("nan")}, "speed must be positive"),
@@ -81,9 +78,7 @@ def test_a_film_that_cannot_be_made_is_one_sentence_and_leaves_nothing(
         assert os.listdir(tmp_path) == ["d.mp4"]
 
 
-def grey(count):
-    """Frames of the full size, all grey."""
-    return [np.full((HEIGHT, WIDTH, 3), 128, dtype=np.uint8)] * count
+GREY = np.full((HEIGHT, WIDTH, 3), 128, dtype=np.uint8)
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
@@ -94,111 +89,80 @@ def test_all_frames_are_written_and_only_the_film_and_its_drafts_are_replaced(tm
     others = {".film.17.mp4", draft_name("other.mp4")}
     for name in others:
         (tmp_path / name).write_bytes(b"mine")
-    assert film.write(output, grey(5), 6) == 5
+    assert film.write(output, [GREY] * 5, 6) == 5
     assert {*os.listdir(tmp_path)} == {*others, output.name}
     reader: Any = imageio.get_reader(output)
     with reader:
-        assert sum(1 for _ in reader) == 5
+        shapes = [frame.shape[:2] for frame in reader]
+    half = 2 if suffix == ".gif" else 1
+    assert shapes == [(HEIGHT // half, WIDTH // half)] * 5
 
 
 def failing():
     """Two frames, and then an error."""
-    yield from grey(2)
+    yield from [GREY] * 2
     raise RuntimeError("out of paint")
 
 
 def ended():
     """Two frames, and then the signal by which a system ends a process."""
-    yield from grey(2)
+    yield from [GREY] * 2
     os.kill(os.getpid(), signal.SIGTERM)
-    yield from grey(100)
+    yield from [GREY] * 100
 
 
-@pytest.mark.parametrize(
-    ("suffix", "frames", "error"),
-    [(".mp4", failing, RuntimeError), (".gif", ended, KeyboardInterrupt)],
-)
-def test_failed_film_leaves_the_older_one_and_no_draft(
-    tmp_path, monkeypatch, suffix, frames, error
-):
+def test_failed_film_leaves_the_older_one_and_no_draft(tmp_path, monkeypatch):
     (tmp_path / "drafts").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "drafts"))
-    output = tmp_path / "films" / f"film{suffix}"
-    output.parent.mkdir()
-    output.write_bytes(b"older")
     before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(error):
-        film.write(output, frames(), 102)
-    assert os.listdir(output.parent) == [output.name] and output.read_bytes() == b"older"
-    assert not os.listdir(tmp_path / "drafts")
+    for suffix, frames, error in (
+        (".mp4", failing, RuntimeError), (".gif", ended, KeyboardInterrupt)
+    ):  # fmt: skip
+        output = tmp_path / suffix / f"film{suffix}"
+        output.parent.mkdir()
+        output.write_bytes(b"older")
+        with pytest.raises(error):
+            film.write(output, frames(), 102)
+        assert os.listdir(output.parent) == [output.name] and output.read_bytes() == b"older"
+        assert not os.listdir(tmp_path / "drafts")
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-FULL = """
-import resource, signal, sys
-from pathlib import Path
-import numpy as np
-from musebot.protocols.pages import film
-
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-random = np.random.default_rng(0)
-count = int(sys.argv[2])
-frames = (random.integers(0, 256, (108, 192, 3), dtype=np.uint8) for _ in range(count))
-try:
-    film.write(Path(sys.argv[1]), frames, count)
-except OSError as error:
-    print(error)
-"""
-
-
 def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path):
-    output = tmp_path / "film.mp4"  # with many frames ffmpeg ends before the last one
-    command = [sys.executable, "-c", FULL, str(output), "300"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == f"{output} could not be written completely; is the disk full?\n"
+    random, limits = np.random.default_rng(0), resource.getrlimit(resource.RLIMIT_FSIZE)
+    frames = (random.integers(0, 256, (108, 192, 3), dtype=np.uint8) for _ in range(300))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # ffmpeg ends before the last
+    try:
+        with pytest.raises(OSError, match="could not be written completely; is the disk full"):
+            film.write(tmp_path / "film.mp4", frames, 300)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert not os.listdir(tmp_path)
-
-
-class Unstable:
-    """A batch whose simulation becomes unstable in a step."""
-
-    def __init__(self, batch, step):
-        self._batch, self._left = batch, step
-
-    def __getattr__(self, name):
-        return getattr(self._batch, name)
-
-    def step(self, motors):
-        self._left -= 1
-        self._batch.step(motors)
-
-    @property
-    def valid(self):
-        return np.array([self._left > 0])
 
 
 def test_a_film_that_is_shorter_than_asked_says_so(tmp_path, monkeypatch, capsys):
     picture, counts = np.zeros((HEIGHT - 44, WIDTH - 240, 3), np.uint8), []
-    scene = types.SimpleNamespace(
-        renderer="nothing", close=lambda: None, draw=lambda shot, trail: picture
-    )
+    scene = Mock(renderer="nothing", draw=lambda shot, trail: picture)
     monkeypatch.setattr(film, "Scene", lambda task, dimensions: scene)
 
     def write(output, frames, count):
         counts.append((count, len([*frames])))
         return counts[-1][1]
 
+    def unstable(moments):  # from the step after these moments on
+        monkeypatch.setattr(Episode, "moments", lambda self: itertools.islice(moments(self), 5))
+
     monkeypatch.setattr(film, "write", write)
-    for seconds, speed, stable, frames, sentence in (
-        (2.0, 1.0, 99, (50, 50), ""),
-        (5.0, 1.0, 99, (50, 50), "the episode lasts 2 s, so the film lasts 2 s"),
-        (1.0, 4.0, 99, (12, 12), "the episode lasts 2 s, so the film lasts 0.48 s"),
-        (5.0, 1e9, 99, (1, 1), "the episode lasts 2 s, so the film lasts 0.04 s"),
-        (2.0, 1.0, 5, (50, 11), "the simulation became unstable: the film ends there, after 0.44"),
+    for seconds, speed, frames, sentence in (
+        (2.0, 1.0, (50, 50), ""),
+        (5.0, 1.0, (50, 50), "the episode lasts 2 s, so the film lasts 2 s"),
+        (1.0, 4.0, (12, 12), "the episode lasts 2 s, so the film lasts 0.48 s"),
+        (5.0, 1e9, (1, 1), "the episode lasts 2 s, so the film lasts 0.04 s"),
+        (2.0, 1.0, (50, 11), "the simulation became unstable: the film ends there, after 0.44"),
     ):
-        batch, random = Unstable(make_batch("wall_avoidance", 1), stable), np.random.default_rng(0)
+        if "unstable" in sentence:
+            unstable(Episode.moments)
+        batch, random = make_batch("wall_avoidance", 1), np.random.default_rng(0)
         driver = "wall_avoidance", "nobody", True, batch, lambda _: np.zeros((1, 2)), 20, random
         film.film(Episode(*driver), tmp_path / "film.mp4", seconds=seconds, speed=speed)
         said = capsys.readouterr().err
@@ -207,30 +171,24 @@ def test_a_film_that_is_shorter_than_asked_says_so(tmp_path, monkeypatch, capsys
 
 
 def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened_meanwhile():
+    turns = 0.0, 0.3, 3.0, -3.0, 0.0
     moments = [
         Moment(
-            0.1 * k,
-            pose=np.array([0.1 * k, 0.2 * k, (0.0, 0.3, 3.0, -3.0, 0.0)[k]]),
-            spot=np.array([k, -k]) / 10,
-            signals={"nose": np.array([0.1 * k])},
-            motors=np.array([0.1 * k, -0.1 * k]),
-            contact=k == 1,
-            event=k == 2,
-            event_seconds=float(k),
+            0.1 * k, np.array([0.1 * k, 0.2 * k, turns[k]]), np.array([k, -k]), {"nose": k},
+            np.array([k, -k]), contact=k == 1, event=k == 2, event_seconds=float(k),
         )
         for k in range(5)
-    ]
+    ]  # fmt: skip
     (first, _), (second, trail), (last, _) = film.shots_at([0.05, 0.25, 0.4], iter(moments), 1)
-    assert [shot.time for shot in (first, second, last)] == [0.05, 0.25, 0.4]
-    assert [shot.event for shot in (first, second, last)] == [False, True, False]
-    assert [shot.contact for shot in (first, second, last)] == [False, True, False]
+    for shot, time, meanwhile in ((first, 0.05, False), (second, 0.25, True), (last, 0.4, False)):
+        assert (shot.time, shot.event, shot.contact) == (time, meanwhile, meanwhile)
     np.testing.assert_allclose(first.pose, [0.05, 0.1, 0.15])
     np.testing.assert_allclose(second.pose[:2], [0.25, 0.5])
     assert np.cos(second.pose[2]) == pytest.approx(-1)  # it turned the shorter way
     np.testing.assert_allclose(last.pose, moments[4].pose)
     assert last.motors is moments[4].motors  # the episode is over
-    assert second.motors is moments[2].motors and second.signals is moments[2].signals
-    assert second.spot is moments[2].spot and second.event_seconds == 2
+    for name in ("motors", "signals", "spot", "event_seconds"):
+        assert getattr(second, name) is getattr(moments[2], name)
     points = [[0, 0], [0.1, 0.2], [0.2, 0.4], [0.25, 0.5]]
     np.testing.assert_allclose(trail.points, points, atol=1e-12)
     assert trail.events.tolist() == [False, False, True, False]
@@ -238,7 +196,7 @@ def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened
 
 
 def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
-    policy_file, tmp_path, capsys
+    policy_file, directory, tmp_path, capsys
 ):
     policy_file("spot_finding_walls", tmp_path / "p.safetensors")
     (tmp_path / "text.csv").write_text("text")
@@ -249,27 +207,11 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
         ("p.safetensors", f"{walls} --proposer creative", "policies, which have no proposer"),
         ("p.safetensors", f"{walls} --robot 2", "the policies are 0 to 1, got 2"),
         ("p.safetensors", f"{walls} --seed -1", "the seed must lie in"),
-        ("p.safetensors", f"{walls} --speed 0", "speed must be positive"),
         ("q.safetensors", spot, "there is no file"),
-        (".", spot, "holds no experiment"),
-        ("nothing", spot, "there is no folder"),
+        (directory / "results.safetensors", spot, "holds no policies"),
         ("text.csv", spot, "is neither a run's folder nor a .safetensors file"),
     ):
         assert cli.main(["film", str(tmp_path / source), *words.split(), *output]) == 2
         said = capsys.readouterr().err
         assert sentence in said and said.count("\n") == 1
         assert {*os.listdir(tmp_path)} == {"p.safetensors", "text.csv"}
-
-
-def test_a_file_of_brains_holds_no_policies(directory):
-    with pytest.raises(InputError, match="holds no policies"):
-        ppo.Policies.load(directory / "results.safetensors", "spot_finding")
-
-
-def test_film_of_a_policy_can_be_a_gif_of_half_the_size(egl, policy_file, tmp_path):
-    policies = policy_file("spot_finding_jumping", tmp_path / "p.safetensors")
-    options = "--task spot_finding_jumping --seconds 1 --output film.gif"
-    musebot("film", policies, *options.split(), folder=tmp_path)
-    with Image.open(tmp_path / "film.gif") as gif:
-        assert gif.size == (WIDTH // 2, HEIGHT // 2)
-        assert (gif.n_frames, gif.info["loop"]) == (8, 0)

@@ -3,25 +3,17 @@
 import html
 import re
 
-import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.controller import BRAINS
 from musebot.models import Kinematics
-from musebot.protocols.analysis.intervals import UNKNOWN
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.pages import markdown
 
 OTHER = Experiment(
     seed=7, body="kinematic", kinematics=Kinematics(wheel_base=0.055), brain=BRAINS["steady"]
 )
-
-
-def test_a_table_has_a_head_a_rule_and_rows():
-    lines = ["|  | a |", "| --- | ---: |", "| one | 1 [2] |"]
-    assert markdown.table([["", "a"], ("one", "1 [2]")]) == lines
-    assert markdown.table([["a", "b", "c"]], "rlr")[1] == "| ---: | --- | ---: |"
 
 
 @given(st.text())
@@ -31,16 +23,6 @@ def test_escaped_text_is_shown_as_it_is_and_is_no_markup(text):
     assert not re.search(r"(?<!\\)(\\\\)*[|*`\[\]]", found)  # each is behind an odd number of \
     shown = html.unescape(re.sub(r"\\([\\`*\[\]|])", r"\1", found))
     assert shown == html.unescape(html.escape(" ".join(text.split())))
-
-
-def test_numbers_and_intervals_are_written_in_a_format_or_not_at_all():
-    assert markdown.number(0.25) == "0.2500" and markdown.number(float("nan")) == "-"
-    assert markdown.probability(0.00009) == "< 0.0001" and markdown.probability(0.0001) == "0.0001"
-    assert markdown.with_interval("1", (0.125, 0.25)) == "1 [0.125, 0.250]"
-    assert markdown.with_interval("1", (0.125, 0.25), ".0%") == "1 [12%, 25%]"
-    assert markdown.with_interval("1", UNKNOWN) == "1"
-    assert markdown.mean_cell(np.array([0.5, 0.5])) == "0.500"
-    assert markdown.mean_cell(np.linspace(0, 1, 9)).startswith("0.500 [0.")
 
 
 def test_particulars_and_titles_have_all_fields_that_are_not_the_default():

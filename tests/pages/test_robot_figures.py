@@ -7,13 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from helpers import run_of_rows
 from matplotlib.figure import Figure
 
 from musebot.protocols.analysis.behaviour import Stay, Track
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import ConditionResults, Robot, Run
+from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import robot_figures, style
 from musebot.tasks import make_batch
 
@@ -28,16 +29,15 @@ KINDS = {
 
 def invented(conditions, kinds, first=0, scale=0.1):
     """Returns a run of robots of the given kinds, without networks."""
-    results = {}
-    for condition in conditions:
-        rows = [
-            Robot(condition.task, condition.proposer, 1, 0, first + k, pre, post, ability, kind)
-            for k, (kind, pre, post, ability) in enumerate(kinds[condition.task])
-        ]
-        curves = np.zeros((len(rows), 99))
-        results[condition] = ConditionResults(rows, curves, {"before": {}, "after": {}})
-    experiment = Experiment(body="kinematic", time_scale=scale, cohort_size=len(rows))
-    return Run("run", experiment, results)
+    rows = [
+        Robot(condition.task, condition.proposer, 1, 0, first + k, pre, post, ability, kind)
+        for condition in conditions
+        for k, (kind, pre, post, ability) in enumerate(kinds[condition.task])
+    ]
+    size = len(rows) // len(conditions)
+    return run_of_rows(
+        rows, Experiment(body="kinematic", time_scale=scale, cohort_size=size), minutes=99
+    )
 
 
 # ---- Examples ----
@@ -70,22 +70,6 @@ def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
         robot_figures.typical(run)
 
 
-@pytest.mark.parametrize("task", [WA, SF])
-def test_single_robots_are_drawn_before_and_after_training(task, run, check_figure):
-    condition = Condition(task, "creative")
-    part = run.results[condition]
-    rows = [
-        dataclasses.replace(row, category=kind, t_pre_s=pre, t_post_s=post)
-        for row, (kind, pre, post, _) in zip(part.robots, KINDS[task], strict=False)
-    ]
-    run = dataclasses.replace(run, results={condition: dataclasses.replace(part, robots=rows)})
-    with style.styled():
-        for draw in (robot_figures.trajectories, robot_figures.values):
-            figure = draw(run, task)
-            assert len(figure.axes) == 6
-            check_figure(figure)
-
-
 def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
     poses, events = np.zeros((5, 2, 3)), np.zeros((4, 2), bool)
     poses[:, 1, 0], poses[:, 1, 1], events[2:, 1] = range(5), 7, True
@@ -94,18 +78,16 @@ def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
     plain, violet, ring, dot = axis.lines
     assert (plain.get_color(), violet.get_color()) == ("red", style.EVENT)
     np.testing.assert_array_equal(plain.get_xdata(), [0, 1, 2, NAN, NAN])
-    np.testing.assert_array_equal(violet.get_xdata(), [NAN, NAN, 2, 3, 4])
-    np.testing.assert_array_equal(violet.get_ydata(), [NAN, NAN, 7, 7, 7])
+    np.testing.assert_array_equal(violet.get_xydata()[2:], [[2, 7], [3, 7], [4, 7]])
+    assert np.isnan(violet.get_xydata()[:2]).all()
     assert ring.get_markerfacecolor() == "none" != dot.get_markerfacecolor()
     assert (ring.get_xydata().tolist(), dot.get_xydata().tolist()) == ([[0, 7]], [[4, 7]])
 
 
 def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(examples, monkeypatch):
-    asked = []
-
     def evaluated(run, condition, which, minutes):
         """Robot k is at k / 100, and has an event in k + 1 of 10 steps."""
-        asked.extend(which)
+        assert which == [(row, when) for row in range(3) for when in ("before", "after")]
         poses = np.zeros((11, 6, 3))
         poses[..., 0] = np.arange(6) / 100
         events = np.arange(10)[:, None] <= np.arange(6)
@@ -114,12 +96,11 @@ def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(examples, 
     monkeypatch.setattr(robot_figures, "evaluate", evaluated)
     with style.styled():
         axes = robot_figures.trajectories(examples, SF).axes
-    assert asked == [(row, when) for row in range(3) for when in ("before", "after")]
-    assert [axis.get_xlabel().partition(" in ")[0] for axis in axes] == [
-        "before: 10%", "before: 30%", "before: 50%", "after: 20%", "after: 40%", "after: 60%"
-    ]  # fmt: skip
-    places = [axis.lines[-1].get_xdata()[0] for axis in axes]
-    assert places == pytest.approx([0.00, 0.02, 0.04, 0.01, 0.03, 0.05])
+    shown = [(axis.get_xlabel().split("%")[0], axis.lines[-1].get_xdata()[0]) for axis in axes]
+    assert shown == [
+        *((f"before: {k + 1}0", k / 100) for k in (0, 2, 4)),
+        *((f"after: {k + 1}0", k / 100) for k in (1, 3, 5)),
+    ]
     titles = [axis.get_title(loc="left") for axis in axes]
     assert titles[:3] == ["ignorant, creative 0", "learner, creative 1", "spoiled, creative 2"]
 
@@ -147,16 +128,13 @@ def test_the_left_motor_is_along_x_and_the_ring_is_around_the_best_idea():
     (image,) = axis.images
     pixels = image.get_array()
     assert image.origin == "lower" and (np.diff(pixels, axis=1) > 0).all()
-    assert (pixels == pixels[0]).all()  # the right motor has no effect
+    assert pixels.shape == (41, 41) and (pixels == pixels[0]).all()  # the right motor: no effect
+    assert float(np.ptp(pixels)) == pytest.approx(0.002)  # of motor values from -0.5 to 0.5
     ideas, *rings = axis.lines
     assert ideas.get_xydata() == pytest.approx(np.array([[-0.3, 0.2], [0.4, -0.1]]))
-    assert len(rings) == 2
     for ring in rings:
         assert ring.get_xydata() == pytest.approx(np.array([[0.4, -0.1]]))
-    # Marks at the edge of the image stay whole, and the numbers are above it.
-    assert max(image.get_extent()) == 0.5 < min(axis.get_xlim()[1], axis.get_ylim()[1])
-    assert not any(line.get_clip_on() for line in axis.lines)
-    assert not axis.texts and above(axis) == "0.00 to 0.00"
+    assert above(axis) == "0.00 to 0.00"
 
 
 def test_values_are_of_the_favourites_brain_before_and_after_training(examples, monkeypatch):
@@ -169,8 +147,8 @@ def test_values_are_of_the_favourites_brain_before_and_after_training(examples, 
     monkeypatch.setattr(robot_figures, "stored_brains", stored)
     figure = robot_figures.values(examples, WA)
     assert [above(axis) for axis in figure.axes] == ["9.50 to 10.50"] * 3 + ["14.50 to 15.50"] * 3
-    assert figure.axes[0].get_ylabel() == "before training\nright motor"
-    assert figure.axes[3].get_ylabel() == "after training\nright motor"
+    labels = [axis.get_ylabel().split()[0] for axis in (figure.axes[0], figure.axes[3])]
+    assert labels == ["before", "after"]
     assert figure.get_suptitle() == "Wall avoidance, learner: creative 1"
 
 
@@ -184,12 +162,6 @@ def test_situations_match_their_names():
     assert smells["no smell"] == 0
     assert smells["spot 20 cm ahead"] == pytest.approx(3 / 4, rel=0.01)  # s' = 10 * 0.06 / 0.2
     assert smells["inside the spot"] == pytest.approx(10 / 11)
-
-
-def test_the_grid_has_all_pairs_of_motor_values():
-    pairs = {tuple(pair) for pair in robot_figures.grid()[0].tolist()}
-    assert robot_figures.grid().shape == (1, 41**2, 2) and len(pairs) == 41**2
-    assert (min(pairs), max(pairs)) == ((-0.5, -0.5), (0.5, 0.5))
 
 
 # ---- Typical robots ----
@@ -210,9 +182,7 @@ def five(monkeypatch):
         spinning = number < 10 * np.array(SPINNING if condition == WALLS else 4 * [0])
         poses = np.zeros((len(number) + 1, 4, 3))
         poses[1:, :, 2] = 0.2 * spinning.cumsum(axis=0)
-        return Track(
-            poses, number >= np.array(ARRIVALS), np.zeros(2), np.zeros((len(number), 4, 2))
-        )
+        return Track(poses, number >= np.array(ARRIVALS), np.zeros(2), poses[1:, :, :2])
 
     monkeypatch.setattr(robot_figures, "evaluate", evaluated)
     return invented([WALLS, SPOT], FIVE, first=7)
@@ -230,7 +200,6 @@ def test_each_typical_robot_is_the_one_that_its_words_describe(five):
         axes = robot_figures.typical(five).axes
     titles = [axis.get_title(loc="left") for axis in axes]
     assert titles == ["spinner\nfixed 10", "slow approacher\ncreative 10"]
-    assert [axis.get_xlabel() for axis in axes] == [spinner.words, slow.words]
     assert axes[0].get_xlim() == pytest.approx(front[:, 0].mean() + np.array([-0.09, 0.09]))
 
 
@@ -243,15 +212,11 @@ def test_a_run_whose_robots_hardly_spin_has_no_spinner(five, monkeypatch):
 
 def test_the_follower_is_the_robot_that_its_words_describe(monkeypatch):
     """The first robot of three does not stay; the last one follows most."""
-    numbers = Stay(
-        np.array([False, True, True]),
-        np.array([[0.9, 0.9], [0.2, 0.3], [0.8, 0.1]]),
-        np.array([[0.9, 0.9], [0.1, 0.3], [0.0, 0.4]]),
-        np.zeros((1, 3)),
-    )
-    nose = np.full((60, 3, 2), 0.2)
+    following, spinning = [[0.9, 0.9], [0.2, 0.3], [0.8, 0.1]], [[0.9, 0.9], [0.1, 0.3], [0.0, 0.4]]
+    staying = np.array([False, True, True])
+    numbers = Stay(staying, np.array(following), np.array(spinning), np.zeros((1, 3)))
+    nose, poses = np.full((60, 3, 2), 0.2), np.zeros((61, 3, 3))
     nose[20:50, 2] = 0.06, 0.0  # at the rim
-    poses = np.zeros((61, 3, 3))
     poses[:, 2, 0] = np.arange(61)
     track = Track(poses, np.zeros((60, 3), bool), np.zeros(2), nose)
     monkeypatch.setattr(robot_figures, "finders", lambda *_: [5, 6, 7])
@@ -261,7 +226,6 @@ def test_the_follower_is_the_robot_that_its_words_describe(monkeypatch):
     (follower,) = robot_figures.typical_robots(invented([SPOT], lost, scale=0.02))
     assert (follower.kind, follower.row, follower.index) == ("contour follower", 7, 2)
     assert follower.words == "follows the rim 80%,\nat last spins 40%"
-    steps = round(robot_figures.DRAWN_MINUTES * 600 * 0.02)
-    assert steps == 36 and len(follower.track.events) == steps
     # The 30 steps at the rim are in the path that is drawn.
-    assert follower.track.poses[:, 2, 0].tolist() == [*range(14, 15 + steps)]
+    assert len(follower.track.events) == round(robot_figures.DRAWN_MINUTES * 600 * 0.02) == 36
+    assert follower.track.poses[:, 2, 0].tolist() == [*range(14, 15 + 36)]

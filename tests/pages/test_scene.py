@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import subprocess
 import sys
 
@@ -95,10 +94,3 @@ def test_the_walls_of_a_larger_arena_and_a_nose_at_the_centre_are_drawn_where_th
         model = drawn._model
         drawn.close()
         assert [*half_size(model), model.site("nose").pos[0]] == pytest.approx(expected)
-
-
-def test_module_prints_the_renderer_and_the_time_of_an_image(egl: None):
-    command = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
-    assert found["renderer"] and found["ms"] > 0

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import sys
 import types
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, ClassVar
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from musebot import tasks
-from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import viewer
 from musebot.tasks.suite import TASKS
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_a_window_that_cannot_be_opened_is_one_sentence(stored, newborn, monkeypatch):
+def test_a_window_that_cannot_be_opened_is_one_sentence(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="no display.*musebot film"):
@@ -30,12 +26,6 @@ def test_a_window_that_cannot_be_opened_is_one_sentence(stored, newborn, monkeyp
     monkeypatch.setenv("MUJOCO_GL", "egl")
     with pytest.raises(InputError, match="MUJOCO_GL is 'egl'"):
         viewer.explore("wall_avoidance")
-    with pytest.raises(InputError, match="the task must be one of"):
-        viewer.explore("dancing")
-    with pytest.raises(InputError, match="are 0 to 2, got 7"):
-        viewer.Driver.of_robot(stored(robot=7))
-    with pytest.raises(InputError, match="are 0 to 1, got 7"):
-        viewer.Driver.of_policy(newborn("spot_finding"), 7, "post")
 
 
 def test_robot_with_another_body_is_refused(run, stored):
@@ -48,69 +38,56 @@ def test_robot_with_another_body_is_refused(run, stored):
 
 
 def test_brain_drives_the_task_and_is_the_same_in_every_episode(stored):
-    task = "spot_finding"
-    policy = viewer.Driver.of_robot(stored(task=task)).policy
-    environment = tasks.load("arena", task, {"robot": (0, 0, 0), "spot": (0.3, 0.1)})
+    policy = viewer.Driver.of_robot(stored(task="spot_finding")).policy
+    environment = tasks.load("arena", "spot_finding", {"robot": (0, 0, 0), "spot": (0.3, 0.1)})
     episodes = []
     for _ in range(2):
-        timestep = environment.reset()
-        actions = []
+        timestep, actions = environment.reset(), []
         for _ in range(5):
             actions.append(policy(timestep))
-            environment.action_spec().validate(actions[-1].astype(float))
             timestep = environment.step(actions[-1])
         episodes.append(actions)
     np.testing.assert_array_equal(*episodes)
 
 
-def test_random_motors_hold_each_value_for_some_steps_of_an_episode():
+def test_random_motors_hold_each_value_for_some_steps():
     policy = viewer.random_motors(seed=0, steps=3)
-    first, later = (types.SimpleNamespace(first=lambda new=new: new) for new in (True, False))
-    actions = [policy(step)[0] for step in (first, later, later, later, first, later)]
-    assert [len({*actions[:k]}) for k in range(1, 7)] == [1, 1, 1, 2, 3, 3]
+    actions = [tuple(policy(None)) for _ in range(7)]
+    assert [len({*actions[:k]}) for k in range(1, 8)] == [1, 1, 1, 2, 2, 2, 3]
     assert np.abs(actions).max() <= 0.5
 
 
 class Listeners(list):
     """Like those of dm_control: `+=` takes a single listener."""
 
-    def __iadd__(self, listener: Callable) -> Listeners:  # type: ignore[override]
-        self.append(listener)
-        return self
+    __iadd__ = lambda self, listener: self.append(listener) or self  # noqa: E731
 
 
 class Window:
     """Replaces dm_control's window without a display: simulates two steps and records actions."""
 
-    opened: ClassVar[list[Window]] = []
+    opened = []  # noqa: RUF012
 
-    def __init__(self, title: str) -> None:
-        self.title = title
-        self.actions: list[np.ndarray] = []
-        self._window = types.SimpleNamespace(keyboard=types.SimpleNamespace(on_key=Listeners()))
+    def __init__(self, title):
+        self.title, self.actions, self.listeners = title, [], Listeners()
+        self._window = Mock(keyboard=Mock(on_key=self.listeners))
         self.opened.append(self)
 
-    def launch(self, loader: Callable[[], Any], policy: Callable[[Any], np.ndarray]) -> None:
+    def launch(self, loader, policy):
         environment = loader()
         timestep = environment.reset()
         for press in (None, viewer.UP):
-            if press:
-                self._announce(press, 1)
+            for listener in self.listeners if press else ():
+                listener(press, 1, 0)
             self.actions.append(policy(timestep))
             environment.action_spec().validate(self.actions[-1].astype(float))
             timestep = environment.step(self.actions[-1])
 
-    def _announce(self, key: int, activity: int) -> None:
-        for listener in self._window.keyboard.on_key:
-            listener(key, activity, 0)
-
 
 @pytest.fixture
-def window(monkeypatch: pytest.MonkeyPatch) -> type[Window]:
-    module = types.ModuleType("dm_control.viewer.application")
-    module.Application = Window  # type: ignore[attr-defined]
-    package = types.ModuleType("dm_control.viewer")
-    package.application = module  # type: ignore[attr-defined]
+def window(monkeypatch):
+    application = types.SimpleNamespace(Application=Window)
+    package = types.SimpleNamespace(application=application)
     monkeypatch.setitem(sys.modules, "dm_control.viewer", package)
     monkeypatch.setattr(viewer, "check_display", lambda: None)
     monkeypatch.setattr(Window, "opened", [])
@@ -133,7 +110,7 @@ def test_every_task_receives_actions_in_its_own_units(window, newborn, task):
 
 
 def test_held_arrow_keys_drive_and_released_ones_stop():
-    keys, timestep = viewer.ArrowKeys(), tasks.load("arena", "wall_avoidance").reset()
+    keys = viewer.ArrowKeys()
     press, repeat, release = 1, 2, 0
     for key, activity, motors in (
         (viewer.UP, press, [0.5, 0.5]),
@@ -144,38 +121,6 @@ def test_held_arrow_keys_drive_and_released_ones_stop():
         (viewer.LEFT, release, [0, 0]),
         (viewer.DOWN, press, [-0.5, -0.5]),
         (viewer.RIGHT, press, [-0.25, -0.5]),
-        (viewer.DOWN, release, [0.25, -0.25]),
-        (viewer.RIGHT, release, [0, 0]),
     ):
         keys.on_key(key, activity, 0)
-        np.testing.assert_array_equal(keys(timestep), motors)
-
-
-def test_keys_are_those_of_dm_controls_viewer():
-    # An import would look for a display.
-    source = Path(importlib.util.find_spec("dm_control").submodule_search_locations[0]) / "viewer"
-    text = (source / "user_input.py").read_text()
-    for name in ("UP", "DOWN", "LEFT", "RIGHT"):
-        assert f"\nKEY_{name} = {getattr(viewer, name)}\n" in text
-    assert f"\nRELEASE = {viewer.RELEASE}\n" in text
-    # The window's keyboard, which announces keys, is private in dm_control.
-    application = (source / "application.py").read_text()
-    assert "self._window = " in application and "self._window.keyboard" in application
-    assert "self.on_key = " in (source / "gui" / "glfw_gui.py").read_text()
-
-
-def test_command_that_cannot_open_a_window_is_one_sentence(
-    policy_file, tmp_path, monkeypatch, capsys
-):
-    policy_file("spot_finding_walls", tmp_path / "p.safetensors")
-    monkeypatch.chdir(tmp_path)
-    for words, sentence in (
-        ("wall_avoidance --keys --policies p.safetensors", "--policies, --keys and --random can"),
-        ("wall_avoidance --proposer fixed", "--proposer needs --out"),
-        ("wall_avoidance --agent avg", "--agent needs --out"),
-        ("dancing", "the task must be one of"),
-        ("spot_finding_unit --policies p.safetensors", "holds policies for spot_finding_walls"),
-        ("spot_finding_unit --policies q.safetensors", "there is no file q.safetensors"),
-    ):
-        assert cli.main(["explore", *words.split()]) == 2
-        assert sentence in capsys.readouterr().err
+        np.testing.assert_array_equal(keys(None), motors)
