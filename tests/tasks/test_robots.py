@@ -1,7 +1,4 @@
-"""The contract of `Robots`: every simulator places, steps, stops and restores robots alike.
-
-`drive` hides that tensors take tensors, and that a part takes its steps with the whole batch.
-"""
+"""The contract of `Robots`: every simulator places, steps, stops and restores robots alike."""
 
 import copy
 import gc
@@ -9,7 +6,6 @@ import itertools
 import os
 import pickle
 import signal
-import threading
 import warnings
 
 import numpy as np
@@ -382,25 +378,6 @@ def test_a_batch_with_threads_works_in_a_forked_process(what):
     assert os.waitpid(child, 0)[1] == 0
     batch.step(motors)
     assert batch.valid.all()
-
-
-def test_batches_of_two_threads_do_not_affect_each_other():
-    def run(seed, ends):
-        batch = settled(make_batch(TASK, 2), seed)
-        for motors in scripted(50, 2, seed):
-            batch.step(motors)
-        ends[seed] = batch
-
-    alone, together = {}, {}
-    for seed in (1, 2):
-        run(seed, alone)
-    threads = [threading.Thread(target=run, args=(seed, together)) for seed in (1, 2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for seed in (1, 2):
-        assert_same(alone[seed], together[seed])
 
 
 # Tensors
