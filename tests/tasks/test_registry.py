@@ -12,12 +12,15 @@ import mujoco
 import numpy as np
 import pytest
 
+gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+
 import musebot
+from musebot import gymnasium_registration as registration
 from musebot.fields import described
-from musebot.gymnasium_registration import EPISODE_STEPS
 from musebot.models import Kinematics
 from musebot.tasks import make_batch, suite
 from musebot.tasks.arena import TaskDefinition
+from musebot.tasks.gymnasium_env import ArenaEnv
 from musebot.tasks.sensors import Nose
 from musebot.tasks.spot_finding import SpotFindingRules
 from musebot.tasks.wall_avoidance import WallAvoidanceRules
@@ -30,32 +33,25 @@ class Still(WallAvoidanceRules):
     """Rewards nothing but standing still."""
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def forgotten():
-    """Names of tasks that are forgotten after the test."""
-    names = []
-    yield names
-    for name in names:
-        suite.TASKS.pop(name, None)
-        for tasks in (musebot.SUITE._tasks, *musebot.SUITE._tags.values()):
-            tasks.pop(name, None)
-        for identifier, task in [*musebot.GYMNASIUM_TASKS.items()]:
-            if task == name:
-                del musebot.GYMNASIUM_TASKS[identifier]
-                musebot.gymnasium_registration.MODULES.pop(name, None)
-                if gymnasium := sys.modules.get("gymnasium"):
-                    gymnasium.registry.pop(f"musebot/{identifier}", None)
+    """Forgets, after each test, the tasks that it has registered."""
+    tables = [suite.TASKS, musebot.SUITE._tasks, *musebot.SUITE._tags.values(), gymnasium.registry]
+    tables += [musebot.GYMNASIUM_TASKS, registration.MODULES, registration.EPISODE_STEPS]
+    before = [dict(table) for table in tables]
+    yield
+    for table, held in zip(tables, before, strict=True):
+        table.clear()
+        table.update(held)
 
 
 @pytest.mark.parametrize(("limit", "steps"), [(0.25, 3), (3 * 0.1, 3), (2.0, 20), (np.inf, None)])
-def test_a_task_opens_by_every_name_in_every_interface_with_episodes_of_one_length(
-    limit, steps, forgotten
-):
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("stand_still")
+def test_a_task_opens_by_every_name_in_every_interface_with_episodes_of_one_length(limit, steps):
     listed = musebot.ALL_TASKS
     identifier = musebot.register_task("stand_still", Still, time_limit=limit)
-    assert identifier == "musebot/StandStill-v0" and EPISODE_STEPS["stand_still"] == steps
+    assert (
+        identifier == "musebot/StandStill-v0" and registration.EPISODE_STEPS["stand_still"] == steps
+    )
     environment = musebot.load("arena", "stand_still", {"random": 1})
     environment.reset()
     one, many = gymnasium.make(identifier), gymnasium.make_vec(identifier, num_envs=2)
@@ -102,9 +98,7 @@ class Raw(WallAvoidanceRules):
         return sensordata[..., self.layout.distances][..., 0]
 
 
-def test_what_rules_return_is_not_changed_by_later_steps(forgotten):
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("raw")
+def test_what_rules_return_is_not_changed_by_later_steps():
     musebot.register_task("raw", Raw)
     environment = musebot.load("arena", "raw", {"random": 1})
     first = environment.reset().observation["contact"]
@@ -245,10 +239,8 @@ def test_a_wrong_task_is_refused_and_nothing_is_registered():
         assert after == before, words
 
 
-def test_a_reward_that_is_not_as_declared_is_refused_in_the_step_that_gives_it(forgotten):
+def test_a_reward_that_is_not_as_declared_is_refused_in_the_step_that_gives_it():
     """Rules may change after the registration, or return other rewards than in its probe."""
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("changing")
     change = np.copy
     musebot.register_task("changing", changed(reward=lambda reward: change(reward)))
     one = gymnasium.make("musebot/Changing-v0", disable_env_checker=True)
@@ -263,16 +255,17 @@ def test_a_reward_that_is_not_as_declared_is_refused_in_the_step_that_gives_it(f
             env.step(still)
 
 
-def test_a_task_registered_again_replaces_the_former_one_and_an_id_is_of_one_task(forgotten):
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("changing_1")
+def test_a_task_registered_again_replaces_the_former_one_and_an_id_is_of_one_task():
     musebot.register_task("changing_1", Still, time_limit=2.0)
     with pytest.raises(ValueError, match="musebot/Changing1-v0 is that of 'changing_1'"):
         musebot.register_task("changing1", Still)
     assert "changing1" not in suite.TASKS
     assert musebot.register_task("changing_1", Paid, time_limit=3.0) == "musebot/Changing1-v0"
     assert gymnasium.spec("musebot/Changing1-v0").max_episode_steps == 30
-    batch, usual = make_batch("changing_1", 1), SpotFindingRules.of(make_batch("changing_1", 1).model)
+    batch, usual = (
+        make_batch("changing_1", 1),
+        SpotFindingRules.of(make_batch("changing_1", 1).model),
+    )
     assert type(batch.rules) is Paid
     smell = np.random.default_rng(0).uniform(-0.3, 0.3, (9, *batch.sensordata.shape))
     np.testing.assert_array_equal(batch.rules.state(smell), usual.state(smell))
@@ -283,21 +276,18 @@ def test_a_task_registered_again_replaces_the_former_one_and_an_id_is_of_one_tas
 
 
 def test_a_module_that_registers_no_such_task_is_refused():
-    gymnasium_env = pytest.importorskip("musebot.tasks.gymnasium_env")
     for task, words in (
         (":racing", "task must be NAME or MODULE:NAME, got ':racing'"),
         (".tasks:racing", "task must be NAME or MODULE:NAME, got '.tasks:racing'"),
         ("json:racing", "the module json registers no task 'racing'"),
     ):
         with pytest.raises(ValueError, match=words):
-            gymnasium_env.ArenaEnv(task)
+            ArenaEnv(task)
 
 
 @pytest.mark.parametrize("module", ["__main__", None])
-def test_processes_import_only_modules_that_register_the_task(module, forgotten, monkeypatch):
+def test_processes_import_only_modules_that_register_the_task(module, monkeypatch):
     """A module of the suite does not, and the main program has another name there."""
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("night")
     musebot.register_task("night", Still)
     known = gymnasium.spec("musebot/Night-v0").kwargs["task"]
     assert known == f"{Still.__module__}:night"
@@ -327,7 +317,6 @@ assert ArenaEnv("my_tasks:racing").observation_space.shape == (5,)
 
 @pytest.mark.slow
 def test_the_example_of_the_page_runs_and_other_processes_find_its_task(tmp_path):
-    pytest.importorskip("gymnasium", reason="needs the extra `gym`")
     module, use = EXAMPLES
     # The pillar stops a robot that drives at it, and earns nothing.
     use += (
@@ -350,14 +339,13 @@ def test_the_example_of_the_page_runs_and_other_processes_find_its_task(tmp_path
     assert 0 <= float(printed[0].split()[0]) <= 1
 
 
-def test_an_obstacles_geom_may_have_any_name_and_a_robot_no_shell_to_show_its_reward(forgotten):
+def test_an_obstacles_geom_may_have_any_name_and_a_robot_no_shell_to_show_its_reward():
     def bare(spec):
         for one in [*spec.geoms, *spec.sites]:
             one.material = ""
         for material in list(spec.materials):
             spec.delete(material)
 
-    forgotten += ["bare", "one_block"]
     musebot.register_task("one_block", Still, edits=(block("obstacle_9", [0, 0, 0]),))
     assert make_batch("one_block", 1).dimensions.obstacles == ((0.2, 0.1, 0.04),)
     musebot.register_task("bare", Still, edits=(bare,))

@@ -14,8 +14,6 @@ import torch
 
 from musebot.models import Kinematics
 from musebot.tasks import load, make_batch, make_kinematic_batch
-from musebot.tasks.starts import random_poses, random_spots
-from musebot.tasks.suite import TASKS
 from musebot.tasks.tensors.robots import KinematicTensors, Part, TensorRobots, parts
 
 TASK = "spot_finding_walls"
@@ -292,39 +290,6 @@ def test_huge_motors_are_clipped(make):
 # MuJoCo
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_the_batch_equals_the_environment_bit_exactly_with_any_number_of_threads(task):
-    environment = load("arena", task, {"random": 1, "time_limit": 1e9})
-    size, limit = environment.physics.dimensions, environment.task.episode.limit
-    batches = [make_batch(task, 3, threads=threads) for threads in (0, 2)]
-    random, touched = np.random.default_rng(0), 0
-    for step, motors in enumerate(scripted(400, 3)):
-        if step % 200 == 0:  # other places of robot and spot; jumps are the caller's
-            pose, spot = random_poses(random, size, 1), random_spots(random, size, 1)
-            timestep = environment.reset(options={"robot": pose[0], "spot": spot[0]})
-            for batch in batches:
-                batch.place_spot(np.arange(3), np.repeat(spot, 3, axis=0))
-                batch.place(np.arange(3), np.repeat(pose, 3, axis=0))
-        if step % 200 < 199:
-            for batch in batches:
-                state = batch.rules.state(batch.sensordata)[1]
-                np.testing.assert_array_equal(
-                    np.concatenate([*timestep.observation.values()]), state
-                )
-        timestep = environment.step(motors[1] / 0.5 * limit)
-        physics = environment.physics
-        for batch in batches:
-            batch.step(motors)
-            np.testing.assert_array_equal(physics.data.qpos, batch.arrays()["state"][1, 1:10])
-            np.testing.assert_array_equal(physics.data.sensordata, batch.sensordata[1])
-            np.testing.assert_array_equal(physics.robot_pose(), batch.pose[1])
-            assert timestep.reward == batch.rules.reward(batch.sensordata)[1]
-        touched += bool(batches[0].sensordata[1, batches[0].rules.layout.touch][0] > 0)
-    assert touched > 20 and batches[0].valid.all()
-    for name, array in batches[0].arrays().items():
-        np.testing.assert_array_equal(array, batches[1].arrays()[name])
-
-
 def test_a_change_of_the_model_counts_in_each_physics_step():
     environment, batch = load("arena", "wall_avoidance"), make_batch("wall_avoidance", 2)
     environment.reset(options={"robot": (0.0, 0.0, 0.0)})
@@ -354,11 +319,11 @@ def test_values_out_of_range_are_refused():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-@pytest.mark.parametrize("what", ["stepped", "deleted"])
-def test_a_batch_with_threads_works_in_a_forked_process(what):
-    batch = make_batch("wall_avoidance", 4, threads=2)
+def test_batches_with_threads_can_be_stepped_and_deleted_in_a_forked_process():
+    batch, other = (make_batch("wall_avoidance", 4, threads=2) for _ in range(2))
     motors = np.full((4, 2), 0.4)
-    batch.step(motors)
+    for one in (batch, other):
+        one.step(motors)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of Python 3.12: there are threads
         child = os.fork()
@@ -366,18 +331,15 @@ def test_a_batch_with_threads_works_in_a_forked_process(what):
         status = 1
         try:
             signal.alarm(60)  # the pool of the parent would be waited for, for ever
-            if what == "stepped":
-                batch.step(motors)
-                status = int(batch.pose[0, 0] <= 0)
-            else:
-                del batch
-                gc.collect()
-                status = 0
+            del other
+            gc.collect()
+            batch.step(motors)
+            status = int(batch.pose[0, 0] <= 0)
         finally:
             os._exit(status)
     assert os.waitpid(child, 0)[1] == 0
-    batch.step(motors)
-    assert batch.valid.all()
+    other.step(motors)
+    assert other.valid.all()
 
 
 # Tensors

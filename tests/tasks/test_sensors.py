@@ -64,6 +64,7 @@ noses = st.builds(
     form=st.sampled_from(FORMS),
 )
 
+
 def signal(nose, x, y):
     return float(nose.signal(np.array([x, y])))
 

@@ -1,7 +1,6 @@
-"""MuJoCo Warp against C MuJoCo, on Warp's device for CPUs: states, scripts, trained brains."""
+"""MuJoCo Warp against C MuJoCo, on Warp's device for CPUs: states and scripts."""
 
 import pickle
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,16 +10,12 @@ from dm_control.rl.control import PhysicsError
 
 pytest.importorskip("mujoco_warp")
 
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.run_files import read_run
-from musebot.protocols.pages.replay import stored_brains, watch
 from musebot.tasks import make_batch
 from musebot.tasks.batch import CapacityError
 from musebot.tasks.tensors import warp as engine
 from musebot.tasks.tensors.warp import WarpBatch, WarpTensors
 
 TASKS = ("spot_finding_walls", "wall_avoidance_obstacles")
-KEPT = Path(__file__).parents[2] / "docs" / "results"
 
 
 def pair(robots, task="spot_finding_walls", seed=1):
@@ -98,23 +93,6 @@ def test_ten_minutes_of_scripts_end_where_c_mujoco_ends():
     assert moved < 1e-3 and turn < 0.01
     # Wheels have turned a thousand times; their angles keep their precision.
     assert np.abs(warp.arrays()["state"][:, 8:10]).max() <= np.pi + 1e-6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kept", "task", "bound"), [("steady", "spot_finding", 0.02), ("mujoco", "wall_avoidance", 0.4)]
-)
-def test_trained_brains_are_as_long_in_the_spot_or_in_contact_as_in_c_mujoco(kept, task, bound):
-    run = read_run(KEPT / kept)
-    condition, robots = Condition(task, "creative"), 20
-    ours, warp = pair(robots, task)
-    times = []
-    for batch in (ours, warp):
-        agent = stored_brains(run, condition, [(row, "after") for row in range(robots)], 0)
-        track = watch(batch, agent, 6000)
-        times.append(track.events.mean(axis=0))
-    pairs = times[1] - times[0]
-    assert 0.02 < times[0].mean() < 0.98 and abs(pairs.mean()) < bound * times[0].mean()
 
 
 def test_tensors_do_what_the_batch_on_the_host_does_and_read_no_number():
