@@ -192,9 +192,7 @@ def spoil(one, how):
         one.place_spot(np.nan, 0.0)  # a sensor that is not finite
 
 
-def test_a_step_needs_a_reset_at_first_and_after_an_instability_which_raises(
-    make, tmp_path, monkeypatch
-):
+def test_a_step_needs_a_reset_at_first_and_after_an_instability(make, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
     one = make("spot_finding", robot=(0, 0, 0), spot=(0.2, 0))
     if make is DmControl:

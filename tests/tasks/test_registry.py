@@ -12,18 +12,17 @@ import mujoco
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-
 import musebot
 from musebot import gymnasium_registration as registration
 from musebot.fields import described
 from musebot.models import Kinematics
 from musebot.tasks import make_batch, suite
 from musebot.tasks.arena import TaskDefinition
-from musebot.tasks.gymnasium_env import ArenaEnv
 from musebot.tasks.sensors import Nose
 from musebot.tasks.spot_finding import SpotFindingRules
 from musebot.tasks.wall_avoidance import WallAvoidanceRules
+
+gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
 PAGE = Path(__file__).parents[2] / "docs" / "own-task.md"
 EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
@@ -276,6 +275,8 @@ def test_a_task_registered_again_replaces_the_former_one_and_an_id_is_of_one_tas
 
 
 def test_a_module_that_registers_no_such_task_is_refused():
+    from musebot.tasks.gymnasium_env import ArenaEnv
+
     for task, words in (
         (":racing", "task must be NAME or MODULE:NAME, got ':racing'"),
         (".tasks:racing", "task must be NAME or MODULE:NAME, got '.tasks:racing'"),
