@@ -18,12 +18,6 @@ OWN_CASES = [(name, "spot_finding", "raw") for name in OWN if name != "ppo"]
 OWN_CASES += [("sarsa_lambda", "wall_avoidance", "paper"), ("newborn", "spot_finding", "paper")]
 
 
-class TestHandCoded(AgentContract):
-    """A user's own test of an agent is such a class."""
-
-    name, learns = "hand_coded", False
-
-
 @pytest.mark.parametrize("case", OWN_CASES, ids="-".join)
 def test_own_agents_keep_every_law(case):
     contract = AgentContract()
