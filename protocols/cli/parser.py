@@ -27,10 +27,7 @@ _NARROW, _WIDE = 60, 100  # columns of a help text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command; without words, it prints the help.
-
-    Args:
-      arguments: Words of the command line; None for those of this process.
+    """Runs the command line, None for that of this process; without words, it prints the help.
 
     Returns:
       The exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
@@ -89,11 +86,7 @@ def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
 def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
     """Returns a command with the values that its words give; None if its help was printed.
 
-    Args:
-      command: Dataclass of the command, whose fields are made by `options.option` and
-        `options.argument`.
-      prog: Name of the command.
-      words: Options and other words; with --help among them, the help is printed instead.
+    The command is a dataclass whose fields are made by `options.option` and `options.argument`.
 
     Raises:
       InputError: an argument is missing, unknown, or has a value that it cannot have.

@@ -143,16 +143,6 @@ def test_a_driver_that_fails_or_crashes_is_missing(status, stderr, text, monkeyp
     assert str(problem) == text and "libegl1" in problem.remedy
 
 
-@pytest.mark.parametrize("status", [0, 1, -11])
-def test_a_crash_of_torch_after_egl_is_a_warning_that_says_what_helps(status, monkeypatch, capsys):
-    done = SimpleNamespace(returncode=status)
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
-    name = "torch after EGL"
-    assert doctor.report({name: doctor.all_probes()[name]}) == 0
-    printed = capsys.readouterr().out
-    assert ("WARNING" in printed and "import triton before the first" in printed) == (status < 0)
-
-
 @LINUX
 def test_a_driver_that_hangs_ends_after_a_timeout(monkeypatch):
     def hang(*_, timeout, **__):
