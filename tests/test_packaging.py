@@ -84,21 +84,17 @@ def requirements(extra):
     return names - {"musebot"}
 
 
-def test_extras_hold_what_users_need_and_the_light_ones_no_torch():
+def test_extras_hold_what_users_need_the_light_ones_no_torch_and_pins_are_given_once():
     light = {Requirement(line).name for line in PROJECT["dependencies"]} | requirements("gym")
     assert not light & {"torch", "rich", "matplotlib"}
     extras = PROJECT["optional-dependencies"]
     (everything,) = map(Requirement, extras["all"])
     assert everything.extras == set(extras) - {"all", "dev", "docs"}
-
-
-def test_what_the_site_needs_is_pinned_once():
-    pins = [
-        re.findall(r"^([\w.-]+)==", (ROOT / file).read_text().lower(), re.MULTILINE)
+    site, others = (
+        re.findall(r"^([\w.-]+)==", (ROOT / file).read_text().lower().replace("_", "-"), re.M)
         for file in ("constraints-docs.txt", "constraints.txt")
-    ]
-    names = [name.replace("_", "-") for name in (*pins[0], *pins[1])]
-    assert requirements("docs") <= {*pins[0]} and len(names) == len({*names})
+    )
+    assert requirements("docs") <= {*site} and len({*site, *others}) == len(site + others)
 
 
 def test_a_missing_requirement_is_a_sentence_that_names_its_extra():
