@@ -22,7 +22,7 @@ from .verbs import BENCHMARK, VERBS, verb_class
 
 _UNCHECKED = ("doctor", "list")  # one checks the versions itself, the other simulates nothing
 _HELP = ("-h", "--help")
-_KINDS: Mapping[type, str] = types.MappingProxyType({int: "a whole number", float: "a number"})
+_KINDS: Mapping[type, str] = {int: "a whole number", float: "a number"}
 _NARROW, _WIDE = 60, 100  # columns of a help text
 
 
@@ -69,18 +69,11 @@ def _command(words: list[str]) -> Callable[[], None] | None:
 def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
     """Returns the help that lists some verbs with a line each."""
     width = max(map(len, verbs))
-    lines = [f"  {verb:{width}}  {line}" for verb, (_, _, line) in verbs.items()]
-    return "\n".join(
-        [
-            f"usage: {usage} [OPTION ..]",
-            "",
-            "Creative robots that learn during their lives, in MuJoCo.",
-            "",
-            *lines,
-            "",
-            f"`{usage} --help` explains a verb, `musebot --version` prints the version.",
-        ]
-    )
+    lines = [f"usage: {usage} [OPTION ..]", ""]
+    lines += ["Creative robots that learn during their lives, in MuJoCo.", ""]
+    lines += [f"  {verb:{width}}  {line}" for verb, (_, _, line) in verbs.items()]
+    lines += ["", f"`{usage} --help` explains a verb, `musebot --version` prints the version."]
+    return "\n".join(lines)
 
 
 def parsed(command: type, prog: str, words: Sequence[str]) -> Any:

@@ -56,7 +56,6 @@ class Board:
 
     @property
     def title(self) -> str:
-        """Title of the board."""
         return f"{TASK_NAMES[self.task]}, protocol {self.protocol}, {self.track}"
 
     @property
