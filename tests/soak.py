@@ -20,6 +20,7 @@ import time
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from musebot.controller.brains import BRAINS
 from musebot.models.kinematic import gaps
@@ -36,31 +37,16 @@ LIVES = (("wall_avoidance", "paper", 0.05), ("spot_finding", "steady", 0.025))
 MINUTES, HELD = 5, (1, 20)  # among pillars; control steps for which motor values are held
 
 
-class Extremes:
-    """The largest tilt, depth in a wall, speed and kinetic energy of robots, over all steps.
+def watch(batch, worst):
+    """Keeps the largest values of `motion` over all steps of a batch in `worst`, by name."""
+    inertia, step = inertia_of(batch.model), batch.step
 
-    Attributes:
-      worst: Largest values: "tilt_deg", "depth_mm", "speed_m_s" and "energy_mJ"; and the height of
-        the body's origin above and below that of a robot at rest, "up_mm" and "down_mm".
-    """
+    def watched(motors):
+        step(motors)
+        for name, values in motion(batch, inertia).items():
+            worst[name] = max(worst.get(name, 0.0), float(values.max()))
 
-    def __init__(self):
-        self.worst: dict[str, float] = {}
-
-    def watch(self, batch):
-        """Reads all robots of a batch after each of its steps.
-
-        Args:
-          batch: A `tasks.batch.Batch`.
-        """
-        inertia, step = inertia_of(batch.model), batch.step
-
-        def watched(motors):
-            step(motors)
-            for name, values in motion(batch, inertia).items():
-                self.worst[name] = max(self.worst.get(name, 0.0), float(values.max()))
-
-        batch.step = watched
+    batch.step = watched
 
 
 def inertia_of(model):
@@ -86,17 +72,11 @@ def motion(batch, inertia):
     nq, nv = batch.model.nq, batch.model.nv
     state = batch.arrays()["state"]
     qpos, qvel = state[:, 1 : 1 + nq], state[:, 1 + nq : 1 + nq + nv]
-    w, x, y, z = qpos[:, 3:7].T
+    _, x, y, _ = qpos[:, 3:7].T
     # The energy does not depend on the place, and the wheels are round: the velocity is turned into
     # the robot's frame (that of the angular velocity is its own already).
-    turned = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
-            [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
-            [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    own = np.concatenate([np.einsum("ijb,bj->bi", turned, qvel[:, :3]), qvel[:, 3:]], axis=1)
+    frame = Rotation.from_quat(qpos[:, [4, 5, 6, 3]])
+    own = np.concatenate([frame.apply(qvel[:, :3], inverse=True), qvel[:, 3:]], axis=1)
     at_rest = batch.model.qpos0[2]
     return {
         "tilt_deg": 2 * np.degrees(np.arcsin(np.minimum(np.hypot(x, y), 1))),
@@ -108,22 +88,22 @@ def motion(batch, inertia):
     }
 
 
-def lives(extremes, task, brain, time_scale, seed):
+def lives(worst, task, brain, time_scale, seed):
     """Simulates the lives of a cohort; returns robot-hours and the number of invalid robots."""
     experiment = Experiment(
         seed=seed, cohort_size=ROBOTS, time_scale=time_scale, brain=BRAINS[brain]
     )
     cohort = Cohort(experiment, CohortKey(Condition(task, "creative"), 0))
-    extremes.watch(cohort.batch)
+    watch(cohort.batch, worst)
     cohort.advance(10**9)
     return ROBOTS * cohort.steps / 36000, int((~cohort.batch.valid).sum())
 
 
-def among_pillars(extremes, seed):
+def among_pillars(worst, seed):
     """Lets robots push walls and pillars at full speed; returns the same as `lives`."""
     random = np.random.default_rng(seed)
     batch = make_batch("wall_avoidance_obstacles", ROBOTS)
-    extremes.watch(batch)
+    watch(batch, worst)
     batch.place(np.arange(ROBOTS), random_poses(random, batch.dimensions, ROBOTS))
     motors, left = np.zeros((ROBOTS, 2)), np.zeros((ROBOTS, 2), int)
     for _ in range(600 * MINUTES):
@@ -146,12 +126,7 @@ def held():
 
 
 def soak(robot_hours, seed=1):
-    """Simulates rounds until there are so many robot-hours; returns what was seen.
-
-    Returns:
-      "robot_hours", "invalid" robots, "seconds" of the processor, the `worst` values of each world
-      by its name, and what the process `held` after each round.
-    """
+    """Simulates rounds until there are so many robot-hours; returns what was seen."""
     found = {"robot_hours": 0.0, "invalid": 0, "worst": {}, "held": []}
     began = time.process_time()
     while found["robot_hours"] < robot_hours:
@@ -159,9 +134,8 @@ def soak(robot_hours, seed=1):
         worlds = {f"{life[0]}, {life[1]}": (lives, *life, number) for life in LIVES}
         worlds["pillars, random"] = among_pillars, number
         for name, (simulate, *arguments) in worlds.items():
-            extremes = Extremes()
-            extremes.worst = found["worst"].setdefault(name, {})
-            hours, invalid = simulate(extremes, *arguments)
+            worst = found["worst"].setdefault(name, {})
+            hours, invalid = simulate(worst, *arguments)
             found["robot_hours"] += hours
             found["invalid"] += invalid
         found["held"].append(held())
