@@ -66,8 +66,7 @@ def mutations(node: ast.AST, arguments: list[str]) -> Iterator[ast.AST]:
 
     def changed(**fields: object) -> ast.AST:
         other = copy.copy(node)
-        for name, value in fields.items():
-            setattr(other, name, value)
+        vars(other).update(fields)
         return other
 
     operator = type(getattr(node, "op", None))
@@ -140,10 +139,7 @@ def _put(parent: ast.AST, field: str, index: int, node: ast.AST) -> None:
 
 
 def tests_of(module: str) -> list[str]:
-    """Returns test files that a mutant of a module must pass to survive, as paths below `tests`.
-
-    The module's own come first, then those that import it, the smallest first.
-    """
+    """Returns test files of a module: its own, then those that import it, small ones first."""
     name = ".".join(["musebot", *Path(module.removesuffix("/__init__.py")).with_suffix("").parts])
     parent, _, last = name.rpartition(".")
     imported = re.compile(rf"^(from {name} |from {parent} import .*\b{last}\b)", re.MULTILINE)
@@ -157,7 +153,7 @@ def tests_of(module: str) -> list[str]:
 
 
 def run_tests(copied: Path, test: str, limit: int, log: Path) -> tuple[int, float]:
-    """Runs a test file, a path below `tests`, in a fork, for at most `limit` s of processor time.
+    """Runs a test file in a fork, for at most `limit` s of processor time.
 
     Returns:
       Exit status of pytest, negative if the run was ended at the limit, and its processor time.

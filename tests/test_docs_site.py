@@ -120,13 +120,6 @@ def test_a_site_with_a_broken_link_or_a_foreign_script_is_refused(tmp_path):
     ]
 
 
-def test_the_workflows_call_targets_of_the_makefile():
-    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    workflows = [path.read_text() for path in (ROOT / ".github" / "workflows").glob("*.yml")]
-    called = re.findall(r"run: make (.*)", "\n".join(workflows))
-    assert {*called} == {"lint", "test", "docs"} <= {*targets}
-
-
 # Commands
 
 PARTS = {"": Experiment, "brain.": Parameters, "kinematics.": Kinematics}
@@ -192,13 +185,9 @@ def test_every_command_in_the_documents_parses():
 # Examples
 
 
-def blocks(name, language):
-    """Returns the blocks of code of a page."""
-    return re.findall(rf"```{language}\n(.*?)```", PAGES[DOCS / name], re.DOTALL)
-
-
 def test_the_configuration_file_is_read(tmp_path):
-    (tmp_path / "run.toml").write_text(*blocks("command.md", "toml"))
+    text = PAGES[DOCS / "command.md"]
+    (tmp_path / "run.toml").write_text(*re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
     config = read_config(tmp_path / "run.toml")
     assert config.values["brain"] == dataclasses.replace(named_brain("steady"), ideas=9)
     assert [*config.robots.values()] == [2, 2]

@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 import tomllib
 import zipfile
 from pathlib import Path
@@ -85,21 +84,17 @@ def requirements(extra):
     return names - {"musebot"}
 
 
-def test_extras_hold_what_users_need_and_the_light_ones_no_torch():
+def test_extras_hold_what_users_need_the_light_ones_no_torch_and_pins_are_given_once():
     light = {Requirement(line).name for line in PROJECT["dependencies"]} | requirements("gym")
     assert not light & {"torch", "rich", "matplotlib"}
     extras = PROJECT["optional-dependencies"]
     (everything,) = map(Requirement, extras["all"])
     assert everything.extras == set(extras) - {"all", "dev", "docs"}
-
-
-def test_what_the_site_needs_is_pinned_once():
-    pins = [
-        re.findall(r"^([\w.-]+)==", (ROOT / file).read_text().lower(), re.MULTILINE)
+    site, others = (
+        re.findall(r"^([\w.-]+)==", (ROOT / file).read_text().lower().replace("_", "-"), re.M)
         for file in ("constraints-docs.txt", "constraints.txt")
-    ]
-    names = [name.replace("_", "-") for name in (*pins[0], *pins[1])]
-    assert requirements("docs") <= {*pins[0]} and len(names) == len({*names})
+    )
+    assert requirements("docs") <= {*site} and len({*site, *others}) == len(site + others)
 
 
 def test_a_missing_requirement_is_a_sentence_that_names_its_extra():
@@ -161,44 +156,3 @@ def test_the_wheel_without_torch_runs_readmes_code_and_the_command(wheel, egl, t
         done = run(python, "-m", "musebot", *words.split(), cwd=tmp_path)
         assert done.returncode in status, done.stderr
         assert re.search(printed, done.stdout + done.stderr), words
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not shutil.which("make"), reason="needs make")
-def test_type_checkers_resolve_musebot_after_make(tmp_path):
-    # The step of `make` for types, in an empty environment.
-    environment = tmp_path / "environment"
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True)
-    target = environment / ".types"
-    subprocess.run(["make", "-s", f"VENV={environment}", target], cwd=ROOT, check=True)
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import musebot\n"
-        "environment = musebot.load('arena', 'wall_avoidance')\n"
-        "reveal_type(environment.physics)\n"
-        "reveal_type(environment.physics.robot_pose)\n"
-    )
-    command = ["-m", "pyright", "--pythonpath", environment / "bin" / "python", script]
-    done = run(sys.executable, *command, cwd=tmp_path)
-    assert 'Type of "environment.physics" is "Physics"' in done.stdout, done.stdout
-    assert 'robot_pose" is "() -> ' in done.stdout
-    assert "could not be resolved" not in done.stdout
-
-
-@pytest.mark.slow
-@pytest.mark.night
-def test_an_empty_environment_with_gym_is_small_and_runs_readme(wheel, tmp_path, egl):
-    environment = tmp_path / "environment"
-    subprocess.run([sys.executable, "-m", "venv", environment], check=True)
-    python, began = environment / "bin" / "python", time.monotonic()
-    install = [python, "-m", "pip", "install", "--quiet", f"{wheel}[gym]"]
-    subprocess.run(install, check=True)
-    seconds = time.monotonic() - began
-    size = sum(path.stat().st_size for path in environment.rglob("*") if path.is_file()) / 1e6
-    print(f"{size:.0f} MB in {seconds:.0f} s")
-    assert size < 700
-    assert "No module named 'torch'" in run(python, "-c", "import torch").stderr
-    done = run(python, "-c", RUN_BLOCKS, input=json.dumps(README), cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    done = run(environment / "bin" / "musebot", "run", "out", cwd=tmp_path)
-    assert (done.returncode, "musebot[brain]" in done.stderr) == (2, True)

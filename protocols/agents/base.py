@@ -11,12 +11,7 @@ _WORD = 2**64 - 1
 
 
 def sound(weights: Mapping[str, np.ndarray], robots: int) -> np.ndarray:
-    """Returns which robots have finite weights only, shape (B,).
-
-    Args:
-      weights: Weights by name, each of shape (B, ...), see `Agent.weights`.
-      robots: Number of robots, B.
-    """
+    """Returns which of B robots have finite weights only, shape (B,); weights of shape (B, ...)."""
     found = np.ones(robots, dtype=bool)
     for array in weights.values():
         found &= np.isfinite(array).reshape(robots, -1).all(axis=1)
@@ -42,10 +37,6 @@ def random_state(random: np.random.Generator) -> np.ndarray:
 
 def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
     """Restores what `random_state` returned, so that the next numbers are the same.
-
-    Args:
-      random: Generator that `np.random.default_rng` made.
-      words: Six words, shape (6,).
 
     Raises:
       ValueError: They are no state of PCG64.

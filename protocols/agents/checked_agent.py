@@ -31,12 +31,7 @@ class CheckedAgent(Agent):
     """
 
     def __init__(self, name: str, make: Callable[[], object], robots: int) -> None:
-        """Makes the agent of B robots.
-
-        Args:
-          name: Name of the factory.
-          make: Function that returns the agent.
-          robots: Number of robots, B.
+        """Makes the agent of B robots, by the factory of this name.
 
         Raises:
           InputError: the factory fails, or returns no agent.

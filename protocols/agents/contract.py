@@ -217,9 +217,7 @@ class AgentContract:
 def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
     """Returns a sentence for each law that an agent breaks, with each task's signals.
 
-    Args:
-      name: Name of the agent, or its factory as package.module:factory; its code is run.
-      settings: Settings of the agent, as NAME=VALUE.
+    The agent's code is run; its settings are given as NAME=VALUE.
 
     Raises:
       InputError, RunError: see `AgentContract.broken`.

@@ -34,12 +34,7 @@ def trust(*names: str) -> None:
 
 
 def check_trusted(name: str, source: object) -> None:
-    """Raises InputError where a proposer is a user's factory that the command has not named.
-
-    Args:
-      name: Name of a proposer or factory.
-      source: What names it.
-    """
+    """Raises InputError where a proposer that a source names is a factory that no command named."""
     if not is_own(name) and name not in _TRUSTED:
         raise InputError(
             f"{source} names the agent {name}, whose code would be run: allow it by --agent "

@@ -22,12 +22,7 @@ class NeurocontrollerAgent(Agent):
     """
 
     def __init__(self, controller: Neurocontroller, learn_across_placement: bool = False) -> None:
-        """Wraps a controller.
-
-        Args:
-          controller: Brains of B robots.
-          learn_across_placement: Whether robots learn from a step that spans a `reset`.
-        """
+        """Wraps brains, which may also learn from a step that spans a `reset`."""
         self.controller = controller
         self._across = learn_across_placement
 

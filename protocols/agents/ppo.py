@@ -149,12 +149,8 @@ class PolicyAgent(Agent):
 def ppo(robots: int, senses: Senses, seed: int) -> Agent:
     """Makes robots driven by PPO, one policy each, from `policies/TASK/policies.safetensors`.
 
-    Every cohort has the first B policies, so that several cohorts are not independent.
-
-    Args:
-      robots: Number of robots, B.
-      senses: What the robots sense: 5, 1 or 6 signals.
-      seed: Seed; unused, since the mean action is not random.
+    Every cohort has the first B policies, so that several cohorts are not independent. The mean
+    action is not random: the seed is unused.
 
     Raises:
       InputError: there is no such file, or it has too few policies.
@@ -192,12 +188,7 @@ def policy_file(task: str) -> Path:
 
 
 def policy_shapes(signals: int, policies: int) -> Shapes:
-    """Returns the dtype and shape of each array of some policies, by name as in `Policies`.
-
-    Args:
-      signals: Number of sensor signals.
-      policies: Number of policies.
-    """
+    """Returns the dtype and shape of each array of some policies, by name as in `Policies`."""
     shapes = {}
     layers = [*itertools.pairwise((signals, *WIDTHS, 2))]
     for when, (layer, sizes) in itertools.product(("before", "after"), enumerate(layers)):

@@ -32,9 +32,6 @@ def raw_senses(senses: Senses) -> Senses:
 
     The raw value of each saturating signal, as a share of the largest, is a further signal; a
     saturating reward is replaced by its raw value.
-
-    Args:
-      senses: What the paper's robot senses.
     """
     further = tuple(_SHARE for signal in senses.state if signal.maximal)
     return Senses(senses.state + further, _SHARE if senses.reward.maximal else senses.reward)
@@ -57,12 +54,7 @@ class RawSignals(Wrapper):
     """An agent that is given smell and reward before they saturate, as the brain `steady` is."""
 
     def __init__(self, senses: Senses, agent: Agent) -> None:
-        """Takes an agent for raw signals.
-
-        Args:
-          senses: What the paper's robot senses.
-          agent: Agent made for `raw_senses(senses)`.
-        """
+        """Takes what the paper's robot senses, and an agent made for `raw_senses` of it."""
         super().__init__(agent)
         self._encoding = Encoding(senses.state, centred=False, raw_signals=True)
         maximal = senses.reward.maximal

@@ -72,11 +72,7 @@ class Setting:
 
 
 def tunable(**settings: Setting) -> Callable[[Factory], Factory]:
-    """Gives a factory settings: it receives each as a keyword, with its default if not chosen.
-
-    Args:
-      **settings: Settings by name.
-    """
+    """Gives a factory settings: it receives each as a keyword, with its default if not chosen."""
 
     def decorate(factory: Factory) -> Factory:
         @functools.wraps(factory)
@@ -124,13 +120,7 @@ def settings_from(words: Sequence[str], several: bool = False) -> dict[str, list
 def checked_settings(
     agent: str, factory: Callable[..., Any], settings: Mapping[str, Sequence[float]], robots: int
 ) -> dict[str, Number]:
-    """Returns settings as a factory takes them.
-
-    Args:
-      agent: Name of the agent.
-      factory: Factory that takes the settings.
-      settings: Values by name; several belong to equal shares of the robots in turn.
-      robots: Number of robots, B.
+    """Returns settings as a factory takes them; several values are of equal shares of B robots.
 
     Raises:
       InputError: the agent has no such setting, a value lies outside of its range, or robots cannot

@@ -45,7 +45,7 @@ class Bench:
         from ..lives.manifest import machine
         from ..machine import cores
         from ..storage import check_place, resolved_file, write_atomically
-        from ..terminal import notice, show_markdown
+        from ..terminal import notice
         from . import speed
 
         file = self.json and resolved_file(self.json)
@@ -62,24 +62,24 @@ class Bench:
         about = machine() | {"cores_used": cores(), "quick": self.quick}
         quick = " **Measured with --quick: too short to be quoted.**" if self.quick else ""
         cells = [(_words(name), str(value)) for name, value in about.items()]
-        show_markdown(_section("machine", quick, [("", "value"), *cells]))
+        _show("machine", [("", "value"), *cells], quick)
         found: dict[str, Any] = {"machine": about}
         for name, rows in todo.items():
             notice(f"measuring {name}")
             found[name] = own = list(rows)
             head = [*max(own, key=len)]  # the longest row has all columns
             cells = [[_cell(row.get(one, "")) for one in head] for row in own]
-            show_markdown(_section(name, "", [[*map(_words, head)], *cells]))
+            _show(name, [[*map(_words, head)], *cells])
         if file is not None:
             write_atomically(file, (json.dumps(found, indent=2) + "\n").encode())
 
 
-def _section(name: str, more: str, rows: Sequence[Sequence[str]]) -> str:
-    """Returns a heading, a paragraph and a table, whose first row is the head, as Markdown."""
+def _show(name: str, rows: Sequence[Sequence[str]], more: str = "") -> None:
     from ..pages.markdown import table
+    from ..terminal import show_markdown
 
-    lines = "\n".join(table(rows))
-    return f"### {name.capitalize()}\n\n{_TEXTS[name]}{more}\n\n{lines}\n"
+    lines = [f"### {name.capitalize()}", "", f"{_TEXTS[name]}{more}", "", *table(rows), ""]
+    show_markdown("\n".join(lines))
 
 
 def _cell(value: Any) -> str:

@@ -49,13 +49,6 @@ _OPTIONAL = {  # package: extra of musebot, and what needs it
     "stable-baselines3": ("baselines", "training by PPO"),
     "tensorboard": ("tensorboard", "`musebot run --tensorboard`"),
 }
-# Seen with CUDA builds of torch and Mesa's EGL (`models.rendering.load_triton`).
-_TORCH_AFTER_EGL = """
-import mujoco.egl
-context = mujoco.egl.GLContext(64, 64)
-context.make_current()
-import torch._dynamo
-"""
 _INSTALLATION = "install what the line names (docs/install.md)"
 _PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a hang must end
 
@@ -111,14 +104,7 @@ class Missing(Exception):
 
 
 def report(probes: Mapping[str, Probe]) -> int:
-    """Prints each check as soon as it is done, and in the end the remedies.
-
-    Args:
-      probes: Functions that check one thing each, by name.
-
-    Returns:
-      Number of required things that are missing.
-    """
+    """Prints each check as soon as it is done, then the remedies; returns how many are missing."""
     missing, remedies = 0, []
     for name, probe in probes.items():
         mark = "ok"
@@ -146,7 +132,6 @@ def all_probes() -> dict[str, Probe]:
         "Python": lambda: f"{platform.python_version()} ({sys.executable})",
         **packages,
         "EGL": _egl,
-        "torch after EGL": _torch_after_egl,
         "display": _display,
         "cores": lambda: f"{cores()} of {os.cpu_count()} for this process",
         "memory": lambda: f"{machine_bytes() / 2**30:.1f} GiB",
@@ -216,7 +201,15 @@ def _required(requirement: Requirement) -> str:
 def _egl() -> str:
     if sys.platform != "linux":
         raise Missing(f"no EGL on {sys.platform}", "make films on Linux")
-    done = _child("-m", "musebot.protocols.pages.offscreen")
+    # In a process of its own, because a graphics driver can crash.
+    words = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
+    environment = os.environ | {"MUJOCO_GL": "off"}
+    try:
+        done = subprocess.run(
+            words, env=environment, capture_output=True, text=True, timeout=_PROBE_SECONDS
+        )
+    except subprocess.TimeoutExpired as error:
+        raise Missing(f"no image within {_PROBE_SECONDS} s", EGL_REMEDY) from error
     if done.returncode < 0:
         raise Missing(f"the driver crashed (signal {-done.returncode})", EGL_REMEDY)
     if done.returncode:
@@ -225,29 +218,6 @@ def _egl() -> str:
         raise Missing(reason, _INSTALLATION if packages else EGL_REMEDY)
     found = json.loads(done.stdout.splitlines()[-1])
     return f"{found['renderer']}, {found['ms']:.0f} ms an image of 640 x 480"
-
-
-def _torch_after_egl() -> str:
-    done = _child("-c", _TORCH_AFTER_EGL)
-    if done.returncode < 0:
-        raise Missing(
-            f"importing torch._dynamo after another program's picture crashes (signal "
-            f"{-done.returncode}); after musebot's it does not",
-            "import triton before the first picture, or install a CPU build of torch",
-            "WARNING",
-        )
-    return "no crash" if done.returncode == 0 else "not tested, because EGL or torch is missing"
-
-
-def _child(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Runs Python in a process of its own, because a graphics driver can crash."""
-    words, environment = [sys.executable, *arguments], os.environ | {"MUJOCO_GL": "off"}
-    try:
-        return subprocess.run(
-            words, env=environment, capture_output=True, text=True, timeout=_PROBE_SECONDS
-        )
-    except subprocess.TimeoutExpired as error:
-        raise Missing(f"no image within {_PROBE_SECONDS} s", EGL_REMEDY) from error
 
 
 def _display() -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from importlib.metadata import entry_points
-from types import MappingProxyType
 
 from ...controller.brains import INGREDIENTS
 from ..errors import InputError, nearest
@@ -13,61 +12,51 @@ from ..terminal import say
 from .options import argument
 
 # The names are written here too, so that the list needs no heavy import; a test compares them.
-NAMES: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "tasks": {
-            "wall_avoidance": (
-                "The paper's wall avoidance: reward -1 in contact, else 0; endless episodes."
-            ),
-            "spot_finding": (
-                "The paper's spot finding: reward is the nose signal; endless episodes."
-            ),
-            "wall_avoidance_unit": "Wall avoidance with a reward of 0 in contact, else 1.",
-            "wall_avoidance_obstacles": (
-                "Driving among three pillars: reward is the speed ahead, 0 in contact."
-            ),
-            "spot_finding_unit": (
-                "Spot finding with actions in [-1, 1] and episodes of 1,000 steps."
-            ),
-            "spot_finding_two_noses": (
-                "Spot finding with two noses: reward is the mean of their signals."
-            ),
-            "spot_finding_walls": (
-                "Spot finding with wall sensing: reward is the nose signal, 0 in contact."
-            ),
-            "spot_finding_jumping": (
-                "Spot finding with a spot that jumps to a random place every 20 s."
-            ),
-        },
-        "brains": {
-            "paper": "The paper's brain.",
-            "steady": "Two larger networks with other inputs and another learning rule.",
-            **{f"steady-{one}": f"`steady` without its ingredient {one}." for one in INGREDIENTS},
-            "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
-        },
-        "protocols": {
-            "paper": "The paper's lives: two hours of wall avoidance, four hours of spot finding.",
-            "walls": "Spot finding in which the robot also senses walls.",
-        },
-        "agents": {
-            "fixed": "Proposer of a brain: always the same actions.",
-            "random": "Proposer of a brain: new random actions in each step.",
-            "creative": "Proposer of a brain: ideas of its creative memory.",
-            "q_learner": (
-                "Online Q-learning with 16 hidden neurons, values of the 25 fixed actions."
-            ),
-            "sarsa_lambda": "SARSA(lambda) with tile coding and the paper's 25 fixed actions.",
-            "stream_q": "Stream Q(lambda): Q-learning with traces and bounded steps, no replay.",
-            "stream_ac": "Stream AC(lambda): an actor-critic with traces and bounded steps.",
-            "avg": "Action Value Gradient: an incremental soft actor-critic.",
-            "amortised_q": "Amortised Q-learning: a learned distribution proposes actions.",
-            "dqn": "DQN: Q-learning from a memory of the last 50,000 transitions.",
-            "ppo": "Policies trained by PPO before their life, one a robot.",
-            "hand_coded": "A hand-coded policy, which learns nothing: a bound from above.",
-            "newborn": "An untrained creative robot with the brain `steady`: a bound from below.",
-        },
-    }
-)
+_TASKS = {
+    "wall_avoidance": "The paper's wall avoidance: reward -1 in contact, else 0; endless episodes.",
+    "spot_finding": "The paper's spot finding: reward is the nose signal; endless episodes.",
+    "wall_avoidance_unit": "Wall avoidance with a reward of 0 in contact, else 1.",
+    "wall_avoidance_obstacles": (
+        "Driving among three pillars: reward is the speed ahead, 0 in contact."
+    ),
+    "spot_finding_unit": "Spot finding with actions in [-1, 1] and episodes of 1,000 steps.",
+    "spot_finding_two_noses": "Spot finding with two noses: reward is the mean of their signals.",
+    "spot_finding_walls": (
+        "Spot finding with wall sensing: reward is the nose signal, 0 in contact."
+    ),
+    "spot_finding_jumping": "Spot finding with a spot that jumps to a random place every 20 s.",
+}
+_BRAINS = {
+    "paper": "The paper's brain.",
+    "steady": "Two larger networks with other inputs and another learning rule.",
+    **{f"steady-{one}": f"`steady` without its ingredient {one}." for one in INGREDIENTS},
+    "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
+}
+_PROTOCOLS = {
+    "paper": "The paper's lives: two hours of wall avoidance, four hours of spot finding.",
+    "walls": "Spot finding in which the robot also senses walls.",
+}
+_AGENTS = {
+    "fixed": "Proposer of a brain: always the same actions.",
+    "random": "Proposer of a brain: new random actions in each step.",
+    "creative": "Proposer of a brain: ideas of its creative memory.",
+    "q_learner": "Online Q-learning with 16 hidden neurons, values of the 25 fixed actions.",
+    "sarsa_lambda": "SARSA(lambda) with tile coding and the paper's 25 fixed actions.",
+    "stream_q": "Stream Q(lambda): Q-learning with traces and bounded steps, no replay.",
+    "stream_ac": "Stream AC(lambda): an actor-critic with traces and bounded steps.",
+    "avg": "Action Value Gradient: an incremental soft actor-critic.",
+    "amortised_q": "Amortised Q-learning: a learned distribution proposes actions.",
+    "dqn": "DQN: Q-learning from a memory of the last 50,000 transitions.",
+    "ppo": "Policies trained by PPO before their life, one a robot.",
+    "hand_coded": "A hand-coded policy, which learns nothing: a bound from above.",
+    "newborn": "An untrained creative robot with the brain `steady`: a bound from below.",
+}
+NAMES: Mapping[str, Mapping[str, str]] = {
+    "tasks": _TASKS,
+    "brains": _BRAINS,
+    "protocols": _PROTOCOLS,
+    "agents": _AGENTS,
+}
 
 
 @dataclasses.dataclass

@@ -38,11 +38,8 @@ def argument(says: str, values: str, default: Any = dataclasses.MISSING) -> Any:
 def executor(processes: int | None = None, ray: str | None = None, device: str = "cpu") -> Executor:
     """Returns the executor of a command's jobs; with Ray, it is connected to the cluster.
 
-    Args:
-      processes: Number of jobs that this machine runs at a time; None for its number of cores.
-      ray: Address of a Ray cluster as HOST:PORT; None for this machine.
-      device: Device of the experiment. On a GPU one job runs at a time, because jobs would share
-        its memory.
+    This machine runs `processes` jobs at a time, None for its number of cores. On a GPU it runs
+    one, because jobs would share its memory. A cluster's address is HOST:PORT.
 
     Raises:
       InputError: a value is invalid, there is no such cluster, or Ray is not installed or cannot be

@@ -22,15 +22,12 @@ from .verbs import BENCHMARK, VERBS, verb_class
 
 _UNCHECKED = ("doctor", "list")  # one checks the versions itself, the other simulates nothing
 _HELP = ("-h", "--help")
-_KINDS: Mapping[type, str] = types.MappingProxyType({int: "a whole number", float: "a number"})
+_KINDS: Mapping[type, str] = {int: "a whole number", float: "a number"}
 _NARROW, _WIDE = 60, 100  # columns of a help text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command; without words, it prints the help.
-
-    Args:
-      arguments: Words of the command line; None for those of this process.
+    """Runs the command line, None for that of this process; without words, it prints the help.
 
     Returns:
       The exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
@@ -72,28 +69,17 @@ def _command(words: list[str]) -> Callable[[], None] | None:
 def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
     """Returns the help that lists some verbs with a line each."""
     width = max(map(len, verbs))
-    lines = [f"  {verb:{width}}  {line}" for verb, (_, _, line) in verbs.items()]
-    return "\n".join(
-        [
-            f"usage: {usage} [OPTION ..]",
-            "",
-            "Creative robots that learn during their lives, in MuJoCo.",
-            "",
-            *lines,
-            "",
-            f"`{usage} --help` explains a verb, `musebot --version` prints the version.",
-        ]
-    )
+    lines = [f"usage: {usage} [OPTION ..]", ""]
+    lines += ["Creative robots that learn during their lives, in MuJoCo.", ""]
+    lines += [f"  {verb:{width}}  {line}" for verb, (_, _, line) in verbs.items()]
+    lines += ["", f"`{usage} --help` explains a verb, `musebot --version` prints the version."]
+    return "\n".join(lines)
 
 
 def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
     """Returns a command with the values that its words give; None if its help was printed.
 
-    Args:
-      command: Dataclass of the command, whose fields are made by `options.option` and
-        `options.argument`.
-      prog: Name of the command.
-      words: Options and other words; with --help among them, the help is printed instead.
+    The command is a dataclass whose fields are made by `options.option` and `options.argument`.
 
     Raises:
       InputError: an argument is missing, unknown, or has a value that it cannot have.

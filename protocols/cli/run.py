@@ -91,13 +91,7 @@ class Run:
         show_markdown(text)
 
     def simulate(self, *, quiet: bool = False) -> FinishedRun:
-        """Checks all input, then simulates.
-
-        Args:
-          quiet: Whether to show no progress.
-
-        Returns:
-          The run with all robots of OUT.
+        """Checks all input, then simulates; returns the run with all robots of OUT.
 
         Raises:
           InputError: a value is invalid, or OUT holds something else; nothing was done.

@@ -43,7 +43,6 @@ SIMULATORS: dict[str, dict[str, Any]] = {
     "MuJoCo Warp": {"physics": "warp"},
 }
 _BODIES: tuple[Body, ...] = ("mujoco", "kinematic")
-_BRAINS = ("paper", "steady")
 _MOST_STEPS = 250  # in a repetition, so that all end before the robots are placed again
 _OUT_OF_MEMORY = re.compile("out of memory|Failed to allocate")  # of PyTorch and of Warp
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -75,12 +74,7 @@ QUICK = Effort(2, 6, (2, 3), (2,), 2)
 
 
 def paired(robot_steps: int, repetitions: int, pair: Callable[[], Pair]) -> dict[str, float]:
-    """Times some work and its reference, once to warm up and then in repetitions.
-
-    Args:
-      robot_steps: Number of robot-steps (control steps of one robot) in a repetition.
-      repetitions: Number of repetitions.
-      pair: Function that does both, and returns their durations in [s].
+    """Times some work of `robot_steps` and its reference, once to warm up, then in repetitions.
 
     Returns:
       The median rates of the work and of the reference in robot-steps per second, and the ratio of
@@ -124,10 +118,7 @@ def bare_mujoco(model: mujoco.MjModel, robots: int) -> Replay:
 def over_bare(work: Callable[[], np.ndarray], state: Callable[[], State], replay: Replay) -> Pair:
     """Times some work, and then the same physics alone; returns both durations in [s].
 
-    Args:
-      work: Function that simulates robots and returns their motor values, shape (T, B, 2).
-      state: Function that returns the robots' states.
-      replay: Function that simulates the physics alone.
+    The work simulates robots and returns their motor values, shape (T, B, 2).
 
     Raises:
       RunError: The final states differ, so the physics was not the same.
@@ -154,7 +145,7 @@ def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
 
 def lives(effort: Effort) -> Iterator[dict[str, Any]]:
     """Yields a row for each body, task, brain and cohort of creative robots."""
-    kinds = itertools.product(_BODIES, PAPER_TASKS, _BRAINS, effort.cohorts)
+    kinds = itertools.product(_BODIES, PAPER_TASKS, ("paper", "steady"), effort.cohorts)
     for body, task, brain, robots in kinds:
         experiment = Experiment(body=body, brain=BRAINS[brain], cohort_size=robots)
         cohort = cohort_in_training(experiment, Condition(task, "creative"))

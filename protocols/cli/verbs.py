@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 # A verb's module is imported when the verb is asked for.
-VERBS: Mapping[str, tuple[str, str, str]] = MappingProxyType(
-    {
-        "run": ("run", "Run", "simulate robots that learn; can be stopped and continued"),
-        "tables": ("tables", "Tables", "print the paper's tables, or another run's, next to ours"),
-        "report": ("report", "Report", "write one page about a run, or draw a figure"),
-        "film": ("film", "Film", "film a robot of a run, or a trained policy"),
-        "explore": ("explore", "Explore", "open a window on a task"),
-        "benchmark": ("benchmark", "", "tune, simulate and rank learners, yours among ours"),
-        "list": ("listing", "List", "list tasks, brains, protocols and agents by name"),
-        "bench": ("bench", "Bench", "measure the speed compared with the raw physics"),
-        "doctor": ("doctor", "Doctor", "report what is missing here, or check an agent"),
-    }
-)
-BENCHMARK: Mapping[str, tuple[str, str, str]] = MappingProxyType(
-    {
-        "benchmark run": ("benchmark", "Run", "simulate learners on all boards and rank them"),
-        "benchmark tune": ("benchmark", "Tune", "tune an agent's settings, with equal effort"),
-        "benchmark rank": ("benchmark", "Rank", "rank learners in finished runs"),
-        "benchmark ppo": ("benchmark", "PPO", "train policies by PPO"),
-    }
-)
+VERBS: Mapping[str, tuple[str, str, str]] = {
+    "run": ("run", "Run", "simulate robots that learn; can be stopped and continued"),
+    "tables": ("tables", "Tables", "print the paper's tables, or another run's, next to ours"),
+    "report": ("report", "Report", "write one page about a run, or draw a figure"),
+    "film": ("film", "Film", "film a robot of a run, or a trained policy"),
+    "explore": ("explore", "Explore", "open a window on a task"),
+    "benchmark": ("benchmark", "", "tune, simulate and rank learners, yours among ours"),
+    "list": ("listing", "List", "list tasks, brains, protocols and agents by name"),
+    "bench": ("bench", "Bench", "measure the speed compared with the raw physics"),
+    "doctor": ("doctor", "Doctor", "report what is missing here, or check an agent"),
+}
+BENCHMARK: Mapping[str, tuple[str, str, str]] = {
+    "benchmark run": ("benchmark", "Run", "simulate learners on all boards and rank them"),
+    "benchmark tune": ("benchmark", "Tune", "tune an agent's settings, with equal effort"),
+    "benchmark rank": ("benchmark", "Rank", "rank learners in finished runs"),
+    "benchmark ppo": ("benchmark", "PPO", "train policies by PPO"),
+}
 
 
 def verb_class(name: str) -> type[Any]:

@@ -221,12 +221,7 @@ def _cost_job(out: Path, board: Board, entry: Entry) -> ArrayJob:
 
 
 def costs(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
-    """Measures what an agent or brain costs, in training on a stream of signals.
-
-    Args:
-      experiment: Experiment with the brain, or with the agent's settings and signals.
-      condition: Task, and the name of the agent or the proposer.
-      progress: Progress of the job; unused, since it takes seconds.
+    """Measures what an agent or brain costs, in training on a stream of signals: takes seconds.
 
     Returns:
       "costs": CPU time of a robot-step in [us], that of the paper's creative brain, measured right

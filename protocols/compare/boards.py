@@ -56,7 +56,6 @@ class Board:
 
     @property
     def title(self) -> str:
-        """Title of the board."""
         return f"{TASK_NAMES[self.task]}, protocol {self.protocol}, {self.track}"
 
     @property
@@ -242,11 +241,8 @@ def scores_of(entries: Sequence[Entry], rows: Sequence[np.ndarray]) -> np.ndarra
     """Returns the scores of a learner's robots in each draw, shape (b, n).
 
     A score is the mean of both values, scaled so that the mean newborn has 0 and the mean
-    hand-coded robot 1. NaN where the bounds do not differ.
-
-    Args:
-      entries: The learner and both bounds.
-      rows: Indices of the drawn robots of each, shape (b, n).
+    hand-coded robot 1. NaN where the bounds do not differ. The entries are the learner and both
+    bounds; the rows are the indices of the drawn robots of each, shape (b, n).
     """
     parts = []
     for field in _VALUES:

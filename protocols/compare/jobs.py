@@ -104,12 +104,7 @@ class ArrayJob:
 
 
 def lives(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
-    """Simulates a cohort; the work of a job that continues from a checkpoint.
-
-    Args:
-      experiment: Experiment that decides the robots' lives.
-      condition: Task and agent of the robots; the command has named the agent.
-      progress: Progress of the job.
+    """Simulates a cohort of an agent that the command has named; continues from a checkpoint.
 
     Returns:
       The number of steps with the event in each part of a life, "events" of shape (B, parts), and

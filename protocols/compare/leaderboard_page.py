@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
     from .tune import Tuning
 
-BOARDS_HEADING = "## Boards"
-"""Title of the part of the page that follows the summary."""
-
 Costs = Mapping[tuple[Board, str], np.ndarray]
 """What `benchmark.costs` measured of a learner, by board and name."""
 Tunings = Mapping[tuple[str, str], "Tuning"]
@@ -56,13 +53,7 @@ _COLUMNS = (
 
 
 def page(found: Mapping[Board, Sequence[Entry]], costs: Costs, tunings: Tunings) -> Page:
-    """Returns the page of all boards.
-
-    Args:
-      found: Learners and bounds of each board.
-      costs: What learners cost.
-      tunings: Studies that tuned them.
-    """
+    """Returns the page of all boards, with what their learners cost and how they were tuned."""
     rankings = {board: ranked(entries) for board, entries in found.items()}
     tests = {board: pair_tests(ranking) for board, ranking in rankings.items() if board.ranks}
     tracks: dict[str, list[Board]] = {}
@@ -72,7 +63,7 @@ def page(found: Mapping[Board, Sequence[Entry]], costs: Costs, tunings: Tunings)
     for track, own in tracks.items():
         rows = _summary({board: rankings[board] for board in own}, tests)
         lines += [f"## {track[0].upper()}{track[1:]}", "", *table(rows), ""]
-    lines += [_ABOUT, "", BOARDS_HEADING, "", _COLUMNS, ""]
+    lines += [_ABOUT, "", "## Boards", "", _COLUMNS, ""]
     figures = {}
     with style.styled():
         for board, ranking in rankings.items():

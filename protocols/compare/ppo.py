@@ -101,13 +101,9 @@ def rounded(steps: int) -> int:
 
 
 def train(task: str, steps: int, seed: int, progress: Progress) -> Arrays:
-    """Trains one policy on one core.
+    """Trains one policy on one core; its control steps are rounded up to whole rollouts.
 
-    Args:
-      task: Name of any task.
-      steps: Number of control steps, summed over all robots and rounded up to whole rollouts.
-      seed: Seed of the policy, its exploration and its episodes.
-      progress: Progress of the job, called once per rollout.
+    The seed is that of the policy, its exploration and its episodes.
 
     Returns:
       Weights in the form of `agents.ppo.Policies` with B = 1.

@@ -51,7 +51,6 @@ class Page:
     """Results page of a study.
 
     Attributes:
-      markdown: Text with tables, as Markdown.
       figures: Figures of the page by name.
     """
 
@@ -98,12 +97,7 @@ class Study(abc.ABC):
 
     @abc.abstractmethod
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """Does all work that is left.
-
-        Args:
-          out: Folder of the study; its own folders exist.
-          run_jobs: Function that runs jobs.
-        """
+        """Does all work that is left; the study's own folders in OUT exist."""
 
     @abc.abstractmethod
     def page(self, out: Path) -> Page:
@@ -115,12 +109,7 @@ class Study(abc.ABC):
 
 
 def conduct(study: Study, out: Path, executor: Executor) -> Page:
-    """Does what is left of a study, and writes its page and figures.
-
-    Args:
-      study: Study to run or to continue.
-      out: Folder of the study's files.
-      executor: Function that runs the jobs.
+    """Does what is left of a study, and writes its page and figures to the folder OUT.
 
     Raises:
       InputError: OUT holds other files, another study, or another physics; nothing was done.
@@ -204,10 +193,7 @@ def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
 def simulate_runs(out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs) -> None:
     """Simulates what is left of several runs, together, so that all cores are busy.
 
-    Args:
-      out: Folder of the runs' folders.
-      plans: Plan of each run, by the name of its folder.
-      run_jobs: Function that runs jobs, see `Study.work`.
+    The plans are given by the names of the runs' folders in OUT.
 
     Raises:
       InputError: another process simulates a run, or a folder holds another.

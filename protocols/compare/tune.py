@@ -278,12 +278,8 @@ class Tune(Study):
 def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: str) -> np.ndarray:
     """Returns each robot's shares of time after and during training, shape (2, B).
 
-    They are shares in the spot, or without contact; 0 for a robot that became unstable.
-
-    Args:
-      arrays: What `jobs.lives` returned.
-      experiment: Experiment of the robots.
-      task: Task of the robots.
+    They are shares in the spot, or without contact; 0 for a robot that became unstable. `arrays`
+    is what `jobs.lives` returned.
     """
     schedule, shares = experiment.schedule(task), []
     for part in ("post", "training"):
@@ -307,12 +303,7 @@ class Tuning(NamedTuple):
     tried: frozenset[tuple[str, ...]]
 
 
-def read_tuning(folder: Path) -> Tuning:
-    """Reads a study that tunes.
-
-    Raises:
-      InputError: the folder holds no such study.
-    """
+def _read_tuning(folder: Path) -> Tuning:
     path = folder / STUDY_FILE
     try:
         held = read_json(path)
@@ -336,7 +327,7 @@ def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], Tuning]:
       InputError: a folder holds no such study, or an agent was tuned twice with the same signals.
     """
     found: dict[tuple[str, str], Tuning] = {}
-    for tuning in map(read_tuning, folders):
+    for tuning in map(_read_tuning, folders):
         study = tuning.study
         key = recorded_name(study.agent), study.signals
         if key in found:

@@ -14,11 +14,14 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks.starts import random_poses, random_spots
 
 
-def test_it_turns_without_smell_drives_where_it_smells_and_stands_inside():
-    agent = hand_coded(4, senses_of("spot_finding"), 0)
-    smell = np.array([[0.0], [1e-6], [0.909], [10 / 11]], np.float32)
+@pytest.mark.parametrize("task", ["spot_finding", "spot_finding_walls"])
+def test_it_turns_without_smell_drives_where_it_smells_and_stands_inside(task):
+    senses = senses_of(task)
+    (nose,) = [n for n, signal in enumerate(senses.state) if signal.maximal]
+    state = np.zeros((4, len(senses.state)), np.float32)
+    state[:, nose] = [0.0, 1e-6, 0.909, 10 / 11]
     for learning in (False, True):
-        chosen = agent.act(smell, learning).tolist()
+        chosen = hand_coded(4, senses, 0).act(state, learning).tolist()
         assert chosen == [[0.5, -0.5], [0.5, 0.45], [0.5, 0.45], [0, 0]]
 
 
@@ -28,68 +31,32 @@ def test_bounds_that_use_the_maximal_smell_need_a_nose_that_has_one():
         with pytest.raises(InputError, match=f"{name} uses the maximal smell: .* 'inverse'"):
             make_agent(experiment, Condition("spot_finding", recorded_name(name)), 2, 0)
         make_agent(experiment, Condition("wall_avoidance", recorded_name(name)), 2, 0)
-
-
-@pytest.mark.parametrize("body", ["kinematic", "mujoco"])
-def test_its_robots_find_every_spot_and_stay(body):
-    experiment = Experiment(cohort_size=20, body=body)
-    batch = experiment.batch("spot_finding", 20)
-    random, everyone = np.random.default_rng(1), np.arange(20)
-    batch.place_spot(everyone, random_spots(random, batch.dimensions, 20))
-    batch.place(everyone, random_poses(random, batch.dimensions, 20))
-    agent = hand_coded(20, senses_of("spot_finding"), 0)
-    inside = []
-    for _ in range(600):
-        batch.step(agent.act(batch.rules.state(batch.sensordata).astype(np.float32), False))
-        inside.append(batch.rules.event(batch.sensordata))
-    arrived = np.argmax(inside, axis=0)
-    assert np.all(inside[-1])
-    assert np.mean(arrived) < 150
-    for robot, step in enumerate(arrived):
-        assert np.mean(inside[step:], axis=0)[robot] > 0.95
-
-
-def test_a_robot_that_smells_the_spot_beside_a_wall_does_not_stay_at_the_wall():
-    batch = Experiment(body="kinematic").batch("spot_finding", 1)
-    batch.place_spot(np.array([0]), np.array([[0.0342, 0.2449]]))
-    batch.place(np.array([0]), np.array([[-0.2782, 0.3225, 2 * np.pi - 5.8071]]))
-    states = []
-    for _ in range(100):
-        state = batch.rules.state(batch.sensordata).astype(np.float32)
-        states.append(state[0, 0])
-        batch.step(hand_coded(1, senses_of("spot_finding"), 0).act(state, False))
-    assert 0 < states[0] < 0.05
-    assert states[-1] == np.float32(10 / 11)
-
-
-def test_it_is_refused_where_it_has_no_policy():
     with pytest.raises(InputError, match="the signal of a nose, or the five signals .* got 4"):
         hand_coded(2, Senses((Signal(0, 1),) * 4, Signal(0, 1)), 0)
 
 
-def test_it_smells_with_walls_sensed_as_without():
-    senses = senses_of("spot_finding_walls")
-    (nose,) = [n for n, signal in enumerate(senses.state) if signal.maximal]
-    state = np.zeros((2, 6), np.float32)
-    state[1, nose] = 0.5
-    chosen = hand_coded(2, senses, 0).act(state, False)
-    assert chosen.tolist() == [[0.5, -0.5], [0.5, 0.45]]
+def driven(task, body):
+    """Drives 20 robots for a minute; returns events (T, B) and motor values (T, B, 2)."""
+    batch = Experiment(cohort_size=20, body=body).batch(task, 20)
+    random, everyone = np.random.default_rng(1), np.arange(20)
+    batch.place_spot(everyone, random_spots(random, batch.dimensions, 20))
+    batch.place(everyone, random_poses(random, batch.dimensions, 20))
+    agent, events, motors = hand_coded(20, senses_of(task), 0), [], []
+    for _ in range(600):
+        motors.append(agent.act(batch.rules.state(batch.sensordata).astype(np.float32), False))
+        batch.step(motors[-1])
+        events.append(batch.rules.event(batch.sensordata))
+    return np.array(events), np.array(motors)
 
 
 @pytest.mark.parametrize("body", ["kinematic", "mujoco"])
-def test_it_drives_about_without_touching_a_wall(body):
-    batch = Experiment(cohort_size=20, body=body).batch("wall_avoidance", 20)
-    random, everyone = np.random.default_rng(1), np.arange(20)
-    batch.place(everyone, random_poses(random, batch.dimensions, 20))
-    agent = hand_coded(20, senses_of("wall_avoidance"), 0)
-    contact, ahead = 0, 0
-    for _ in range(600):
-        motors = agent.act(batch.rules.state(batch.sensordata).astype(np.float32), False)
-        batch.step(motors)
-        contact += batch.rules.event(batch.sensordata).mean()
-        ahead += (motors.min(axis=1) > 0).mean()
-    assert contact / 600 < 0.005
-    assert ahead / 600 > 0.5
+def test_its_robots_find_every_spot_and_stay_and_touch_no_wall_without_one(body):
+    inside, _ = driven("spot_finding", body)
+    arrived = np.argmax(inside, axis=0)
+    assert np.all(inside[-1]) and np.mean(arrived) < 150
+    assert all(inside[step:, robot].mean() > 0.95 for robot, step in enumerate(arrived))
+    contact, motors = driven("wall_avoidance", body)
+    assert contact.mean() < 0.005 and (motors.min(axis=2) > 0).mean() > 0.5
 
 
 def test_a_newborn_neither_explores_nor_learns():

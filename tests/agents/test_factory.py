@@ -9,27 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from musebot.controller import PROPOSERS
 from musebot.protocols.agents import factory as trusting
 from musebot.protocols.agents import names
 from musebot.protocols.agents.contract import check_agent
 from musebot.protocols.agents.factory import factory_of, trust
 from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name, short_name
-from musebot.protocols.agents.neurocontroller import NeurocontrollerAgent
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import make_agent, random_streams
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.manifest import write_manifest
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Robot
-from musebot.protocols.lives.run_files import read_run, write_results
+from musebot.protocols.lives.run_files import read_run
 from musebot.protocols.storage import read_json, write_json
 
 GUIDE = Path(__file__).parents[2] / "docs" / "agents.md"
 WALLS = "wall_avoidance"
-REHEARSAL = "--robots 2 --time-scale 0.001 --body kinematic --task wall_avoidance".split()
 
 
 @pytest.fixture(autouse=True)
@@ -85,11 +79,6 @@ def test_other_packages_register_agents_but_take_no_name_of_ours(monkeypatch):
         names.registered_names.cache_clear()
 
 
-def test_a_run_records_the_name_of_the_table(tmp_path, commands_in_process):
-    assert cli.main(["run", str(tmp_path), "--agent", "q_learner", *REHEARSAL]) == 0
-    assert read_run(tmp_path).conditions() == [Condition(WALLS, RECORDED["q_learner"])]
-
-
 def test_the_streams_of_an_agent_depend_on_its_recorded_name():
     for task, name, index, brains, world in (
         # Numbers that version 0.1 drew, before agents moved to modules of their own.
@@ -101,52 +90,27 @@ def test_the_streams_of_an_agent_depend_on_its_recorded_name():
         assert (seed, random.integers(2**63)) == (brains, world)
 
 
-# Agents
+# Code
+
+MODULES = [
+    ("no_such_module:x", "", "there is no agent no_such_module:x"),
+    ("musebot.protocols.baselines:no_such", "", "there is no agent musebot.protocols.baselines:no"),
+    ("builtins:print", "", "must return an Agent, got NoneType"),
+    ("math:pi", "", "math:pi must be a factory of agents, got float"),
+    ("half:make", "def make(:", r"half cannot be imported \(SyntaxError: .*half.py, line 1\)\)$"),
+    ("half:make", "\nimport no_such", r"imported \(ModuleNotFoundError: .*, half.py line 2\)$"),
+]
 
 
-def test_a_proposer_is_driven_by_a_neurocontroller():
-    for proposer in PROPOSERS:
-        agent = make_agent(Experiment(), Condition(WALLS, proposer), 2, 0)
-        assert isinstance(agent, NeurocontrollerAgent)
-
-
-def test_agents_observe_as_many_signals_as_the_task_has():
-    walls = Experiment(protocol="walls")
-    condition = Condition("spot_finding", RECORDED["q_learner"])
-    agent = make_agent(walls, condition, 2, 0)
-    assert agent.weights()["hidden_weights"].shape[2] == 6
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("no_such_module:x", "there is no agent no_such_module:x"),
-        ("musebot.protocols.baselines:no_such", "there is no agent musebot.protocols.baselines:no"),
-        ("builtins:print", "must return an Agent, got NoneType"),
-        ("math:pi", "math:pi must be a factory of agents, got float"),
-    ],
-)
-def test_a_missing_factory_and_one_that_makes_no_agent_are_refused(name, words):
+@pytest.mark.parametrize(("name", "code", "words"), MODULES)
+def test_a_factory_that_is_missing_broken_or_none_is_refused(
+    name, code, words, tmp_path, monkeypatch
+):
+    (tmp_path / "half.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
     trust(name)
     with pytest.raises(InputError, match=words):
         make_agent(Experiment(), Condition(WALLS, name), 1, 0)
-
-
-@pytest.mark.parametrize(
-    ("code", "reason"),
-    [
-        ("def make(:", r"\(SyntaxError: .*half_written.py, line 1\)\)$"),
-        ("\nimport no_such_package", r"\(ModuleNotFoundError: .*, half_written.py line 2\)$"),
-    ],
-)
-def test_a_module_that_cannot_be_imported_is_refused_with_the_reason(
-    code, reason, tmp_path, monkeypatch
-):
-    (tmp_path / "half_written.py").write_text(code)
-    monkeypatch.syspath_prepend(tmp_path)
-    trust("half_written:make")
-    with pytest.raises(InputError, match="half_written cannot be imported " + reason):
-        make_agent(Experiment(), Condition(WALLS, "half_written:make"), 1, 0)
 
 
 # Trust
@@ -161,86 +125,55 @@ make = q_learner
 
 @pytest.fixture
 def held(tmp_path, monkeypatch, commands_in_process):
-    """A run with finished robots of an agent, and a command that grows it in the agent's folder."""
+    """Runs commands beside a run of an agent; returns their status and whether its code ran."""
     (tmp_path / "spy_agent.py").write_text(SPY)
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["run", "out", "--agent", "spy_agent:make", *REHEARSAL]) == 0
+    words = f"run out --agent spy_agent:make --robots 2 --time-scale 0.001 --task {WALLS}"
+    assert cli.main(words.split()) == 0
     sys.modules.pop("spy_agent")
     monkeypatch.setattr(trusting, "_TRUSTED", set())
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path != str(tmp_path)])
     (tmp_path / "ran").unlink()
 
-    def run(*words):
-        status = cli.main(["run", "out", *words])
+    def command(words):
+        status = cli.main(words.split())
         sys.modules.pop("spy_agent", None)
         return status, (tmp_path / "ran").exists()
 
-    return run
+    return command
 
 
 def test_an_agent_that_only_the_run_names_is_not_imported(held, capsys, tmp_path):
     before = (tmp_path / "out" / "experiment.json").read_bytes()
-    capsys.readouterr()
     plan = json.loads(before)
     plan["plan"][0]["robots"] = 4
     write_json(tmp_path / "out" / "experiment.json", plan)
-    assert held() == (2, False)
-    said = capsys.readouterr().err
-    assert "names the agent spy_agent:make, whose code would be run: allow it by --agent" in said
+    for words in ("run out", f"film --task {WALLS} --output a.mp4 out --proposer spy_agent:make"):
+        capsys.readouterr()
+        assert held(words) == (2, False)
+        said = capsys.readouterr().err
+        assert "names the agent spy_agent:make, whose code would be run: allow it by --ag" in said
     assert str(tmp_path) not in sys.path
     assert read_json(tmp_path / "out" / "experiment.json")["plan"] == plan["plan"]
 
 
-@pytest.mark.parametrize("words", [["--trust-agent"], ["--agent", "spy_agent:make"]])
+@pytest.mark.parametrize("words", ["--trust-agent", "--agent spy_agent:make"])
 def test_an_agent_is_imported_where_the_command_allows_it(held, words, tmp_path):
-    assert held(*words, "--robots", "4") == (0, True)
+    assert held(f"run out {words} --robots 4") == (0, True)
     assert len(read_run(tmp_path / "out").robots(Condition(WALLS, "spy_agent:make"))) == 4
 
 
 def test_the_finished_robots_of_an_agent_need_no_trust(held):
-    assert held("--proposer", "fixed", "--task", WALLS) == (0, False)
-
-
-@pytest.fixture
-def agents_of_a_run(tmp_path, monkeypatch, invented, commands_in_process):
-    """The working directory, with an agent's module and a run of MuJoCo that names this agent."""
-    (tmp_path / "spy_agent.py").write_text(SPY)
-    monkeypatch.chdir(tmp_path)
-    experiment, results = Experiment(cohort_size=2), {}
-    for proposer in ("creative", "random", "spy_agent:make"):
-        times = ((12.5, 0.0, 1.0, "L = 1"), (3.0, 3.0, 0.0, "L = 0"))
-        rows = [Robot(WALLS, proposer, 1, 0, robot, *row) for robot, row in enumerate(times)]
-        results[Condition(WALLS, proposer)] = invented(experiment, rows)
-    write_manifest(tmp_path / "out", Plan(experiment, dict.fromkeys(results, 2)))
-    write_results(tmp_path / "out", experiment, results)
-    return tmp_path
-
-
-def test_a_command_that_needs_no_agent_imports_none_of_a_run(agents_of_a_run):
-    assert cli.main("tables out --compare out --json".split()) == 0
-    assert "spy_agent" not in sys.modules and not (agents_of_a_run / "ran").exists()
-
-
-def test_a_command_that_needs_an_agent_does_not_trust_the_name_in_a_run(agents_of_a_run, capsys):
-    words = f"film out --task {WALLS} --proposer spy_agent:make --output film.mp4"
-    assert cli.main(words.split()) == 2
-    assert "names the agent spy_agent:make, whose code would be run" in capsys.readouterr().err
-    assert "spy_agent" not in sys.modules and not (agents_of_a_run / "ran").exists()
-
-
-# The example of docs/agents.md
-
-
-def example():
-    [code] = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
-    return code
+    assert held(f"run out --proposer fixed --task {WALLS}") == (0, False)
+    assert held("tables out --compare out --json") == (0, False)
 
 
 def test_the_guides_example_keeps_the_contract_is_simulated_and_stands_in_the_tables(
     tmp_path, monkeypatch
 ):
+    [code] = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     [shell] = re.findall(r"```sh\n(.*?)```", GUIDE.read_text(), re.DOTALL)
-    (tmp_path / "my_agent.py").write_text(example())
+    (tmp_path / "my_agent.py").write_text(code)
     monkeypatch.chdir(tmp_path)
     check, *lines = shell.strip().splitlines()
     assert check == "musebot doctor --agent my_agent:table"

@@ -4,29 +4,26 @@ import numpy as np
 import pytest
 import torch
 
+import musebot
 from musebot.controller.brains import BRAINS
 from musebot.controller.senses import Encoding, Senses, Signal
 from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.senses import RawSignals, raw_senses, senses_of
 from musebot.tasks.suite import TASKS
 
-DISTANCES, CONTACT = (Signal(0, 1),) * 4, Signal(-1, 0)
-SMELL, SPEED = Signal(0, 1, maximal=10), Signal(-1, 1)
-PUNISHED, PAID = Signal(-1, 0), Signal(0, 1)
-SENSES = {
-    "wall_avoidance": Senses((*DISTANCES, CONTACT), PUNISHED),
-    "wall_avoidance_unit": Senses((*DISTANCES, CONTACT), PAID),
-    "wall_avoidance_obstacles": Senses((*DISTANCES, CONTACT, SPEED), PAID),
-    "spot_finding": Senses((SMELL,), SMELL),
-    "spot_finding_unit": Senses((SMELL,), SMELL),
-    "spot_finding_jumping": Senses((SMELL,), SMELL),
-    "spot_finding_two_noses": Senses((SMELL, SMELL), SMELL),
-    "spot_finding_walls": Senses((SMELL, *DISTANCES, CONTACT), SMELL),
-}
+
+def signal(name, spec):
+    smells = 10 if name.startswith("nose") else None
+    return Signal(float(np.min(spec.minimum)), float(np.max(spec.maximum)), maximal=smells)
 
 
 def test_every_task_describes_its_signals_and_its_reward():
-    assert {task: senses_of(task) for task in TASKS} == SENSES
+    for task in TASKS:
+        environment = musebot.load("arena", task)
+        specs = environment.observation_spec().items()
+        signals = [signal(name, spec) for name, spec in specs for _ in range(*spec.shape)]
+        reward = signal("nose" if "spot" in task else "", environment.reward_spec())
+        assert senses_of(task) == Senses(tuple(signals), reward)
     with pytest.raises(ValueError, match="task"):
         senses_of("swimming")
 

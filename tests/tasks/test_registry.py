@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 
 import musebot
+from musebot import gymnasium_registration as registration
 from musebot.fields import described
-from musebot.gymnasium_registration import EPISODE_STEPS
 from musebot.models import Kinematics
 from musebot.tasks import make_batch, suite
 from musebot.tasks.arena import TaskDefinition
 from musebot.tasks.sensors import Nose
 from musebot.tasks.spot_finding import SpotFindingRules
 from musebot.tasks.wall_avoidance import WallAvoidanceRules
+
+gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
 PAGE = Path(__file__).parents[2] / "docs" / "own-task.md"
 EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
@@ -30,32 +32,25 @@ class Still(WallAvoidanceRules):
     """Rewards nothing but standing still."""
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def forgotten():
-    """Names of tasks that are forgotten after the test."""
-    names = []
-    yield names
-    for name in names:
-        suite.TASKS.pop(name, None)
-        for tasks in (musebot.SUITE._tasks, *musebot.SUITE._tags.values()):
-            tasks.pop(name, None)
-        for identifier, task in [*musebot.GYMNASIUM_TASKS.items()]:
-            if task == name:
-                del musebot.GYMNASIUM_TASKS[identifier]
-                musebot.gymnasium_registration.MODULES.pop(name, None)
-                if gymnasium := sys.modules.get("gymnasium"):
-                    gymnasium.registry.pop(f"musebot/{identifier}", None)
+    """Forgets, after each test, the tasks that it has registered."""
+    tables = [suite.TASKS, musebot.SUITE._tasks, *musebot.SUITE._tags.values(), gymnasium.registry]
+    tables += [musebot.GYMNASIUM_TASKS, registration.MODULES, registration.EPISODE_STEPS]
+    before = [dict(table) for table in tables]
+    yield
+    for table, held in zip(tables, before, strict=True):
+        table.clear()
+        table.update(held)
 
 
 @pytest.mark.parametrize(("limit", "steps"), [(0.25, 3), (3 * 0.1, 3), (2.0, 20), (np.inf, None)])
-def test_a_task_opens_by_every_name_in_every_interface_with_episodes_of_one_length(
-    limit, steps, forgotten
-):
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("stand_still")
+def test_a_task_opens_by_every_name_in_every_interface_with_episodes_of_one_length(limit, steps):
     listed = musebot.ALL_TASKS
     identifier = musebot.register_task("stand_still", Still, time_limit=limit)
-    assert identifier == "musebot/StandStill-v0" and EPISODE_STEPS["stand_still"] == steps
+    assert (
+        identifier == "musebot/StandStill-v0" and registration.EPISODE_STEPS["stand_still"] == steps
+    )
     environment = musebot.load("arena", "stand_still", {"random": 1})
     environment.reset()
     one, many = gymnasium.make(identifier), gymnasium.make_vec(identifier, num_envs=2)
@@ -79,6 +74,15 @@ def test_a_task_opens_by_every_name_in_every_interface_with_episodes_of_one_leng
     assert musebot.ALL_TASKS == listed and musebot.SUITE["stand_still"].__doc__ == Still.__doc__
 
 
+class Paid(SpotFindingRules):
+    """Spot finding with another reward."""
+
+    rewards = (-7.0, -6.0)
+
+    def reward(self, sensordata):
+        return super().reward(sensordata) - 7
+
+
 class Raw(WallAvoidanceRules):
     """Gives parts of the measurements themselves."""
 
@@ -93,9 +97,7 @@ class Raw(WallAvoidanceRules):
         return sensordata[..., self.layout.distances][..., 0]
 
 
-def test_what_rules_return_is_not_changed_by_later_steps(forgotten):
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("raw")
+def test_what_rules_return_is_not_changed_by_later_steps():
     musebot.register_task("raw", Raw)
     environment = musebot.load("arena", "raw", {"random": 1})
     first = environment.reset().observation["contact"]
@@ -236,10 +238,8 @@ def test_a_wrong_task_is_refused_and_nothing_is_registered():
         assert after == before, words
 
 
-def test_a_reward_that_is_not_as_declared_is_refused_in_the_step_that_gives_it(forgotten):
+def test_a_reward_that_is_not_as_declared_is_refused_in_the_step_that_gives_it():
     """Rules may change after the registration, or return other rewards than in its probe."""
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("changing")
     change = np.copy
     musebot.register_task("changing", changed(reward=lambda reward: change(reward)))
     one = gymnasium.make("musebot/Changing-v0", disable_env_checker=True)
@@ -254,42 +254,41 @@ def test_a_reward_that_is_not_as_declared_is_refused_in_the_step_that_gives_it(f
             env.step(still)
 
 
-def test_a_name_whose_gymnasium_id_is_taken_is_refused(forgotten):
-    forgotten.append("still_1")
-    musebot.register_task("still_1", Still)
-    with pytest.raises(ValueError, match="musebot/Still1-v0 is that of 'still_1'"):
-        musebot.register_task("still1", Still)
-    assert "still1" not in suite.TASKS
-
-
-def test_a_task_registered_again_replaces_the_former_one(forgotten):
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("changing")
-    musebot.register_task("changing", Still, time_limit=2.0)
-    assert musebot.register_task("changing", Paid, time_limit=3.0) == "musebot/Changing-v0"
-    assert gymnasium.spec("musebot/Changing-v0").max_episode_steps == 30
-    assert type(make_batch("changing", 1).rules) is Paid
-    assert type(musebot.load("arena", "changing").task.rules) is Paid
-    assert gymnasium.make("musebot/Changing-v0").observation_space.shape == (1,)
-    assert musebot.SUITE["changing"].__doc__ == Paid.__doc__
+def test_a_task_registered_again_replaces_the_former_one_and_an_id_is_of_one_task():
+    musebot.register_task("changing_1", Still, time_limit=2.0)
+    with pytest.raises(ValueError, match="musebot/Changing1-v0 is that of 'changing_1'"):
+        musebot.register_task("changing1", Still)
+    assert "changing1" not in suite.TASKS
+    assert musebot.register_task("changing_1", Paid, time_limit=3.0) == "musebot/Changing1-v0"
+    assert gymnasium.spec("musebot/Changing1-v0").max_episode_steps == 30
+    batch, usual = (
+        make_batch("changing_1", 1),
+        SpotFindingRules.of(make_batch("changing_1", 1).model),
+    )
+    assert type(batch.rules) is Paid
+    smell = np.random.default_rng(0).uniform(-0.3, 0.3, (9, *batch.sensordata.shape))
+    np.testing.assert_array_equal(batch.rules.state(smell), usual.state(smell))
+    np.testing.assert_array_equal(batch.rules.reward(smell), usual.reward(smell) - 7)
+    assert type(musebot.load("arena", "changing_1").task.rules) is Paid
+    assert gymnasium.make("musebot/Changing1-v0").observation_space.shape == (1,)
+    assert musebot.SUITE["changing_1"].__doc__ == Paid.__doc__
 
 
 def test_a_module_that_registers_no_such_task_is_refused():
-    gymnasium_env = pytest.importorskip("musebot.tasks.gymnasium_env")
+    from musebot.tasks.gymnasium_env import ArenaEnv
+
     for task, words in (
         (":racing", "task must be NAME or MODULE:NAME, got ':racing'"),
         (".tasks:racing", "task must be NAME or MODULE:NAME, got '.tasks:racing'"),
         ("json:racing", "the module json registers no task 'racing'"),
     ):
         with pytest.raises(ValueError, match=words):
-            gymnasium_env.ArenaEnv(task)
+            ArenaEnv(task)
 
 
 @pytest.mark.parametrize("module", ["__main__", None])
-def test_processes_import_only_modules_that_register_the_task(module, forgotten, monkeypatch):
+def test_processes_import_only_modules_that_register_the_task(module, monkeypatch):
     """A module of the suite does not, and the main program has another name there."""
-    gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    forgotten.append("night")
     musebot.register_task("night", Still)
     known = gymnasium.spec("musebot/Night-v0").kwargs["task"]
     assert known == f"{Still.__module__}:night"
@@ -297,32 +296,6 @@ def test_processes_import_only_modules_that_register_the_task(module, forgotten,
         monkeypatch.setattr(Still, "__module__", module)
     musebot.register_task("night", Still if module else WallAvoidanceRules)
     assert gymnasium.spec("musebot/Night-v0").kwargs["task"] == "night"
-
-
-_SPAWNED = """
-import gymnasium
-
-if __name__ == "__main__":
-    import my_tasks  # not in the processes that are started
-
-    robots = gymnasium.make_vec(
-        "musebot/Racing-v0", 2, vectorization_mode="async", vector_kwargs={"context": "spawn"}
-    )
-    print(robots.reset(seed=1)[0].shape)
-    robots.close()
-"""
-
-
-@pytest.mark.slow
-def test_a_process_that_is_started_anew_knows_the_task(tmp_path):
-    pytest.importorskip("gymnasium", reason="needs the extra `gym`")
-    (tmp_path / "my_tasks.py").write_text(EXAMPLES[0])
-    (tmp_path / "use.py").write_text(_SPAWNED)
-    done = subprocess.run(
-        [sys.executable, "use.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "(2, 5)\n"
 
 
 _BASELINES = """
@@ -336,9 +309,15 @@ assert len(PPO("MlpPolicy", robots, n_steps=8, batch_size=8).learn(16).ep_info_b
 """
 
 
+# What a process that is started anew does with the name that Gymnasium gives it.
+_FRESH = """
+from musebot.tasks.gymnasium_env import ArenaEnv
+assert ArenaEnv("my_tasks:racing").observation_space.shape == (5,)
+"""
+
+
 @pytest.mark.slow
-def test_the_example_of_the_page_runs(tmp_path):
-    pytest.importorskip("gymnasium", reason="needs the extra `gym`")
+def test_the_example_of_the_page_runs_and_other_processes_find_its_task(tmp_path):
     module, use = EXAMPLES
     # The pillar stops a robot that drives at it, and earns nothing.
     use += (
@@ -351,82 +330,40 @@ def test_the_example_of_the_page_runs(tmp_path):
     if importlib.util.find_spec("stable_baselines3"):
         use += _BASELINES
     (tmp_path / "my_tasks.py").write_text(module)
-    done = subprocess.run(
-        [sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split("(")[1:] == ["5,) ", "8, 5) ", "8,) 1000\n"]
-    assert 0 <= float(done.stdout.split()[0]) <= 1
+    printed = []
+    for code in (use, _FRESH):
+        line = [sys.executable, "-c", code]
+        done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        printed.append(done.stdout)
+    assert printed[0].split("(")[1:] == ["5,) ", "8, 5) ", "8,) 1000\n"]
+    assert 0 <= float(printed[0].split()[0]) <= 1
 
 
-class Paid(SpotFindingRules):
-    """Spot finding with another reward."""
-
-    rewards = (-7.0, -6.0)
-
-    def reward(self, sensordata):
-        return super().reward(sensordata) - 7
-
-
-def test_another_reward_does_not_change_what_the_robot_smells():
-    batch = make_batch("spot_finding", 2)
-    ours, paid = (rules.of(batch.model) for rules in (SpotFindingRules, Paid))
-    smell = batch.sensordata
-    np.testing.assert_array_equal(paid.state(smell), ours.state(smell))
-    np.testing.assert_array_equal(paid.reward(smell), ours.reward(smell) - 7)
-
-
-def test_an_obstacles_geom_may_have_any_name(forgotten):
-    forgotten.append("one_block")
-    musebot.register_task("one_block", Still, edits=(block("obstacle_9", [0, 0, 0]),))
-    assert make_batch("one_block", 1).dimensions.obstacles == ((0.2, 0.1, 0.04),)
-
-
-def test_the_reward_is_shown_by_robots_with_a_shell_only(forgotten):
+def test_an_obstacles_geom_may_have_any_name_and_a_robot_no_shell_to_show_its_reward():
     def bare(spec):
         for one in [*spec.geoms, *spec.sites]:
             one.material = ""
         for material in list(spec.materials):
             spec.delete(material)
 
-    forgotten.append("bare")
+    musebot.register_task("one_block", Still, edits=(block("obstacle_9", [0, 0, 0]),))
+    assert make_batch("one_block", 1).dimensions.obstacles == ((0.2, 0.1, 0.04),)
     musebot.register_task("bare", Still, edits=(bare,))
     musebot.load("arena", "bare").reset()
     with pytest.raises(ValueError, match="needs a robot with the material 'musebot_shell'"):
         musebot.load("arena", "bare", visualize_reward=True)
 
 
-DECLARED = {
-    TaskDefinition: {
-        "limit": "a number in [1e-06, 1e+06]",
-        "time_limit": "a number in [0.1, inf] s",
-        "spot_seconds": "a number in [0, 1e+09] s",
-    },
-    Nose: {
-        "odour": "a number in (0, inf) mol",
-        "frustum": "a number in (0, inf) rad",
-        "spot_radius": "a number in (0, inf) m",
-        "form": "'inverse' or 'printed'",
-    },
-    Kinematics: {
-        "radius": "a number in (0, inf) m or none",
-        "wheel_base": "a number in (0, 10] m or none",
-        "wall": "'holds' or 'slides' or 'sticks' or 'slips' or 'refuses'",
-        "felt": "'near' or 'pushed'",
-        "any_contact": "true or false",
-        "lag": "a number in [0, 1000] s",
-        "pieces": "a whole number from 1 to 1000",
-        "path": "'arc' or 'euler'",
-    },
-}
 NEVER = (-1, np.nan, "1", "eats", [], 1j)  # in no range
 
 
-def test_settings_declare_their_ranges_and_refuse_other_values():
-    for kind, words in DECLARED.items():
-        fields = {f.name: f for f in dataclasses.fields(kind) if "allowed" in f.metadata}
-        assert {name: described(field) for name, field in fields.items()} == words
+def test_settings_refuse_values_outside_of_what_they_declare():
+    for kind in (TaskDefinition, Nose, Kinematics):
         needed = {"name": "mine", "rules": Still} if kind is TaskDefinition else {}
-        for name, value in itertools.product(words, NEVER):
-            with pytest.raises(ValueError, match=re.escape(f"{name} must be {words[name]}, got ")):
-                kind(**needed, **{name: value})
+        fields = [field for field in dataclasses.fields(kind) if "allowed" in field.metadata]
+        assert len(fields) >= 3
+        for field, value in itertools.product(fields, NEVER):
+            sentence = re.escape(f"{field.name} must be {described(field)}, got ")
+            with pytest.raises(ValueError, match=sentence):
+                kind(**needed, **{field.name: value})

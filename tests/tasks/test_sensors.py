@@ -18,19 +18,14 @@ forms = pytest.mark.parametrize("form", FORMS)
 
 
 @quick
-@given(st.floats(0, 1e6) | st.just(math.inf))
+@given(st.floats(-10, 1e6) | st.just(math.inf))
 @example(0.0)
-def test_the_distance_signal_is_equation_2(distance):
-    signal = distance_signal(np.array([distance]))[0]
-    assert signal == pytest.approx(1 / (1 + distance) ** 10, rel=1e-12)
-    assert 0 <= signal <= 1
-
-
-@quick
-@given(st.floats(max_value=0, exclude_max=True))
 @example(-1.0)
-def test_a_ray_that_hits_nothing_signals_0(distance):
-    assert distance_signal(np.array([distance]))[0] == 0
+@example(-5e-324)
+def test_the_distance_signal_is_equation_2_and_0_where_a_ray_hits_nothing(distance):
+    signal = distance_signal(np.array([distance]))[0]
+    wanted = 1 / (1 + distance) ** 10 if distance >= 0 else 0
+    assert signal == pytest.approx(wanted, rel=1e-12) and 0 <= signal <= 1
 
 
 # Contact
@@ -68,7 +63,6 @@ noses = st.builds(
     spot_radius=st.floats(0.03, 0.3),
     form=st.sampled_from(FORMS),
 )
-metres = st.floats(-1.3, 1.3)
 
 
 def signal(nose, x, y):
@@ -101,13 +95,6 @@ def test_the_edge_of_the_spot_is_outside(form):
         assert signal(nose, x, y) == pytest.approx(10 / 11 if x > 0 else 0, abs=1e-12)
 
 
-@quick
-@given(noses, metres, metres, st.floats(-1, 1))
-def test_the_height_of_the_spot_has_no_effect(nose, x, y, z):
-    assert float(nose.signal(np.array([x, y, z]))) == signal(nose, x, y)
-    assert nose.inside(np.array([x, y, z])) == nose.inside(np.array([x, y]))
-
-
 def test_many_measurements_signal_as_single_ones():
     inverse, printed = (Nose(form=form) for form in FORMS)
     places = np.random.default_rng(0).uniform(-0.2, 0.2, (4, 50, 3))
@@ -116,12 +103,8 @@ def test_many_measurements_signal_as_single_ones():
         assert found.shape == (4, 50) and 0 < np.mean(found > 0) < 1
         for index in np.ndindex(4, 50):
             assert found[index] == function(places[index])
+    flat = inverse.signal(places * [1, 1, 0])  # the height of the spot has no effect
+    np.testing.assert_array_equal(inverse.signal(places), flat)
     for function in (distance_signal, contact_signal):
-        found = function(places)
-        assert found.shape == places.shape
-        for index in np.ndindex(places.shape):
-            assert found[index] == function(places[index])
-
-
-def test_the_defaults_are_the_papers_nose():
-    assert Nose() == Nose(odour=10.0, frustum=math.radians(90), spot_radius=0.06, form="inverse")
+        single = [function(place) for place in places.ravel()]
+        np.testing.assert_array_equal(function(places).ravel(), single)

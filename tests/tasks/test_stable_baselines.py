@@ -5,9 +5,6 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
 
-import torch  # noqa: E402
-from stable_baselines3 import PPO  # noqa: E402
-from stable_baselines3.common.callbacks import BaseCallback  # noqa: E402
 from stable_baselines3.common.monitor import Monitor  # noqa: E402
 from stable_baselines3.common.vec_env import VecMonitor  # noqa: E402
 
@@ -77,43 +74,3 @@ def test_an_unknown_task_is_refused_with_one_sentence():
     for task in (None, 5, [], "dancing", "musebot/Dancing-v0"):
         with pytest.raises(ValueError, match="task must be .*, got "):
             ArenaVecEnv(task, 2)
-
-
-class Rewards(BaseCallback):
-    """Stores the rewards of every robot."""
-
-    def __init__(self):
-        super().__init__()
-        self.kept = []
-
-    def _on_step(self):
-        self.kept.append(self.locals["rewards"].copy())
-        return True
-
-
-def interval(rewards):
-    """Returns mean and half of its 95 % interval over robots; rewards of shape (T, B)."""
-    means = rewards.mean(axis=0)
-    return means.mean(), 1.96 * means.std(ddof=1) / np.sqrt(len(means))
-
-
-@pytest.mark.slow
-def test_ppo_learns_to_drive_among_obstacles():
-    torch.set_num_threads(1)
-    robots, steps = 32, 80 * 1024
-    random = np.random.default_rng(0)
-    env = ArenaVecEnv(TASK, robots, threads=2)
-    env.seed(1)
-    env.reset()
-    chance = np.stack(
-        [env.step(random.uniform(-1, 1, (robots, 2)).astype(np.float32))[1] for _ in range(300)]
-    )
-    rewards = Rewards()
-    how = dict(n_steps=256, batch_size=1024, learning_rate=1e-3, gamma=0.95, seed=0, device="cpu")
-    model = PPO("MlpPolicy", env, **how)
-    model.learn(steps, callback=rewards)
-    tenths = np.array_split(np.stack(rewards.kept), 10)
-    (first, first_half), (last, last_half) = interval(tenths[0]), interval(tenths[-1])
-    random_mean, random_half = interval(chance)
-    assert last - last_half > first + first_half
-    assert last - last_half > random_mean + random_half

@@ -11,7 +11,7 @@ from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import LARGEST, OnlineLearner, epsilon, epsilon_steps, hidden
-from .networks import Adam, LayeredNetworks, column
+from .networks import LayeredNetworks, column
 
 
 class AmortisedQ(OnlineLearner):
@@ -37,14 +37,10 @@ class AmortisedQ(OnlineLearner):
         self.values, self.proposer = (
             LayeredNetworks(robots, shape, self.generator, F.tanh) for shape in sizes
         )
-        self._adams = []
-        for name, networks, rate in (
-            ("values", self.values, self.setting["rate"]),
-            ("proposer", self.proposer, self.setting["proposer_rate"]),
-        ):
-            self.keep_list(name, networks.tensors, learned=True)
-            self._adams.append(Adam(networks, rate))
-            self.keep_list(f"{name}.adam", self._adams[-1].tensors)
+        self._adams = [
+            self.trained("values", self.values, self.setting["rate"]),
+            self.trained("proposer", self.proposer, self.setting["proposer_rate"]),
+        ]
         for name in ("action", "best"):
             self.pair(name, torch.zeros(robots, 2))
         self.pair("value_of_best", torch.zeros(robots))
@@ -84,9 +80,8 @@ class AmortisedQ(OnlineLearner):
             gain = proposals.log_prob(self.before["best"]) + entropy * proposals.entropy()
             return -gain.sum(dim=1)
 
-        gradients = self.values.gradient(loss), self.proposer.gradient(cost)
-        for adam, gradient in zip(self._adams, gradients, strict=True):
-            adam.descend(gradient)
+        for adam, objective in zip(self._adams, (loss, cost), strict=True):
+            adam.descend(objective)
 
     def _distribution(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
         """Returns mean and standard deviation of both motors, each of shape (B, 2)."""

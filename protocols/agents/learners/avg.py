@@ -13,7 +13,7 @@ from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import LARGEST, OnlineLearner, hidden
 from .moments import Moments
-from .networks import Adam, LayeredNetworks, of_unit_length
+from .networks import LayeredNetworks, of_unit_length
 
 _LOG_SPREAD = -20.0, 2.0
 
@@ -53,9 +53,8 @@ class AVG(OnlineLearner):
         for name, networks in (("actor", self.actor), ("critic", self.critic)):
             for weights in networks.tensors[::2]:
                 make_orthogonal(weights, self.generator)
-            self.keep_list(name, networks.tensors, learned=True)
-            self._adams.append(Adam(networks, self.setting[f"{name}_rate"], mean_decay=0.0))
-            self.keep_list(f"{name}.adam", self._adams[-1].tensors)
+            rate = self.setting[f"{name}_rate"]
+            self._adams.append(self.trained(name, networks, rate, mean_decay=0.0))
         self._signals = Moments(robots, self.inputs, prior=self.PRIOR)
         self._rewards = Moments(robots)
         self.keep_list("signals", self._signals.tensors(), learned=True)
@@ -93,9 +92,8 @@ class AVG(OnlineLearner):
             value = self.critic(torch.cat([inputs, action], dim=1))[:, 0]
             return self._entropy * log_density - value
 
-        gradients = self.actor.gradient(cost), self.critic.gradient(loss)
-        for adam, gradient in zip(self._adams, gradients, strict=True):
-            adam.descend(gradient)
+        for adam, objective in zip(self._adams, (cost, loss), strict=True):
+            adam.descend(objective)  # the critic last, which the actor's cost depends on
 
 
 def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:

@@ -13,6 +13,7 @@ from ....controller.networks import load_into
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting
+from .networks import Adam, LayeredNetworks
 
 LARGEST = 0.5  # motor value
 
@@ -36,11 +37,7 @@ def epsilon(default: float) -> Setting:
 
 
 def hidden(published: str = "") -> Setting:
-    """Returns the setting of the size of two hidden layers, which is not tuned.
-
-    Args:
-      published: What the source of the learner has; empty if it has no such number.
-    """
+    """Returns the setting of the size of both hidden layers, with what the source has."""
     says = f"neurons of each of two hidden layers{published and '; '}{published}"
     return Setting(32, 4, 256, says, tuned=False)
 
@@ -99,13 +96,9 @@ class OnlineLearner(Agent):
             self._age = self.keep("age", torch.zeros(1))
 
     def keep(self, name: str, tensor: Tensor, learned: bool = False) -> Tensor:
-        """Registers a tensor that changes in place, and returns it.
+        """Registers a tensor that changes in place, by its name in checkpoints, and returns it.
 
-        Args:
-          name: Name of the tensor in checkpoints.
-          tensor: The tensor.
-          learned: Whether actions in a test depend on it: it is one of `weights`, of shape
-            (B, ...).
+        If actions in a test depend on it, it is `learned`: one of `weights`, of shape (B, ...).
         """
         self._kept[name] = tensor
         if learned:
@@ -126,6 +119,15 @@ class OnlineLearner(Agent):
         """Returns the inputs: signals scaled to [-1, 1], shape (B, I)."""
         return (torch.from_numpy(state) - self._middle) / self._half
 
+    def trained(
+        self, name: str, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float = 0.9
+    ) -> Adam:
+        """Registers networks and what Adam keeps of them; returns the Adam that trains them."""
+        adam = Adam(networks, rate, mean_decay)
+        self.keep_list(name, networks.tensors, learned=True)
+        self.keep_list(f"{name}.adam", adam.tensors)
+        return adam
+
     @abc.abstractmethod
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         """Chooses motor values, shape (B, 2), and notes in `now` what it will learn from.
@@ -137,11 +139,7 @@ class OnlineLearner(Agent):
 
     @abc.abstractmethod
     def update(self, reward: Tensor) -> None:
-        """Learns from the transition from `before` to `now`.
-
-        Args:
-          reward: Reward for the action in `before`, shape (B,).
-        """
+        """Learns from the transition from `before` to `now`, with its reward, shape (B,)."""
 
     def placed_anew(self) -> None:
         """Forgets traces of earlier steps; called where no step leads to the next one."""
@@ -186,16 +184,7 @@ class OnlineLearner(Agent):
         return torch.rand(self.robots, generator=self.generator) < probability
 
     def epsilon_greedy(self, best: Tensor, actions: int, learning: bool) -> Tensor:
-        """Returns the index of the best action, or in training of a random one at times.
-
-        Args:
-          best: Index of each robot's best action, shape (B,).
-          actions: Number of actions.
-          learning: False in the tests.
-
-        Returns:
-          Indices, shape (B,).
-        """
+        """Returns the index (B,) of the best action, or in training of a random one at times."""
         if not learning:
             return best
         uniform = torch.randint(actions, best.shape, generator=self.generator)

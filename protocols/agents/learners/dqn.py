@@ -10,7 +10,7 @@ from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import OnlineLearner, epsilon, epsilon_steps, grid_of_actions, hidden
-from .networks import Adam, LayeredNetworks, column
+from .networks import LayeredNetworks, column
 
 
 class DQN(OnlineLearner):
@@ -32,9 +32,7 @@ class DQN(OnlineLearner):
         width, outputs = int(self.setting["hidden"]), len(self._actions)
         sizes = (self.inputs, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, F.relu)
-        self._adam = Adam(self.networks, self.setting["rate"])
-        self.keep_list("values", self.networks.tensors, learned=True)
-        self.keep_list("values.adam", self._adam.tensors)
+        self._adam = self.trained("values", self.networks, self.setting["rate"])
         self._target = self.keep("target", self.networks.flat.clone())
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         # Inputs, next inputs and reward of each transition, and its action.
@@ -70,7 +68,7 @@ class DQN(OnlineLearner):
             values = self.networks(inputs, flat).gather(2, acted)[..., 0]
             return F.smooth_l1_loss(values, target, reduction="none").mean(dim=1)
 
-        self._adam.descend(self.networks.gradient(loss))
+        self._adam.descend(loss)
         if (count + 1) % self.COPY == 0:
             self._target.copy_(self.networks.flat)
 

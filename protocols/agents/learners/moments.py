@@ -20,12 +20,7 @@ class Moments:
     """
 
     def __init__(self, *shape: int, prior: float = 0.0) -> None:
-        """Begins a stream.
-
-        Args:
-          *shape: Shape of its tensors, the first dimension for the robots.
-          prior: Weight of a prior value with mean 0 and variance 1, in numbers of values.
-        """
+        """Begins a stream of values (B, ..), with a prior of so many of mean 0 and variance 1."""
         one = shape[0], *[1] * (len(shape) - 1)
         self.count = torch.full(one, prior, dtype=torch.float64)
         self.mean = torch.zeros(*shape, dtype=torch.float64)
@@ -39,11 +34,7 @@ class Moments:
         self.squares += apart * (values - self.mean)
 
     def variance(self, unbiased: bool = True) -> Tensor:
-        """Returns the variance; 1 as long as there are too few values.
-
-        Args:
-          unbiased: Whether to divide by the number of values less 1.
-        """
+        """Returns the variance, unbiased with a divisor less by 1; 1 for too few values."""
         divisor = self.count - int(unbiased)
         known = (self.count >= 1) & (divisor > 0)
         return torch.where(known, self.squares / torch.where(known, divisor, 1.0), 1.0)
@@ -57,11 +48,7 @@ class Moments:
 
         So no result exceeds the square root of the number of values, not even in a test in which a
         signal varies for the first time. Before the first value is kept, values stay as they are.
-
-        Args:
-          values: New values.
-          keep: Whether the moments keep them; False in tests.
-          unbiased: See `variance`.
+        Tests do not keep them.
         """
         if not (keep or (self.count >= 1).any()):
             return values

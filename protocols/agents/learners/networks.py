@@ -69,18 +69,13 @@ class LayeredNetworks:
     def differentiated(self, objective: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
         """Returns each robot's objective, (B,), and its gradient, (B, W).
 
-        Args:
-          objective: Function of weights and biases (B, W) that returns one number a robot, (B,).
+        The objective is a function of weights and biases (B, W).
         """
         with torch.enable_grad():
             leaf = self.flat.detach().requires_grad_()
             values = objective(leaf)
             gradient = torch.autograd.grad(values.sum(), leaf)[0]
         return values.detach(), gradient
-
-    def gradient(self, objective: Callable[[Tensor], Tensor]) -> Tensor:
-        """Returns the gradient alone; see `differentiated`."""
-        return self.differentiated(objective)[1]
 
     def _views(self, flat: Tensor) -> list[Tensor]:
         parts = flat.split(self._counts, dim=1)
@@ -99,30 +94,20 @@ def of_unit_length(x: Tensor) -> Tensor:
 
 
 class Adam:
-    """PyTorch's Adam on the weights of B networks, with a learn rate for each robot.
+    """PyTorch's Adam on the weights of B networks, with a learn rate for each robot or for all.
 
     Attributes:
       tensors: All that it keeps from step to step.
     """
 
-    def __init__(
-        self, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float = 0.9
-    ) -> None:
-        """Begins with empty moments.
-
-        Args:
-          networks: Networks whose weights it changes.
-          rate: Learn rate, a number or one for each robot.
-          mean_decay: Decay of the mean of the gradients.
-        """
+    def __init__(self, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float) -> None:
+        """Begins with empty moments; the mean of the gradients decays by `mean_decay` a step."""
+        self._networks = networks
         self._flat, self._rate = networks.flat, column(rate)
         self._move = torch.zeros_like(self._flat)  # of learn rate 1
-        self._optimizer = torch.optim.Adam(
-            [self._move],
-            lr=1.0,
-            betas=(mean_decay, 0.999),
-            fused=True,  # takes a third of the time
-        )
+        betas = mean_decay, 0.999
+        # Fused, it takes a third of the time.
+        self._optimizer = torch.optim.Adam([self._move], lr=1.0, betas=betas, fused=True)
         # PyTorch makes these in the first step, which is too late for a checkpoint before it.
         kept = {
             "step": torch.zeros(()),
@@ -132,9 +117,9 @@ class Adam:
         self._optimizer.state[self._move] = kept
         self.tensors = [*kept.values()]
 
-    def descend(self, gradient: Tensor) -> None:
-        """Makes a step against a gradient of shape (B, W)."""
-        self._move.zero_().grad = gradient
+    def descend(self, cost: Callable[[Tensor], Tensor]) -> None:
+        """Makes a step against the gradient of a cost, see `LayeredNetworks.differentiated`."""
+        self._move.zero_().grad = self._networks.differentiated(cost)[1]
         self._optimizer.step()
         self._flat += self._rate * self._move
 

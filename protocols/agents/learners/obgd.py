@@ -26,7 +26,8 @@ class ObGD:
 
         step * error * z,   step = rate / max(1, rate * kappa * max(|error|, 1) * sum |z|)
 
-    where the sum is over all weights of a robot.
+    where the sum is over all weights of a robot. `decay` is discount * trace; it and `kappa` are
+    numbers, or have one for each robot.
 
     Attributes:
       traces: Trace of each weight, shape (B, W).
@@ -37,23 +38,13 @@ class ObGD:
     def __init__(
         self, networks: LayeredNetworks, decay: float | Tensor, kappa: float | Tensor
     ) -> None:
-        """Begins with empty traces.
-
-        Args:
-          networks: Networks whose weights change.
-          decay: Factor of the traces in each step, discount times trace, a number or one for each
-            robot.
-          kappa: Factor by which steps are smaller than the bound, a number or one for each robot.
-        """
         self._flat, self._decay, self._kappa = networks.flat, column(decay), kappa
         self.traces = torch.zeros_like(self._flat)
 
     def step(self, gradient: Tensor, error: Tensor) -> None:
-        """Moves each robot's weights along its trace.
+        """Moves weights along their traces, given each robot's TD error (B,).
 
-        Args:
-          gradient: Gradient of what is to increase with a positive error, shape (B, W).
-          error: TD error of each robot, shape (B,).
+        The gradient (B, W) is that of what is to increase with a positive error.
         """
         self.traces.mul_(self._decay).add_(gradient)
         length = self.traces.abs().sum(dim=1)
@@ -71,11 +62,7 @@ def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: fl
 
     One weight of each neuron stays. The published rule rounds the number of zeros up, so that a
     neuron with fewer than ten inputs would have no weight; our robots have one to seven signals.
-
-    Args:
-      tensors: Weights (B, O, I) and biases of each layer in turn; they change in place.
-      generator: Random stream.
-      share: Share of the weights.
+    Weights (B, O, I) and biases of the layers alternate; they change in place.
     """
     for weights in tensors[::2]:
         fan_in = weights.shape[-1]

@@ -72,7 +72,7 @@ class StreamAC(StreamLearner):
             bonus = self.setting["entropy"] * error.sign() * policy.entropy().sum(dim=1)
             return policy.log_prob(action).sum(dim=1) + bonus
 
-        actors = self.actor.gradient(objective)
+        _, actors = self.actor.differentiated(objective)
         self.actors_descent.step(actors, error)
         self.critics_descent.step(critics, error)
 

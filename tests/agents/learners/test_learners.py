@@ -142,11 +142,7 @@ SEEDS, ROBOTS, TRAINED, MARGIN = 2, 24, 250, 0.4
 
 
 def test_learners_drive_in_the_direction_that_is_rewarded(name):
-    """Half the robots are paid for driving on, half for driving back: 1 is perfect, 0 by chance.
-
-    The score of robots that choose at random has a standard error of at most 0.71 / sqrt(48) =
-    0.1 over all seeds, so that the margin is four of these; learners reach 0.7 or more.
-    """
+    """Half are paid for driving on, half for driving back: 1 is perfect; chance is within 0.1."""
     direction = np.resize([1.0, -1.0], ROBOTS).astype(np.float32)
     scores = []
     for seed in range(SEEDS):

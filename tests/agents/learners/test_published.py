@@ -1,5 +1,6 @@
 """Learners agree with the published algorithms, written here for one robot without our parts."""
 
+import collections
 import functools
 import math
 
@@ -14,14 +15,13 @@ from torch import nn
 
 from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.factory import factory_of
-from musebot.protocols.agents.learners.base import falling
 from musebot.protocols.agents.learners.dqn import DQN
-from musebot.protocols.agents.learners.moments import Moments
 from musebot.protocols.agents.learners.obgd import make_sparse
 from musebot.protocols.agents.learners.sarsa import SarsaLambda
 from musebot.protocols.agents.settings import settings_of
 
 SENSES = Senses((Signal(-1, 1),) * 3, Signal(-1, 1))
+ONE = Senses((Signal(0, 1),), Signal(0, 1))
 
 
 def stream(steps, robots, seed=0):
@@ -224,42 +224,24 @@ def test_avg_is_the_published_algorithm():
     check_networks(agent, "critic", 1, critic)
 
 
-def test_a_step_of_sarsa_lambda_computed_by_hand():
-    """Two steps: errors 1 and 0.5 + 0.9 * Q3 - Q2, the trace of the first step 0.9 * 0.8."""
+def test_sarsa_lambda_is_the_published_algorithm():
     agent = factory_of("sarsa_lambda")(
-        1, SENSES, 0, rate=0.8, discount=0.9, trace=0.8, epsilon=0.01
+        2, SENSES, 0, rate=0.8, discount=0.9, trace=0.8, epsilon=0.2, initial=2.0
     )
-    agent.reset()
-    weights = []
-    for state, reward in ((-0.9, 0.0), (0.9, 1.0), (0.0, 0.5)):
-        agent.act(np.full((1, 3), state, np.float32), False)
-        weights.append(agent.now["weights_of"][0].tolist())
-        agent.learn(np.array([reward], np.float32))
-    first, second, third = (set(one) for one in weights)
-    assert len(first) == len(second) == SarsaLambda.TILINGS and not first & second
-    values = agent.values[0]
-    after_one = 0.8 / 8 * 1.0  # each tile of the first step; the step's value 0.8
-    third_value, second_value = after_one * len(third & first), 0.0
-    error = 0.5 + 0.9 * third_value - second_value
-    for index in first - second - third:
-        assert values[index] == pytest.approx(after_one + 0.8 / 8 * error * 0.9 * 0.8, abs=1e-6)
-    for index in second - third:
-        assert values[index] == pytest.approx(0.8 / 8 * error, abs=1e-6)
-
-
-def test_a_tile_that_is_met_again_has_a_trace_of_1():
-    agent = factory_of("sarsa_lambda")(1, SENSES, 0, rate=0.8, trace=0.8, epsilon=0.01, initial=2)
-    agent.reset()
-    still = np.zeros((1, 3), np.float32)
-    for _ in range(6):  # 1 + 0.72 + 0.72^2 + .. if traces were added up
-        agent.act(still, False)
-        agent.learn(np.ones(1, np.float32))
-    value = 2.0
-    for _ in range(5):
-        value += 0.8 * (1 + 0.9 * value - value)
-    tiles = agent.now["weights_of"][0]
-    assert agent.values[0, tiles].sum() == pytest.approx(value, rel=1e-5)
-    assert agent.state()["traces"].sum() == pytest.approx(SarsaLambda.TILINGS)
+    states, rewards = stream(30, 2)
+    states[10:20] = states[10]  # tiles that are met again have a trace of 1
+    (tiles,) = lived(agent, states, rewards, "weights_of")
+    tiles = [step.tolist() for step in tiles]
+    values, traces = collections.defaultdict(lambda: 2.0 / SarsaLambda.TILINGS), {}
+    for before, now, reward in zip(tiles, tiles[1:], rewards[1:, 1], strict=False):
+        assert len({*now}) == SarsaLambda.TILINGS
+        error = reward + 0.9 * sum(values[i] for i in now) - sum(values[i] for i in before)
+        traces = {i: 0.9 * 0.8 * z for i, z in traces.items()} | dict.fromkeys(before, 1.0)
+        for i, z in traces.items():
+            values[i] += 0.8 / SarsaLambda.TILINGS * error * z
+    for i, value in values.items():
+        assert agent.values[1, i] == pytest.approx(value, abs=1e-5)
+    assert agent.state()["traces"][1].sum() == pytest.approx(sum(traces.values()), rel=1e-4)
 
 
 def test_of_equal_values_each_action_is_taken_as_often():
@@ -271,14 +253,6 @@ def test_of_equal_values_each_action_is_taken_as_often():
     for motors in (taken, tested[0]):
         counts = np.unique(motors, axis=0, return_counts=True)[1]
         assert len(counts) == 25 and stats.chisquare(counts).pvalue > 1e-4
-
-
-@pytest.mark.parametrize("last", [0.1, torch.tensor([0.1, 0.3])])
-def test_epsilon_falls_linearly_from_1_and_then_stays(last):
-    for age, share in ((0, 1.0), (50, 0.5), (75, 0.25), (100, 0.0), (900, 0.0)):
-        wanted = last + (1 - last) * share
-        assert falling(last, age, 100.0) == pytest.approx(wanted)
-        assert falling(last, age, torch.full((2,), 100.0)) == pytest.approx(torch.ones(2) * wanted)
 
 
 @pytest.mark.parametrize("name", ["q_learner", "sarsa_lambda", "stream_q", "amortised_q", "dqn"])
@@ -301,7 +275,7 @@ def test_exploratory_actions_of_amortised_q_are_uniform():
 
 def test_no_gradient_of_avg_is_boundless_at_the_start_of_a_life():
     """The first signals of a life are those of which the moments know nothing."""
-    agent = factory_of("avg")(3, Senses((Signal(0, 1),), Signal(0, 1)), 0)
+    agent = factory_of("avg")(3, ONE, 0)
     random = np.random.default_rng(0)
     signals, rewards = random.uniform(size=(2, 5, 3)).astype(np.float32)
     agent.reset()
@@ -312,17 +286,17 @@ def test_no_gradient_of_avg_is_boundless_at_the_start_of_a_life():
     assert len(moments) == 2 and max(array.max() for array in moments) < 1e3
 
 
-def test_learners_with_one_signal_tell_more_of_it_than_its_sign():
-    for name in ("stream_q", "stream_ac"):
-        agent = factory_of(name)(1, Senses((Signal(0, 1),), Signal(0, 1)), 0)
-        networks = agent.networks if name == "stream_q" else agent.actor
+def test_streaming_learners_with_one_signal_tell_more_of_it_than_its_sign():
+    for name, networks in (("stream_q", "networks"), ("stream_ac", "actor")):
+        agent = factory_of(name)(1, ONE, 0)
         smells = torch.tensor([[[0.1, 1.0], [0.5, 1.0], [2.0, 1.0]]])
-        assert len(torch.unique(networks(smells)[0].round(decimals=4), dim=0)) == 3
+        seen = getattr(agent, networks)(smells)[0]
+        assert len(torch.unique(seen.round(decimals=4), dim=0)) == 3
 
 
 def test_distant_states_share_no_tile_and_neighbours_some():
     """With six signals no tiling has a cell for each tile."""
-    agent = factory_of("sarsa_lambda")(3, Senses((Signal(0, 1),), Signal(0, 1)), 0)
+    agent = factory_of("sarsa_lambda")(3, ONE, 0)
     tiles = agent.tiles(torch.tensor([[0.0], [0.05], [0.9]]))
     assert 0 < (tiles[0] == tiles[1]).sum() < SarsaLambda.TILINGS
     assert not (tiles[0] == tiles[2]).any()
@@ -438,23 +412,6 @@ def test_amortised_q_is_the_algorithm_of_the_source():
         before = now
     check_networks(agent, "values", 1, values)
     check_networks(agent, "proposer", 1, proposer)
-
-
-@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=40))
-def test_running_moments_are_those_of_all_values(values):
-    moments = Moments(1)
-    for value in values:
-        moments.add(torch.tensor([value], dtype=torch.float64))
-    assert float(moments.mean) == pytest.approx(np.mean(values), abs=1e-6)
-    assert float(moments.variance()) == pytest.approx(np.var(values, ddof=1), rel=1e-6, abs=1e-6)
-    assert float(moments.variance(unbiased=False)) == pytest.approx(np.var(values), abs=1e-6)
-
-
-def test_a_prior_of_moments_counts_only_together_with_values():
-    moments = Moments(1, prior=1e-4)
-    assert float(moments.variance()) == float(moments.variance(unbiased=False)) == 1
-    moments.add(torch.tensor([3.0], dtype=torch.float64))
-    assert float(moments.variance(unbiased=False)) == pytest.approx(1e-4 * (1 + 9), rel=1e-3)
 
 
 @given(st.integers(1, 40))
