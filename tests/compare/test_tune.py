@@ -14,7 +14,7 @@ from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.compare.benchmark import LEARNERS
 from musebot.protocols.compare.study import STUDY_FILE, conduct
-from musebot.protocols.compare.tune import Tune, read_tuning, read_tunings, shares_of
+from musebot.protocols.compare.tune import Tune, read_tunings, shares_of
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.storage import read_json, write_json
@@ -143,7 +143,7 @@ def test_bad_input_is_refused_in_a_sentence(changes, sentence):
 
 def test_a_study_is_read_from_its_folder_without_its_agents_code(tuned, tmp_path):
     study, out, _ = tuned["each"]
-    tuning = read_tuning(out)
+    (tuning,) = read_tunings([out]).values()
     assert (tuning.study, tuning.folder) == (study, out) and () in tuning.tried
     assert len(tuning.tried) == 4
     assert study.effort == (
