@@ -93,23 +93,32 @@ def paired(robot_steps: int, repetitions: int, pair: Callable[[], Pair]) -> dict
 
 
 def bare_mujoco(model: mujoco.MjModel, robots: int) -> Replay:
-    """Returns a function that simulates B robots by one call of MuJoCo for each control step.
+    """Returns a function that simulates B robots by MuJoCo's rollouts alone.
 
-    Any program that chooses new motor values in every control step must do at least this.
+    Any program that chooses new motor values in every control step must do at least this. The last
+    substep is a rollout of its own, where the solver begins anew, as in a `Batch`.
     """
     substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
     engine, data = rollout.Rollout(nthread=0), mujoco.MjData(model)  # in the calling thread
-    states = np.zeros((robots, substeps, mujoco.mj_stateSize(model, _STATE)))
-    sensors = np.zeros((robots, substeps, model.nsensordata))
-    fixed: Any = dict(nstep=substeps, state=states, sensordata=sensors, skip_checks=True)
+    size = mujoco.mj_stateSize(model, _STATE)
+    parts = [
+        (
+            np.zeros((robots, steps, size)),
+            dict(nstep=steps, sensordata=np.zeros((robots, steps, model.nsensordata))),
+        )
+        for steps in (substeps - 1, 1)
+        if steps
+    ]
 
     def replay(start: State, motors: np.ndarray) -> tuple[float, State]:
         state = start["state"].copy()
         controls = np.repeat(motors[:, :, None].astype(float), substeps, axis=2)
         began = time.thread_time()
         for control in controls:
-            engine.rollout([model] * robots, [data], state, control, **fixed)
-            state[:] = states[:, -1]
+            for states, fixed in parts:
+                held: Any = dict(fixed, control=control[:, : fixed["nstep"]], state=states)
+                engine.rollout([model] * robots, [data], state, skip_checks=True, **held)
+                state[:] = states[:, -1]
         return time.thread_time() - began, {"state": state}
 
     return replay

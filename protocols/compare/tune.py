@@ -103,11 +103,22 @@ class Tune(Study):
         return Condition(self.task, recorded_name(self.agent))
 
     @property
+    def world(self) -> Kinematics:
+        """Settings of the simulator; the usual ones for a kept study with a setting that is gone.
+
+        Such a study can be read, but not simulated: `check_options` refuses it.
+        """
+        try:
+            return with_overrides(Kinematics(), self.kinematics)
+        except InputError:
+            return with_overrides(Kinematics(), BODY_EFFECTS)
+
+    @property
     def effort(self) -> str:
         """What is tried, in words."""
         task = f" in {self.task}" if self.task != "spot_finding" else ""
-        usual, own = (with_overrides(Kinematics(), x) for x in (BODY_EFFECTS, self.kinematics))
-        other = f", {' '.join(self.kinematics)}" if own != usual else ""
+        usual = with_overrides(Kinematics(), BODY_EFFECTS)
+        other = f", {' '.join(self.kinematics)}" if self.world != usual else ""
         scale = f", durations times {self.time_scale:g}" if self.time_scale != 1 else ""
         return (
             f"{self.trials} settings{task}, then the best {self.kept}; robots of a setting: "
@@ -126,6 +137,7 @@ class Tune(Study):
         check_proposer(self.condition.proposer)
         if self.condition.has_brain:
             raise InputError(f"{self.agent} is a proposer of the brain, which has no settings")
+        with_overrides(Kinematics(), self.kinematics)
         self._round(True, [Trial(0, ())])
 
     def identity(self) -> Mapping[str, Any]:
@@ -240,7 +252,7 @@ class Tune(Study):
             cohort_size=self._robots(again) * len(trials),
             time_scale=self.time_scale,
             body="kinematic",
-            kinematics=with_overrides(Kinematics(), self.kinematics),
+            kinematics=self.world,
             signals=self.signals,
             settings=words,
         )
@@ -311,7 +323,9 @@ def _read_tuning(folder: Path) -> Tuning:
             raise ValueError("it holds another study")
         known = held["identity"] | {"kinematics": tuple(held["identity"]["kinematics"])}
         study = Tune(**{field.name: known[field.name] for field in dataclasses.fields(Tune)})
-        study.check_options()
+        if not all(type(word) is str for word in study.kinematics):
+            raise ValueError("its kinematics must be words")
+        dataclasses.replace(study, kinematics=BODY_EFFECTS).check_options()
         if study.trials != len(known["drawn"]):
             raise ValueError("it has another number of trials")
         tried = frozenset(tuple(sorted(map(str, settings))) for settings in known["drawn"])

@@ -129,17 +129,6 @@ def test_a_driver_that_fails_crashes_or_hangs_is_missing(monkeypatch):
     assert hang.call_args.kwargs["timeout"] > 0
 
 
-def test_a_crash_of_torch_after_egl_is_a_warning_that_says_what_helps(monkeypatch, capsys):
-    name = "torch after EGL"
-    for status in (0, 1, -11):
-        done = SimpleNamespace(returncode=status)
-        monkeypatch.setattr(subprocess, "run", lambda *_, done=done, **__: done)
-        assert doctor.report({name: doctor.all_probes()[name]}) == 0
-        printed = capsys.readouterr().out
-        helps = "WARNING" in printed and "import triton before the first" in printed
-        assert helps == (status < 0)
-
-
 def test_a_display_is_reported_and_never_missing(monkeypatch):
     probe = doctor.all_probes()["display"]
     monkeypatch.setattr(sys, "platform", "linux")

@@ -166,10 +166,10 @@ def test_what_is_no_study_that_tunes_is_refused_in_a_sentence(tuned, tmp_path):
     ):
         write_json(tmp_path / STUDY_FILE, held | {"identity": held["identity"] | changes})
         with pytest.raises(InputError, match="study.json is no study `tune` of musebot's"):
-            read_tuning(tmp_path)
+            read_tunings([tmp_path])
     write_json(tmp_path / STUDY_FILE, held | {"study": "ppo"})
     with pytest.raises(InputError, match="it holds another study"):
-        read_tuning(tmp_path)
+        read_tunings([tmp_path])
 
 
 def test_every_learner_of_ours_can_be_tuned_but_for_its_size():
@@ -181,7 +181,7 @@ def test_every_learner_of_ours_can_be_tuned_but_for_its_size():
 
 def test_a_kept_tuning_has_the_best_trial_of_its_page():
     for folder in KEPT.iterdir():
-        tuning = read_tuning(folder)
+        (tuning,) = read_tunings([folder]).values()
         tuning.study.check(folder)
         best = tuning.study.best(folder)
         kept = (folder / "tune.md").read_text().splitlines()
