@@ -142,8 +142,10 @@ def test_a_signal_stops_the_jobs_and_keeps_what_is_done(executor, kinds, tmp_pat
 
     with pytest.raises(Interrupted):
         execute_all(jobs, made, stop)
-    assert [job.done() for job in jobs] == [True, False, False, False]
-    assert len([*tmp_path.glob("*.stopped")]) == 2 and not (tmp_path / "never.begun").exists()
+    assert [job.done() for job in jobs[:3]] == [True, False, False]
+    assert len([*tmp_path.glob("*.stopped")]) == 2
+    if executor is Local:  # Ray may start the last job before the two slow ones
+        assert not jobs[3].done() and not (tmp_path / "never.begun").exists()
     assert {path.suffix for path in tmp_path.iterdir()} == {"", ".begun", ".stopped"}
     assert signal.getsignal(how) == before
 
