@@ -37,20 +37,24 @@ class Physics(mujoco.Physics):
       readings: View of MuJoCo's sensordata, shape (1, nsensordata).
     """
 
-    legacy_step = False  # plain mj_step, as in the batch's rollout, so that both agree
+    legacy_step = False  # `step` is that of the batch, for both to agree
 
     def step(self, nstep: int = 1) -> None:
         """Simulates substeps, of which only the last evaluates sensors, as in the batch.
 
-        The solver begins both parts without a guess, so that they depend on the state alone.
+        The solver begins both parts without a guess, so that they depend on the state alone. The
+        model's flags change meanwhile: copies that share a model need one thread.
         """
         model, data = self.model.ptr, self.data.ptr
         flags = model.opt.disableflags
         with self.check_invalid_state():
-            for steps, disabled in ((nstep - 1, _SENSORS), (1, 0)):
-                data.qacc_warmstart[:] = 0
-                model.opt.disableflags = flags | disabled
-                mj.mj_step(model, data, steps)
+            try:
+                for steps, disabled in ((nstep - 1, _SENSORS), (1, 0)):
+                    data.qacc_warmstart[:] = 0
+                    model.opt.disableflags = flags | disabled
+                    mj.mj_step(model, data, steps)
+            finally:
+                model.opt.disableflags = flags
 
     def robot_pose(self) -> np.ndarray:
         """Returns x, y in [m] and heading in [rad], shape (3,)."""

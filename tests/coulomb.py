@@ -96,24 +96,21 @@ def drive(robot, motors, start, seconds, half, lean, timestep=1e-4):
         driven = (robot.wheel_mass * wheels + robot.stall * motors * timestep) / inertia
         towards, gap = np.sign(pose[:, :2]), room - np.abs(pose[:, :2])
         limit = robot.friction * loads * timestep
-        for _ in range(4):  # begins from the last step's impulses
+        for left in (4, 3, 2, 1, 0):  # begins from the last step's impulses
             free = velocity + np.einsum("kij,kjd->kd", tyres, axes) / robot.mass
             wall = -towards * robot.mass * np.maximum(towards * free - gap / timestep, 0)
             moving = free + wall / robot.mass
             spin = turning - tyres[:, :, 0] @ side / robot.inertia
             rolling = driven - tyres[:, :, 0] / inertia
+            if not left:
+                break
             seen = np.einsum("kd,kjd->kj", moving, axes)
             slip = np.repeat(seen[:, None], 2, axis=1)
             slip[:, :, 0] -= spin[:, None] * side + rolling
             tyres = tyres - step * slip
             size = np.linalg.norm(tyres, axis=2)
             tyres *= np.minimum(1, limit / np.maximum(size, 1e-30))[:, :, None]
-        force = np.einsum("kij,kjd->kd", tyres, axes) / timestep
-        free = velocity + force * timestep / robot.mass
-        wall = -towards * robot.mass * np.maximum(towards * free - gap / timestep, 0)
-        before, velocity = velocity, free + wall / robot.mass
-        turning = turning - tyres[:, :, 0] @ side / robot.inertia
-        wheels = driven - tyres[:, :, 0] / inertia
+        before, velocity, turning, wheels = velocity, moving, spin, rolling
         pose = pose + timestep * np.column_stack([velocity, turning])
         # The wall pushes above the floor, and the centre of mass resists above it.
         pushes = np.einsum("kd,kjd->kj", wall, axes) * robot.push

@@ -25,7 +25,8 @@ from mujoco import rollout
 
 from ... import tasks
 from ...controller import BRAINS
-from ...tasks import CONTROL_TIMESTEP, Batch
+from ...tasks import Batch
+from ...tasks.batch import substeps_of
 from ..agents.base import Agent, Wrapper
 from ..errors import RunError
 from ..lives.cohort import Cohort
@@ -98,27 +99,31 @@ def bare_mujoco(model: mujoco.MjModel, robots: int) -> Replay:
     Any program that chooses new motor values in every control step must do at least this. The last
     substep is a rollout of its own, where the solver begins anew, as in a `Batch`.
     """
-    substeps = round(CONTROL_TIMESTEP / model.opt.timestep)
+    substeps, size = substeps_of(model), mujoco.mj_stateSize(model, _STATE)
     engine, data = rollout.Rollout(nthread=0), mujoco.MjData(model)  # in the calling thread
-    size = mujoco.mj_stateSize(model, _STATE)
-    parts = [
-        (
-            np.zeros((robots, steps, size)),
-            dict(nstep=steps, sensordata=np.zeros((robots, steps, model.nsensordata))),
-        )
-        for steps in (substeps - 1, 1)
-        if steps
-    ]
+    models = [model] * robots
+    parts = [steps for steps in (substeps - 1, 1) if steps]
+    states, sensors = (
+        [np.zeros((robots, steps, width)) for steps in parts] for width in (size, model.nsensordata)
+    )
 
     def replay(start: State, motors: np.ndarray) -> tuple[float, State]:
-        state = start["state"].copy()
-        controls = np.repeat(motors[:, :, None].astype(float), substeps, axis=2)
+        state, motors = start["state"].copy(), motors[:, :, None].astype(float)
+        controls = [np.repeat(motors, steps, axis=2) for steps in parts]
         began = time.thread_time()
-        for control in controls:
-            for states, fixed in parts:
-                held: Any = dict(fixed, control=control[:, : fixed["nstep"]], state=states)
-                engine.rollout([model] * robots, [data], state, skip_checks=True, **held)
-                state[:] = states[:, -1]
+        for step in range(len(motors)):
+            for nstep, control, after, sensed in zip(parts, controls, states, sensors, strict=True):
+                engine.rollout(
+                    models,
+                    [data],
+                    state,
+                    control[step],
+                    nstep=nstep,
+                    state=after,
+                    sensordata=sensed,
+                    skip_checks=True,
+                )
+                state[:] = after[:, -1]
         return time.thread_time() - began, {"state": state}
 
     return replay

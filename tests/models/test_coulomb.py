@@ -13,6 +13,7 @@ import pytest
 from coulomb import GRAVITY, PlanarRobot, closed_form, drive
 
 from musebot.models import Dimensions, arena_spec, robot_pose, robot_qpos
+from musebot.models.kinematic import GRIP
 
 ANGLES = np.array([30, 50, 60, 65, 70, 75, 80, 85, 88])  # from head-on, in [deg]
 PAIRS = ((0.5, 0.5), (0.5, 0.4), (0.3, 0.3))
@@ -163,6 +164,8 @@ def test_the_loads_at_rest_are_those_of_the_page():
     loads = Driven(np.zeros((1, 2)), np.zeros((1, 3))).loads[0]
     np.testing.assert_allclose(loads[:2], (planar().mass * GRAVITY - HELD) / 2, rtol=0.02)
     np.testing.assert_allclose(loads[2:], HELD / 2, rtol=0.1)
+    # What the kinematic simulator's slip holds of it: both tyres' friction over both motors' drag.
+    assert pytest.approx(planar().friction * loads[0] / planar().drag, rel=0.01) == GRIP
 
 
 def test_robots_drive_as_the_oracle():
