@@ -174,7 +174,7 @@ def test_robots_drive_as_the_oracle():
     for name, *row in zip(DRIVES, 1000 * distance, turn, strict=True):
         print(name, "[mm], [deg]:", np.round(row, 2))
     assert distance.max() < 0.006
-    assert turn.max() < 5
+    assert turn.max() < 7
 
 
 def errors_by_timestep():
@@ -182,7 +182,7 @@ def errors_by_timestep():
     from test_arena import Motion, random_motors
 
     print("| substeps | slip [mm] | turn [deg] | drives [mm] | [deg] | wall [mm] | tilt [deg] |")
-    for substeps in (100, 20, 14, 12, 10):
+    for substeps in (100, 20, 14, 13, 12, 10):
         motors, start, poses, _ = oracle()["leaning"]
         wanted, ours = poses[:, -1], Driven(motors, start, substeps).poses[:, -1]
         slip = np.abs(ours - wanted)[:, 1].max()
