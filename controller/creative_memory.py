@@ -130,22 +130,31 @@ class NoisePatterns:
         self._pool = torch.zeros(self.POOL, connections)
         self._age = torch.tensor([self.LIFETIME], device="cpu")  # read in every step
 
-    def renew(self) -> None:
-        """Redraws the pool if it is old; to be called before each step that draws."""
+    def renew(self, steps: int = 1) -> int:
+        """Redraws the pool if it is old; to be called before each step that draws.
+
+        Returns:
+          The number of steps, of those to come, for which the pool lasts.
+        """
         if self._age >= self.LIFETIME:
             self._refill()
-        self._age += 1
+        lasts = min(steps, self.LIFETIME - int(self._age))
+        self._age += lasts
+        return lasts
 
     def draw(self, count: int) -> Tensor:
         """Draws patterns, shape (count, N)."""
+        return self._pool.index_select(0, self.rows(count))
+
+    def rows(self, count: int) -> Tensor:
+        """Draws patterns by their numbers in the pool, shape (count,)."""
         generator, device = self._generator, self._pool.device
-        rows = torch.randint(self.POOL, (count,), generator=generator, device=device)
-        return self._pool.index_select(0, rows)
+        return torch.randint(self.POOL, (count,), generator=generator, device=device)
 
     def _refill(self) -> None:
         generator, device = self._generator, self._pool.device
         keys = torch.rand(self._pool.shape, generator=generator, device=device)
-        chosen = keys.argsort(dim=1)[:, : self.noisy]
+        chosen = keys.topk(self.noisy, dim=1, largest=False).indices
         signs = torch.randint(2, chosen.shape, generator=generator, device=device) * 2.0 - 1.0
         self._pool.zero_().scatter_(1, chosen, self.noise * signs)
         self._age.zero_()

@@ -26,11 +26,16 @@ class EpsilonGreedy:
           The actions, to which an exploratory one may be appended, shape (B, A or A + 1, 2); and
           the index of each robot's exploratory action, -1 for a greedy robot, shape (B,).
         """
-        size = ideas.shape[:1]
-        device, generator = ideas.device, self._generator
-        drawn = torch.randint(ideas.shape[1], size, generator=generator, device=device)
-        explores = torch.rand(size, generator=generator, device=device) < epsilon
+        robots, count = ideas.shape[:2]
+        drawn, uniform = self.numbers(robots, count, ideas.device)
+        explores = uniform < epsilon
         return ideas, drawn.masked_fill_(~explores, -1)
+
+    def numbers(self, robots: int, count: int, device: torch.device) -> tuple[Tensor, Tensor]:
+        """Draws one of the actions for each robot, and a number in [0, 1), both of shape (B,)."""
+        generator = self._generator
+        drawn = torch.randint(count, (robots,), generator=generator, device=device)
+        return drawn, torch.rand(robots, generator=generator, device=device)
 
     def tensors(self) -> dict[str, Tensor]:
         """Returns the tensors kept from step to step, for a checkpoint: none."""

@@ -18,6 +18,9 @@ PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
 # Far beyond what can be of use: a number above it is a slip, and would hang or overflow.
 _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
 _LARGEST, _LONGEST = 1000, 10**9
+# Numbers of the paper's brain: with others it is the same brain, compiled or not.
+_NUMBERS = ("evaluation_hidden", "learn_rate", "discount", "epsilon", "fixed_motors", "ideas")
+_NUMBERS += ("memory_hidden", "noise", "noisy_share", "initial_range")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,6 +134,12 @@ class Parameters(Checked):
         noisy = self.noise > 0 and self.noisy_share > 0
         alone = not noisy or self.keep_main_idea and self.own_ideas == 1
         return self.memory_target == "best" and alone and not self.random_ideas
+
+    @property
+    def compilable(self) -> bool:
+        """Whether `CompiledNeurocontroller` computes it: it differs in numbers from the paper's."""
+        own = {name: getattr(self, name) for name in _NUMBERS}
+        return dataclasses.replace(Parameters(), **own) == self
 
     @property
     def needs_maximal_smell(self) -> bool:

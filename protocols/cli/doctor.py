@@ -42,6 +42,7 @@ _MODULES = {
 }
 _OPTIONAL = {  # package: extra of musebot, and what needs it
     "torch": ("brain", "robots that learn"),
+    "numba": ("numba", "`musebot run --set backend=numba`"),
     "ray": ("cluster", "`musebot run --ray`"),
     "gymnasium": ("gym", "the Gymnasium interfaces"),
     "mujoco-warp": ("warp", "`musebot run --set physics=warp`"),

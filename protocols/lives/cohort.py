@@ -64,9 +64,10 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     senses = senses_of(experiment.arena_task(condition.task))
     proposer = condition.proposer
     if proposer in PROPOSERS:
-        controller = Neurocontroller(
-            experiment.brain, proposer, robots, len(senses.state), seed, senses
-        )
+        make_brain = Neurocontroller
+        if experiment.backend == "numba":
+            from ...controller.compiled import CompiledNeurocontroller as make_brain
+        controller = make_brain(experiment.brain, proposer, robots, len(senses.state), seed, senses)
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
     if experiment.nose == "printed" and proposer in OWN_BOUNDS:
         if any(signal.maximal for signal in senses.state):
@@ -115,6 +116,11 @@ class Cohort:
         self._count_events = functools.partial(add_events, self.batch, self._counts)
         if captured := captured_steps(self.agent, self.batch, self._counts):
             self.decide, self._count_events = captured.decide, captured.count
+        self._compiled: Callable[[int, bool, Any], None] | None = None
+        if experiment.backend == "numba":
+            from .compiled import compiled_life
+
+            self._compiled = compiled_life(self.agent, self.batch)
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = experiment.schedule(task).legs()
         self.step = 0
@@ -153,6 +159,14 @@ class Cohort:
         """Counts a control step, and its events, after the physics' step."""
         self._count_events()
         self.step += 1
+
+    def simulate(self, steps: int, learning: bool) -> bool:
+        """Simulates and counts control steps at once; returns False where it cannot."""
+        if self._compiled is None:
+            return False
+        self._compiled(steps, learning, self._counts)
+        self.step += steps
+        return True
 
     def store(self, phase: Phase) -> None:
         """Stores the counted events, which are of one phase and minute, and counts from 0 again.
@@ -276,7 +290,8 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
         if now == leg.start:
             for cohort in moving:
                 cohort.place(leg.phase)
-        for _ in range(now, min(leg.stop, until, now - now % _MINUTE + _MINUTE)):
+        steps = min(leg.stop, until, now - now % _MINUTE + _MINUTE) - now
+        for _ in range(0 if moving[0].simulate(steps, leg.phase.learning) else steps):
             motors = [cohort.decide(leg.phase.learning) for cohort in moving]
             step_together([cohort.batch for cohort in moving], motors)
             for cohort in moving:

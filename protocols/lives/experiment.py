@@ -28,6 +28,7 @@ NosePlace = Literal["front", "centre"]
 MotorTorque = Literal["constant", "scaled"]
 Signals = Literal["paper", "raw"]
 Physics = Literal["c", "warp"]
+Backend = Literal["torch", "numba"]
 BODIES: tuple[Body, ...] = get_args(Body)
 
 
@@ -63,6 +64,9 @@ class Experiment:
       device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator or MuJoCo
         Warp and the brains compute. Random numbers and rounding differ between devices, and so do
         lives.
+      backend: What computes the paper's brain: "torch" for PyTorch; "numba" for the same equations
+        compiled by Numba, and the kinematic simulator's with them (docs/performance.md). Lives
+        differ by rounding.
       signals: What agents receive: "paper", or "raw" with smell and reward before they saturate
         (see `agents.senses`). Brains have parameters of their own for this.
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
@@ -84,6 +88,7 @@ class Experiment:
     protocol: ProtocolName = choice("paper", ProtocolName)
     physics: Physics = choice("c", Physics)
     device: str = text("cpu", "cpu|cuda(:[0-9]{1,2})?", "cpu, cuda or cuda:N")
+    backend: Backend = choice("torch", Backend)
     signals: Signals = choice("paper", Signals)
     settings: tuple[str, ...] = ()
 
@@ -99,6 +104,7 @@ class Experiment:
             raise InputError(f"settings must be words NAME=VALUE, got {shown(self.settings)}")
         printed, radius = self.nose == "printed", self.kinematics.radius
         warp, kinematic = self.physics == "warp", self.body == "kinematic"
+        numba = self.backend == "numba"
         excluded = {
             "a brain that uses the maximal smell needs the nose 'inverse'": (
                 printed and self.brain.needs_maximal_smell
@@ -111,6 +117,10 @@ class Experiment:
                 self.device != "cpu" and not kinematic and not warp
             ),
             "the physics 'warp' needs the body 'mujoco'": warp and kinematic,
+            "the backend 'numba' does not compute on a GPU or in Warp": numba and self.on_tensors,
+            "the backend 'numba' has the paper's ingredients only, unlike this brain": (
+                numba and not self.brain.compilable
+            ),
             "kinematics need the body 'kinematic'": (
                 not kinematic and self.kinematics != Kinematics()
             ),

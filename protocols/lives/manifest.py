@@ -33,7 +33,16 @@ FORMAT = 1
 _LAST_COMMIT = "9e668f6"  # reads what was written before there were numbers of formats
 _VALUES = {"format", "experiment", "plan", "physics", "made_with", "digest"}
 _WARP = ("mujoco-warp", "warp-lang")
-_PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "torch", *_WARP, "cmaes")  # that compute
+_PACKAGES = (
+    "mujoco",
+    "dm-control",
+    "numpy",
+    "scipy",
+    "torch",
+    "numba",
+    *_WARP,
+    "cmaes",
+)  # that compute
 _IDEAL = Kinematics()
 
 # Exceptions of reading values that are not those of an experiment.
@@ -100,7 +109,8 @@ def check_identity(
 
     Args:
       path: File or folder.
-      held: Values that it stores, by name: plain data or dataclasses.
+      held: Values that it stores, by name: plain data or dataclasses. Parameters of an experiment
+        that did not exist when it was written have their defaults.
       wanted: Values that are wanted of it; it may store others besides.
       what: What it holds, in words.
 
@@ -108,7 +118,9 @@ def check_identity(
       DamagedFileError: a value is missing or differs; the text names it, as "brain.noise".
     """
     # As JSON, in which tuples are lists.
-    held, wanted = json.loads(json.dumps([held, wanted], default=dataclasses.asdict))
+    given = [held, wanted, Experiment()]
+    held, wanted, defaults = json.loads(json.dumps(given, default=dataclasses.asdict))
+    held = _completed(held, {name: defaults[name] for name in defaults if name in wanted})
     if all(name in held and held[name] == value for name, value in wanted.items()):
         return
     own, other = flat({name: held.get(name) for name in wanted}), flat(wanted)
@@ -119,6 +131,14 @@ def check_identity(
     raise DamagedFileError(f"{path} holds {what} with {name} {first}, not {second}")
 
 
+def _completed(held: Any, defaults: Any) -> Any:
+    """Returns values with defaults where they lack some, also in nested ones."""
+    if not (isinstance(held, dict) and isinstance(defaults, dict)):
+        return held
+    own = {name: _completed(held.get(name, value), value) for name, value in defaults.items()}
+    return held | own
+
+
 # ---- Physics ----
 
 
@@ -126,8 +146,8 @@ def check_physics(directory: Path) -> None:
     """Raises InputError if a run was simulated in another physics than this version's."""
     if not same_physics(directory):
         raise InputError(
-            f"{directory} was simulated in another physics than this version's: "
-            "its robots and new ones must not be mixed"
+            f"{directory} was simulated in another physics than this version's, or by another "
+            "version of Numba or Warp: its robots and new ones must not be mixed"
         )
 
 
@@ -135,10 +155,12 @@ def same_physics(directory: Path) -> bool:
     """Returns whether a run that `read_manifest` reads has this version's physics."""
     content = read_json(directory / MANIFEST)
     experiment = experiment_from(content["experiment"])
-    if experiment.physics == "warp":  # in single precision each version rounds in its own way
-        versions = [[m.get(n) for n in _WARP] for m in (machine(), *content["made_with"])]
-        if any(one != versions[0] for one in versions):
-            return False
+    # Each version of these compilers rounds in its own way.
+    packages = _WARP if experiment.physics == "warp" else ()
+    packages += ("numba",) if experiment.backend == "numba" else ()
+    versions = [[m.get(n) for n in packages] for m in (machine(), *content["made_with"])]
+    if any(one != versions[0] for one in versions):
+        return False
     return is_physics_of(content["physics"], experiment)
 
 

@@ -106,6 +106,8 @@ def simulate(
 
 def check_device(plan: Plan) -> None:
     """Raises InputError if a plan's device is missing, too small, or not for its robots."""
+    if plan.experiment.backend == "numba" and not importlib.util.find_spec("numba"):
+        raise InputError("Numba is not installed; pip install 'musebot[numba]' gets it")
     device, warp = plan.experiment.device, plan.experiment.physics == "warp"
     if not plan.experiment.on_tensors:
         return

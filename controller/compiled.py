@@ -1,0 +1,112 @@
+"""The paper's brain, compiled: the same parameters, draws and state, other rounding."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+try:
+    from .. import kernels
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        f"{error.name} is not installed; pip install 'musebot[numba]' gets it", name=error.name
+    ) from error
+from .creative_memory import NoisePatterns
+from .exploration import EpsilonGreedy
+from .neurocontroller import Neurocontroller
+
+
+class CompiledNeurocontroller(Neurocontroller):
+    """The `Neurocontroller` of the same parameters, draws and state, on the host, compiled.
+
+    Its parameters must be `Parameters.compilable`; lives equal those of PyTorch up to rounding.
+
+    Attributes:
+      nets: Weights of the evaluation networks and of the memories, the pool of noise patterns, the
+        discount factor, and the learn rate.
+      neurons: Numbers of hidden neurons of the two networks.
+    """
+
+    def __init__(self, *arguments: Any) -> None:
+        """Draws the initial brains; see `Neurocontroller`."""
+        super().__init__(*arguments)
+        p = self._parameters
+        assert p.compilable
+        memory = pool = np.zeros((0, 0), np.float32)
+        self._patterns = None
+        if self.memory is not None:
+            memory = self.memory.networks.weights.numpy()
+            assert isinstance(self.memory.patterns, NoisePatterns)
+            self._patterns = self.memory.patterns
+            pool = self._patterns.tensors()["pool"].numpy()
+        assert isinstance(self._exploration, EpsilonGreedy)
+        self._greedy = self._exploration
+        rates = np.float32(p.discount), np.float32(p.learn_rate)
+        self.nets = self.evaluation.networks.weights.numpy(), memory, pool, *rates
+        self.neurons = p.evaluation_hidden, p.memory_hidden
+        self._steps = [_views(step) for step in (self._previous, self._current)]
+
+    @property
+    def now(self) -> tuple[np.ndarray, ...]:
+        """Inputs, actions, values and chains of the present step, views of the brain's tensors."""
+        return self._steps[not self._swapped]
+
+    def begin_steps(self, steps: int, learning: bool) -> int:
+        """Begins so many steps, or fewer if the noise patterns are drawn anew before.
+
+        Unlike `begin`, it leaves the present step in its place. Returns the number of steps.
+        """
+        if self._patterns is not None:
+            steps = self._patterns.renew(steps)
+        self._age += steps * learning
+        return steps
+
+    def draw(self, steps: int, explore: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Draws the random numbers of K steps, as `Neurocontroller.select` draws them.
+
+        Returns:
+          Rows of the ideas' patterns in the pool, shape (K, B, A); the actions of another proposer,
+          shape (K, B, A, 2), or (K, 1, A, 2) for fixed ones; and the indices of exploratory
+          actions, -1 for none, shape (K, B).
+        """
+        robots, count, host = len(self.nets[0]), self._parameters.ideas, torch.device("cpu")
+        if self._fixed is not None:
+            count = len(self._fixed)
+        rows, proposed, explores = [], [], []
+        for _ in range(steps):
+            if self._patterns is not None:
+                rows.append(self._patterns.rows(robots * count))
+            elif self._fixed is None:
+                proposed.append(torch.rand(robots, count, 2, generator=self.generator))
+            if explore:
+                explores.append(self._greedy.numbers(robots, count, host))
+        exploring = np.full((steps, robots), -1)
+        if explore:
+            drawn, uniform = (torch.stack(part).numpy() for part in zip(*explores, strict=True))
+            exploring = np.where(uniform < self.epsilon.value, drawn, exploring)
+        actions = np.zeros((steps, 0, 0, 2), np.float32)
+        if proposed:
+            actions = (torch.stack(proposed) - 0.5).numpy()
+        elif self._fixed is not None:
+            actions = np.tile(self._fixed.numpy(), (steps, 1, 1, 1))
+        patterns = np.zeros((steps, 0, 0), np.int64)
+        if rows:
+            patterns = torch.stack(rows).view(steps, robots, count).numpy()
+        return patterns, actions, exploring
+
+    def select(self, state: Tensor, explore: bool) -> Tensor:
+        kernels.act_all(self.nets, self.neurons, state.numpy(), self.draw(1, explore), self.now)
+        return self._current.action.clone()
+
+    def update(self, reward: Tensor) -> Tensor:
+        error = torch.empty_like(reward)
+        both = self._steps[self._swapped], self.now
+        kernels.learn_all(self.nets, self.neurons, reward.numpy(), *both, error.numpy())
+        return error
+
+
+def _views(step: Any) -> tuple[np.ndarray, ...]:
+    return tuple(part.numpy() for part in (step.state, step.action, step.value, step.chained))

@@ -1,0 +1,326 @@
+"""The paper's brain in the kinematic simulator, compiled by Numba, robot by robot.
+
+The one file that defines equations a second time, for speed. `tests/test_kernels.py` holds it to
+the first definitions, in `controller`, `models.kinematic` and `tasks.sensors`, which have the
+reasons. It imports no module of ours: Numba keeps compiled code while this file is the same.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+F = np.float32  # brains compute in single precision; F turns a number into one
+
+# In brains, sums may be reordered and fused; NaN and infinity keep their meaning.
+_brain = numba.njit(
+    fastmath={"reassoc", "contract", "arcp", "nsz"}, error_model="numpy", cache=True
+)
+_body = numba.njit(error_model="numpy", cache=True)
+
+# ---- The brain ----
+
+
+@_brain
+def logistic(x):
+    """Returns 1 / (1 + exp(-x)), as 1/2 + tanh(x / 2) / 2, with an error below 3e-7.
+
+    The tanh is a rational function, as in the library Eigen: it has no branch, so that the compiler
+    computes several at a time.
+    """
+    x = min(max(x * F(0.5), F(-7.9053111)), F(7.9053111))
+    q = x * x
+    p = F(-2.76076847742355e-16)
+    p = p * q + F(2.00018790482477e-13)
+    p = p * q + F(-8.60467152213735e-11)
+    p = p * q + F(5.12229709037114e-08)
+    p = p * q + F(1.48572235717979e-05)
+    p = p * q + F(6.37261928875436e-04)
+    p = p * q + F(4.89352455891786e-03)
+    r = F(1.19825839466702e-06)
+    r = r * q + F(1.18534705686654e-04)
+    r = r * q + F(2.26843463243900e-03)
+    r = r * q + F(4.89352518554385e-03)
+    return F(0.5) + F(0.5) * x * p / r
+
+
+# A network's weights are one row, as in `Networks.weights`: hidden weights, hidden biases, output
+# weights, output biases.
+
+
+@_brain
+def ideas(net, state, pool, rows, hidden, motors):
+    """Writes the memory's ideas into `motors`, (2, A); see `CreativeMemory.ideas`.
+
+    Row a of `rows` is the pattern of idea a in the pool; `hidden` is scratch space, (H, A).
+    """
+    neurons, count = hidden.shape
+    width = state.size
+    biases = neurons * width
+    first = biases + neurons
+    for h in range(neurons):
+        main = net[biases + h]
+        for i in range(width):
+            main += net[h * width + i] * state[i]
+        for a in range(count):
+            total = main
+            for i in range(width):
+                total += pool[rows[a], h * width + i] * state[i]
+            hidden[h, a] = total
+        for a in range(count):
+            hidden[h, a] = logistic(hidden[h, a])
+    for o in range(2):
+        motors[o, :] = net[first + 2 * neurons + o]
+        for h in range(neurons):
+            weight, noisy = net[first + o * neurons + h], biases + o * neurons + h
+            for a in range(count):
+                motors[o, a] += (weight + pool[rows[a], noisy]) * hidden[h, a]
+        for a in range(count):
+            motors[o, a] = logistic(motors[o, a]) - F(0.5)
+
+
+@_brain
+def evaluate(net, state, motors, values):
+    """Writes the values of actions into `values`, (A,); see `EvaluationNetwork.values`."""
+    width = state.size + 2
+    neurons = (net.size - 1) // (width + 2)
+    biases = neurons * width
+    values[:] = net[biases + 2 * neurons]
+    for h in range(neurons):
+        main, own = net[biases + h], net[h * width : (h + 1) * width]
+        for i in range(state.size):
+            main += own[i] * state[i]
+        left, right, weight = own[-2], own[-1], net[biases + neurons + h]
+        for a in range(values.size):
+            values[a] += weight * logistic(main + left * motors[0, a] + right * motors[1, a])
+
+
+@_brain
+def forward(net, inputs, hidden, outputs):
+    """Writes hidden activations, (H,), and output sums, (O,); see `Networks.forward`."""
+    neurons, width = hidden.size, inputs.size
+    biases = neurons * width
+    first = biases + neurons
+    for h in range(neurons):
+        total = net[biases + h]
+        for i in range(width):
+            total += net[h * width + i] * inputs[i]
+        hidden[h] = logistic(total)
+    for o in range(outputs.size):
+        outputs[o] = net[first + outputs.size * neurons + o]
+        for h in range(neurons):
+            outputs[o] += net[first + o * neurons + h] * hidden[h]
+
+
+@_brain
+def ascend(net, inputs, hidden, steps):
+    """Moves a network's weights along the gradient of its output sums; see `Networks.ascend`."""
+    width, neurons, count = inputs.size, hidden.size, steps.size
+    biases = neurons * width
+    first = biases + neurons
+    for h in range(neurons):
+        back = F(0)
+        for o in range(count):
+            back += steps[o] * net[first + o * neurons + h]
+            net[first + o * neurons + h] += steps[o] * hidden[h]
+        back *= hidden[h] * (F(1) - hidden[h])
+        net[biases + h] += back
+        for i in range(width):
+            net[h * width + i] += back * inputs[i]
+    for o in range(count):
+        net[first + count * neurons + o] += steps[o]
+
+
+@_brain
+def scratch(inputs, neurons, count):
+    """Returns space to select among A actions, and space to learn."""
+    evaluation, memory = neurons
+    acting = np.empty((2, count), F), np.empty((memory, count), F), np.empty(count, F)
+    hidden = np.empty(evaluation, F), np.empty(memory, F)
+    return acting, (np.empty(inputs + 2, F), hidden, np.empty(1, F), np.empty(2, F))
+
+
+@_brain
+def act(nets, space, state, draws, robot, now):
+    """Selects a robot's action among proposed ones, and records it in its row of `now`."""
+    evaluation, memory, pool = nets[:3]
+    rows, actions, exploring = draws
+    motors, hidden, values = space
+    if rows.size:
+        ideas(memory[robot], state, pool, rows[robot], hidden, motors)
+    else:
+        motors[:] = actions[robot % len(actions)].T
+    evaluate(evaluation[robot], state, motors, values)
+    chosen = exploring[robot]
+    if chosen < 0:
+        chosen = np.argmax(values)
+    states, selected, value, chained = now
+    states[robot], selected[robot] = state, motors[:, chosen]
+    value[robot], chained[robot] = values[chosen], F(1)
+
+
+@_brain
+def learn(nets, space, reward, robot, before, now):
+    """Learns a robot's step `before` (Eq. 1), and its memory the selected action (section 3).
+
+    Returns the TD error.
+    """
+    evaluation, memory, _, discount, rate = nets
+    states, selected, _, chained = before
+    inputs, (hidden, recalling), value, outputs = space
+    state, action = states[robot], selected[robot]
+    inputs[:-2], inputs[-2:] = state, action
+    forward(evaluation[robot], inputs, hidden, value)
+    error = chained[robot] * (reward + discount * now[2][robot] - value[0])
+    value[0] = rate * error
+    ascend(evaluation[robot], inputs, hidden, value)
+    if memory.size:
+        forward(memory[robot], state, recalling, outputs)
+        for o in range(2):
+            output = logistic(outputs[o])
+            outputs[o] = error * (action[o] + F(0.5) - output) * output * (F(1) - output)
+        ascend(memory[robot], state, recalling, outputs)
+    return error
+
+
+@_brain
+def act_all(nets, neurons, state, draws, now):
+    """Selects the actions of all robots in the first of the drawn steps."""
+    rows, actions, exploring = draws
+    space, _ = scratch(state.shape[1], neurons, rows.shape[2] or actions.shape[2])
+    for robot in range(len(state)):
+        act(nets, space, state[robot], (rows[0], actions[0], exploring[0]), robot, now)
+
+
+@_brain
+def learn_all(nets, neurons, reward, before, now, error):
+    """Lets all robots learn."""
+    _, space = scratch(before[0].shape[1], neurons, 1)
+    for robot in range(len(reward)):
+        error[robot] = learn(nets, space, reward[robot], robot, before, now)
+
+
+# ---- The kinematic simulator: walls that hold or refuse a robot, wheels without lag ----
+
+# Sensors in a row of `sensordata`.
+DISTANCES, TOUCH, SMELL = 0, 4, 5
+
+
+@_body
+def _share(start, step, room):
+    """Returns the share of a step, along one axis, after which a robot meets the wall."""
+    return (math.copysign(room, step) - start) / step if step else 1.0
+
+
+@_body
+def drive(size, how, pose, left, right):
+    """Moves a robot along one path; see `models.kinematic.drive`. Returns whether it pushes."""
+    length, width, base, speed = size[:4]
+    refuses, _, arc, seconds = how
+    turn = (right - left) * speed / base * seconds
+    ahead, along = (left + right) * speed / 2 * seconds, pose[2]
+    if arc:
+        half = turn / 2
+        ahead, along = ahead * (math.sin(half) / half if half else 1.0), along + half
+    x, y = ahead * math.cos(along), ahead * math.sin(along)
+    pose[2] += turn
+    pushing = abs(pose[0] + x) > length or abs(pose[1] + y) > width
+    if pushing and refuses:
+        return True
+    share = min(_share(pose[0], x, length), _share(pose[1], y, width)) if pushing else 1.0
+    share = min(max(share, 0.0), 1.0)
+    pose[0] = min(max(pose[0] + share * x, -length), length)
+    pose[1] = min(max(pose[1] + share * y, -width), width)
+    return pushing
+
+
+@_body
+def measure(size, pose, spot, touch, sensors):
+    """Writes what a robot measures; see `tasks.kinematic.measure`."""
+    length, width, radius, nose = size[0], size[1], size[4], size[5]
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    rays = ((cosine, sine), (-cosine, -sine), (-sine, cosine), (sine, -cosine))
+    for number, (x, y) in enumerate(rays):
+        along = (math.copysign(length + radius, x) - pose[0]) / x
+        across = (math.copysign(width + radius, y) - pose[1]) / y
+        sensors[DISTANCES + number] = max(min(along, across) - radius, 0.0)
+    sensors[TOUCH] = touch
+    x, y = spot[0] - pose[0], spot[1] - pose[1]
+    sensors[SMELL] = cosine * x + sine * y - nose
+    sensors[SMELL + 1] = cosine * y - sine * x
+
+
+@_body
+def sense(task, sensors, state):
+    """Writes a robot's state, shape (S,); returns its reward, and whether the event holds.
+
+    The signals of the rules of spot finding, of wall avoidance, and of both.
+    """
+    smells, sees, odour, frustum, spot, printed = task
+    touched = sensors[TOUCH] > 0
+    reward, event = -1.0 if touched else 0.0, touched
+    if sees:
+        for number in range(4):
+            base = 1 + max(sensors[DISTANCES + number], 0.0)
+            square = base * base
+            fourth = square * square
+            state[smells + number] = 1 / (fourth * fourth * square)
+        state[smells + 4] = reward
+    if smells:
+        x, y = sensors[SMELL], sensors[SMELL + 1]
+        distance = math.sqrt(x * x + y * y)
+        event = distance < spot
+        ratio = spot / max(distance, spot)
+        ratio = 1 / ratio if printed else ratio
+        raw = odour * ratio * max(1 - 2 * abs(math.atan2(y, x)) / frustum, 0.0)
+        raw = odour if event else raw
+        state[0] = raw / (1 + raw)
+        reward = 0.0 if sees and touched else raw / (1 + raw)
+    return reward, event
+
+
+@_body
+def simulate(world, robots, brain, draws, learning, counts):
+    """Simulates control steps of robots, one robot after the other; counts their events.
+
+    Args:
+      world: Numbers of the robot and its arena, of `Kinematics`, and of the task.
+      robots: Arrays of a `KinematicBatch`: poses, wheels, touch, spots, sensor data, validity.
+      brain: `nets` and `neurons` of a `CompiledNeurocontroller`, and its present step, `now`.
+      draws: What it drew for K steps, see `CompiledNeurocontroller.draw`.
+      learning: Whether robots learn.
+      counts: Number of events of each robot, shape (B,), which is added to.
+    """
+    size, how, task, pieces = world
+    poses, wheels, touch, spots, sensordata, valid = robots
+    nets, neurons, now = brain
+    rows, actions, exploring = draws
+    states, selected, values, chained = now
+    acting, lesson = scratch(states.shape[1], neurons, rows.shape[2] or actions.shape[2])
+    before = states.copy(), selected.copy(), values, chained.copy()
+    state = np.empty_like(states[0])
+    for robot in range(len(poses)):
+        pose, sensors = poses[robot], sensordata[robot]
+        reward, event = sense(task, sensors, state)
+        for step in range(len(exploring)):
+            before[0][robot], before[1][robot] = states[robot], selected[robot]
+            before[3][robot] = chained[robot]
+            drawn = rows[step], actions[step], exploring[step]
+            act(nets, acting, state, drawn, robot, now)
+            if learning:
+                learn(nets, lesson, F(reward), robot, before, now)
+            left, right = np.float64(selected[robot, 0]), np.float64(selected[robot, 1])
+            valid[robot] &= math.isfinite(left) and math.isfinite(right)
+            if valid[robot]:
+                for _ in range(pieces):
+                    pushing = drive(size, how, pose, left, right)
+                gap = min(size[0] - abs(pose[0]), size[1] - abs(pose[1]))
+                touch[robot] = pushing if how[1] else gap <= size[6]
+                wheels[robot, 0], wheels[robot, 1] = left, right
+                measure(size, pose, spots[robot], touch[robot], sensors)
+            else:
+                pose[:], wheels[robot], touch[robot], sensors[:] = 0, 0, 0, 0
+            reward, event = sense(task, sensors, state)
+            counts[robot] += event

@@ -1,0 +1,77 @@
+"""Lives of the paper's brain in the kinematic simulator, compiled as one loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ... import kernels
+from ...controller.compiled import CompiledNeurocontroller
+from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.batch import Robots
+from ...tasks.kinematic import KinematicBatch
+from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
+from ...tasks.wall_avoidance import WallAvoidanceRules
+from ..agents.base import Agent
+from ..agents.neurocontroller import NeurocontrollerAgent
+
+_RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
+_BLOCK = 20_000  # robot-steps whose random numbers are drawn at once: they fit a cache
+
+
+class CompiledLife:
+    """Control steps of brains and their robots."""
+
+    def __init__(self, brain: CompiledNeurocontroller, batch: KinematicBatch) -> None:
+        """Takes robots that are `compilable`."""
+        self._brain = brain
+        names = ("poses", "wheels", "touch", "spots", "sensordata", "valid")
+        self._robots = tuple(batch.arrays()[name] for name in names)
+        self._world = world_of(batch)
+
+    def __call__(self, steps: int, learning: bool, counts: np.ndarray) -> None:
+        """Simulates control steps, and adds the events to the counts, shape (B,)."""
+        brain = self._brain
+        parts = brain.nets, brain.neurons, brain.now
+        while steps:
+            begun = brain.begin_steps(min(steps, 1 + _BLOCK // len(counts)), learning)
+            draws = brain.draw(begun, learning)
+            kernels.simulate(self._world, self._robots, parts, draws, learning, counts)
+            steps -= begun
+
+
+def compiled_life(agent: Agent, batch: Robots) -> CompiledLife | None:
+    """Returns a cohort's control steps as one loop; None where that loop does not compute them."""
+    brain = agent.controller if type(agent) is NeurocontrollerAgent else None
+    if isinstance(brain, CompiledNeurocontroller) and type(batch) is KinematicBatch:
+        return CompiledLife(brain, batch) if compilable(batch) else None
+    return None
+
+
+def compilable(batch: KinematicBatch) -> bool:
+    """Returns whether the compiled loop computes the motion, the sensors and the task of robots."""
+    how, layout = batch.kinematics, batch.rules.layout
+    places = layout.distances.start, layout.touch.start, layout.smell.start
+    return (
+        type(batch.rules) in _RULES
+        and how.wall in ("holds", "refuses")
+        and not how.lag
+        and not how.any_contact
+        and places == (kernels.DISTANCES, kernels.TOUCH, kernels.SMELL)
+    )
+
+
+def world_of(batch: KinematicBatch) -> Any:
+    """Returns what the kernels read of a batch, see `kernels.simulate`."""
+    rules, size, how = batch.rules, batch.dimensions, batch.kinematics
+    room = size.half_length - size.radius, size.half_width - size.radius
+    speed = 2 * size.motor_speed  # [m/s] for a motor value of 1
+    body = *room, size.wheel_base, speed, size.radius, size.nose, size.contact_margin
+    path = how.wall == "refuses", how.felt == "pushed", how.path == "arc"
+    smells, sees = isinstance(rules, SpotFindingRules), isinstance(rules, WallAvoidanceRules)
+    nose = rules.nose if isinstance(rules, SpotFindingRules) else SpotFindingRules.nose
+    numbers = map(float, (nose.odour, nose.frustum, nose.spot_radius))
+    task = smells, sees, *numbers, nose.form == "printed"
+    seconds = CONTROL_TIMESTEP / how.pieces
+    return tuple(map(float, body)), (*path, seconds), task, how.pieces

@@ -1,0 +1,184 @@
+"""The compiled step: its second definitions are held to the first ones, and its lives to theirs."""
+
+import copy
+import dataclasses
+import importlib
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musebot import kernels
+from musebot.controller import BRAINS, Neurocontroller, Parameters
+from musebot.controller.compiled import CompiledNeurocontroller
+from musebot.controller.networks import load_into
+from musebot.models import Kinematics
+from musebot.protocols.errors import InputError
+from musebot.protocols.lives import manifest
+from musebot.protocols.lives.cohort import Cohort
+from musebot.protocols.lives.compiled import compilable, world_of
+from musebot.protocols.lives.conditions import CohortKey, Condition
+from musebot.protocols.lives.config import READINGS
+from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.lives.plan import Plan
+from musebot.protocols.lives.runs import check_device
+from musebot.tasks.kinematic import make_kinematic_batch
+
+PROPOSERS = ("fixed", "random", "creative")
+TASKS = ("wall_avoidance", "spot_finding", "spot_finding_walls")
+OTHER = Parameters(
+    evaluation_hidden=3, memory_hidden=4, ideas=9, noise=0.3, noisy_share=0.6, initial_range=2.0,
+    fixed_motors=(-0.5, 0.1, 0.5), learn_rate=0.1, discount=0.5, epsilon=0.3,
+)  # fmt: skip
+LONG = Experiment(backend="numba", cohort_size=3, time_scale=0.005, **READINGS["plain"])
+
+
+@given(st.floats(-1e6, 1e6, width=32))
+def test_the_logistic_function_is_exact_to_3e_7(x):
+    wanted = 1 / (1 + np.exp(-np.clip(x, -700, 700)))
+    assert kernels.logistic(np.float32(x)) == pytest.approx(wanted, abs=3e-7)
+
+
+@pytest.mark.parametrize("sensors", [1, 5])
+@pytest.mark.parametrize("proposer", PROPOSERS)
+@pytest.mark.parametrize("parameters", [Parameters(), OTHER], ids=["paper", "other"])
+def test_a_step_from_an_equal_state_is_pytorchs_to_1e_5(parameters, proposer, sensors):
+    arguments = parameters, proposer, 30, sensors, 7
+    first, second = Neurocontroller(*arguments), CompiledNeurocontroller(*arguments)
+    random, worst = torch.Generator().manual_seed(1), 0.0
+    for step in range(200):  # 1,000 gave no larger difference
+        if step == 20:
+            first.forget_step(torch.tensor([2]))
+        of_step = {k: v for k, v in first.state().items() if "noise" not in k and k != "generator"}
+        load_into({k: v for k, v in second.state().items() if k in of_step}, of_step)
+        state = torch.rand(30, sensors, generator=random)
+        reward = torch.rand(30, generator=random) - 0.5
+        learning = step % 5 != 0
+        wanted, found = (brain.act(state, explore=learning) for brain in (first, second))
+        # Of actions of almost equal values either may be selected.
+        values = [brain.state()["now.value"] for brain in (first, second)]
+        torch.testing.assert_close(*values, rtol=1e-5, atol=1e-6)
+        same = (wanted - found).abs().amax(dim=1) < 1e-6
+        assert same.float().mean() > 0.9
+        if learning:
+            errors = first.learn(reward), second.learn(reward)
+            torch.testing.assert_close(*errors, rtol=1e-5, atol=2e-6)
+            for name, weights in first.networks().items():
+                apart = (weights - second.networks()[name])[same].abs()
+                worst = max(worst, float((apart / weights[same].abs().clamp(min=0.1)).max()))
+    print("largest relative difference of a weight after a step:", worst)
+    assert worst < 1e-5
+    assert torch.equal(first.generator.get_state(), second.generator.get_state())
+
+
+WORLDS = st.builds(
+    Kinematics,
+    wall=st.sampled_from(["holds", "refuses"]),
+    felt=st.sampled_from(["near", "pushed"]),
+    path=st.sampled_from(["arc", "euler"]),
+    pieces=st.integers(1, 5),
+    radius=st.none() | st.floats(0.01, 0.08),
+    wheel_base=st.none() | st.floats(0.02, 0.1),
+)
+
+
+@settings(max_examples=20, deadline=None)
+@given(WORLDS, st.sampled_from(TASKS), st.sampled_from(["inverse", "printed"]), st.data())
+def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
+    batch = make_kinematic_batch(task, 40, how, nose=nose)
+    assert compilable(batch)
+    size, numbers, rules, pieces = world_of(batch)
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    ends = np.array([batch.dimensions.half_length, batch.dimensions.half_width]) * 0.999
+    ends -= batch.dimensions.radius
+    batch.place_spot(np.arange(40), random.uniform(-ends, ends, (40, 2)))
+    batch.place(np.arange(40), np.column_stack([random.uniform(-ends, ends, (40, 2)),
+                                               random.uniform(-4, 4, 40)]))  # fmt: skip
+    state = np.zeros(batch.rules.state(batch.sensordata).shape[1], np.float32)
+    for _ in range(8):
+        motors = random.uniform(-0.5, 0.5, (40, 2)) * random.choice([0, 1, 1], (40, 1))
+        before = batch.pose
+        batch.step(motors)
+        states, rewards = batch.rules.state(batch.sensordata), batch.rules.reward(batch.sensordata)
+        events = batch.rules.event(batch.sensordata)
+        for robot, (pose, (left, right)) in enumerate(zip(before, motors, strict=True)):
+            for _ in range(pieces):
+                pushing = kernels.drive(size, numbers, pose, left, right)
+            np.testing.assert_allclose(pose, batch.pose[robot], rtol=0, atol=1e-12)
+            gap = min(size[0] - abs(pose[0]), size[1] - abs(pose[1]))
+            touch = float(pushing if how.felt == "pushed" else gap <= size[6])
+            sensors = np.zeros(batch.sensordata.shape[1])
+            kernels.measure(size, pose, batch.spot[robot], touch, sensors)
+            np.testing.assert_allclose(sensors, batch.sensordata[robot], rtol=1e-9, atol=1e-9)
+            reward, event = kernels.sense(rules, sensors, state)
+            np.testing.assert_allclose(state, states[robot], rtol=1e-6, atol=1e-7)
+            assert reward == pytest.approx(rewards[robot], abs=1e-9) and event == events[robot]
+
+
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+@pytest.mark.parametrize("proposer", PROPOSERS)
+def test_a_compiled_life_is_that_of_single_steps_until_rounding_separates_them(proposer, task):
+    key = CohortKey(Condition(task, proposer), 0)
+    one, other = (Cohort(dataclasses.replace(LONG, cohort_size=40), key) for _ in range(2))
+    other._compiled = None
+    for cohort in (one, other):
+        cohort.advance(40)
+    np.testing.assert_allclose(one.batch.pose, other.batch.pose, atol=1e-4)
+    for cohort in (one, other):
+        cohort.advance(1000)
+    arrays, wanted = one.checkpoint()[0], other.checkpoint()[0]
+    assert {*arrays} == {*wanted}
+    for name in ("brain.generator", "brain.age", "batch.spots"):
+        np.testing.assert_array_equal(arrays[name], wanted[name])
+
+
+def test_a_compiled_life_that_stops_anywhere_continues_to_the_same_bytes():
+    key, random = CohortKey(Condition("wall_avoidance", "creative"), 0), np.random.default_rng(2)
+    whole, parts = Cohort(LONG, key), Cohort(LONG, key)
+    whole.advance(whole.steps)
+    while not parts.finished:
+        parts.advance(int(random.integers(1, 300)))
+        arrays, notes = copy.deepcopy(parts.checkpoint())
+        parts = Cohort(LONG, key)
+        parts.restore(arrays, notes)
+    for name, array in whole.checkpoint()[0].items():
+        np.testing.assert_array_equal(array, parts.checkpoint()[0][name])
+    assert whole.lives().events.sum() > 0
+
+
+def test_a_robot_whose_weights_are_not_finite_stops_alone():
+    cohort = Cohort(LONG, CohortKey(Condition("wall_avoidance", "creative"), 0))
+    cohort.advance(20)
+    cohort.agent.weights()["evaluation.output_weights"][1] = np.nan
+    cohort.advance(cohort.steps)
+    assert cohort.valid.tolist() == [True, False, True]
+    assert not cohort.batch.sensordata[1].any() and cohort.batch.sensordata[[0, 2]].any()
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        (dict(brain=BRAINS["steady"]), "has the paper's ingredients only"),
+        (dict(brain=Parameters(keep_main_idea=True)), "has the paper's ingredients only"),
+        (dict(device="cuda", body="kinematic"), "does not compute on a GPU"),
+    ],
+)
+def test_what_the_compiled_step_does_not_compute_is_refused(fields, words):
+    with pytest.raises(InputError, match=f"^the backend 'numba' {words}"):
+        Experiment(backend="numba", **fields)
+
+
+def test_without_numba_and_with_another_version_of_it_nothing_is_simulated(tmp_path, monkeypatch):
+    plan = Plan.of(LONG, [Condition("wall_avoidance", "fixed")], 3)
+    manifest.write_manifest(tmp_path, plan)
+    manifest.check_physics(tmp_path)
+    with monkeypatch.context() as patch:
+        machine = manifest.machine()
+        patch.setattr(manifest, "machine", lambda: machine | {"numba": "0.1"})
+        with pytest.raises(InputError, match="another version of Numba"):
+            manifest.check_physics(tmp_path)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"^Numba is not installed; pip install 'musebot"):
+        check_device(plan)
