@@ -15,6 +15,8 @@ _TEXTS = {
     "lives": "Creative robots in training (sensors, brain, counts, physics), and the physics "
     "alone, which repeats their motor values from the same states: `mujoco.rollout`, one call for "
     "each control step, or the kinematic simulator.",
+    "backends": "Creative spot finding in training in the kinematic simulator, by Numba and by "
+    "PyTorch.",
     "interfaces": "Wall avoidance with random actions, and the same physics steps by "
     "`mujoco.rollout` alone.",
     "processes": "Creative wall avoidance: each process while all work, and one alone. The "
@@ -39,6 +41,7 @@ class Bench:
 
     def __call__(self) -> None:
         """Prints Markdown, each section as soon as it is measured."""
+        import importlib.util
         import json
 
         from ..lives.local import prepare_process
@@ -57,6 +60,8 @@ class Bench:
             todo = {"populations": speed.populations(effort, self.device)}
         else:
             todo = {"lives": speed.lives(effort), "interfaces": speed.interfaces(effort)}
+            if importlib.util.find_spec("numba"):
+                todo["backends"] = speed.backends(effort)
             todo["processes"] = speed.processes(effort, cores())
         prepare_process()
         about = machine() | {"cores_used": cores(), "quick": self.quick}

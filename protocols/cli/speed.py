@@ -62,6 +62,7 @@ class Effort:
     repetitions: int = 7
     robot_steps: int = 12_500  # about, in a repetition
     cohorts: tuple[int, ...] = (50, 250)
+    backends: tuple[int, ...] = (1, 8, 60, 250, 1000)
     populations: tuple[int, ...] = (256, 1024, 4096, 16_384, 65_536)  # on a GPU
     population_steps: int = 100  # control steps in a repetition
 
@@ -71,7 +72,7 @@ class Effort:
 
 
 FULL = Effort()
-QUICK = Effort(2, 6, (2, 3), (2,), 2)
+QUICK = Effort(2, 6, (2, 3), (2,), (2,), 2)
 
 
 def paired(robot_steps: int, repetitions: int, pair: Callable[[], Pair]) -> dict[str, float]:
@@ -201,6 +202,27 @@ def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
     bare = bare_mujoco(batch.model, batch.robots) if isinstance(batch, Batch) else kinematic
     pair = functools.partial(over_bare, work, batch.arrays, bare)
     return paired(steps * batch.robots, repetitions, pair)
+
+
+def backends(effort: Effort) -> Iterator[dict[str, Any]]:
+    """Yields a row for each number of robots: kinematic lives by Numba, and by PyTorch."""
+    for robots in effort.backends:
+        one, other = (
+            cohort_in_training(
+                Experiment(body="kinematic", cohort_size=robots, backend=backend), _POPULATION
+            )
+            for backend in ("numba", "torch")
+        )
+        steps = effort.steps(robots)
+
+        def pair(one: Cohort = one, other: Cohort = other, steps: int = steps) -> Pair:
+            began = time.thread_time()
+            one.advance(steps)
+            middle = time.thread_time()
+            other.advance(steps)
+            return middle - began, time.thread_time() - middle
+
+        yield {"robots": robots} | paired(steps * robots, effort.repetitions, pair)
 
 
 def interfaces(effort: Effort) -> Iterator[dict[str, Any]]:

@@ -42,6 +42,10 @@ class Scene:
             enlarge(spec, factor)
         if dimensions and dimensions.nose == 0:
             centre_nose(spec)
+        # Without a graphics card shadows would take more than half of the time.
+        for light in spec.lights:
+            light.castshadow = False
+        spec.visual.headlight.ambient = [0.46] * 3
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._rules = TASKS[task].rules.of(self._model)

@@ -64,7 +64,7 @@ def test_a_replay_of_other_motor_values_is_refused():
         speed.over_bare(lambda: work(-1), batch.arrays, bare)
 
 
-ROWS = {"lives": 16, "interfaces": 4, "processes": 1}
+ROWS = {"lives": 16, "interfaces": 4, "backends": 1, "processes": 1}
 
 
 @pytest.mark.parametrize(("words", "rows"), [([], ROWS), (["--device", "cpu"], {"populations": 4})])
