@@ -25,11 +25,12 @@ apt_install = { \
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-run: $(READY)  ## film a trained policy, let a few robots learn, write their page; in runs/demo
+run: $(READY)  ## film a trained policy, let 60 robots learn, write their page; in runs/demo
 	mkdir -p $(DEMO)
-	$(VENV)/bin/musebot film --task spot_finding --output $(DEMO)/trained.mp4 --seconds 10
-	$(VENV)/bin/musebot run $(DEMO)/steady --brain steady --proposer creative --robots 6 --time-scale 0.5
-	$(VENV)/bin/musebot report $(DEMO)/steady
+	$(VENV)/bin/musebot film --task spot_finding --output $(DEMO)/trained.mp4 --seconds 6
+	$(VENV)/bin/musebot run $(DEMO)/robots --body kinematic --set backend=numba cohort_size=30 \
+	  --task wall_avoidance --proposer creative --robots 60
+	$(VENV)/bin/musebot report $(DEMO)/robots
 
 test: $(READY) $(RAY) $(GYM) $(WARP) $(CHROMIUM)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 --dist worksteal tests

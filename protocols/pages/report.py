@@ -34,7 +34,8 @@ from .replay import StoredRobot
 
 PAGE = "report.html"
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
-_FILM_SECONDS = 10.0
+_FILM_SECONDS = 6.0
+_TESTS = {"pre": "before", "post": "after"}
 _FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
 
 
@@ -117,7 +118,10 @@ def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | Non
 
 
 def _film(run: Run, folder: Path) -> str:
-    """Films each task's example robot, unless the folder has it; returns which cannot be filmed."""
+    """Films each task's example robot before and after its life, unless the folder has the film.
+
+    Returns which robots cannot be filmed.
+    """
     missing: list[str] = []
     for task in run.tasks():
         example = robot_figures.favourite(run, task)
@@ -126,14 +130,14 @@ def _film(run: Run, folder: Path) -> str:
             continue
         condition, speed = example.condition, _FILM_SPEEDS[task]
         kind = f"{example.kind}_{condition.proposer}_{example.robot}"
-        path = folder / f"{task}_{kind}_after_training_x{speed:g}.mp4"
-        if path in _kept(folder):
-            continue
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
-            episode = StoredRobot(run, condition, example.robot, "post").episode()
-            films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
+            for phase, when in _TESTS.items():
+                path = folder / f"{task}_{kind}_{when}_training_x{speed:g}.mp4"
+                if path not in _kept(folder):
+                    episode = StoredRobot(run, condition, example.robot, phase).episode()
+                    films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed:
                 folder.rmdir()
@@ -142,9 +146,13 @@ def _film(run: Run, folder: Path) -> str:
 
 
 def _kept(folder: Path) -> list[Path]:
-    """Returns the films of a folder; a link could lead to any file of the reader's."""
+    """Returns the films of a folder, a robot's film before its training first.
+
+    A link could lead to any file of the reader's.
+    """
     found = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
-    return sorted(path for path in found if path.is_file() and not path.is_symlink())
+    kept = (path for path in found if path.is_file() and not path.is_symlink())
+    return sorted(kept, reverse=True)  # by name, "before" comes behind "after"
 
 
 # ---- The page ----

@@ -91,12 +91,14 @@ def test_films_that_are_missing_are_made_or_named_and_kept_ones_are_shown(
     monkeypatch.setattr(report, "_figures", lambda *_: [])
     for _ in range(2):
         report.report(run, copy, None)
-    walls, spot = made
+    assert ["_before_" in path.name for path in made] == [True, False] * 2
+    walls, spot = made[1::2]
     assert walls.name.startswith("wall_avoidance_") and spot.name.startswith("spot_finding_")
+    assert [path.name for path in report._kept(copy / "films")] == [path.name for path in made]
     spot.rename(spot.with_name("my_robot.mp4"))  # of another robot
     report.report(run, copy, output)
     text = output.read_text()
-    assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 2
+    assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 4
     assert "my robot" in text and "Spot finding has no film: there is no headless OpenGL" in text
     shutil.rmtree(copy / "films")
     report.report(run, copy, output)
