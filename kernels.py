@@ -138,17 +138,24 @@ def scratch(inputs, neurons, count):
     """Returns space to select among A actions, and space to learn."""
     evaluation, memory = neurons
     acting = np.empty((2, count), F), np.empty((memory, count), F), np.empty(count, F)
+    patterns = np.zeros((count, memory * (inputs + 2)), F), np.arange(count)
     hidden = np.empty(evaluation, F), np.empty(memory, F)
-    return acting, (np.empty(inputs + 2, F), hidden, np.empty(1, F), np.empty(2, F))
+    return (*acting, patterns), (np.empty(inputs + 2, F), hidden, np.empty(1, F), np.empty(2, F))
 
 
 @_brain
 def act(nets, space, state, draws, robot, now):
     """Selects a robot's action among proposed ones, and records it in its row of `now`."""
-    evaluation, memory, pool = nets[:3]
+    evaluation, memory, (pool, fixed) = nets[:3]
     rows, actions, exploring = draws
-    motors, hidden, values = space
-    if rows.size:
+    motors, hidden, values, (patterns, each) = space
+    if len(fixed):  # the signs that were drawn, at the robot's own connections
+        patterns[:] = 0
+        for a in each:
+            for noisy in range(fixed.shape[1]):
+                patterns[a, fixed[robot, noisy]] = pool[rows[robot, a], noisy]
+        ideas(memory[robot], state, patterns, each, hidden, motors)
+    elif rows.size:
         ideas(memory[robot], state, pool, rows[robot], hidden, motors)
     else:
         motors[:] = actions[robot % len(actions)].T

@@ -25,8 +25,8 @@ class CompiledNeurocontroller(Neurocontroller):
     Its parameters must be `Parameters.compilable`; lives equal those of PyTorch up to rounding.
 
     Attributes:
-      nets: Weights of the evaluation networks and of the memories, the pool of noise patterns, the
-        discount factor, and the learn rate.
+      nets: Weights of the evaluation networks and of the memories, the pool of noise patterns with
+        the robots' fixed connections, the discount factor, and the learn rate.
       neurons: Numbers of hidden neurons of the two networks.
     """
 
@@ -36,16 +36,17 @@ class CompiledNeurocontroller(Neurocontroller):
         p = self._parameters
         assert p.compilable
         memory = pool = np.zeros((0, 0), np.float32)
+        fixed = np.zeros((0, 0), np.int64)
         self._patterns = None
         if self.memory is not None:
             memory = self.memory.networks.weights.numpy()
             assert isinstance(self.memory.patterns, NoisePatterns)
             self._patterns = self.memory.patterns
-            pool = self._patterns.tensors()["pool"].numpy()
+            pool, fixed = self._patterns.tensors()["pool"].numpy(), self._patterns.fixed.numpy()
         assert isinstance(self._exploration, EpsilonGreedy)
         self._greedy = self._exploration
         rates = np.float32(p.discount), np.float32(p.learn_rate)
-        self.nets = self.evaluation.networks.weights.numpy(), memory, pool, *rates
+        self.nets = self.evaluation.networks.weights.numpy(), memory, (pool, fixed), *rates
         self.neurons = p.evaluation_hidden, p.memory_hidden
         self._steps = [_views(step) for step in (self._previous, self._current)]
 

@@ -40,8 +40,13 @@ class CreativeMemory:
         self._sizes = [hidden * inputs, 2 * hidden]
         if parameters.noise_on_biases:
             self._sizes += [hidden, 2]
+        fixed = parameters.noisy_connections == "fixed"
         patterns = NoisePatterns(
-            sum(self._sizes), parameters.noisy_share, parameters.noise, generator
+            sum(self._sizes),
+            parameters.noisy_share,
+            parameters.noise,
+            generator,
+            robots if fixed else 0,
         )
         self.patterns: NoisePatterns | HeldNoisePatterns = patterns
         if parameters.noise_steps != 1:
@@ -107,13 +112,23 @@ class NoisePatterns:
     redrawn every `LIFETIME` steps. Each idea has the distribution of an individual draw; for 50
     robots or more it takes a tenth of the time. Two ideas share a pattern of the pool with a
     probability of 1 in `POOL`, so they are equal more often than individual draws would be.
+
+    With fixed connections each robot's are drawn once, and a pattern of the pool holds signs only.
+
+    Attributes:
+      fixed: Each robot's noisy connections, int64, shape (B, n); (0, n) if ideas draw their own.
     """
 
     POOL = 16384
     LIFETIME = 500
 
     def __init__(
-        self, connections: int, share: float, noise: float, generator: torch.Generator
+        self,
+        connections: int,
+        share: float,
+        noise: float,
+        generator: torch.Generator,
+        robots: int = 0,
     ) -> None:
         """Prepares patterns; the first `renew` fills the pool.
 
@@ -122,12 +137,15 @@ class NoisePatterns:
           share: Share of noisy connections, in [0, 1].
           noise: Magnitude of the noise, which is added to or subtracted from a noisy connection.
           generator: Random stream from which patterns are drawn.
+          robots: Number of robots with fixed connections; 0 if each idea draws its own.
         """
         self.connections = connections
         self.noisy = max(round(share * connections), 1 if share > 0 else 0)
         self.noise = noise
         self._generator = generator
-        self._pool = torch.zeros(self.POOL, connections)
+        keys = torch.rand(robots, connections, generator=generator)
+        self.fixed = keys.topk(self.noisy, dim=1, largest=False).indices
+        self._pool = torch.zeros(self.POOL, self.noisy if robots else connections)
         self._age = torch.tensor([self.LIFETIME], device="cpu")  # read in every step
 
     def renew(self, steps: int = 1) -> int:
@@ -143,8 +161,12 @@ class NoisePatterns:
         return lasts
 
     def draw(self, count: int) -> Tensor:
-        """Draws patterns, shape (count, N)."""
-        return self._pool.index_select(0, self.rows(count))
+        """Draws patterns, shape (count, N); with fixed connections, equally many for each robot."""
+        drawn = self._pool.index_select(0, self.rows(count))
+        if not len(self.fixed):
+            return drawn
+        own = self.fixed.repeat_interleave(count // len(self.fixed), dim=0)
+        return drawn.new_zeros(count, self.connections).scatter_(1, own, drawn)
 
     def rows(self, count: int) -> Tensor:
         """Draws patterns by their numbers in the pool, shape (count,)."""
@@ -153,15 +175,18 @@ class NoisePatterns:
 
     def _refill(self) -> None:
         generator, device = self._generator, self._pool.device
-        keys = torch.rand(self._pool.shape, generator=generator, device=device)
-        chosen = keys.topk(self.noisy, dim=1, largest=False).indices
+        chosen = torch.arange(self.noisy, device=device).expand(len(self._pool), -1)
+        if not len(self.fixed):
+            keys = torch.rand(self._pool.shape, generator=generator, device=device)
+            chosen = keys.topk(self.noisy, dim=1, largest=False).indices
         signs = torch.randint(2, chosen.shape, generator=generator, device=device) * 2.0 - 1.0
         self._pool.zero_().scatter_(1, chosen, self.noise * signs)
         self._age.zero_()
 
     def tensors(self) -> dict[str, Tensor]:
-        """Returns the pool and its age in steps, for a checkpoint."""
-        return {"pool": self._pool, "age": self._age}
+        """Returns the pool, its age in steps, and fixed connections, for a checkpoint."""
+        fixed = {"fixed": self.fixed} if len(self.fixed) else {}
+        return {"pool": self._pool, "age": self._age} | fixed
 
 
 class HeldNoisePatterns:

@@ -12,15 +12,16 @@ RewardForm = Literal["signal", "difference"]
 Bootstrap = Literal["on_policy", "max"]
 OptimizerName = Literal["sgd", "adam"]
 MemoryTarget = Literal["selected", "best"]
+NoisyConnections = Literal["anew", "fixed"]
 Proposer = Literal["fixed", "random", "creative"]
 PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
 
 # Far beyond what can be of use: a number above it is a slip, and would hang or overflow.
 _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
 _LARGEST, _LONGEST = 1000, 10**9
-# Numbers of the paper's brain: with others it is the same brain, compiled or not.
+# With other values of these it is still the paper's brain, which can be compiled.
 _NUMBERS = ("evaluation_hidden", "learn_rate", "discount", "epsilon", "fixed_motors", "ideas")
-_NUMBERS += ("memory_hidden", "noise", "noisy_share", "initial_range")
+_NUMBERS += ("memory_hidden", "noise", "noisy_share", "noisy_connections", "initial_range")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +47,8 @@ class Parameters(Checked):
       noisy_share: Share of the connections that are noisy in an idea, "a quarter" (section 3); the
         number of noisy connections is rounded to the nearest whole number, at least 1 if the share
         is above 0.
+      noisy_connections: Which connections are noisy: drawn "anew" for each idea, or "fixed": drawn
+        once for each robot, so that each idea has new signs only (docs/paper.md).
       noise_steps: Number of steps for which the ideas keep their noise: 1 for new noise in every
         step, 0 for the same noise for life (not stated in the paper). A stored brain draws it anew.
       noise_on_biases: Whether biases count as connections (not stated in the paper).
@@ -92,6 +95,7 @@ class Parameters(Checked):
     memory_hidden: int = whole(5, 1, _MOST_NEURONS)
     noise: float = number(0.76, 0, _LARGEST)
     noisy_share: float = number(0.25, 0, 1)
+    noisy_connections: NoisyConnections = choice("anew", NoisyConnections)
     noise_steps: int = whole(1, 0, _MOST_STEPS, unit="steps")
     noise_on_biases: bool = flag(False)
     keep_main_idea: bool = flag(False)
@@ -137,7 +141,7 @@ class Parameters(Checked):
 
     @property
     def compilable(self) -> bool:
-        """Whether `CompiledNeurocontroller` computes it: it differs in numbers from the paper's."""
+        """Whether `CompiledNeurocontroller` computes it: the ingredients are the paper's."""
         own = {name: getattr(self, name) for name in _NUMBERS}
         return dataclasses.replace(Parameters(), **own) == self
 

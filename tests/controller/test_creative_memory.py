@@ -108,6 +108,24 @@ def test_the_number_of_noisy_connections_is_rounded_but_not_to_zero(connections,
         assert abs(counts[0].item() - share * connections) <= 0.5 + 1e-9
 
 
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_fixed_connections_stay_and_only_their_signs_are_drawn_anew(share):
+    patterns = NoisePatterns(15, share, 0.76, torch.Generator().manual_seed(2), robots=300)
+    chosen = patterns.fixed.clone()
+    assert chosen.shape == (300, round(15 * share))
+    assert all(len(set(own)) == len(own) for own in chosen.tolist())
+    if share == 0.25:  # each connection is chosen as often, by chance
+        assert (chosen.flatten().bincount(minlength=15) - 80).abs().max() < 40
+    seen = torch.zeros(300, 15, dtype=torch.bool)
+    for _ in range(2 * patterns.LIFETIME // 100):
+        patterns.renew(100)
+        drawn = draw_from(patterns, 300 * 6).view(300, 6, 15)
+        inside = torch.zeros(300, 15, dtype=torch.bool).scatter_(1, chosen, True)
+        assert torch.equal(drawn.abs(), 0.76 * inside[:, None].expand(-1, 6, -1))
+        seen |= (drawn > 0).any(1) & (drawn < 0).any(1)
+    assert torch.equal(seen, inside) and torch.equal(patterns.fixed, chosen)
+
+
 def test_patterns_are_drawn_uniformly_from_the_pool():
     patterns, pool = new_patterns()
     pool[:, 0] = torch.arange(len(pool))
