@@ -215,7 +215,7 @@ def test_the_death_of_a_process_that_has_just_begun_is_noticed(
             os.kill([*pool._processes][-1], signal.SIGKILL)
 
     monkeypatch.setattr(local.ProcessPoolExecutor, "_spawn_process", killed)
-    monkeypatch.setattr(local, "_GRACE", 5.0)
+    monkeypatch.setattr(local, "_GRACE", 0.5)
     jobs = [kinds.Write(tmp_path / "a", FOREVER), kinds.Write(tmp_path / "b", FOREVER)]
     with pytest.raises(Interrupted if request_stop else RunError):
         execute_all(jobs, Local(2))
