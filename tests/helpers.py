@@ -30,23 +30,6 @@ def same(first, second):
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)
 
 
-def same_results(first, second):
-    """Returns whether two results are equal, NaN equal to NaN."""
-    from musebot.protocols.lives.run import WHEN
-
-    return [*first] == [*second] and all(
-        repr(one.robots) == repr(other.robots)
-        and one.curves.dtype == other.curves.dtype
-        and np.array_equal(one.curves, other.curves)
-        and all(
-            one.networks[w].keys() == other.networks[w].keys()
-            and all(np.array_equal(x, other.networks[w][k]) for k, x in one.networks[w].items())
-            for w in WHEN
-        )
-        for one, other in zip(first.values(), second.values(), strict=True)
-    )
-
-
 def run_of_rows(rows, experiment=None, *, minutes=1, name="run"):
     """Returns a run of robots' rows, without networks and without events in its curves."""
     from musebot.protocols.lives.conditions import Condition

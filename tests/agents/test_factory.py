@@ -181,7 +181,7 @@ def test_the_guides_example_keeps_the_contract_is_simulated_and_stands_in_the_ta
     sys.modules.pop("my_agent")
     for line in lines:
         words = line.replace("musebot", f"{sys.executable} -m musebot", 1).split()
-        words = [{"20": "4"}.get(word, word) for word in words]  # four robots, to be quick
+        words = [{"20": "4", "0.01": "0.001"}.get(word, word) for word in words]  # to be quick
         done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         assert "my_agent:table" in done.stdout

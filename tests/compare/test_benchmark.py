@@ -74,9 +74,11 @@ def test_an_agent_named_twice_has_one_run_and_one_that_fails_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_tuned_settings_are_used_and_learners_and_tracks_are_added(tmp_path, in_process, capsys):
+def test_tuned_settings_are_used_and_learners_and_tracks_are_added(
+    tmp_path, in_process, capsys, commands_in_process
+):
     tuned, out = tmp_path / "tuned", tmp_path / "out"
-    tune = Tune(agent="sarsa_lambda", signals="raw", trials=4, kept=2, robots=2, time_scale=0.004)
+    tune = Tune(agent="sarsa_lambda", signals="raw", trials=4, kept=2, robots=2, time_scale=0.001)
     conduct(tune, tuned, in_process())
     best = tune.best(tuned).settings
     study = Benchmark((tuned,), ("sarsa_lambda",), ("raw",), ("walls",), **TINY)

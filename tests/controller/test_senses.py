@@ -44,12 +44,3 @@ def test_a_nose_is_encoded_as_2s_minus_1_and_as_the_raw_odour_from_minus_1_to_1(
     torch.testing.assert_close(encoding.state(s), expected)
     noisy = torch.tensor([-0.2, 0.95, 1.0, 1.1])[:, None]  # clipped to no and maximal smell
     assert encoding.state(noisy)[:, 1].tolist() == pytest.approx([-1.0, 1.0, 1.0, 1.0])
-
-
-def test_wall_signals_and_motors_are_encoded_from_minus_1_to_1():
-    encoding = Encoding(WALLS, centred=True, raw_signals=True)
-    assert encoding.inputs == 5
-    state = torch.tensor([[0.0, 0.25, 0.5, 1.0, -1.0], [0.0, 0.25, 0.5, 1.0, 0.0]])
-    expected = torch.tensor([[-1.0, -0.5, 0.0, 1.0, -1.0], [-1.0, -0.5, 0.0, 1.0, 1.0]])
-    torch.testing.assert_close(encoding.state(state), expected)
-    assert encoding.motors(torch.tensor([-0.5, 0.5])).tolist() == [-1.0, 1.0]

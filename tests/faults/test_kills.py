@@ -26,11 +26,14 @@ from musebot.protocols.lives.runs import simulate
 # Commands, forked from one process that has imported everything: kills then fall into the work,
 # not into imports. Checkpoints are saved more often than their users would.
 FORKS = """
-import json, os, sys
+import contextlib, json, os, sys
 from multiprocessing import get_context
 from musebot.protocols.cli import parser
-from musebot.protocols.compare import jobs
+from musebot.protocols.compare import jobs, tune
 from musebot.protocols.lives import local, runs
+from musebot.protocols.pages import tables
+with contextlib.suppress(ImportError):
+    from musebot.protocols.lives import compiled
 
 jobs.SAVE_EVERY = 0.05
 local.multiprocessing.get_context = lambda method: get_context("fork")
@@ -109,6 +112,8 @@ TUNE = "--agent q_learner --robots 4 --trials 4 --kept 2 --time-scale 0.02 --pro
 LINES = {
     "run": "run OUT --task wall_avoidance --proposer creative fixed --robots 4 --set cohort_size=2 "
     "--time-scale 0.002 --processes 2 --save-every 0.05",
+    "numba": "run OUT --task wall_avoidance --proposer creative fixed --robots 4 --body kinematic "
+    "--set backend=numba cohort_size=2 --time-scale 0.02 --processes 2 --save-every 0.05",
     "tune": f"benchmark tune OUT {TUNE}",
 }
 
@@ -166,8 +171,8 @@ def survived(commands, kind, folder, kills, wanted):
 
 
 @pytest.mark.slow
-def test_a_run_killed_at_ten_random_moments_leaves_the_undisturbed_runs_bytes(commands, tmp_path):
-    survived(commands, "run", tmp_path, 10, {"checkpoints"})
+def test_a_run_killed_at_five_random_moments_leaves_the_undisturbed_runs_bytes(commands, tmp_path):
+    survived(commands, "run", tmp_path, 5, {"checkpoints"})
 
 
 @pytest.mark.slow

@@ -88,14 +88,22 @@ def kinds(tmp_path_factory):
         yield importlib.import_module("jobs_of_test_executors")
 
 
+@pytest.fixture
+def processes_that_have_imported(monkeypatch):
+    """Lets processes fork from one that has imported PyTorch, which takes seconds of each."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["musebot.protocols.lives.local"])
+    monkeypatch.setattr(local.multiprocessing, "get_context", lambda method: context)
+
+
 @pytest.fixture(params=["local", pytest.param("ray", marks=pytest.mark.slow)])
 def executor(request):
     """Makes an executor that runs so many jobs at a time."""
     if request.param == "local":
+        request.getfixturevalue("processes_that_have_imported")
         return Local
-    address = request.getfixturevalue("cluster")
-    ray_cluster = importlib.import_module("musebot.protocols.lives.ray_cluster")
-    return lambda processes: ray_cluster.RayCluster(address)
+    connected = request.getfixturevalue("connected")
+    return lambda processes: connected
 
 
 def execute_all(jobs, executor, finished=lambda job: None):
@@ -174,7 +182,9 @@ def test_where_a_job_cannot_go_on_the_others_stop(how, error, words, executor, k
 # Processes of this machine
 
 
-def test_a_killed_process_is_one_sentence_and_holds_up_nobody(kinds, tmp_path, monkeypatch):
+def test_a_killed_process_is_one_sentence_and_holds_up_nobody(
+    processes_that_have_imported, kinds, tmp_path, monkeypatch
+):
     monkeypatch.setattr(local, "_GRACE", 0.5)
     dying = kinds.Write(tmp_path / "file", fails="killed with a lock")
     jobs = [dying, kinds.Write(tmp_path / "other", FOREVER)]
@@ -205,7 +215,7 @@ def test_the_death_of_a_process_that_has_just_begun_is_noticed(
             os.kill([*pool._processes][-1], signal.SIGKILL)
 
     monkeypatch.setattr(local.ProcessPoolExecutor, "_spawn_process", killed)
-    monkeypatch.setattr(local, "_GRACE", 5.0)
+    monkeypatch.setattr(local, "_GRACE", 0.5)
     jobs = [kinds.Write(tmp_path / "a", FOREVER), kinds.Write(tmp_path / "b", FOREVER)]
     with pytest.raises(Interrupted if request_stop else RunError):
         execute_all(jobs, Local(2))
@@ -267,6 +277,8 @@ def started_node(*arguments):
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
         env=os.environ | {
             "PYTHONUNBUFFERED": "1", "RAY_USAGE_STATS_ENABLED": "0",
+            # No processes that no job can use.
+            "RAY_prestart_worker_first_driver": "false",
             # On a busy machine.
             "RAY_raylet_start_wait_time_s": "300", "RAY_agent_register_timeout_ms": "300000",
         },
@@ -281,7 +293,7 @@ def kill(node):
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def cluster(kinds):
     """The address of a cluster of one node with two cores, which needs a token."""
     ray = pytest.importorskip("ray", reason="Ray cannot be installed here: pip install ray")
     port, dashboard = str(free_port()), ("--include-dashboard", "false")
@@ -291,7 +303,16 @@ def cluster():
     kill(node)
 
 
+@pytest.fixture(scope="module")
+def connected(cluster):
+    """An executor, whose processes the tests share: to start one takes seconds."""
+    ray_cluster = importlib.import_module("musebot.protocols.lives.ray_cluster")
+    ray_cluster.RayCluster(cluster)
+    return ray_cluster.RayCluster(cluster)  # as the second command of a process
+
+
 @pytest.mark.slow
+@pytest.mark.night
 def test_the_jobs_of_a_lost_node_continue_elsewhere(cluster, kinds, tmp_path):
     from musebot.protocols.lives.ray_cluster import RayCluster
 
@@ -319,10 +340,11 @@ def test_an_address_at_which_ray_might_start_an_open_cluster_is_refused(monkeypa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("token", [None, "f" * 64])
+@pytest.mark.parametrize("token", ["f" * 64, pytest.param(None, marks=pytest.mark.night)])
 def test_a_cluster_runs_nothing_without_its_token(token, cluster, tmp_path, monkeypatch):
     monkeypatch.delenv("RAY_AUTH_TOKEN")
     monkeypatch.setenv("HOME", str(tmp_path))  # where Ray looks for a token
+    monkeypatch.setenv("RAY_NUM_REDIS_GET_RETRIES", "2")  # it would ask for 20 s
     if token:
         monkeypatch.setenv("RAY_AUTH_TOKEN", token)
     else:

@@ -1,4 +1,4 @@
-"""Learn Ability (Eq. 4) and the rows of tables 1 and 2."""
+"""The rows of tables 1 and 2; test_run.py has Learn Ability (Eq. 4)."""
 
 import math
 from fractions import Fraction
@@ -9,45 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.protocols.lives.learn_ability import (
-    CATEGORIES,
     Summary,
     category,
     classes,
-    learn_ability,
     summarise,
     total_variation,
 )
 
 quick = settings(deadline=None, max_examples=200)
-steps = st.integers(0, 216_000)
-
-
-def ability(pre, post, wanted):
-    return float(learn_ability(np.array([pre]), np.array([post]), wanted)[0])
-
-
-# Eq. 4
-
-
-@quick
-@given(steps, steps, st.booleans(), st.sampled_from([1, 0.1]))
-def test_learn_ability_is_equation_4_with_the_sign_of_what_is_wanted(pre, post, wanted, unit):
-    found = ability(pre * unit, post * unit, wanted)
-    if pre == post == 0:
-        assert math.isnan(found)
-    else:
-        exact = Fraction(post - pre if wanted else pre - post, pre + post)
-        assert found == pytest.approx(float(exact), abs=1e-12) and -1 <= found <= 1
-
-
-@quick
-@given(st.lists(st.tuples(steps, steps), min_size=1, max_size=30), st.booleans())
-def test_every_robot_stands_in_exactly_one_row(times, wanted):
-    pre, post = np.array(times).T
-    abilities = learn_ability(pre, post, wanted)
-    assert all(category(value) in CATEGORIES for value in abilities)
-    summary = summarise(list(abilities), list(post), 1.0)
-    assert sum(summary.counts) == summary.robots == len(times)
 
 
 def test_a_learn_ability_stands_in_its_row():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from musebot.protocols.errors import InputError
@@ -45,6 +45,8 @@ pairs = st.lists(st.tuples(st.integers(0, 26), st.integers(0, 26), st.booleans()
 
 
 @quick
+@example(WALLS, [(0, 0, True)])  # a genius
+@example(SPOT, [(0, 0, True)])  # ignorant
 @given(st.sampled_from([WALLS, SPOT]), pairs)
 def test_times_classes_and_curves_follow_from_the_counts(condition, rows):
     counts, valid = [row[:2] for row in rows], np.array([row[2] for row in rows])

@@ -159,6 +159,8 @@ def test_a_run_that_is_stopped_resumes_to_the_same_bytes(how, run, tmp_path, und
          "--set", "cohort_size=2", "time_scale=0.01", "--task", "wall_avoidance",
          "--proposer", "creative", "--save-every", "0.2"],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        # A hang-up that this process ignores, as under nohup, would be ignored there by design.
+        preexec_fn=lambda: signal.signal(how, signal.SIG_DFL),
     )  # fmt: skip
     group = os.getpgid(process.pid)
     while not any((out / "checkpoints").glob("*.safetensors")):

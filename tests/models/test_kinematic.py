@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, arena_spec
@@ -25,18 +25,8 @@ def driven(pose, left, right, seconds=0.1, wall="holds"):
     return drive(np.array([pose]), np.array([[left, right]]), seconds, how, SIZE)[0][0]
 
 
-def test_equal_motors_drive_straight_at_the_commanded_speed():
-    assert driven((0, 0, 0.3), 0.25, 0.25, seconds=2) == pytest.approx(
-        [0.2 * np.cos(0.3), 0.2 * np.sin(0.3), 0.3]
-    )
-
-
-def test_opposite_motors_turn_in_place():
-    x, y, heading = driven((0.1, -0.1, 0), -0.5, 0.5)
-    assert (x, y) == (0.1, -0.1)
-    assert heading == pytest.approx(0.1 * 0.4 / SIZE.wheel_base)
-
-
+@example(0.25, 0.25, 0.3)  # straight
+@example(-0.5, 0.5, 0.0)  # in place
 @given(motors, motors, st.floats(-np.pi, np.pi))
 def test_an_arc_ends_where_1000_short_straight_steps_end(left, right, heading):
     x = y = 0.0
