@@ -124,7 +124,7 @@ def _brain_needed() -> Iterator[None]:
 
 
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
-    """Registers a task of one's own in every interface, see `tasks.registry.register_task`.
+    """Registers a task of one's own in every interface, see `tasks.own_tasks.register_task`.
 
     Args:
       name: Name of the task, such as "my_task".
@@ -138,9 +138,9 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
       TypeError: A setting is unknown, or `rules` is not a class of rules.
       ValueError: The name is taken or has another form, or a setting is out of range.
     """
-    from .tasks import registry
+    from .tasks import own_tasks
 
-    return registry.register_task(name, rules, **settings)
+    return own_tasks.register_task(name, rules, **settings)
 
 
 def register() -> None:

@@ -22,8 +22,8 @@ OWN: Mapping[str, tuple[str, str]] = {
     "amortised_q": ("musebot:amortised_q", "learners.amortised_q"),
     "dqn": ("musebot:dqn", "learners.dqn"),
     "ppo": ("musebot.protocols.ppo:ppo", "ppo"),
-    "hand_coded": ("musebot.protocols.baselines:hand_coded", "bounds"),
-    "newborn": ("musebot:newborn", "bounds"),
+    "hand_coded": ("musebot.protocols.baselines:hand_coded", "hand_coded"),
+    "newborn": ("musebot:newborn", "hand_coded"),
 }
 RECORDED_NAMES = {name: recorded for name, (recorded, _) in OWN.items()}
 FACTORIES = {recorded: f"{__package__}.{module}:{n}" for n, (recorded, module) in OWN.items()}

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.checked_agent import CheckedAgent
+from musebot.protocols.agents.hand_coded import HandCoded
 from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError, RunError
@@ -103,7 +103,7 @@ def test_an_agent_that_changes_what_it_is_given_changes_a_copy():
 AGENT = """
 import os, sys
 import numpy as np
-from musebot.protocols.agents.bounds import HandCoded
+from musebot.protocols.agents.hand_coded import HandCoded
 
 class Mine(HandCoded):
     steps = 0

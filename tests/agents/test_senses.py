@@ -7,7 +7,7 @@ import torch
 import musebot
 from musebot.controller.brains import BRAINS
 from musebot.controller.senses import Encoding, Senses, Signal
-from musebot.protocols.agents.bounds import HandCoded
+from musebot.protocols.agents.hand_coded import HandCoded
 from musebot.protocols.agents.senses import RawSignals, raw_senses, senses_of
 from musebot.tasks.suite import TASKS
 

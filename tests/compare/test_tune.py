@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from musebot.protocols.agents import factory
-from musebot.protocols.agents.bounds import HandCoded
 from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.hand_coded import HandCoded
 from musebot.protocols.agents.settings import Setting, settings_of, tunable
 from musebot.protocols.compare.benchmark import LEARNERS
 from musebot.protocols.compare.study import STUDY_FILE, conduct

@@ -99,6 +99,8 @@ STRANGE = [
         "difference",
         "on_policy",
         "max",
+        "anew",
+        "fixed",
         "adam",
         "best",
         "Tanh",
@@ -139,6 +141,7 @@ def test_the_defaults_are_the_papers_parameters():
         "memory_hidden": 5,  # "five in the memory net"
         "noise": 0.76,  # sigma
         "noisy_share": 0.25,  # "noise in a quarter of all connections"
+        "noisy_connections": "anew",
         "noise_steps": 1,
         "noise_on_biases": False,
         "keep_main_idea": False,

@@ -12,8 +12,8 @@ from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import LARGEST, OnlineLearner, hidden
-from .moments import Moments
 from .networks import LayeredNetworks, of_unit_length
+from .running_moments import Moments
 
 _LOG_SPREAD = -20.0, 2.0
 

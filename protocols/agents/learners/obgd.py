@@ -15,8 +15,8 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..settings import Number
 from .base import OnlineLearner
-from .moments import Moments
 from .networks import LayeredNetworks, column
+from .running_moments import Moments
 
 
 class ObGD:

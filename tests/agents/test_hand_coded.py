@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from musebot.controller.senses import Senses, Signal
-from musebot.protocols.agents.bounds import hand_coded, newborn
+from musebot.protocols.agents.hand_coded import hand_coded, newborn
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.errors import InputError
