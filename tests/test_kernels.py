@@ -128,7 +128,7 @@ def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
 def test_a_compiled_life_is_that_of_single_steps_until_rounding_separates_them(proposer, task):
     key = CohortKey(Condition(task, proposer), 0)
     one, other = (Cohort(dataclasses.replace(LONG, cohort_size=40), key) for _ in range(2))
-    other._compiled = None
+    other._fused = None
     for cohort in (one, other):
         cohort.advance(40)
     np.testing.assert_allclose(one.batch.pose, other.batch.pose, atol=1e-4)

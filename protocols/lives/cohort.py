@@ -84,6 +84,20 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     return RawSignals(senses, agent) if raw else agent
 
 
+def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] | None:
+    """Returns the control steps of compiled brains in the kinematic simulator as one loop.
+
+    The function takes a number of steps, whether robots learn, and counts of events to add to. None
+    where no such loop computes them.
+    """
+    brain = agent.controller if isinstance(agent, NeurocontrollerAgent) else None
+    if brain is None or type(brain) is Neurocontroller:
+        return None
+    from .compiled import compiled_life  # needs Numba, which has made the brain
+
+    return compiled_life(agent, batch)
+
+
 class Cohort:
     """B robots that follow a schedule.
 
@@ -116,11 +130,7 @@ class Cohort:
         self._count_events = functools.partial(add_events, self.batch, self._counts)
         if captured := captured_steps(self.agent, self.batch, self._counts):
             self.decide, self._count_events = captured.decide, captured.count
-        self._compiled: Callable[[int, bool, Any], None] | None = None
-        if experiment.backend == "numba":
-            from .compiled import compiled_life
-
-            self._compiled = compiled_life(self.agent, self.batch)
+        self._fused = fused_life(self.agent, self.batch)
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = experiment.schedule(task).legs()
         self.step = 0
@@ -162,9 +172,9 @@ class Cohort:
 
     def simulate(self, steps: int, learning: bool) -> bool:
         """Simulates and counts control steps at once; returns False where it cannot."""
-        if self._compiled is None:
+        if self._fused is None:
             return False
-        self._compiled(steps, learning, self._counts)
+        self._fused(steps, learning, self._counts)
         self.step += steps
         return True
 

@@ -22,7 +22,7 @@ from ..agents.factory import trust
 from ..agents.names import recorded_name, short_name
 from ..analysis.behaviour import Track
 from ..errors import InputError
-from ..lives.cohort import make_agent
+from ..lives.cohort import fused_life, make_agent
 from ..lives.conditions import Condition
 from ..lives.device import decide
 from ..lives.experiment import Experiment
@@ -278,9 +278,13 @@ def watch(
     events = np.empty((steps, batch.robots), dtype=bool)
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
+    life, counts = fused_life(agent, batch), np.zeros(batch.robots, dtype=np.int32)
     with StepProgress(f"observing {what}", steps) as progress:
         for step in range(steps):
-            batch.step(decide(agent, batch, learning))
+            if life is not None:
+                life(1, learning, counts)
+            else:
+                batch.step(decide(agent, batch, learning))
             poses[step + 1] = batch.pose
             events[step] = batch.rules.event(batch.sensordata)
             nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
