@@ -65,6 +65,7 @@ def test_a_control_step_from_a_thousand_states_is_that_of_c_mujoco(task):
             # Whether a wall is touched a physics step earlier may depend on rounding.
             moved = np.abs(warp.pose[:, :2] - ours.pose[:, :2]).max(axis=1)
             turn = np.abs(turned(warp.pose[:, 2], ours.pose[:, 2]))
+            print(f"moved {1e3 * moved.max():.4f} mm, turned {turn.max():.6f} rad")
             near = (moved < 5e-6) & (turn < 1e-4)
             assert near.mean() >= 0.99 and moved.max() < 1e-3 and turn.max() < 0.05
             felt = (warp.sensordata[:, touch] > 0) == (ours.sensordata[:, touch] > 0)
