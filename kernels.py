@@ -225,7 +225,7 @@ def _share(start, step, room):
 def drive(size, how, pose, left, right):
     """Moves a robot along one path; see `models.kinematic.drive`. Returns whether it pushes."""
     length, width, base, speed = size[:4]
-    refuses, _, arc, seconds = how
+    refuses, _, arc, seconds, _ = how
     turn = (right - left) * speed / base * seconds
     ahead, along = (left + right) * speed / 2 * seconds, pose[2]
     if arc:
@@ -241,6 +241,19 @@ def drive(size, how, pose, left, right):
     pose[0] = min(max(pose[0] + share * x, -length), length)
     pose[1] = min(max(pose[1] + share * y, -width), width)
     return pushing
+
+
+@_body
+def move(size, how, pose, left, right):
+    """Moves a robot for a control step; see `tasks.kinematic.after_control_step`.
+
+    Returns whether it is in contact.
+    """
+    pushing = False
+    for _ in range(how[4]):
+        pushing = drive(size, how, pose, left, right)
+    gap = min(size[0] - abs(pose[0]), size[1] - abs(pose[1]))
+    return pushing if how[1] else gap <= size[6]
 
 
 @_body
@@ -300,7 +313,7 @@ def simulate(world, robots, brain, draws, learning, counts):
       learning: Whether robots learn.
       counts: Number of events of each robot, shape (B,), which is added to.
     """
-    size, how, task, pieces = world
+    size, how, task = world
     poses, wheels, touch, spots, sensordata, valid = robots
     nets, neurons, now = brain
     rows, actions, exploring = draws
@@ -321,10 +334,7 @@ def simulate(world, robots, brain, draws, learning, counts):
             left, right = np.float64(selected[robot, 0]), np.float64(selected[robot, 1])
             valid[robot] &= math.isfinite(left) and math.isfinite(right)
             if valid[robot]:
-                for _ in range(pieces):
-                    pushing = drive(size, how, pose, left, right)
-                gap = min(size[0] - abs(pose[0]), size[1] - abs(pose[1]))
-                touch[robot] = pushing if how[1] else gap <= size[6]
+                touch[robot] = move(size, how, pose, left, right)
                 wheels[robot, 0], wheels[robot, 1] = left, right
                 measure(size, pose, spots[robot], touch[robot], sensors)
             else:

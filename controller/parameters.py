@@ -20,8 +20,8 @@ PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
 _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
 _LARGEST, _LONGEST = 1000, 10**9
 # With other values of these it is still the paper's brain, which can be compiled.
-_NUMBERS = ("evaluation_hidden", "learn_rate", "discount", "epsilon", "fixed_motors", "ideas")
-_NUMBERS += ("memory_hidden", "noise", "noisy_share", "noisy_connections", "initial_range")
+_COMPILED = ("evaluation_hidden", "learn_rate", "discount", "epsilon", "fixed_motors", "ideas")
+_COMPILED += ("memory_hidden", "noise", "noisy_share", "noisy_connections", "initial_range")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Parameters(Checked):
     @property
     def compilable(self) -> bool:
         """Whether `CompiledNeurocontroller` computes it: the ingredients are the paper's."""
-        own = {name: getattr(self, name) for name in _NUMBERS}
+        own = {name: getattr(self, name) for name in _COMPILED}
         return dataclasses.replace(Parameters(), **own) == self
 
     @property

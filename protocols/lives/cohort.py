@@ -90,12 +90,12 @@ def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] 
     The function takes a number of steps, whether robots learn, and counts of events to add to. None
     where no such loop computes them.
     """
-    brain = agent.controller if isinstance(agent, NeurocontrollerAgent) else None
-    if brain is None or type(brain) is Neurocontroller:
+    # A subclass of the agent may act otherwise; only a compiled brain shows that Numba is there.
+    if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
         return None
-    from .compiled import compiled_life  # needs Numba, which has made the brain
+    from .compiled import compiled_life
 
-    return compiled_life(agent, batch)
+    return compiled_life(agent.controller, batch)
 
 
 class Cohort:
@@ -301,7 +301,9 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
             for cohort in moving:
                 cohort.place(leg.phase)
         steps = min(leg.stop, until, now - now % _MINUTE + _MINUTE) - now
-        for _ in range(0 if moving[0].simulate(steps, leg.phase.learning) else steps):
+        if moving[0].simulate(steps, leg.phase.learning):  # alone: a part of a batch cannot
+            steps = 0
+        for _ in range(steps):
             motors = [cohort.decide(leg.phase.learning) for cohort in moving]
             step_together([cohort.batch for cohort in moving], motors)
             for cohort in moving:

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 
 from ... import kernels
+from ...controller import Neurocontroller
 from ...controller.compiled import CompiledNeurocontroller
 from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import Robots
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
-from ..agents.base import Agent
-from ..agents.neurocontroller import NeurocontrollerAgent
 
 _RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
 _BLOCK = 20_000  # robot-steps whose random numbers are drawn at once: they fit a cache
@@ -41,9 +40,8 @@ class CompiledLife:
             steps -= begun
 
 
-def compiled_life(agent: Agent, batch: Robots) -> CompiledLife | None:
+def compiled_life(brain: Neurocontroller, batch: Robots) -> CompiledLife | None:
     """Returns a cohort's control steps as one loop; None where that loop does not compute them."""
-    brain = agent.controller if type(agent) is NeurocontrollerAgent else None
     if isinstance(brain, CompiledNeurocontroller) and type(batch) is KinematicBatch:
         return CompiledLife(brain, batch) if compilable(batch) else None
     return None
@@ -74,4 +72,4 @@ def world_of(batch: KinematicBatch) -> Any:
     numbers = map(float, (nose.odour, nose.frustum, nose.spot_radius))
     task = smells, sees, *numbers, nose.form == "printed"
     seconds = CONTROL_TIMESTEP / how.pieces
-    return tuple(map(float, body)), (*path, seconds), task, how.pieces
+    return tuple(map(float, body)), (*path, seconds, how.pieces), task

@@ -33,16 +33,8 @@ FORMAT = 1
 _LAST_COMMIT = "9e668f6"  # reads what was written before there were numbers of formats
 _VALUES = {"format", "experiment", "plan", "physics", "made_with", "digest"}
 _WARP = ("mujoco-warp", "warp-lang")
-_PACKAGES = (
-    "mujoco",
-    "dm-control",
-    "numpy",
-    "scipy",
-    "torch",
-    "numba",
-    *_WARP,
-    "cmaes",
-)  # that compute
+# The packages that compute.
+_PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "torch", "numba", *_WARP, "cmaes")
 _IDEAL = Kinematics()
 
 # Exceptions of reading values that are not those of an experiment.
@@ -158,9 +150,10 @@ def same_physics(directory: Path) -> bool:
     # Each version of these compilers rounds in its own way.
     packages = _WARP if experiment.physics == "warp" else ()
     packages += ("numba",) if experiment.backend == "numba" else ()
-    versions = [[m.get(n) for n in packages] for m in (machine(), *content["made_with"])]
-    if any(one != versions[0] for one in versions):
-        return False
+    if packages:
+        versions = [[m.get(n) for n in packages] for m in (machine(), *content["made_with"])]
+        if any(one != versions[0] for one in versions):
+            return False
     return is_physics_of(content["physics"], experiment)
 
 

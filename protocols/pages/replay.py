@@ -39,7 +39,7 @@ Act = Callable[[np.ndarray], np.ndarray]
 """Returns motor values in [-0.5, 0.5], shape (B, 2), for observations, float32, shape (B, S)."""
 
 # The two tests, before and after training, and which of the two stored brains drove the robot.
-_BRAINS: dict[str, When] = {"pre": "before", "post": "after"}
+BRAINS_OF_TESTS: dict[str, When] = {"pre": "before", "post": "after"}
 _ALONE = np.array([0])  # the robot of a batch of one
 
 
@@ -131,11 +131,11 @@ def policy_act(policies: Policies, robot: int, phase: str) -> Act:
 
 def _when(phase: str, seed: int = SEED) -> When:
     """Returns which stored brain drives in a test; raises InputError for an invalid value."""
-    if phase not in _BRAINS:
-        raise InputError(f"the phase must be one of {', '.join(_BRAINS)}, got {phase!r}")
+    if phase not in BRAINS_OF_TESTS:
+        raise InputError(f"the phase must be one of {', '.join(BRAINS_OF_TESTS)}, got {phase!r}")
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
-    return _BRAINS[phase]
+    return BRAINS_OF_TESTS[phase]
 
 
 @dataclasses.dataclass(frozen=True)

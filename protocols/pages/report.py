@@ -30,12 +30,11 @@ from ..storage import (
 from ..terminal import printable
 from . import figures, markdown, measured_behaviour, paper_figures, robot_figures, style, tables
 from . import film as films
-from .replay import StoredRobot
+from .replay import BRAINS_OF_TESTS, StoredRobot
 
 PAGE = "report.html"
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
 _FILM_SECONDS = 6.0
-_TESTS = {"pre": "before", "post": "after"}
 _FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
 
 
@@ -133,13 +132,13 @@ def _film(run: Run, folder: Path) -> str:
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
-            for phase, when in _TESTS.items():
+            for phase, when in BRAINS_OF_TESTS.items():
                 path = folder / f"{task}_{kind}_{when}_training_x{speed:g}.mp4"
                 if path not in _kept(folder):
                     episode = StoredRobot(run, condition, example.robot, phase).episode()
                     films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
-            if not existed:
+            if not existed and not any(folder.iterdir()):
                 folder.rmdir()
             missing.append(f"{TASK_NAMES[task]} has no film: {error}.")
     return " ".join(missing)
