@@ -23,6 +23,9 @@ EPISODE_STEPS: dict[str, int | None] = {}
 MODULES: dict[str, str] = {}
 
 
+LIFE_ID = "musebot/Life-v0"
+
+
 def register_gymnasium() -> None:
     """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
 
@@ -41,13 +44,15 @@ def register_gymnasium() -> None:
         ) from error
     if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
         os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
-    for name, task in GYMNASIUM_TASKS.items():
-        if f"musebot/{name}" in gymnasium.registry:
+    kinds = {f"musebot/{name}": task for name, task in GYMNASIUM_TASKS.items()}
+    for name, task in {**kinds, LIFE_ID: "life"}.items():
+        if name in gymnasium.registry:
             continue
         gymnasium.register(
-            id=f"musebot/{name}",
+            id=name,
             entry_point="musebot.tasks.gymnasium_env:ArenaEnv",
             vector_entry_point="musebot.tasks.gymnasium_env:ArenaVectorEnv",
             kwargs={"task": f"{MODULES[task]}:{task}" if task in MODULES else task},
-            max_episode_steps=EPISODE_STEPS.get(task, USUAL_STEPS),
+            # An episode of a life ends by itself.
+            max_episode_steps=None if name == LIFE_ID else EPISODE_STEPS.get(task, USUAL_STEPS),
         )

@@ -19,7 +19,6 @@ from .edits import (
     add_obstacles,
     add_velocity,
     centre_nose,
-    enlarge,
     hide_spot,
     scale_torque,
 )
@@ -37,7 +36,6 @@ __all__ = [
     "check_arena",
     "centre_nose",
     "check_versions",
-    "enlarge",
     "half_size",
     "hide_spot",
     "robot_pose",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from .arena import arena_spec, half_size
+from .arena import arena_spec
 
 OBSTACLES = ((-0.22, 0.11, 0.05), (0.05, -0.14, 0.06), (0.27, 0.10, 0.04))  # x, y, radius in [m]
 NOSE_ANGLE = np.pi / 6  # [rad] off the front: position and direction of each of two noses
@@ -17,25 +17,6 @@ NOSE_ANGLE = np.pi / 6  # [rad] off the front: position and direction of each of
 def hide_spot(spec: mujoco.MjSpec) -> None:
     """Makes the spot invisible, for tasks without a spot."""
     spec.material("spot").rgba[3] = 0
-
-
-def enlarge(spec: mujoco.MjSpec, factor: float) -> None:
-    """Moves the walls apart by a factor of at least 1; the spot keeps its distance to its corner.
-
-    The cameras move back. Raises ValueError for a factor below 1 or not finite.
-    """
-    if not 1 <= factor < np.inf:
-        raise ValueError(f"factor must be finite and at least 1, got {factor}")
-    moved = (factor - 1) * np.array([*half_size(spec), 0.0])
-    walls = {"west": (-1, 0, 0), "east": (1, 0, 0), "south": (0, -1, 0), "north": (0, 1, 0)}
-    for name, outwards in walls.items():
-        for part in (spec.geom(name), spec.geom(f"{name}_back"), spec.site(name)):
-            part.pos = part.pos + moved * outwards
-        spec.site(name).size = spec.site(name).size + moved * (1 - np.abs(outwards))
-    for part in (spec.camera("overhead"), spec.camera("corner")):
-        part.pos = part.pos * factor
-    spec.geom("floor").size = spec.geom("floor").size + moved
-    spec.body("spot").pos = spec.body("spot").pos + moved
 
 
 def centre_nose(spec: mujoco.MjSpec) -> None:

@@ -25,6 +25,7 @@ from dm_env import specs
 from ..fields import Checked, number
 from ..models.arena import ARENA_XML, Dimensions, arena_spec
 from .episode import (
+    CONTROL_TIMESTEP,
     Episode,
     Lifecycle,
     check_counts,
@@ -35,11 +36,12 @@ from .episode import (
     set_stream_state,
     stream_state,
 )
+from .lives import Life, Phase
 from .rules import Rules
 from .sensors import NoseForm
 from .starts import Corner, Random, Start, random_spots
+from .world import World
 
-CONTROL_TIMESTEP = 0.1  # [s]; the cycle time of section 3
 SHELL = "musebot_shell"  # material that `visualize_reward` colours
 SUITE = containers.TaggedTasks()  # every task's factory
 
@@ -54,6 +56,7 @@ class Task(base.Task):
       episode: Start, actions and length of an episode.
       start: Start of the episode that begins next.
       steps: Number of control steps of this episode so far.
+      world: What holds in the world: that of the phase of a life.
     """
 
     def __init__(self, rules: Rules, episode: Episode, random: Random | int | None) -> None:
@@ -61,7 +64,8 @@ class Task(base.Task):
         super().__init__(random=None if isinstance(random, np.random.Generator) else random)
         if isinstance(random, np.random.Generator):
             self.reseed(random)
-        self.rules = rules
+        self.rules = self._task_rules = rules
+        self.world = World()
         self.episode = episode
         self.start = episode.start
         self.steps = 0
@@ -77,14 +81,33 @@ class Task(base.Task):
         return specs.BoundedArray(high.shape, np.float64, -high, high, name="motors")
 
     def initialize_episode(self, physics: Physics) -> None:
+        self.steps = 0
+        if leg := self.episode.leg_from(0):
+            physics.place_robot(0.0, 0.0, 0.0)
+            self._begin(leg.phase, physics)
+            return
         robot, spot = self.start.draw(self.random, physics.dimensions)
         physics.place_robot(*robot)
         physics.place_spot(*spot)
-        self.steps = 0
+
+    def _begin(self, phase: Phase, physics: Physics) -> None:
+        """Begins a stretch of a life."""
+        self.enter(phase.world, physics)
+        spots, poses = phase.draw(self.random, physics.dimensions, 1)
+        if spots is not None:
+            physics.place_spot(*spots[0])
+        if poses is not None:
+            physics.place_robot(*poses[0])
+            physics.forward()  # the robot senses where it is now
+
+    def enter(self, world: World, physics: Physics) -> None:
+        """Changes the world, see `Robots.enter`."""
+        self.rules = world.rules(self._task_rules, physics.dimensions.nose)
+        self.world = world
 
     def before_step(self, action: np.ndarray, physics: Physics) -> None:
         """Sets the motors, and moves the spot when a jump is due; see `Episode.motors`."""
-        physics.set_control(self.episode.motors(action))
+        physics.set_control(self.world.motors(self.episode.motors(action)))
         if self.episode.jumps(self.steps):
             physics.place_spot(*random_spots(self.random, physics.dimensions, 1)[0])
         self.steps += 1
@@ -106,6 +129,12 @@ class Task(base.Task):
         return float(self.rules.checked_reward(physics.readings).item())
 
     def after_step(self, physics: Physics) -> None:
+        """Checks the physics; begins the next stretch of a life when it is due."""
+        self.check(physics)
+        if leg := self.episode.leg_from(self.steps):
+            self._begin(leg.phase, physics)
+
+    def check(self, physics: Physics) -> None:
         """Checks the physics, see `Physics.check_sound`; shows the reward if that is wanted."""
         physics.check_sound()
         if self._visualize_reward:
@@ -148,7 +177,7 @@ class Environment(control.Environment):
             timestep = super().reset()
             self.lifecycle.become("failed")  # until the pose has been found stable
             # dm_control calls it before the pose is in the sensors.
-            self.task.after_step(self.physics)
+            self.task.check(self.physics)
             self.lifecycle.become("running")
             return timestep
 
@@ -213,7 +242,10 @@ class Environment(control.Environment):
             self.physics.restore(state["physics"], state["sensordata"])
             self.task.steps = self._step_count = state["steps"]
             self._reset_next_step = state["over"]
-            self.task.after_step(self.physics)
+            episode = self.task.episode
+            if episode.life:
+                self.task.enter(episode.leg_of(self.task.steps).phase.world, self.physics)
+            self.task.check(self.physics)
             self.lifecycle.become("running")
 
     @property
@@ -272,6 +304,7 @@ class TaskDefinition(Checked):
       time_limit: Length of an episode in [s].
       spot_seconds: Time between two jumps of the spot in [s]; 0 for a spot that stays.
       model: MJCF file of the arena with its robot, see `models.arena.check_arena`.
+      life: Life of the task `name` that is one episode; None for episodes that start anew.
     """
 
     name: str
@@ -281,6 +314,7 @@ class TaskDefinition(Checked):
     time_limit: float = number(100.0, CONTROL_TIMESTEP, math.inf, unit="s")
     spot_seconds: float = number(0.0, 0, 1e9, unit="s")
     model: str | Path = ARENA_XML
+    life: Life | None = None
 
     def __post_init__(self) -> None:
         """Raises ValueError, with the field's name, for a value out of range."""
@@ -306,7 +340,8 @@ class TaskDefinition(Checked):
     @property
     def keywords(self) -> list[str]:
         """Keywords that every interface accepts for this task."""
-        return ["robot", "spot", *(["nose"] if self.rules.has_nose else [])]
+        places = [] if self.life else ["robot", "spot"]
+        return [*places, *(["nose"] if self.rules.has_nose else [])]
 
     def environment(self, **settings: Unpack[Settings]) -> Environment:
         """Returns the task's dm_control environment; TypeError for an unknown keyword."""
@@ -326,7 +361,15 @@ class TaskDefinition(Checked):
 
     def episode(self, start: Start, dimensions: Dimensions, steps: float) -> Episode:
         """Returns an episode of the task, see `Episode`."""
-        return Episode(self.name, start, dimensions, self.limit, self.spot_steps, steps)
+        length = sum(self.life.steps()) if self.life else math.inf
+        return Episode(
+            self.name, start, dimensions, self.limit, self.spot_steps, min(steps, length), self.life
+        )
+
+    def of_life(self, life: Life) -> TaskDefinition:
+        """Returns the task as one life, whose whole length is one episode."""
+        own: Any = {"name": f"life_{life.name}", "life": life, "limit": 1.0}
+        return dataclasses.replace(self, **own, time_limit=math.inf, spot_seconds=0.0)
 
 
 def steps_until(time_limit: float) -> float:

@@ -23,6 +23,7 @@ from ..models import Dimensions, robot_pose, robot_qpos
 from .arena import CONTROL_TIMESTEP
 from .episode import OneThread, real_numbers, whole_number
 from .rules import Rules
+from .world import World
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 _SENSORS = mujoco.mjtDisableBit.mjDSBL_SENSOR.value
@@ -77,8 +78,9 @@ class Robots(abc.ABC):
 
     Attributes:
       robots: Number of robots, B.
-      rules: Observations, reward and event of the task.
+      rules: Observations, reward and event of the task, in the world.
       dimensions: Dimensions of robot, arena and spot.
+      world: What holds in the robots' world, see `enter`.
       sensordata: Last measurements, shape (B, nsensordata).
       valid: False for a stopped robot, shape (B,). A robot is stopped when its simulation becomes
         unstable, it leaves the arena or the floor, it tips over, or its motors or sensors are not
@@ -88,8 +90,9 @@ class Robots(abc.ABC):
     def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:
         """Initialises B robots that sense zeros; ValueError unless B is at least 1."""
         self.robots = whole_number("robots", robots, 1)
-        self.rules = rules
+        self.rules = self._task_rules = rules
         self.dimensions = dimensions
+        self.world = World()
         self.sensordata = np.zeros((robots, nsensordata))
         self.valid = np.ones(robots, dtype=bool)
 
@@ -136,6 +139,15 @@ class Robots(abc.ABC):
         On the host the arrays themselves, not copies.
         """
 
+    def enter(self, world: World) -> None:
+        """Changes the world of all robots; what they measured last reads as it does there.
+
+        A world is no part of a state. Raises ValueError where it changes or rewards what robots of
+        this task do not sense.
+        """
+        self.rules = world.rules(self._task_rules, self.dimensions.nose)
+        self.world = world
+
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores what `arrays` returned; the robots continue from it bit-exactly.
 
@@ -165,11 +177,15 @@ class Robots(abc.ABC):
         return robots.astype(int), real_numbers(what, places, (count, width))
 
     def _finite_motors(self, motors: np.ndarray) -> np.ndarray:
-        """Invalidates robots whose motors are not finite; returns 0 for all invalid robots."""
+        """Invalidates robots whose motors are not finite.
+
+        Returns what the wheels receive in the world; 0 for all invalid robots.
+        """
         motors = real_numbers("motors", motors, (self.robots, 2))
         if not np.isfinite(motors).all():
             self.valid &= np.isfinite(motors).all(axis=1)
-        return motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
+        motors = motors if self.valid.all() else np.where(self.valid[:, None], motors, 0.0)
+        return self.world.motors(motors)
 
     def _stop_unsound(self, sound: np.ndarray) -> None:
         """Invalidates robots that are not sound, (B, n), or whose sensors are not finite.
@@ -332,13 +348,15 @@ class Batch(Robots):
     def __getstate__(self) -> dict[str, Any]:
         """Returns what an exact copy needs; threads and MuJoCo's scratch space are made anew."""
         threads = {"threads": self._nthread} if self._nthread else {}
-        made_from = (self.model, self.rules, self.robots), threads
-        return {"made_from": made_from, "dimensions": self.dimensions, "state": self.get_state()}
+        made_from = (self.model, self._task_rules, self.robots), threads
+        parts = {"dimensions": self.dimensions, "world": self.world, "state": self.get_state()}
+        return {"made_from": made_from, **parts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         arguments, threads = state["made_from"]
         self.__init__(*arguments, **threads)
         self.dimensions = state["dimensions"]
+        self.enter(state["world"])
         self.set_state(state["state"])
 
     def _sound(self, time: np.ndarray) -> np.ndarray:

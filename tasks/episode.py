@@ -6,8 +6,10 @@ and hold a `Lifecycle`, so that they refuse the same values with the same senten
 
 from __future__ import annotations
 
+import bisect
 import copy
 import dataclasses
+import functools
 import math
 import threading
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +19,10 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ..models.arena import Dimensions
+    from .lives import Leg, Life
     from .starts import Random, Start
+
+CONTROL_TIMESTEP = 0.1  # [s]; the cycle time of section 3
 
 Stage = Literal["new", "running", "failed", "closed"]
 _REFUSALS: Mapping[Stage, str] = {
@@ -41,6 +46,7 @@ class Episode:
       spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
         spot that stays.
       steps: Number of control steps; infinity for an episode without end.
+      life: Life that is one episode; None for other tasks.
     """
 
     task: str
@@ -49,6 +55,7 @@ class Episode:
     limit: float
     spot_steps: int = 0
     steps: float = math.inf
+    life: Life | None = None
 
     def __post_init__(self) -> None:
         """Raises ValueError for a place outside the arena or inside an obstacle."""
@@ -66,10 +73,28 @@ class Episode:
         """
         if not options:
             return self.start
-        check_keywords("reset", options, ["robot", "spot"], "options")
+        check_keywords("reset", options, [] if self.life else ["robot", "spot"], "options")
         start = dataclasses.replace(self.start, **options)
         start.check(self.dimensions)
         return start
+
+    @functools.cached_property
+    def _legs(self) -> Mapping[int, Leg]:
+        return {leg.start: leg for leg in self.life.legs()} if self.life else {}
+
+    def leg_from(self, step: int) -> Leg | None:
+        """Returns the leg of the life that begins before control step number `step`, if any."""
+        return self._legs.get(step)
+
+    def leg_of(self, step: int) -> Leg:
+        """Returns the leg of the life in which control step number `step` is; at its end, the last.
+
+        Raises ValueError for an episode that is no life.
+        """
+        starts = [*self._legs]
+        if not starts:
+            raise ValueError(f"an episode of {self.task} is no life")
+        return self._legs[starts[bisect.bisect_right(starts, step) - 1]]
 
     def jumps(self, step: Any) -> Any:
         """Returns whether the spot jumps at the start of control step number `step`, from 0."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models import ARENA_XML, Dimensions, Kinematics, hide_spot
+from ..models import ARENA_XML, Dimensions, Kinematics, add_velocity, hide_spot
 from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
 from .arena import CONTROL_TIMESTEP, Edit
 from .batch import Robots
@@ -38,6 +38,8 @@ class KinematicBatch(Robots):
         self._spots = np.zeros((robots, 2))
         self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values
         self._touch = np.zeros(robots)
+        driving: Any = getattr(rules, "driving", None)
+        self._velocity: slice | None = driving and driving.velocity  # of the robots that sense it
         self.place(np.arange(robots), self._poses)
 
     @property
@@ -68,11 +70,15 @@ class KinematicBatch(Robots):
 
     def step(self, motors: np.ndarray) -> None:
         motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
+        before = self._poses.copy()
         self._poses[:], self._wheels[:], self._touch[:] = after_control_step(
             self._poses, self._wheels, motors, self.kinematics, self.dimensions
         )
         world = self._poses, self._spots, self._touch
         measure(self.sensordata, self.rules.layout, world, self.dimensions)
+        if self._velocity is not None:
+            ahead = moved_ahead(before, self._poses) / CONTROL_TIMESTEP
+            self.sensordata[:, self._velocity.start] = ahead
         self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -109,6 +115,12 @@ def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     return gaps(poses, size) <= size.contact_margin
 
 
+def moved_ahead(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Returns how far robots moved along their last heading in [m], shape (B,)."""
+    x, y = (after[:, :2] - before[:, :2]).T
+    return x * np.cos(after[:, 2]) + y * np.sin(after[:, 2])
+
+
 def measure(
     sensordata: np.ndarray,
     layout: SensorLayout,
@@ -138,13 +150,13 @@ def make_kinematic_batch(
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
     The arguments are those of `make_batch`, but the task must have the paper's robot and arena: no
-    pillars, no second nose, no sense of velocity. Of an edited model, the simulator reads its
+    pillars, no second nose. Of an edited model, the simulator reads its
     `Dimensions`.
 
     Raises ValueError for another task or a value out of range.
     """
     definition = task_definition(task_name)
-    if definition.model != ARENA_XML or not {hide_spot}.issuperset(definition.edits):
+    if definition.model != ARENA_XML or not {*definition.edits} <= {hide_spot, add_velocity}:
         raise ValueError(
             f"a task of the kinematic simulator must have the paper's arena, got {task_name!r}"
         )

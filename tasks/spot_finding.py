@@ -9,11 +9,11 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from ..models import Dimensions, add_noses
+from ..models import Dimensions, add_noses, add_velocity
 from .arena import TaskDefinition
 from .rules import Rules, SensorLayout, sensor_slice
 from .sensors import Nose, NoseForm, contact_signal
-from .wall_avoidance import WallAvoidanceRules
+from .wall_avoidance import DrivingRules, WallAvoidanceRules
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,8 +100,27 @@ class SpotAmongWallsRules(SpotFindingRules, WallAvoidanceRules):
         return free * super().reward(sensordata)
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SpotOrDrivingRules(SpotAmongWallsRules):
+    """Spot finding with wall sensing, in a life that may reward driving instead.
+
+    Attributes:
+      driving: Rules that reward driving.
+    """
+
+    driving: DrivingRules
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
+        """Returns the rules for a compiled arena whose robot senses its velocity."""
+        one = SpotFindingRules.of(model, nose)
+        return cls(one.layout, one.nose, driving=DrivingRules.of(model))
+
+
 PAPER = TaskDefinition("spot_finding", SpotFindingRules, limit=0.5, time_limit=math.inf)
 UNIT = TaskDefinition("spot_finding_unit", SpotFindingRules)
 TWO_NOSES = TaskDefinition("spot_finding_two_noses", TwoNosesRules, (add_noses,))
 WALLS = TaskDefinition("spot_finding_walls", SpotAmongWallsRules)
 JUMPING = TaskDefinition("spot_finding_jumping", SpotFindingRules, spot_seconds=20.0)
+# Of the life `tasks`; in no list of the suite.
+OR_DRIVING = TaskDefinition("spot_or_driving", SpotOrDrivingRules, (add_velocity,))

@@ -12,9 +12,11 @@ from dm_control import suite as dm_suite
 from . import spot_finding, wall_avoidance
 from .arena import SHELL, SUITE, Edit, Environment, Settings, TaskDefinition
 from .batch import Batch
+from .lives import LIVES, Life
 from .sensors import NoseForm
 
 DOMAIN = "arena"
+LIFE_DOMAIN = "life"
 FOREIGN_DOMAIN = "musebot_arena"  # name of the domain in dm_control's own suite, after `register`
 
 TASKS: dict[str, TaskDefinition] = {}
@@ -48,6 +50,7 @@ def add_task(definition: TaskDefinition, tag: str) -> None:
 for _tag, _definitions in _SUITE.items():
     for _definition in _definitions:
         add_task(_definition, _tag)
+TASKS[spot_finding.OR_DRIVING.name] = spot_finding.OR_DRIVING
 ALL_TASKS = tuple((DOMAIN, task) for task in sorted(SUITE))
 PAPER = tuple((DOMAIN, task) for task in sorted(SUITE.tagged("paper")))
 BENCHMARKING = tuple((DOMAIN, task) for task in sorted(SUITE.tagged("benchmarking")))
@@ -64,6 +67,14 @@ def task_definition(task_name: str) -> TaskDefinition:
     return TASKS[task_name]
 
 
+def life_definition(life: Any) -> TaskDefinition:
+    """Returns the task whose one episode is a life, given as its name or itself; else ValueError."""
+    found = LIVES.get(life) if isinstance(life, str) else life
+    if not isinstance(found, Life):
+        raise ValueError(f"life must be one of {sorted(LIVES)} or a Life, got {life!r:.60}")
+    return task_definition(found.task).of_life(found)
+
+
 def load(
     domain_name: str,
     task_name: str,
@@ -74,8 +85,8 @@ def load(
     """Returns an environment, with the signature of `dm_control.suite.load`.
 
     Args:
-      domain_name: Name of the domain; must be "arena".
-      task_name: Name of a task, see `ALL_TASKS`.
+      domain_name: "arena", or "life" for lives that are one episode.
+      task_name: Name of a task, see `ALL_TASKS`, or of a life, see `lives.LIVES`.
       task_kwargs: Keywords of the task, see `arena.Settings`.
       environment_kwargs: `flat_observation` and `time_limit`, see `arena.Settings`.
       visualize_reward: Whether the robot's colour shows its reward.
@@ -84,16 +95,18 @@ def load(
       TypeError: A keyword is unknown.
       ValueError: There is no such domain or task, or a value is out of range.
     """
-    if domain_name != DOMAIN:
+    domains = [DOMAIN, LIFE_DOMAIN]
+    if domain_name not in domains:
         raise ValueError(
-            f"Domain {domain_name!r:.60} does not exist: domain must be one of {[DOMAIN]}, "
+            f"Domain {domain_name!r:.60} does not exist: domain must be one of {domains}, "
             f"got {domain_name!r:.60}"
         )
-    task_definition(task_name)
-    kwargs = dict(task_kwargs or {})
+    is_task = domain_name == DOMAIN
+    definition = task_definition(task_name) if is_task else life_definition(task_name)
+    kwargs: Any = dict(task_kwargs or {})
     if environment_kwargs is not None:
         kwargs["environment_kwargs"] = environment_kwargs
-    environment = SUITE[task_name](**kwargs)
+    environment = definition.environment(**kwargs)
     model, kind = environment.physics.model.ptr, mujoco.mjtObj.mjOBJ_MATERIAL
     if visualize_reward and mujoco.mj_name2id(model, kind, SHELL) < 0:
         raise ValueError(f"visualize_reward needs a robot with the material {SHELL!r}")

@@ -39,8 +39,8 @@ LIVES |= {
 }
 LIVES |= {
     "kinematic walls sensed": (
-        dict(body="kinematic", brain=BRAINS["steady"], protocol="walls"),
-        Condition("spot_finding", "creative"),
+        dict(body="kinematic", brain=BRAINS["steady"]),
+        Condition("spot_finding_walls", "creative"),
     ),
     "kinematic recurrent": (
         dict(body="kinematic", brain=BRAINS["recurrent"]),

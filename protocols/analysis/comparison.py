@@ -53,7 +53,7 @@ class Cell:
 
 def _shared_conditions(ours: Run, other: Run) -> list[Condition]:
     """Returns the conditions that both runs have; raises InputError, see `compare_runs`."""
-    for what, name in (("time scales", "time_scale"), ("protocols", "protocol")):
+    for what, name in (("time scales", "time_scale"),):
         first, second = (getattr(run.experiment, name) for run in (ours, other))
         if first != second:
             raise InputError(

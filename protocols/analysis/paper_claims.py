@@ -43,12 +43,12 @@ _FIXED_S, _RANDOM_S, _CREATIVE_S = _S = [Condition(_SPOT, p) for p in PROPOSERS]
 def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]:
     """Judges every claim, in the paper's order.
 
-    A run with another protocol, another brain, or none of the paper's conditions neither supports
+    A run with another brain, or none of the paper's conditions neither supports
     nor contradicts the claims: the list is empty.
     `behaviour` is that of the run's robots, or None if they were not observed.
     """
     experiment = run.experiment
-    comparable = experiment.protocol == "paper" and experiment.brain_name == "paper"
+    comparable = experiment.brain_name == "paper"
     if not comparable or not any(condition in PAPER for condition in run.conditions()):
         return []
     own, paper = Evidence(run, behaviour), Evidence(None)
@@ -90,7 +90,7 @@ def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
     chosen = run.shares(condition, "pre") >= 0.5
     if not chosen.any():
         raise Undecidable(f"no {condition.proposer} robot stays in the spot before training")
-    minutes = run.experiment.schedule(condition.task).minutes_of("training")
+    minutes = run.experiment.life_of(condition.task).minutes_of("training")
     training = run.curves(condition)[chosen, minutes]
     return Share.of(training[:, -(training.shape[1] // 4) :].mean(axis=1) >= 0.5)
 
@@ -192,7 +192,7 @@ def arrival_minutes(
     NaN for robots that never arrive.
     """
     run = evidence.robots(condition)
-    minutes = run.experiment.schedule(condition.task).minutes_of(part)
+    minutes = run.experiment.life_of(condition.task).minutes_of(part)
     test = run.curves(condition)[:, minutes] > 0
     if not test.shape[1]:
         raise Undecidable("the curves end before the test")

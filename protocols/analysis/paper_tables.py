@@ -8,11 +8,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ...tasks.lives import LIVES
 from ..lives.conditions import Condition
 from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES, Summary
 from ..lives.run import Run
-from ..lives.schedules import SCHEDULES
 from . import intervals
 from .intervals import Interval
 
@@ -55,9 +55,9 @@ def column(run: Run, condition: Condition) -> Column:
 
 
 def paper_column(experiment: Experiment, condition: Condition) -> Column | None:
-    """Returns the paper's column; None for an agent or a protocol that the paper does not have."""
+    """Returns the paper's column; None for an agent or a life that the paper does not have."""
     summary = PAPER.get(condition)
-    if summary is None or experiment.protocol != "paper":
+    if summary is None:
         return None
     unknown = intervals.UNKNOWN  # the paper does not print the scatter of single robots
     return Column(summary, _shares(summary), intervals.mean_from(summary), unknown, unknown)
@@ -65,9 +65,9 @@ def paper_column(experiment: Experiment, condition: Condition) -> Column | None:
 
 def row_names(task: str) -> list[str]:
     """Returns the names of a table's rows: robots, categories, mean, deviation, time."""
-    schedule = SCHEDULES[task]
-    names = [f"({schedule.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
-    return ["robots", *names, "mean L", "sd of L", f"share of time {schedule.event}, post"]
+    life = LIVES[task]
+    names = [f"({life.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
+    return ["robots", *names, "mean L", "sd of L", f"share of time {life.event}, post"]
 
 
 def _shares(summary: Summary) -> tuple[Interval, ...]:

@@ -13,6 +13,7 @@ from .options import argument, executor, option
 _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
 _TASKS = ("wall_avoidance", "spot_finding")
+_RANKED = (*_TASKS, "spot_finding_walls")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "paper, or raw: smell and reward before they saturate"
@@ -47,10 +48,10 @@ class _Conducted:
 
 @dataclasses.dataclass
 class Run(_Conducted):
-    """Simulate learners by the same protocols, each with its tuned settings, and rank them.
+    """Simulate learners in the same lives, each with its tuned settings, and rank them.
 
     On each board each learner has one run per track. The bounds newborn and hand_coded have one run
-    per board, which counts in both tracks. Learners, tracks and boards can be added later.
+    per board, which counts in both tracks. Learners, tracks and lives can be added later.
     """
 
     study = "benchmark", "Benchmark"
@@ -61,11 +62,7 @@ class Run(_Conducted):
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
     signals: tuple[str, ...] = option(_SIGNALS, f"tracks: {_RAW} (both)", choices=_SIGNALS)
-    board: tuple[str, ...] = option(
-        ("paper", "walls"),
-        "protocols: paper, both tasks; walls, spot finding with walls sensed (both)",
-        choices=("paper", "walls"),
-    )
+    life: tuple[str, ...] = option(_RANKED, "lives (all)", choices=_RANKED)
     body: str = option("mujoco", "body of the robot (mujoco)", choices=_BODIES)
     robots: int = option(
         60, "robots of each learner: at most 30, or a multiple of 30; kinematic of 60 (60)", "N"

@@ -32,9 +32,14 @@ _BRAINS = {
     **{f"steady-{one}": f"`steady` without its ingredient {one}." for one in INGREDIENTS},
     "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
 }
-_PROTOCOLS = {
-    "paper": "The paper's lives: two hours of wall avoidance, four hours of spot finding.",
-    "walls": "Spot finding in which the robot also senses walls.",
+_LIVES = {
+    "wall_avoidance": "The paper's: two hours of wall avoidance between two tests.",
+    "spot_finding": "The paper's: four hours of spot finding between two tests.",
+    "spot_finding_walls": "Spot finding in which the robot also senses walls.",
+    "body": "Spot finding; every hour a wheel is reversed, or the nose moves to the back.",
+    "drift": "Spot finding; the wiring of the wheels turns once in twelve hours.",
+    "tasks": "Every hour the reward alternates between the spot and driving.",
+    "senses": "Spot finding; every hour the nose begins, or ceases, to read inverted.",
 }
 _AGENTS = {
     "fixed": "Proposer of a brain: always the same actions.",
@@ -52,18 +57,18 @@ _AGENTS = {
     "newborn": "An untrained creative robot with the brain `steady`: a bound from below.",
 }
 NAMES: Mapping[str, Mapping[str, str]] = {
+    "lives": _LIVES,
     "tasks": _TASKS,
     "brains": _BRAINS,
-    "protocols": _PROTOCOLS,
     "agents": _AGENTS,
 }
 
 
 @dataclasses.dataclass
 class List:
-    """List tasks, brains, protocols and agents by name, a line each."""
+    """List lives, tasks, brains and agents by name, a line each."""
 
-    kind: str = argument("tasks, brains, protocols or agents (all of them)", "KIND", "")
+    kind: str = argument("lives, tasks, brains or agents (all of them)", "KIND", "")
 
     def __call__(self) -> None:
         """Prints the lists.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..lives.run import Run as FinishedRun
 
 _ROBOTS = 60  # in each condition, unless --robots, --config or OUT says otherwise
-_FIELDS = ("seed", "protocol", "time_scale", "body", "device")
+_FIELDS = ("seed", "time_scale", "body", "device")
 _WHO, _WORLD, _HOW = "who learns what", "brain and world", "how it is computed"
 
 
@@ -34,8 +34,11 @@ class Run:
     """
 
     out: Path = argument("folder of the run", "OUT")
-    task: tuple[str, ...] = option(
-        (), "tasks: wall_avoidance, spot_finding (default: both)", "TASK", group=_WHO
+    life: tuple[str, ...] = option(
+        (),
+        "lives: `musebot list lives`, or a TOML file (wall_avoidance, spot_finding)",
+        "LIFE",
+        group=_WHO,
     )
     proposer: tuple[str, ...] = option(
         (), "how actions are proposed: fixed, random, creative (all)", "NAME", group=_WHO
@@ -56,17 +59,14 @@ class Run:
     body: str | None = option(
         None, "mujoco, or kinematic: a wheeled point without mass", "NAME", group=_WORLD
     )
-    protocol: str | None = option(
-        None, "paper, or walls: spot finding with walls sensed", "NAME", group=_WORLD
-    )
     time_scale: float | None = option(
         None, "factor on every duration, in (0, 1], for rehearsals", "X", group=_WORLD
     )
     seed: int | None = option(None, "seed of all random streams (1)", "N", group=_WORLD)
     set: tuple[str, ...] = option(
         (),
-        "any other value: brain.epsilon=0.1 arena_scale=2 signals=raw kinematics.lag=0.08 "
-        "agent.discount=0.95; see docs/reference/experiment.md",
+        "any other value: brain.epsilon=0.1 signals=raw kinematics.lag=0.08 agent.discount=0.95; "
+        "see docs/reference/experiment.md",
         "NAME=VALUE",
         group=_WORLD,
     )
@@ -154,8 +154,9 @@ class Run:
             check_robots(self.robots)
         base = held.experiment if held else Experiment()
         values = dict(config.values) | self._values(base)
+        lives = self._lives(values)
         experiment = changed(base, values)
-        robots = self._robots(rows, held.robots if held else {}, experiment.tasks)
+        robots = self._robots(rows, held.robots if held else {}, lives)
         if held:
             check_identity(self.out, vars(held.experiment), vars(experiment))
         elif "cohort_size" not in values:
@@ -168,6 +169,20 @@ class Run:
                 "changed by --set brain.NAME=VALUE, for example --set brain.raw_signals=true"
             )
         return Plan(experiment, robots)
+
+    def _lives(self, values: dict[str, Any]) -> list[str]:
+        """Returns the names of the lives that the words give; a file's life joins the values."""
+        from ..lives.config import read_life
+
+        names = []
+        for word in self.life:
+            if word.endswith(".toml"):
+                if "life" in values:
+                    raise InputError(f"a run has one life of one's own, got {word} too")
+                values["life"] = read_life(Path(word))
+                word = values["life"].name
+            names.append(word)
+        return names
 
     def _values(self, base: Experiment) -> dict[str, Any]:
         """Returns the values that the words give, as `plan.changed` takes them."""
@@ -190,32 +205,33 @@ class Run:
             values["settings"] = tuple(sorted(settings))
         parts = {"brain": Parameters, "kinematics": Kinematics}
         own = [field.name for field in dataclasses.fields(base)]
-        known = [name for name in own if name not in (*parts, "settings")]
+        known = [name for name in own if name not in (*parts, "settings", "life")]
         for part, cls in parts.items():
             known += [f"{part}.{field.name}" for field in dataclasses.fields(cls)]
         words = [word for word in self.set if not word.startswith("agent.")]
         return values | values_of(words, known)
 
     def _robots(
-        self, rows: Mapping[Condition, int], held: Mapping[Condition, int], tasks: Iterable[str]
+        self, rows: Mapping[Condition, int], held: Mapping[Condition, int], lives: Iterable[str]
     ) -> dict[Condition, int]:
         """Returns the number of robots of each condition that is wanted."""
         from ...controller import PROPOSERS
+        from ...tasks.lives import PAPER_LIVES
         from ..agents.names import recorded_name
         from ..lives.conditions import Condition
 
         known = rows or held
         chosen = (*self.proposer, *map(recorded_name, self.agent))
         pairs = itertools.product(
-            self.task or dict.fromkeys(c.task for c in known) or tasks,
+            lives or dict.fromkeys(c.task for c in known) or PAPER_LIVES,
             chosen or dict.fromkeys(c.proposer for c in known) or PROPOSERS,
         )
         conditions = [Condition(*pair) for pair in pairs]
-        if not (self.task and chosen):
+        if not (lives and chosen):
             conditions = [c for c in conditions if c in known] or conditions
         if rows and (foreign := [c for c in conditions if c not in rows]):
             raise InputError(
-                f"{self.config} plans {', '.join(map(str, rows))}: --task, --proposer and --agent "
+                f"{self.config} plans {', '.join(map(str, rows))}: --life, --proposer and --agent "
                 f"choose among these, got {foreign[0]}"
             )
         usual = max(known.values(), default=_ROBOTS)
@@ -228,7 +244,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> FinishedRun:
     Args:
       out: Folder of the run; an unfinished run continues.
       quiet: Whether to show no progress.
-      **options: Options of `musebot run`, with underscores: `task`, `proposer`, `agent`, `robots`,
+      **options: Options of `musebot run`, with underscores: `life`, `proposer`, `agent`, `robots`,
         `seed`, `brain`, `set` and so on. A single name may stand for a list of one. `set` may be a
         dictionary, such as {"brain.epsilon": 0.1}. A script needs no main guard, unless it defines
         an agent that it also simulates.
@@ -244,7 +260,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> FinishedRun:
     allowed = sorted(field.name for field in dataclasses.fields(Run) if field.name != "out")
     if unknown := sorted({*options} - {*allowed}):
         raise TypeError(f"musebot.run takes the options {', '.join(allowed)}, got {unknown[0]}")
-    for name in ("task", "proposer", "agent", "set"):
+    for name in ("life", "proposer", "agent", "set"):
         if name in options:
             options[name] = _words(options[name])
     if out == "":

@@ -27,10 +27,11 @@ from ... import tasks
 from ...controller import BRAINS
 from ...tasks import Batch
 from ...tasks.batch import substeps_of
+from ...tasks.lives import PAPER_LIVES
 from ..agents.base import Agent, Wrapper
 from ..errors import RunError
 from ..lives.cohort import Cohort
-from ..lives.conditions import PAPER_TASKS, CohortKey, Condition
+from ..lives.conditions import CohortKey, Condition
 from ..lives.device import decide
 from ..lives.experiment import Body, Experiment
 from ..lives.jobs import DIED
@@ -152,7 +153,7 @@ def over_bare(work: Callable[[], np.ndarray], state: Callable[[], State], replay
 def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
     """Returns a cohort at the start of its training, without the tests before it."""
     cohort = Cohort(experiment, CohortKey(condition, 0))
-    legs = experiment.schedule(condition.task).legs()
+    legs = experiment.life_of(condition.task).legs()
     cohort.step = next(leg.start for leg in legs if leg.phase.learning)
     cohort.advance(1)  # places the robots
     return cohort
@@ -160,7 +161,7 @@ def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
 
 def lives(effort: Effort) -> Iterator[dict[str, Any]]:
     """Yields a row for each body, task, brain and cohort of creative robots."""
-    kinds = itertools.product(_BODIES, PAPER_TASKS, ("paper", "steady"), effort.cohorts)
+    kinds = itertools.product(_BODIES, PAPER_LIVES, ("paper", "steady"), effort.cohorts)
     for body, task, brain, robots in kinds:
         experiment = Experiment(body=body, brain=BRAINS[brain], cohort_size=robots)
         cohort = cohort_in_training(experiment, Condition(task, "creative"))

@@ -1,4 +1,4 @@
-"""The studies that rank learners: in runs of equal schedules, or in finished runs."""
+"""The studies that rank learners: in the same lives, or in finished runs."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import time
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ...controller import BRAINS, PROPOSERS
 from ...models import Kinematics
 from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.lives import PAPER_LIVES
 from ..agents.factory import factory_of, trust
 from ..agents.names import (
     LOWER,
@@ -48,7 +49,7 @@ LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPP
 TIMED = 60, 500
 """Robots and control steps of the measurement of costs."""
 
-BoardName = Literal["paper", "walls"]  # protocols
+RANKED = (*PAPER_LIVES, "spot_finding_walls")
 _BRAINS = "paper", "steady"
 _PAPER_ALONE = "paper", recorded_name(TRAINED_BEFORE)  # have no raw signals
 # In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
@@ -104,7 +105,7 @@ class Leaderboard(Ranking):
 
 @dataclasses.dataclass
 class Benchmark(Ranking):
-    """Simulates learners by the same schedules, each with its tuned settings, and ranks them.
+    """Simulates learners in the same lives, each with its tuned settings, and ranks them.
 
     Its fields are options of `musebot benchmark run`. On each board each learner has one run per
     track. The bounds have one run per board, which counts in both tracks.
@@ -115,14 +116,14 @@ class Benchmark(Ranking):
     tuned: tuple[Path, ...] = ()
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     signals: tuple[Signals, ...] = ("paper", "raw")
-    board: tuple[BoardName, ...] = ("paper", "walls")
+    life: tuple[str, ...] = RANKED
     robots: int = 60
     seed: int = 32010
     body: Body = "mujoco"
     time_scale: float = 1.0
 
     def identity(self) -> Mapping[str, Any]:
-        """Returns what all runs share: learners, tracks and boards may be added later."""
+        """Returns what all runs share: learners, tracks and lives may be added later."""
         check_positive(robots=self.robots)
         most = _COHORTS[self.body]
         if self.robots > most and self.robots % most:
@@ -131,15 +132,15 @@ class Benchmark(Ranking):
 
     def plans(self) -> Mapping[str, Plan]:
         found = {}
-        for board in self.board:
+        for life in self.life:
             bounds = tuple(map(recorded_name, (LOWER, UPPER)))
-            found[f"{board}-bounds"] = self._plan(board, bounds)
+            found[f"{life}-bounds"] = self._plan(life, bounds)
             for name, signals in itertools.product(self._learners, self.signals):
                 if signals == "paper" or name not in _PAPER_ALONE:
-                    row = f"{board}-{short_name(name).replace(':', '-')}-{signals}"
-                    found[row] = self._plan(board, *self._driver(name, signals))
+                    row = f"{life}-{short_name(name).replace(':', '-')}-{signals}"
+                    found[row] = self._plan(life, *self._driver(name, signals))
         if all(name.endswith("-bounds") for name in found):
-            raise InputError("at least one learner, a track that it has and a board are needed")
+            raise InputError("at least one learner, a track that it has and a life are needed")
         return found
 
     def _driver(self, name: str, signals: Signals) -> tuple[tuple[str, ...], dict[str, Any]]:
@@ -153,10 +154,8 @@ class Benchmark(Ranking):
         settings = self._settings.get((name, signals), ())
         return (name,), {"signals": signals, "settings": settings}
 
-    def _plan(
-        self, protocol: BoardName, proposers: Sequence[str], fields: Mapping[str, Any] = _NONE
-    ) -> Plan:
-        """Returns the plan of some proposers or agents in all tasks of a protocol."""
+    def _plan(self, life: str, proposers: Sequence[str], fields: Mapping[str, Any] = _NONE) -> Plan:
+        """Returns the plan of some proposers or agents in a life."""
         effects = BODY_EFFECTS if self.body == "kinematic" else ()
         experiment = Experiment(
             seed=self.seed,
@@ -164,10 +163,9 @@ class Benchmark(Ranking):
             body=self.body,
             kinematics=with_overrides(Kinematics(), effects),
             time_scale=self.time_scale,
-            protocol=protocol,
             **fields,
         )
-        conditions = [Condition(task, one) for task in experiment.tasks for one in proposers]
+        conditions = [Condition(life, one) for one in proposers]
         return Plan.of(experiment, conditions, self.robots)
 
     @functools.cached_property
@@ -232,12 +230,12 @@ def costs(experiment: Experiment, condition: Condition, progress: Progress) -> A
       RunError: the agent fails or exits.
     """
     robots, steps = TIMED
-    papers = Experiment(protocol=experiment.protocol, brain=BRAINS["paper"])
+    papers = Experiment(brain=BRAINS["paper"])
     agents = (
         make_agent(experiment, condition, robots, 1),
         make_agent(papers, Condition(condition.task, "creative"), robots, 1),
     )
-    senses = senses_of(experiment.arena_task(condition.task))
+    senses = senses_of(experiment.life_of(condition.task).task)
     states, rewards = random_signals(senses, steps, robots)
     found = []
     for agent in agents:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import stats
 
 from ...controller import BRAINS
+from ...tasks.lives import LIVES
 from ..agents.names import LOWER, TRAINED_BEFORE, UPPER, run_words, short_name
 from ..analysis.hypothesis_tests import holm, same_draws
 from ..analysis.intervals import FEWEST
@@ -23,7 +24,6 @@ from ..errors import InputError
 from ..lives.conditions import Condition
 from ..lives.experiment import Body, Experiment, Signals, brain_name, differing
 from ..lives.run import Run
-from ..lives.schedules import TASK_NAMES
 
 DRAWS = 100_000
 """Bootstrap draws of a score: with 10,000 p of 0.05 changed by 0.01 and more with the seed."""
@@ -39,13 +39,11 @@ class Board:
 
     Attributes:
       signals: Track: the signals and the reward that learners receive.
-      protocol: Protocol of their lives.
-      task: Task of their lives.
+      task: Name of their life.
       body: Body of the robots.
     """
 
     signals: Signals
-    protocol: str
     task: str
     body: Body = "mujoco"
 
@@ -56,7 +54,7 @@ class Board:
 
     @property
     def title(self) -> str:
-        return f"{TASK_NAMES[self.task]}, protocol {self.protocol}, {self.track}"
+        return f"{LIVES[self.task].title}, {self.track}"
 
     @property
     def track(self) -> str:
@@ -67,14 +65,13 @@ class Board:
     @property
     def column(self) -> str:
         """Head of its column in a table of all boards of a track."""
-        protocol = f", protocol {self.protocol}" if self.protocol != "paper" else ""
-        return f"{TASK_NAMES[self.task].lower() if self.ranks else 'touch a wall'}{protocol}"
+        return LIVES[self.task].title.lower() if self.ranks else "touch a wall"
 
     @property
     def name(self) -> str:
         """Name of the board's figure."""
         simulator = "-kinematic" if self.body == "kinematic" else ""
-        return f"{self.signals}-signals-{self.protocol}-{self.task}{simulator}"
+        return f"{self.signals}-signals-{self.task}{simulator}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,7 +183,7 @@ def boards(runs: Sequence[Run]) -> dict[Board, list[Entry]]:
             entry = _entry(run, condition)
             for signals in _tracks(entry):
                 own = run.experiment
-                board = Board(signals, own.protocol, condition.task, own.body)
+                board = Board(signals, condition.task, own.body)
                 entries = found.setdefault(board, [])
                 for field, values in differing((entries or [entry])[0].experiment, own).items():
                     if not _drives(field) and field not in _DRAWN:
@@ -224,10 +221,10 @@ def _tracks(entry: Entry) -> tuple[Signals, ...]:
 
 
 def _entry(run: Run, condition: Condition) -> Entry:
-    schedule = run.experiment.schedule(condition.task)
-    shares = run.curves(condition)[:, schedule.minutes_of("training")].astype(float)
+    life = run.experiment.life_of(condition.task)
+    shares = run.curves(condition)[:, life.minutes_of("training")].astype(float)
     tested = run.shares(condition, "post")
-    if not schedule.wanted:
+    if not life.wanted:
         shares, tested = 1 - shares, 1 - tested
     # A robot that was stopped counts as the worst, as in tuning.
     valid, robots = run.valid_rows(condition), len(run.robots(condition))

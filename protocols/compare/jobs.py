@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...tasks.lives import control_steps
 from ..agents.factory import trust
 from ..errors import InputError, RunError
 from ..lives.checkpoints import restored_cohort, save_checkpoint
@@ -19,7 +20,6 @@ from ..lives.experiment import Experiment
 from ..lives.jobs import Report, Stop
 from ..lives.manifest import check_identity
 from ..lives.run import check_same_shapes
-from ..lives.schedules import control_steps
 from ..storage import Shapes, load_arrays, remove_files, save_arrays
 
 CHECKPOINT = ".checkpoint"  # ending of the file from which work continues

@@ -82,8 +82,8 @@ def _summary(
     rankings: Mapping[Board, Sequence[Ranked]], tests: Mapping[Board, np.ndarray]
 ) -> list[list[str]]:
     """Returns the table of a track: a row a learner, a column a board."""
-    # The protocol `paper` in spot finding, which decides a track, is first.
-    order = sorted(rankings, key=lambda b: (not b.ranks, b.protocol != "paper", b.protocol))
+    # Spot finding, which decides a track, is first.
+    order = sorted(rankings, key=lambda b: (not b.ranks, b.task))
     cells: dict[str, dict[Board, str]] = {}
     scores: dict[str, dict[Board, float]] = {}
     for board in order:

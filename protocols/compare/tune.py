@@ -16,17 +16,17 @@ import numpy as np
 from scipy.stats import qmc
 
 from ...models import Kinematics
+from ...tasks.lives import PAPER_LIVES, STAGES
 from ..agents.factory import factory_of, trust
 from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
 from ..errors import InputError
-from ..lives.conditions import PAPER_TASKS, Condition, check_proposer
+from ..lives.conditions import Condition, check_proposer
 from ..lives.config import with_overrides
 from ..lives.experiment import Experiment, Signals
 from ..lives.manifest import UNREADABLE
 from ..lives.plan import Plan, check_memory
-from ..lives.schedules import STAGES
 from ..pages.markdown import mean_cell, table
 from ..storage import read_json
 from .jobs import ArrayJob, lives
@@ -131,8 +131,8 @@ class Tune(Study):
         check_positive(robots=self.robots)
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
-        if self.task not in PAPER_TASKS:
-            tasks = ", ".join(PAPER_TASKS)
+        if self.task not in PAPER_LIVES:
+            tasks = ", ".join(PAPER_LIVES)
             raise InputError(f"the task must be one of {tasks}, got {self.task!r:.60}")
         check_proposer(self.condition.proposer)
         if self.condition.has_brain:
@@ -267,7 +267,7 @@ class Tune(Study):
         return ArrayJob(
             out / "trials" / f"{numbers}-{int(again)}.safetensors",
             functools.partial(lives, experiment, self.condition),
-            experiment.robot_seconds(sum(experiment.schedule(self.task).steps())),
+            experiment.robot_seconds(sum(experiment.life_of(self.task).steps())),
             {"events": ("I32", (robots, len(STAGES))), "valid": ("BOOL", (robots,))},
             identity | {"settings": experiment.settings},
         )
@@ -293,10 +293,10 @@ def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: st
     They are shares in the spot, or without contact; 0 for a robot that became unstable. `arrays`
     is what `jobs.lives` returned.
     """
-    schedule, shares = experiment.schedule(task), []
+    life, shares = experiment.life_of(task), []
     for part in ("post", "training"):
-        share = np.clip(arrays["events"][:, STAGES.index(part)] / schedule.steps_of(part), 0, 1)
-        wanted = share if schedule.wanted else 1 - share
+        share = np.clip(arrays["events"][:, STAGES.index(part)] / life.steps_of(part), 0, 1)
+        wanted = share if life.wanted else 1 - share
         shares.append(np.where(arrays["valid"], wanted, 0.0))
     return np.array(shares)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...tasks.batch import Robots
+from ...tasks.lives import control_steps
 from ..errors import DamagedFileError
 from ..storage import Shapes, load_arrays, save_arrays
 from .cohort import Cohort
@@ -18,7 +19,6 @@ from .device import robots_on_device
 from .experiment import Experiment
 from .manifest import UNREADABLE, check_identity
 from .run import Lives, check_lives, check_same_shapes, lives_shapes
-from .schedules import control_steps
 
 CHECKPOINTS = "checkpoints"
 
@@ -119,7 +119,7 @@ def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
     check_identity(path, notes, _identity(experiment, key))
     lives = Lives.of(arrays)
     try:
-        check_lives(experiment.schedule(key.condition.task), lives)
+        check_lives(experiment.life_of(key.condition.task), lives)
     except ValueError as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     return lives

@@ -12,6 +12,8 @@ import numpy as np
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.parameters import PROPOSERS
 from ...tasks.batch import Robots
+from ...tasks.lives import STAGES, Leg, Phase, control_steps, enter, place
+from ...tasks.world import World
 from ..agents.base import Agent, sound
 from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
@@ -34,7 +36,6 @@ from .device import (
 )
 from .experiment import Experiment
 from .run import Lives, check_same_shapes
-from .schedules import STAGES, Leg, Phase, control_steps, place
 
 _MINUTE = control_steps(1)
 
@@ -61,7 +62,7 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
         or returns no agent.
       RunError: the factory's module or the factory exits.
     """
-    senses = senses_of(experiment.arena_task(condition.task))
+    senses = senses_of(experiment.life_of(condition.task).task)
     proposer = condition.proposer
     if proposer in PROPOSERS:
         make_brain = Neurocontroller
@@ -99,7 +100,7 @@ def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] 
 
 
 class Cohort:
-    """B robots that follow a schedule.
+    """B robots that live the same life.
 
     Attributes:
       experiment: Experiment that decides the robots' lives.
@@ -130,9 +131,11 @@ class Cohort:
         self._count_events = functools.partial(add_events, self.batch, self._counts)
         if captured := captured_steps(self.agent, self.batch, self._counts):
             self.decide, self._count_events = captured.decide, captured.count
-        self._fused = fused_life(self.agent, self.batch)
+        life = experiment.life_of(task)
+        alone = life.worlds == (World(),)
+        self._fused = fused_life(self.agent, self.batch) if alone else None
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
-        self._legs = experiment.schedule(task).legs()
+        self._legs = life.legs()
         self.step = 0
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(STAGES)), dtype=np.int32)
@@ -278,6 +281,8 @@ class Cohort:
         self._events[:] = arrays["events"]
         self._minutes[:] = arrays["minutes"]
         self.step = step
+        if not self.finished:
+            enter(self.batch, self.leg.phase.world)
 
 
 def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:

@@ -6,10 +6,10 @@ import dataclasses
 import re
 
 from ...controller.parameters import PROPOSERS
+from ...fields import shown
+from ...tasks.lives import LIFE_NAME, LIVES
 from ..errors import InputError
-from .schedules import SCHEDULES
 
-PAPER_TASKS = tuple(SCHEDULES)
 _FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
@@ -20,7 +20,7 @@ class Condition:
     Conditions sort as in the paper's tables; agents follow the paper's proposers, by name.
 
     Attributes:
-      task: "wall_avoidance" or "spot_finding".
+      task: Name of a life, such as "spot_finding"; NAME@K is that of a newborn of its phase K.
       proposer: "fixed", "random" or "creative", or the factory of an agent as
         "package.module:factory".
     """
@@ -29,11 +29,10 @@ class Condition:
     proposer: str
 
     def __post_init__(self) -> None:
-        """Raises InputError if the task or the name of the proposer is unknown."""
-        if self.task not in PAPER_TASKS:
+        """Raises InputError if no life or proposer can have these names."""
+        if not LIFE_NAME.fullmatch(self.task):
             raise InputError(
-                f"the task must be one of {', '.join(PAPER_TASKS)}, got {self.task!r}: lives have "
-                "the paper's tasks only"
+                f"a life has a name such as {', '.join(LIVES)}, got {shown(self.task)}"
             )
         check_proposer(self.proposer)
 
@@ -51,9 +50,9 @@ class Condition:
         return self.proposer in PROPOSERS
 
     @property
-    def _order(self) -> tuple[int, int, str]:
-        names = [*map(str, PROPOSERS), self.proposer]
-        return PAPER_TASKS.index(self.task), names.index(self.proposer), self.proposer
+    def _order(self) -> tuple[int, str, int, str]:
+        names, lives = [*map(str, PROPOSERS), self.proposer], [*LIVES, self.task]
+        return lives.index(self.task), self.task, names.index(self.proposer), self.proposer
 
 
 @dataclasses.dataclass(frozen=True)

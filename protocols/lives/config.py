@@ -18,6 +18,8 @@ from ...controller.brains import BRAINS
 from ...controller.parameters import Parameters
 from ...fields import shown
 from ...models import Kinematics
+from ...tasks.lives import LIVES, Life, life_from
+from ...tasks.suite import TASKS
 from ..errors import InputError, nearest, similar
 from ..storage import parsed, read_whole
 from .experiment import Experiment
@@ -169,6 +171,30 @@ def read_config(path: Path) -> Config:
         return Config(values, _robots(content.get("plan", ())))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def read_life(path: Path) -> Life:
+    """Returns the life of a TOML file (docs/lives.md).
+
+    Raises:
+      InputError: there is no such file, it cannot be read, its life has the name of another, or a
+        value is not allowed.
+    """
+    try:
+        life = life_from(tomllib.loads(read_whole(path).decode()))
+        if life.name in LIVES:
+            raise ValueError(f"there is a life {life.name} already")
+        for world in life.worlds:
+            world.rules(TASKS[life.task].rules.of(TASKS[life.task].spec().compile()), 0)
+    except FileNotFoundError as error:
+        raise InputError(str(error)) from error
+    except KeyError as error:
+        raise InputError(
+            f"{path}: there is no task {shown(error.args[0])}; {nearest(error.args[0], TASKS)}"
+        ) from error
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+    return life
 
 
 def _values(given: Any) -> dict[str, Any]:

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 from ...controller.brains import BRAINS
 from ...controller.parameters import Parameters
 from ...fields import check, choice, flag, number, shown, text, whole
-from ...models import Kinematics, arena_spec, centre_nose, enlarge, half_size, scale_torque
+from ...models import Kinematics, centre_nose, scale_torque
 from ...models.arena import FASTEST
 from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import Robots
 from ...tasks.kinematic import make_kinematic_batch
+from ...tasks.lives import LIVES, Life, life_from, life_named
 from ...tasks.sensors import NoseForm
 from ...tasks.starts import FROM_WALLS
-from ...tasks.suite import Edit, make_batch
-from ..errors import InputError
-from .schedules import PROTOCOLS, ProtocolName, Schedule
+from ...tasks.suite import TASKS, Edit, make_batch
+from ..errors import InputError, nearest
 
 Body = Literal["mujoco", "kinematic"]
 NosePlace = Literal["front", "centre"]
@@ -42,23 +40,17 @@ class Experiment:
     Attributes:
       seed: Seed from which all random streams derive.
       cohort_size: Number of robots simulated in lockstep on one random stream.
-      time_scale: Factor on every duration of the schedules, in (0, 1]; 1 is the paper's.
+      time_scale: Factor on every duration of a life, in (0, 1]; 1 is the life's own.
       nose: Form of Eq. 3 (see `tasks.sensors.Nose`).
       nose_place: Place of the nose: the front of the rim, or the robot's centre.
       learn_across_placement: Whether robots learn from the step that spans a new placement (not
         stated in the paper).
-      turned_start: Angle in degrees by which a robot that starts in a corner is turned away from
-        the corner.
-      arena_scale: Factor of the arena's length and width, at least 1; corners stay at 10 cm from
-        the walls, and the spot keeps its size.
       motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
       motor_torque: Torque of a stalled wheel at another motor speed: "constant", so that the lag of
         the wheels grows with the speed, or "scaled" with the speed, so that the lag stays equal.
       body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
       kinematics: Parameters of the kinematic simulator.
       brain: Parameters of the neurocontroller.
-      protocol: Name of the protocol (see `schedules.PROTOCOLS`): "paper" or "walls" (spot finding
-        with wall sensing).
       physics: What simulates the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
         computes in single precision (docs/physics.md).
       device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator or MuJoCo
@@ -70,6 +62,7 @@ class Experiment:
       signals: What agents receive: "paper", or "raw" with smell and reward before they saturate
         (see `agents.senses`). Brains have parameters of their own for this.
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
+      life: A user's own life; None for those of `tasks.lives.LIVES`.
     """
 
     seed: int = whole(1, 0, 2**128 - 1)
@@ -78,19 +71,17 @@ class Experiment:
     nose: NoseForm = choice("inverse", NoseForm)
     nose_place: NosePlace = choice("front", NosePlace)
     learn_across_placement: bool = flag(False)
-    turned_start: float = number(0.0, -360, 360, unit="degrees")
-    arena_scale: float = number(1.0, 1, 10)
     motor_speed: float | None = number(None, 0, FASTEST, "(]", unit="m/s")
     motor_torque: MotorTorque = choice("constant", MotorTorque)
     body: Body = choice("mujoco", Body)
     kinematics: Kinematics = Kinematics()
     brain: Parameters = Parameters()
-    protocol: ProtocolName = choice("paper", ProtocolName)
     physics: Physics = choice("c", Physics)
     device: str = text("cpu", "cpu|cuda(:[0-9]{1,2})?", "cpu, cuda or cuda:N")
     backend: Backend = choice("torch", Backend)
     signals: Signals = choice("paper", Signals)
     settings: tuple[str, ...] = ()
+    life: Life | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError where a value is out of its range, or excluded by another one."""
@@ -147,44 +138,32 @@ class Experiment:
         """In words, that all durations are scaled; empty if they are not."""
         return "" if self.time_scale == 1 else f"all durations times {self.time_scale:g}"
 
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """The tasks of the experiment's protocol."""
-        return tuple(PROTOCOLS[self.protocol])
-
-    def schedule(self, task: str) -> Schedule:
-        """Returns the schedule of a task: scaled durations, turned starts, corners of the arena."""
-        schedule = PROTOCOLS[self.protocol][task].scaled(self.time_scale)
-        if self.arena_scale == 1 and not self.turned_start:
-            return schedule
-        x, y = ((self.arena_scale - 1) * half for half in half_size(arena_spec()))
-        return schedule.moved(x, y, math.radians(self.turned_start))
+    def life_of(self, name: str) -> Life:
+        """Returns a life with scaled durations; InputError where there is none of this name."""
+        lives = {**LIVES, **({self.life.name: self.life} if self.life else {})}
+        try:
+            return life_named(name, lives).scaled(self.time_scale)
+        except KeyError:
+            raise InputError(f"there is no life {shown(name)}; {nearest(name, lives)}") from None
 
     def robot_seconds(self, steps: int) -> float:
         """Returns the simulated seconds of some control steps, added up over a cohort's robots."""
         return steps * self.cohort_size * CONTROL_TIMESTEP
 
-    def arena_task(self, task: str) -> str:
-        """Returns the task of the domain "arena" in which a task of the protocol is simulated."""
-        schedules = PROTOCOLS[self.protocol]
-        return schedules[task].task if task in schedules else task
-
-    def batch(self, task: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
+    def batch(self, life: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
         """Returns robots in lockstep on the host, with the body of the experiment.
 
         Physics is C MuJoCo's: a cohort moves its robots to the experiment's device and physics,
         films and figures do not.
 
         Args:
-          task: Task of the protocol.
+          life: Name of a life, or of a task of the domain "arena".
           robots: Number of robots.
           edits: Edits of the arena's model, made after the task's own.
         """
-        task = self.arena_task(task)
+        task = life if life in TASKS else self.life_of(life).task
         if self.nose_place == "centre":
             edits = (*edits, centre_nose)
-        if self.arena_scale != 1:
-            edits = (*edits, functools.partial(enlarge, factor=self.arena_scale))
         if self.motor_torque == "scaled":
             edits = (*edits, scale_torque)
         shared: Any = {"nose": self.nose, "motor_speed": self.motor_speed, "edits": edits}
@@ -232,8 +211,9 @@ def experiment_from(fields: Mapping[str, Any]) -> Experiment:
       KeyError, TypeError: the fields are not those of an experiment.
       InputError: a value is invalid.
     """
-    brain = dict(fields["brain"])
+    brain, life = dict(fields["brain"]), fields.get("life")
     brain["fixed_motors"] = tuple(brain["fixed_motors"])
     kinematics, settings = Kinematics(**fields["kinematics"]), tuple(fields["settings"])
     parts: Any = {"brain": Parameters(**brain), "kinematics": kinematics, "settings": settings}
+    parts["life"] = None if life is None else life_from(life)
     return Experiment(**{**fields, **parts})

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...tasks.batch import CapacityError
+from ...tasks.lives import control_steps
 from ..agents.factory import trust
 from ..errors import InputError, RunError
 from ..progress import JobProgress
@@ -25,7 +26,6 @@ from .cohort import Cohort, advance_together
 from .conditions import CohortKey
 from .device import HOST
 from .experiment import Experiment
-from .schedules import control_steps
 
 Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
@@ -134,7 +134,7 @@ class CohortJob:
     @property
     def cost(self) -> float:
         task = self.keys[0].condition.task
-        steps = len(self.keys) * sum(self.experiment.schedule(task).steps())
+        steps = len(self.keys) * sum(self.experiment.life_of(task).steps())
         return self.experiment.robot_seconds(steps)
 
     def done(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ...controller.creative_memory import NoisePatterns
 from ...fields import shown
+from ...tasks.world import World
 from ..errors import InputError
 from ..machine import machine_bytes
 from .conditions import CohortKey, Condition
@@ -46,11 +47,9 @@ class Plan:
             raise InputError("at least one task and one proposer are needed")
         size = self.experiment.cohort_size
         for condition, robots in self.robots.items():
-            if condition.task not in self.experiment.tasks:
-                raise InputError(
-                    f"the protocol {self.experiment.protocol} has only "
-                    f"{', '.join(self.experiment.tasks)}, got {condition.task}"
-                )
+            life = self.experiment.life_of(condition.task)
+            if self.experiment.on_tensors and life.worlds != (World(),):
+                raise InputError(f"{life.name} is simulated on CPUs only: its world changes")
             check_robots(robots)
             if robots % size:
                 raise InputError(
@@ -70,8 +69,8 @@ class Plan:
             for condition, robots in self.robots.items()
             for index in range(robots // self.experiment.cohort_size)
         ]
-        schedule = self.experiment.schedule
-        return sorted(keys, key=lambda key: -sum(schedule(key.condition.task).steps()))
+        life_of = self.experiment.life_of
+        return sorted(keys, key=lambda key: -sum(life_of(key.condition.task).steps()))
 
     def merged_with(self, older: Plan) -> Plan:
         """Returns a plan with the robots of both plans.
@@ -170,7 +169,7 @@ def results_bytes(plan: Plan) -> int:
     for condition, robots in plan.robots.items():
         shapes = network_shapes(plan.experiment, condition) or {}
         weights = 2 * sum(map(math.prod, shapes.values()))  # before and after training
-        minutes = len(plan.experiment.schedule(condition.task).steps_of_minutes())
+        minutes = len(plan.experiment.life_of(condition.task).steps_of_minutes())
         total += robots * (_FLOAT * weights + _COUNT * minutes)
     return _COPIES * total
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from ...controller.neurocontroller import Neurocontroller
 from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.lives import STAGES, Life
 from ..agents.senses import senses_of
 from ..errors import InputError
 from ..storage import Shapes
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
 from .learn_ability import INVALID, Summary, category, classes, learn_ability, summarise
-from .schedules import STAGES, Schedule
 
 When = Literal["before", "after"]
 WHEN: tuple[When, When] = ("before", "after")
@@ -90,7 +90,7 @@ def network_shapes(
     """Returns the shape of each array of one robot's networks; None for an agent of a user's."""
     if not condition.has_brain:
         return None
-    senses = senses_of(experiment.arena_task(condition.task))
+    senses = senses_of(experiment.life_of(condition.task).task)
     controller = Neurocontroller(
         experiment.brain, condition.proposer, 1, len(senses.state), 0, senses
     )
@@ -110,7 +110,7 @@ def lives_shapes(
       found: Dtypes and shapes in a file, which decide those of the weights of a user's agent.
       networks: Whether the networks are among the arrays.
     """
-    minutes = len(experiment.schedule(condition.task).steps_of_minutes())
+    minutes = len(experiment.life_of(condition.task).steps_of_minutes())
     wanted: dict[str, tuple[str, tuple[int, ...]]] = {
         "events": ("I32", (robots, len(STAGES))),
         "minutes": ("I16", (robots, minutes)),
@@ -134,16 +134,16 @@ def check_same_shapes(wanted: Shapes, found: Shapes) -> None:
             raise ValueError(f"{name} must be {must}, is {own}")
 
 
-def check_lives(schedule: Schedule, lives: Lives) -> None:
+def check_lives(life: Life, lives: Lives) -> None:
     """Checks the values of lives whose shapes were checked.
 
     Raises:
       ValueError: a count is impossible, or a weight of a valid robot is not finite.
     """
-    stages = [schedule.steps_of(stage) for stage in STAGES]
+    stages = [life.steps_of(stage) for stage in STAGES]
     for name, counts, most in (
         ("events", lives.events, stages),
-        ("minutes", lives.minutes, schedule.steps_of_minutes()),
+        ("minutes", lives.minutes, life.steps_of_minutes()),
     ):
         if ((counts < 0) | (counts > most)).any():
             raise ValueError(f"{name} must be numbers of control steps, at most {max(most)}")
@@ -208,10 +208,10 @@ class ConditionResults:
     @classmethod
     def of(cls, experiment: Experiment, condition: Condition, lives: Lives) -> ConditionResults:
         """Derives the results of a condition from what was measured of all its robots."""
-        task, schedule = condition.task, experiment.schedule(condition.task)
+        task, life = condition.task, experiment.life_of(condition.task)
         pre, post = (lives.events[:, part] * CONTROL_TIMESTEP for part in (0, 2))
-        found = np.where(lives.valid, learn_ability(pre, post, schedule.wanted), np.nan)
-        names = {"unmeasured": schedule.unmeasured}
+        found = np.where(lives.valid, learn_ability(pre, post, life.wanted), np.nan)
+        names = {"unmeasured": life.unmeasured}
         kinds = [names.get(kind, kind) for kind in map(category, found)]
         robots = [
             Robot(
@@ -227,7 +227,7 @@ class ConditionResults:
             )
             for index, valid in enumerate(lives.valid)
         ]
-        steps = schedule.steps_of_minutes().astype(np.float32)
+        steps = life.steps_of_minutes().astype(np.float32)
         curves = (lives.minutes / steps).astype(np.float32)
         return cls(robots, curves, {"before": lives.before, "after": lives.after})
 
@@ -315,7 +315,7 @@ class Run:
 
     def test_seconds(self, task: str) -> float:
         """Returns the duration of a test, equal before and after training, in simulated seconds."""
-        return self.experiment.schedule(task).steps_of("post") * CONTROL_TIMESTEP
+        return self.experiment.life_of(task).steps_of("post") * CONTROL_TIMESTEP
 
     def to_frame(self) -> Any:
         """Returns a row for each robot, invalid robots included, as a pandas DataFrame.

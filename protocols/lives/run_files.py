@@ -124,7 +124,7 @@ def read_measured(directory: Path, experiment: Experiment, networks: bool = True
     measured = {c: Lives.of(own) for c, own in sorted(_by_condition(arrays).items())}
     try:
         for condition, lives in measured.items():
-            check_lives(experiment.schedule(condition.task), lives)
+            check_lives(experiment.life_of(condition.task), lives)
     except ValueError as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     return measured

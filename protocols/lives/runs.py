@@ -246,7 +246,7 @@ class UnfinishedRun:
         Robots that are not valid are left out.
         """
         experiment = self.plan.experiment
-        steps = experiment.schedule(condition.task).steps_of_minutes()
+        steps = experiment.life_of(condition.task).steps_of_minutes()
         done = [lives for key, lives in self.lives.items() if key.condition == condition]
         done += [lives for one, lives in self.measured.items() if one == condition]
         counts = [lives.minutes[lives.valid] for lives in done]

@@ -12,7 +12,6 @@ from ..errors import InputError, missing_extra
 from ..storage import check_own_folder
 from ..terminal import notice
 from .conditions import Condition
-from .schedules import SCHEDULES
 
 if TYPE_CHECKING:
     from .runs import UnfinishedRun
@@ -39,7 +38,11 @@ class TensorBoardLog:
         self._updated = time.monotonic()
         try:
             for condition, first in self._written.items():
-                tag = "in_spot" if SCHEDULES[condition.task].wanted else "contact"
+                tag = (
+                    "in_spot"
+                    if self._run.plan.experiment.life_of(condition.task).wanted
+                    else "contact"
+                )
                 shares = self._run.curve(condition)[first:]
                 for minute, share in enumerate(shares, first + 1):
                     self._writer(condition).add_scalar(tag, share, minute)

@@ -10,15 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ...tasks.lives import LIVES, PAPER_LIVES, STAGES, Life, control_steps
 from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
 from ..analysis.paper_tables import paper_column
-from ..lives.conditions import PAPER_TASKS, Condition
+from ..lives.conditions import Condition
 from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES, Summary
 from ..lives.run import Run
-from ..lives.schedules import SCHEDULES, STAGES, TASK_NAMES, Schedule, control_steps
 from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks
 
 _STEPS = 36  # of a learning curve, about
@@ -37,24 +37,24 @@ def learning_curves(run: Run) -> Figure:
         for proposer in run.proposers(task):
             curves = run.curves(Condition(task, proposer))
             if len(curves):
-                _curve(axis, curves, run.experiment.schedule(task), look[proposer])
+                _curve(axis, curves, run.experiment.life_of(task), look[proposer])
         _parts(axis, run.experiment, task)
-        axis.set_title(f"{TASK_NAMES[task]}: share of the time {SCHEDULES[task].event}", pad=16)
+        axis.set_title(f"{LIVES[task].title}: share of the time {LIVES[task].event}", pad=16)
         axis.set_xlabel("simulated hours")
         in_per_cent(axis)
     _legend(figure, {short_name(name): own for name, own in look.items()})
     return figure
 
 
-def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: dict[str, Any]) -> None:
+def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> None:
     """Draws the curve of n robots from their shares of each of M minutes, shape (n, M).
 
     No point mixes minutes of a test and of training.
     """
     minutes = curves.shape[1]
-    steps = schedule.steps_of_minutes()[:minutes]
+    steps = life.steps_of_minutes()[:minutes]
     # A minute that two parts share is a stretch of its own.
-    parts = [schedule.minutes_of(part) for part in STAGES]
+    parts = [life.minutes_of(part) for part in STAGES]
     borders = sorted({min(end, minutes) for part in parts for end in (part.start, part.stop)})
     edges = [0]
     for first, last in zip(borders[:-1], borders[1:], strict=True):
@@ -75,7 +75,7 @@ def _curve(axis: Axes, curves: np.ndarray, schedule: Schedule, look: dict[str, A
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     """Marks the tests and the training, and names them along the upper axis."""
-    hours = [experiment.schedule(task).steps_of(part) / control_steps(60) for part in STAGES]
+    hours = [experiment.life_of(task).steps_of(part) / control_steps(60) for part in STAGES]
     ends = np.cumsum(hours)
     for border in ends[:-1]:
         axis.axvline(border, color=INK, linewidth=0.7, linestyle=(0, (2, 3)))
@@ -116,7 +116,7 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
     proposers = [proposer for proposer, _, _ in rows]
     places = [i + 0.35 * len({*proposers[: i + 1]}) for i in range(len(rows))]
     shares = np.array([summary.shares for _, _, summary in rows]).T
-    names = [c if c != "unmeasured" else SCHEDULES[task].unmeasured for c in CATEGORIES]
+    names = [c if c != "unmeasured" else LIVES[task].unmeasured for c in CATEGORIES]
     left = np.zeros(len(rows))
     for name, values, shade in zip(names, shares, CATEGORY_COLOURS, strict=True):
         bars = axis.barh(places, values, left=left, height=0.86, color=shade, lw=0, label=name)
@@ -129,7 +129,7 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
     axis.spines[:].set_visible(False)
     axis.set_xlim(0, 1)
     axis.invert_yaxis()
-    axis.set_title(f"{TASK_NAMES[task]}: per cent of the robots", pad=20)
+    axis.set_title(f"{LIVES[task].title}: per cent of the robots", pad=20)
     axis.legend(
         loc="lower left", bbox_to_anchor=(0, 1), ncols=len(names), frameon=False, fontsize=8,
         borderpad=0, borderaxespad=0.2, handlelength=0.8, handletextpad=0.4, columnspacing=1.2,
@@ -147,7 +147,7 @@ def abilities(run: Run) -> Figure:
     for task, column in zip(tasks, axes.T, strict=True):
         for axis, (proposer, own) in zip(column, look.items(), strict=True):
             title = _histogram(axis, run, Condition(task, proposer), own["color"])
-            first = f"{TASK_NAMES[task]}\n" if axis is column[0] else ""
+            first = f"{LIVES[task].title}\n" if axis is column[0] else ""
             axis.set_title(f"{first}{title}", fontsize=8)
         column[-1].set_xlabel("Learn Ability L")
     return figure
@@ -177,7 +177,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
 
 def spinning(behaviour: Behaviour) -> Figure:
     """Draws the share of time that each robot spins before and after training, and the means."""
-    tasks = [t for t in PAPER_TASKS if any(c.task == t for c in behaviour.spinning)]
+    tasks = [t for t in PAPER_LIVES if any(c.task == t for c in behaviour.spinning)]
     figure, axes = canvas(2.9, 1, len(tasks), sharey=True)
     jitter = np.random.default_rng(0)
     for task, axis in zip(tasks, axes[0], strict=True):
@@ -194,7 +194,7 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.set_xticks(range(len(names)), names)
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
-        axis.set_title(TASK_NAMES[task], pad=10)
+        axis.set_title(LIVES[task].title, pad=10)
         in_per_cent(axis, 1)
     axes[0, 0].set_ylabel("share of the time spinning")
     marks = {"marker": "o", "ls": "", "ms": 3.5}

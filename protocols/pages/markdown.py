@@ -13,14 +13,13 @@ import numpy as np
 from ..analysis import intervals
 from ..analysis.intervals import Interval
 from ..lives.experiment import Experiment, differing
-from ..lives.schedules import TASK_NAMES
 
 MEANS = "BCa bootstrap over robots; Gaffke's bounds for a mean near an end of its range"
 """How the intervals of means are computed."""
 
 TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
 # Seed and cohort size are stated nowhere, the other two in words of their own.
-_STATED_APART = ("seed", "cohort_size", "time_scale", "protocol")
+_STATED_APART = ("seed", "cohort_size", "time_scale")
 
 
 # ---- Tables ----
@@ -74,7 +73,7 @@ def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
 
 def title(task: str, experiment: Experiment, *others: Experiment) -> str:
     """Returns the title of a task's table, with the non-default fields that all its runs share."""
-    name = TITLES[task] if experiment.protocol == "paper" else TASK_NAMES[task]
+    name = TITLES.get(task) or experiment.life_of(task).title
     theirs = [particulars(other) for other in others]
     facts = [fact for fact in particulars(experiment) if all(fact in other for other in theirs)]
     return ", ".join([name, *facts])
@@ -82,7 +81,7 @@ def title(task: str, experiment: Experiment, *others: Experiment) -> str:
 
 def particulars(experiment: Experiment) -> list[str]:
     """Returns the non-default fields of an experiment, without seed and cohort size, as text."""
-    found = [f"protocol: {experiment.protocol}"] if experiment.protocol != "paper" else []
+    found: list[str] = []
     if experiment.brain_name != "paper":
         found.append(f"brain: {experiment.brain_name}")
     others = differing(experiment, Experiment(brain=experiment.brain))

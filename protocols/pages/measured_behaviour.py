@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...tasks.lives import control_steps
 from ..analysis.behaviour import Behaviour, Track, spins, stay_of
 from ..lives.conditions import Condition
 from ..lives.run import WHEN, Run, When
-from ..lives.schedules import control_steps
 from .replay import SEED, evaluate, stored_brains, watch
 
 SAMPLE = 60  # robots observed in each condition, the first valid ones
@@ -40,7 +40,7 @@ def observe(run: Run) -> Behaviour:
 
 def finders(run: Run, condition: Condition) -> list[int]:
     """Returns the first rows of robots that spent at least a tenth of training in the spot."""
-    minutes = run.experiment.schedule(condition.task).minutes_of("training")
+    minutes = run.experiment.life_of(condition.task).minutes_of("training")
     training = run.results[condition].curves[:, minutes].mean(axis=1)
     return [row for row in run.valid_rows(condition) if training[row] >= 0.1][:SAMPLE]
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP, Robots, make_batch
+from ...tasks.lives import Phase, control_steps, place
 from ...tasks.starts import Start, random_spots
 from ...tasks.suite import TASKS
 from ..agents.base import Agent
@@ -27,7 +28,6 @@ from ..lives.conditions import Condition
 from ..lives.device import decide
 from ..lives.experiment import Experiment
 from ..lives.run import Run, When
-from ..lives.schedules import Phase, control_steps, place
 from ..progress import StepProgress
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ class StoredRobot:
         place(batch, start, random)
         kind = " proposer" if self.condition.has_brain else ""
         return Episode(
-            experiment.arena_task(task),
+            experiment.life_of(task).task,
             f"{short_name(self.condition.proposer)}{kind}, robot {self.robot}",
             self.phase == "post",
             batch,
@@ -263,7 +263,7 @@ def evaluate(
 
 
 def _first_phase(experiment: Experiment, task: str, stage: str) -> Phase:
-    return next(phase for phase in experiment.schedule(task).phases if phase.stage == stage)
+    return next(phase for phase in experiment.life_of(task).phases if phase.stage == stage)
 
 
 def watch(

@@ -13,11 +13,10 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ... import __version__
+from ...tasks.lives import LIVES, PAPER_LIVES
 from ..analysis.behaviour import Behaviour
 from ..errors import InputError
-from ..lives.conditions import PAPER_TASKS
 from ..lives.run import Run
-from ..lives.schedules import SCHEDULES, TASK_NAMES
 from ..storage import (
     check_own_folder,
     check_place,
@@ -54,8 +53,8 @@ def draw(name: str, path: Path, run: Run | None = None, task: str | None = None)
         raise InputError(f"typical needs a run, and only typical takes one, got {name}")
     if task is not None and name != "architecture":
         raise InputError(f"--task chooses the architecture, not {name}")
-    if task not in (None, *PAPER_TASKS):
-        raise InputError(f"the task must be one of {', '.join(PAPER_TASKS)}, got {task!r}")
+    if task not in (None, *PAPER_LIVES):
+        raise InputError(f"the task must be one of {', '.join(PAPER_LIVES)}, got {task!r}")
     with style.styled():
         if run is not None:
             figure = robot_figures.typical(run)
@@ -125,7 +124,7 @@ def _film(run: Run, folder: Path) -> str:
     for task in run.tasks():
         example = robot_figures.favourite(run, task)
         if example is None:
-            missing.append(f"{TASK_NAMES[task]} has no robot with a brain to film.")
+            missing.append(f"{LIVES[task].title} has no robot with a brain to film.")
             continue
         condition, speed = example.condition, _FILM_SPEEDS[task]
         kind = f"{example.kind}_{condition.proposer}_{example.robot}"
@@ -140,7 +139,7 @@ def _film(run: Run, folder: Path) -> str:
         except InputError as error:
             if not existed and not any(folder.iterdir()):
                 folder.rmdir()
-            missing.append(f"{TASK_NAMES[task]} has no film: {error}.")
+            missing.append(f"{LIVES[task].title} has no film: {error}.")
     return " ".join(missing)
 
 
@@ -184,8 +183,8 @@ def page(
         tasks=[
             {
                 "name": task,
-                "title": TASK_NAMES[task].lower(),
-                "event": SCHEDULES[task].event,
+                "title": LIVES[task].title.lower(),
+                "event": LIVES[task].event,
                 "minutes": f"{robot_figures.MINUTES[task] * scale:g}",
                 "kinds": [one.kind for one in robot_figures.examples(run, task)],
             }

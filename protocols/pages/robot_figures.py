@@ -17,12 +17,12 @@ from matplotlib.patches import Circle, Rectangle
 
 from ...controller import Neurocontroller
 from ...tasks import CONTROL_TIMESTEP, Robots
+from ...tasks.lives import LIVES, UPPER_LEFT, UPPER_RIGHT, control_steps
 from ..agents.neurocontroller import NeurocontrollerAgent
 from ..analysis.behaviour import RIM, Track, spins, stay_of
 from ..errors import InputError
 from ..lives.conditions import Condition
 from ..lives.run import WHEN, Run, When
-from ..lives.schedules import SCHEDULES, TASK_NAMES, UPPER_LEFT, UPPER_RIGHT, control_steps
 from .measured_behaviour import SAMPLE, SPIN_MINUTES, finders, from_the_rim
 from .replay import evaluate, stored_brains
 from .style import DARK, EVENT, INK, canvas, colour
@@ -58,12 +58,12 @@ def examples(run: Run, task: str) -> list[Example]:
     """
     if (condition := _condition(run, task, ("creative",))) is None:
         return []
-    schedule, robots = SCHEDULES[task], run.robots(condition)
-    sign = 1 if schedule.wanted else -1
-    unmeasured = [i for i, one in enumerate(robots) if one.category == schedule.unmeasured]
+    life, robots = LIVES[task], run.robots(condition)
+    sign = 1 if life.wanted else -1
+    unmeasured = [i for i, one in enumerate(robots) if one.category == life.unmeasured]
     measured = [i for i in run.valid_rows(condition) if i not in unmeasured]
     gains = {i: sign * (robots[i].t_post_s - robots[i].t_pre_s) for i in measured}
-    found = [(schedule.unmeasured, i) for i in unmeasured[:1]]
+    found = [(life.unmeasured, i) for i in unmeasured[:1]]
     if gains:
         best, worst = max(gains, key=gains.__getitem__), min(gains, key=gains.__getitem__)
         found += [("learner", best)] * (gains[best] > 0) + [("spoiled", worst)] * (gains[worst] < 0)
@@ -101,7 +101,7 @@ def trajectories(run: Run, task: str) -> Figure | None:
         if when == WHEN[0]:
             axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
         share = track.events[:, index].mean()
-        axis.set_xlabel(f"{when}: {share:.0%} {SCHEDULES[task].event}", labelpad=2)
+        axis.set_xlabel(f"{when}: {share:.0%} {LIVES[task].event}", labelpad=2)
     return figure
 
 
@@ -110,7 +110,7 @@ def _draw_robot(axis: Axes, run: Run, condition: Condition, track: Track, index:
     size = run.experiment.batch(condition.task, 1).dimensions
     length, width = size.half_length, size.half_width
     axis.add_patch(Rectangle((-length, -width), 2 * length, 2 * width, fill=False, ec=INK, lw=1.0))
-    if SCHEDULES[condition.task].wanted:
+    if LIVES[condition.task].wanted:
         axis.add_patch(Circle(tuple(track.spot), size.spot_radius, fc=INK, alpha=0.3, lw=0))
     draw_path(axis, track, index, colour(condition.proposer))
     axis.set(xlim=(-1.03 * length, 1.03 * length), ylim=(-1.04 * width, 1.04 * width))
@@ -188,7 +188,7 @@ def values(run: Run, task: str) -> Figure | None:
         axis.set_title(name)
     axes[1, 1].set_xlabel("left motor")
     figure.suptitle(
-        f"{TASK_NAMES[task]}, {example.kind}: {condition.proposer} {example.robot}", x=0.01,
+        f"{LIVES[task].title}, {example.kind}: {condition.proposer} {example.robot}", x=0.01,
         ha="left", fontsize=9.5, weight="bold",
     )  # fmt: skip
     return figure

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from ...models import Dimensions, centre_nose, enlarge, half_size, robot_qpos
+from ...models import Dimensions, centre_nose, robot_qpos
 from ...tasks.rules import RANGEFINDERS
 from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
@@ -38,8 +38,6 @@ class Scene:
     def __init__(self, task: str, dimensions: Dimensions | None = None) -> None:
         """Compiles the arena; raises InputError where there is no EGL."""
         spec = TASKS[task].spec()
-        if dimensions and (factor := dimensions.half_length / half_size(spec)[0]) > 1:
-            enlarge(spec, factor)
         if dimensions and dimensions.nose == 0:
             centre_nose(spec)
         # Without a graphics card shadows would take more than half of the time.

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ...tasks.lives import LIVES
 from ..agents.names import short_name
 from ..analysis import comparison, intervals
 from ..analysis.behaviour import Behaviour
@@ -19,7 +20,6 @@ from ..lives.conditions import Condition
 from ..lives.experiment import Experiment, differing
 from ..lives.learn_ability import CATEGORIES, total_variation
 from ..lives.run import Run
-from ..lives.schedules import TASK_NAMES
 from . import markdown as md
 
 VARIATION = "total variation"
@@ -110,7 +110,7 @@ def _joint_tests(run: Run) -> dict[str, float]:
         ours, paper = run.summary(condition), paper_column(run.experiment, condition)
         if paper and ours.robots:
             counts = ours.counts, paper.summary.counts
-            found.setdefault(TASK_NAMES[condition.task].lower(), []).append(counts)
+            found.setdefault(LIVES[condition.task].title.lower(), []).append(counts)
     if len(found) > 1:
         found["both tables"] = [pair for pairs in found.values() for pair in pairs]
     return {name: same_classes(pairs) for name, pairs in found.items()}
@@ -130,7 +130,6 @@ def as_json(run: Run) -> dict[str, Any]:
     return _finite(
         {
             "brain": experiment.brain_name,
-            "protocol": experiment.protocol,
             "time_scale": experiment.time_scale,
             "seed": experiment.seed,
             "interval_level": intervals.LEVEL,

@@ -48,13 +48,15 @@ class Driver:
           InputError: there is no such robot, or its body or arena is not that in the window.
         """
         experiment, condition = robot.run.experiment, robot.condition
-        for name in ("body", "motor_speed", "arena_scale", "nose_place"):
+        for name in ("body", "motor_speed", "nose_place"):
             if (value := getattr(experiment, name)) != getattr(Experiment(), name):
                 raise InputError(
                     f"the window shows a robot with the default {name}, got a run with {value}"
                 )
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
-        return cls(name, sensing(robot.act), experiment.nose, experiment.arena_task(condition.task))
+        return cls(
+            name, sensing(robot.act), experiment.nose, experiment.life_of(condition.task).task
+        )
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str) -> Driver:

@@ -12,9 +12,10 @@ import numpy as np
 
 from ...gymnasium_registration import GYMNASIUM_TASKS
 from ..arena import CONTROL_TIMESTEP, TaskDefinition
-from ..episode import check_keywords, whole_number
+from ..episode import Episode, check_keywords, whole_number
+from ..lives import LIVES
 from ..rules import Rules
-from ..suite import TASKS, task_definition
+from ..suite import LIFE_DOMAIN, TASKS, life_definition, task_definition
 
 FPS = round(1 / CONTROL_TIMESTEP)
 
@@ -57,11 +58,34 @@ def _plain(name: Any) -> Any:
     return GYMNASIUM_TASKS.get(name.removeprefix("musebot/"), name) if type(name) is str else name
 
 
-def checked_task(task: Any, kwargs: Mapping[str, Any]) -> TaskDefinition:
-    """Returns the definition of a task, see `task_name`; TypeError for an unknown keyword."""
-    definition = task_definition(task_name(task))
+# Further entries of `info` in a life.
+LIFE_INFO: Mapping[str, str] = {
+    "phase": "number of the phase in which the next step is, from 0",
+    "changed": "whether the world changed after this step",
+    "reached": "whether what the world rewards is reached: the robot is in the spot, or drives",
+}
+
+
+def checked_task(task: Any, kwargs: dict[str, Any]) -> TaskDefinition:
+    """Returns the definition of a task, see `task_name`, or of the keyword `life`, which it takes.
+
+    Raises TypeError for an unknown keyword.
+    """
+    is_life = task == LIFE_DOMAIN
+    if is_life and "life" not in kwargs:
+        raise TypeError(f"life must be given: one of {sorted(LIVES)}, or a Life")
+    definition = (
+        life_definition(kwargs.pop("life")) if is_life else task_definition(task_name(task))
+    )
     check_keywords(f"task {definition.name!r}", kwargs, definition.keywords)
     return definition
+
+
+def life_info(episode: Episode, step: int, reached: Any) -> dict[str, Any]:
+    """Returns the entries of `LIFE_INFO` after so many steps of a life."""
+    leg = episode.leg_of(step)
+    changed = leg.changes_world and leg.start == step
+    return {"phase": leg.number, "changed": changed, "reached": reached}
 
 
 def check_render_mode(render_mode: Any, modes: Sequence[str]) -> None:

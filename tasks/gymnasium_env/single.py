@@ -14,8 +14,7 @@ from ...models.arena import heading
 from ...models.physics import Physics
 from ...models.rendering import no_window
 from ..episode import Lifecycle, check_counts, check_state
-from ..suite import load
-from .common import FPS, check_render_mode, checked_task, picture_of, spaces
+from .common import FPS, check_render_mode, checked_task, life_info, picture_of, spaces
 
 
 class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -47,7 +46,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
           camera: Name of the camera: "overhead", "corner", "follow" or "eye".
           width: Width of the picture in pixels.
           height: Height of the picture in pixels.
-          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`).
+          **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`), or
+            `life`, the name of a life or a `Life`, for the task "life".
 
         Raises TypeError for an unknown keyword, ValueError for an unknown task or a value out of
         range, RuntimeError for the mode "human" where no window can be opened.
@@ -57,7 +57,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if render_mode == "human" and (reason := no_window()):
             raise RuntimeError(f"{reason}; render_mode='rgb_array' needs no display")
         # Gymnasium's wrapper TimeLimit counts the steps of an episode.
-        self._environment = load("arena", definition.name, {**kwargs, "time_limit": float("inf")})
+        self._environment = definition.environment(**kwargs, time_limit=math.inf)
         self.observation_space, self.action_space = spaces(definition.rules, definition.limit)
         self.render_mode = render_mode
         self._picture = picture_of(self.model, camera, width, height)
@@ -107,15 +107,16 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulates 0.1 s for a left and right action within `action_space`, shape (2,).
 
-        Returns observation (S,), reward, termination (False), truncation (False) and the entries of
-        `INFO`. Raises what `arena.Environment.step` does, and RuntimeError before a reset.
+        Returns observation (S,), reward, termination (False), truncation (at the end of a life) and
+        the entries of `INFO`, and of `LIFE_INFO` in a life. Raises what `arena.Environment.step` does, and RuntimeError before a reset.
         """
         environment = self._environment
         with environment.lifecycle.one_thread:
             environment.lifecycle.check_running()
             timestep = environment.step(action)
             self._show()
-            return _state(timestep.observation), timestep.reward, False, False, self._info(1)
+            over = environment.task.steps >= environment.task.episode.steps  # of a life
+            return _state(timestep.observation), timestep.reward, False, over, self._info(1)
 
     def render(self) -> Any:
         """Draws the window, or returns a picture.
@@ -182,6 +183,11 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         counts = self._counts
         counts[0] += steps * contact
         counts[1] += steps * in_spot
+        task = self._environment.task
+        of_life = {}
+        if task.episode.life:
+            reached = bool(task.rules.event(physics.readings)[0])
+            of_life = life_info(task.episode, task.steps, reached)
         return {
             "position": np.array([x, y]),
             "heading": float(heading(w, i, j, k)),
@@ -190,6 +196,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "in_spot": in_spot,
             "contact_steps": counts[0],
             "in_spot_steps": counts[1],
+            **of_life,
         }
 
     def _show(self) -> None:

@@ -27,10 +27,20 @@ from ..episode import (
     stream_state,
     whole_number,
 )
+from ..lives import Leg, enter
 from ..sensors import Nose
 from ..starts import Start, random_spots
 from ..suite import make_batch
-from .common import FPS, INFO, PICTURE, check_render_mode, checked_task, picture_of, spaces
+from .common import (
+    FPS,
+    INFO,
+    PICTURE,
+    check_render_mode,
+    checked_task,
+    life_info,
+    picture_of,
+    spaces,
+)
 
 _Timestep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
@@ -74,7 +84,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           threads: Number of threads that step the physics; 0 for the calling thread. Results do
             not depend on it.
           render_mode: "rgb_array" or None.
-          **kwargs: Keywords of the task (`robot`, `spot`, `nose`, see `arena.Settings`), of its
+          **kwargs: Keywords of the task (`robot`, `spot`, `nose`, `life`, see `ArenaEnv`), of its
             pictures (`camera`, `width`, `height`, see `ArenaEnv`), and `backend`: "mujoco", or
             "warp" for MuJoCo Warp on the default device of PyTorch, in single precision.
 
@@ -97,8 +107,13 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         nose = kwargs.pop("nose", "inverse")
         robots = 1 if backend == "warp" else num_envs  # Warp needs its model and rules only
-        self._batch = make_batch(definition.name, robots, nose=nose, threads=threads)
+        life = definition.life
+        self._batch = make_batch(
+            life.task if life else definition.name, robots, nose=nose, threads=threads
+        )
         if backend == "warp":
+            if life:
+                raise ValueError("a life needs the backend 'mujoco', got 'warp'")
             from ..tensors.warp import WarpBatch
 
             self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
@@ -208,6 +223,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             raise PhysicsError(str(error)) from error
         self._check_sound(batch.valid)
         self._steps += 1
+        if leg := self._episode.leg_from(int(self._steps[0])):
+            self._enter(leg, np.arange(self.num_envs))
         self._counts += self._events()
         rewards = batch.rules.checked_reward(batch.sensordata).astype(float)
         if len(starting):
@@ -324,6 +341,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             self._steps, self._counts, self._over = (
                 state[name].copy() for name in ("steps", "counts", "over")
             )
+            if self._episode.life:
+                enter(self._batch, self._episode.leg_of(int(self._steps[0])).phase.world)
             self._lifecycle.become("running")
 
     def _check_state(self, state: Mapping[str, Any]) -> None:
@@ -337,6 +356,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         check_counts("steps", state["steps"], [self._episode.most_steps] * self.num_envs)
         for counts in state["counts"]:
             check_counts("counts", counts, state["steps"])
+        if self._episode.life and (state["steps"] != state["steps"][0]).any():
+            raise ValueError(f"state['steps'] of a life must be equal, got {state['steps']}")
         check_counts("seeds", state["seeds"], [math.inf] * self.num_envs)
         for random, one in zip(self.np_random, state["randoms"], strict=True):
             check_stream_state(random, one)
@@ -348,6 +369,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         """Returns the robots that a reset starts, shape (B,)."""
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
+        if self._episode.life:
+            raise ValueError("robots of a life begin together: reset takes no reset_mask")
         kind = isinstance(mask, np.ndarray) and mask.dtype == bool
         if not kind or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(
@@ -362,14 +385,29 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
 
     def _begin(self, robots: np.ndarray, start: Start) -> None:
         """Starts an episode of some robots, with starts drawn from their own streams."""
-        starts = [start.draw(self._randoms[robot], self._batch.dimensions) for robot in robots]
-        poses, spots = map(np.stack, zip(*starts, strict=True))
         self._batch.valid[robots] = True  # a robot that was stopped starts again
-        self._batch.place_spot(robots, spots)
-        self._batch.place(robots, poses)
+        if leg := self._episode.leg_from(0):
+            self._enter(leg, robots)
+            if leg.phase.robot is None:
+                self._batch.place(robots, np.zeros((len(robots), 3)))
+        else:
+            starts = [start.draw(self._randoms[robot], self._batch.dimensions) for robot in robots]
+            poses, spots = map(np.stack, zip(*starts, strict=True))
+            self._batch.place_spot(robots, spots)
+            self._batch.place(robots, poses)
         self._check_sound(np.isfinite(self._batch.sensordata).all(axis=1))
         self._steps[robots] = 0
         self._counts[:, robots] = 0
+
+    def _enter(self, leg: Leg, robots: np.ndarray) -> None:
+        """Begins a stretch of a life, with places drawn from the robots' own streams."""
+        enter(self._batch, leg.phase.world)
+        for robot in robots.tolist():
+            spots, poses = leg.phase.draw(self._randoms[robot], self._batch.dimensions, 1)
+            if spots is not None:
+                self._batch.place_spot(np.array([robot]), spots)
+            if poses is not None:
+                self._batch.place(np.array([robot]), poses)
 
     def _states(self) -> np.ndarray:
         return self._batch.rules.state(self._batch.sensordata).astype(np.float32)
@@ -395,6 +433,10 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             "contact_steps": self._counts[0].copy(),
             "in_spot_steps": self._counts[1].copy(),
         }
+        if self._episode.life:
+            reached = self._batch.rules.event(self._batch.sensordata)
+            own = life_info(self._episode, int(self._steps[0]), reached)
+            entries |= {name: np.full(self.num_envs, value) for name, value in own.items()}
         mask = np.ones(self.num_envs, dtype=bool) if robots is None else robots.copy()
         if robots is not None:
             entries = {name: (entry.T * robots).T for name, entry in entries.items()}

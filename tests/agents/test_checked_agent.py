@@ -131,7 +131,7 @@ def run(tmp_path, monkeypatch, capsys, commands_in_process):
         monkeypatch.setattr(sys, "path", [*sys.path])
         sys.modules.pop("mine", None)
         words = "run out --agent mine:make --robots 2 --time-scale 0.002 --body kinematic"
-        status = cli.main([*words.split(), "--task", "wall_avoidance"])
+        status = cli.main([*words.split(), "--life", "wall_avoidance"])
         out, err = capsys.readouterr()
         sys.modules.pop("mine", None)
         assert "Traceback" not in err

@@ -16,7 +16,7 @@ from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Robot
-from musebot.protocols.lives.schedules import SCHEDULES
+from musebot.tasks.lives import LIVES
 from musebot.protocols.pages import tables
 
 WA, SF = "wall_avoidance", "spot_finding"
@@ -29,7 +29,7 @@ YES, NO, OPEN, NEVER = "holds", "does not hold", "undecided", "not judged"
 def robots(task, proposer, pre=1.0, post=1.0, **counts):
     """Returns rows of a condition, with so many robots of each category."""
     kinds = [kind for kind, count in counts.items() for _ in range(count)]
-    names = NAMES | {"un": SCHEDULES[task].unmeasured, "bad": "invalid"}
+    names = NAMES | {"un": LIVES[task].unmeasured, "bad": "invalid"}
     return [
         Robot(task, proposer, 1, 0, i, pre, post, ABILITY.get(kind, math.nan), names[kind])
         for i, kind in enumerate(kinds)

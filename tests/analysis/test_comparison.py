@@ -16,7 +16,7 @@ from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.learn_ability import CATEGORIES, category, learn_ability
 from musebot.protocols.lives.run import Robot
-from musebot.protocols.lives.schedules import SCHEDULES
+from musebot.tasks.lives import LIVES
 from musebot.protocols.pages import tables
 
 WA, SF = "wall_avoidance", "spot_finding"
@@ -29,7 +29,7 @@ def run_of(name, times, *, invalid=(), **fields):
     """Returns a run from the times of its robots, by condition; fields are of its experiment."""
     rows = []
     for condition, seconds in times.items():
-        schedule = SCHEDULES[condition.task]
+        schedule = LIVES[condition.task]
         abilities = learn_ability(*seconds.T, schedule.wanted)
         for i, (pre, post) in enumerate(seconds):
             kind = category(abilities[i]).replace("unmeasured", schedule.unmeasured)

@@ -105,7 +105,7 @@ def test_the_same_agent_under_two_names_is_planned_once_only():
         (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
         (["--processes", "0"], "processes must be a whole number of at least 1, got 0"),
         (
-            ["--protocol", "walls", "--task", "wall_avoidance"],
+            ["--protocol", "walls", "--life", "wall_avoidance"],
             "the protocol walls has only spot_finding, got wall_avoidance",
         ),
         (["--set", "signals=raw"], "settings and raw signals change agents only"),

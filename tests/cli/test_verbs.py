@@ -13,7 +13,7 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
-from musebot.protocols.lives.schedules import PROTOCOLS
+from musebot.tasks.lives import PROTOCOLS
 from musebot.tasks.suite import TASKS
 
 
@@ -58,8 +58,8 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["report"], "a page needs OUT"),
         (["report", "--figure", "robot"], "--figure needs --output"),
         (["report", "--figure", "robot", "--output", "x.txt"], "x.txt"),
-        (["film", "--task", "spot_finding", "--output", "x.txt"], "x.txt"),
-        (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
+        (["film", "--life", "spot_finding", "--output", "x.txt"], "x.txt"),
+        (["film", "nowhere", "--life", "spot_finding", "--output", "x.gif"], "nowhere"),
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
         (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
         (["explore", "dancing"], "the task must be one of"),

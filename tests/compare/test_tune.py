@@ -91,7 +91,7 @@ def test_the_first_trial_has_the_defaults_and_all_lie_in_their_ranges():
 @pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
 def test_shares_are_those_in_the_spot_or_without_contact_and_0_for_an_unstable_robot(task):
     experiment = Experiment(cohort_size=3)
-    schedule = experiment.schedule(task)
+    schedule = experiment.life_of(task)
     steps = [schedule.steps_of(part) for part in ("pre", "training", "post")]
     events = np.array([[0, 0.2, 0.1], [1, 0.6, 0.5], [0, 0.6, 0.6]]) * steps
     arrays = {"events": events.astype(np.int32), "valid": np.array([True, True, False])}

@@ -8,7 +8,7 @@ import pytest
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import BODIES, Experiment
-from musebot.protocols.lives.schedules import UPPER_LEFT, UPPER_RIGHT
+from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 
 ROBOTS = 3
 MINUTE = 600  # control steps

@@ -14,7 +14,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import random_streams
 from musebot.protocols.lives.conditions import CohortKey
 from musebot.protocols.lives.experiment import BODIES, Experiment, differing
-from musebot.protocols.lives.schedules import PROTOCOLS, SCHEDULES
+from musebot.tasks.lives import PROTOCOLS, SCHEDULES
 
 # Parameters
 
@@ -70,11 +70,11 @@ def test_an_experiment_has_the_tasks_and_schedules_of_its_protocol():
         experiment = Experiment(protocol=protocol)
         assert experiment.tasks == tuple(schedules)
         for task, schedule in schedules.items():
-            assert experiment.schedule(task) == schedule
+            assert experiment.life_of(task) == schedule
             assert experiment.arena_task(task) == schedule.task
     assert Experiment(protocol="walls").arena_task("wall_avoidance") == "wall_avoidance"
     assert Experiment() == Experiment(brain=Parameters(), protocol="paper")
-    assert sum(Experiment(time_scale=0.5).schedule("wall_avoidance").steps()) == 48_000
+    assert sum(Experiment(time_scale=0.5).life_of("wall_avoidance").steps()) == 48_000
 
 
 def test_corners_of_a_larger_arena_stay_at_ten_centimetres_from_its_walls():
@@ -82,8 +82,8 @@ def test_corners_of_a_larger_arena_stay_at_ten_centimetres_from_its_walls():
         experiment = Experiment(body=body, arena_scale=4 / 3, turned_start=90.0)
         size = experiment.batch("spot_finding", 1).dimensions
         assert (size.half_length, size.half_width) == pytest.approx((0.70, 0.35 * 4 / 3))
-        before, training, after = experiment.schedule("spot_finding").phases
-        heading = SCHEDULES["spot_finding"].phases[0].robot[2] + np.pi / 2
+        before, training, after = experiment.life_of("spot_finding").phases
+        heading = LIVES["spot_finding"].phases[0].robot[2] + np.pi / 2
         corner = (size.half_length - 0.1, size.half_width - 0.1)
         assert before.robot == pytest.approx((-corner[0], corner[1], heading))
         assert before.spot == after.spot == pytest.approx(corner)

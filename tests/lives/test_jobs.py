@@ -29,7 +29,7 @@ def cohort_job(folder, keys=KEYS[:1], save_every=60.0, experiment=SHORT):
 
 def evaluation(folder):
     folder.mkdir(parents=True, exist_ok=True)
-    cost = SHORT.robot_seconds(sum(SHORT.schedule(LEARNER.task).steps()))
+    cost = SHORT.robot_seconds(sum(SHORT.life_of(LEARNER.task).steps()))
     work = functools.partial(lives, SHORT, LEARNER)
     return ArrayJob(folder / "one.safetensors", work, cost, {}, {"seed": SHORT.seed})
 

@@ -156,7 +156,7 @@ def test_a_run_that_is_stopped_resumes_to_the_same_bytes(how, run, tmp_path, und
     out = tmp_path / "run"
     process = subprocess.Popen(
         [sys.executable, "-m", "musebot", "run", str(out), "--robots", "4", "--processes", "1",
-         "--set", "cohort_size=2", "time_scale=0.01", "--task", "wall_avoidance",
+         "--set", "cohort_size=2", "time_scale=0.01", "--life", "wall_avoidance",
          "--proposer", "creative", "--save-every", "0.2"],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
         # A hang-up that this process ignores, as under nohup, would be ignored there by design.

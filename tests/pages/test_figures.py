@@ -72,7 +72,7 @@ def test_the_band_of_a_curve_is_the_interval_of_the_mean_of_valid_robots():
     ],
 )
 def test_no_point_of_a_curve_mixes_a_test_and_training(task, fields):
-    schedule = Experiment(**fields).schedule(task)
+    schedule = Experiment(**fields).life_of(task)
     borders = [schedule.minutes_of("pre").stop, schedule.minutes_of("training").stop]
     minutes = schedule.minutes_of("post").stop
     run = run_of(condition := Condition(task, "fixed"), minutes=minutes, **fields)
@@ -90,7 +90,7 @@ def test_no_point_of_a_curve_mixes_a_test_and_training(task, fields):
 
 def test_the_points_of_a_curve_add_up_to_the_time_with_the_event():
     for scale in (0.97, 1 / 128, 1 / 400):
-        steps = Experiment(time_scale=scale).schedule(WA).steps_of_minutes()
+        steps = Experiment(time_scale=scale).life_of(WA).steps_of_minutes()
         assert len({*steps}) > 1 or len(steps) == 1  # the last minute is shorter than others
         run = run_of(WALLS_FIXED, minutes=len(steps), time_scale=scale)
         with style.styled():

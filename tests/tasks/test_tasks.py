@@ -12,7 +12,7 @@ from scipy import stats
 
 import musebot
 from musebot.models import add_noses, add_obstacles, add_velocity, arena_spec, hide_spot
-from musebot.protocols.lives.schedules import UPPER_LEFT, UPPER_RIGHT
+from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks import make_batch
 from musebot.tasks.starts import CORNERS, Start, random_poses, random_spots
 from musebot.tasks.suite import TASKS

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, arena_spec
-from musebot.protocols.lives.schedules import (
+from musebot.tasks.lives import (
     PROTOCOLS,
     SCHEDULES,
     SPOT_FINDING,

@@ -1,0 +1,156 @@
+"""What holds in the world in a phase of a life: the wheels' wiring, the senses, what is rewarded."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from ..fields import Checked, choice, number, numbers
+from .rules import RANGEFINDERS, Rules
+
+Rewarded = Literal["task", "driving"]
+SENSORS = ("nose", *RANGEFINDERS, "contact")
+_UNCHANGED = (1.0, 0.0, 0.0, 1.0)
+_DRIVING = 0.5  # least speed ahead of a robot that drives, as a share of the top speed
+
+
+@dataclasses.dataclass(frozen=True)
+class World(Checked):
+    """What holds in a phase of a life; the default changes nothing.
+
+    Robots are told of none of it. It changes what reaches motors and brain, not the simulator, so
+    that it is the same in every simulator.
+
+    Attributes:
+      wheels: Motor values that the wheels receive, as a matrix: left from left, left from right,
+        right from left, right from right. (-1, 0, 0, 1) reverses the left wheel.
+      nose: Angle of the nose on the rim in degrees, counterclockwise from the front.
+      sensors: Sensors that read wrong: name, offset and gain of each. A sensor reads offset + gain
+        * signal, within its range; (name, 0, 0) is a lost one. Names are those of `SENSORS`.
+      rewarded: "task" for the task's own reward and event; "driving" for the speed ahead, and 0 in
+        contact, as in the task `wall_avoidance_obstacles`; its event is at least half of the top
+        speed ahead without contact.
+    """
+
+    wheels: tuple[float, ...] = numbers(_UNCHANGED, -1, 1, 4)
+    nose: float = number(0.0, -360, 360, unit="degrees")
+    sensors: tuple[tuple[str, float, float], ...] = ()
+    rewarded: Rewarded = choice("task", Rewarded)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where a value is not allowed."""
+        super().__post_init__()
+        if len(self.wheels) != len(_UNCHANGED):
+            raise ValueError(f"wheels must be 4 numbers, got {self.wheels}")
+        sound = isinstance(self.sensors, tuple) and all(map(_is_sensor, self.sensors))
+        if not sound or len({name for name, *_ in self.sensors}) < len(self.sensors):
+            raise ValueError(
+                f"sensors must be a list of [name, offset, gain], with different names of "
+                f"{', '.join(SENSORS)} and numbers from -1 to 1, got {self.sensors!r:.100}"
+            )
+
+    def motors(self, motors: Any) -> Any:
+        """Returns what the wheels receive for motor values, both of shape (..., 2).
+
+        Motor values are clipped to [-0.5, 0.5] first, if the world changes them.
+        """
+        if self.wheels == _UNCHANGED:
+            return motors
+        left, right = np.moveaxis(np.clip(motors, -0.5, 0.5), -1, 0)
+        a, b, c, d = self.wheels  # no product of matrices: its rounding depends on the shape
+        return np.stack([a * left + b * right, c * left + d * right], axis=-1)
+
+    def rules(self, rules: Rules, nose: float) -> Rules:
+        """Returns a task's rules in this world.
+
+        Args:
+          rules: Rules of the task.
+          nose: Distance of the nose from the robot's centre in [m].
+
+        Raises ValueError where the task's robot does not sense what the world changes or rewards.
+        """
+        if self == World():
+            return rules
+        return WorldRules(rules.layout, rules, self, nose)
+
+
+def _is_sensor(entry: Any) -> bool:
+    if not isinstance(entry, tuple) or len(entry) != 3 or entry[0] not in SENSORS:
+        return False
+    return all(type(value) in (int, float) and -1 <= value <= 1 for value in entry[1:])
+
+
+@dataclasses.dataclass(frozen=True)
+class WorldRules(Rules):
+    """Rules of a task in a world.
+
+    Attributes:
+      task: Rules of the task.
+      world: What holds in the world.
+      nose: Distance of the nose from the robot's centre in [m].
+    """
+
+    task: Rules
+    world: World
+    nose: float
+
+    rewards: ClassVar = (0.0, 1.0)
+    shapes: ClassVar = {}
+
+    def __post_init__(self) -> None:
+        """Raises ValueError, see `World.rules`."""
+        for name in ("shapes", "rewards", "maximal", "has_nose"):
+            object.__setattr__(self, name, getattr(self.task, name))
+        sensed = {name for kind in self.shapes for name in _numbers_of(kind, 1)}
+        for name, *_ in self.world.sensors:
+            if name not in sensed:
+                raise ValueError(f"the robot of {type(self.task).__name__} has no sensor {name!r}")
+        if self.world.nose and not self.has_nose:
+            raise ValueError(f"the robot of {type(self.task).__name__} has no nose")
+        if self.world.rewarded == "driving" and not hasattr(self.task, "driving"):
+            raise ValueError(f"{type(self.task).__name__} cannot reward driving")
+
+    def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
+        """Returns the task's observations, as the world's sensors read them."""
+        found = self.task.observations(self._turned(sensordata))
+        wrong = {name: (offset, gain) for name, offset, gain in self.world.sensors}
+        for kind, (length, low, high) in self.shapes.items() if wrong else ():
+            pairs = [wrong.get(name, (0.0, 1.0)) for name in _numbers_of(kind, length)]
+            offset, gain = np.array(pairs).T
+            found[kind] = np.clip(offset + gain * found[kind], low, high)
+        return found
+
+    def reward(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns the reward of the world, shape (...)."""
+        if self.world.rewarded == "driving":
+            return self._driving(sensordata)
+        return self.task.reward(self._turned(sensordata))
+
+    def event(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns whether what the world rewards is reached, shape (...)."""
+        if self.world.rewarded == "driving":
+            return self._driving(sensordata) >= _DRIVING
+        return self.task.event(self._turned(sensordata))
+
+    def _driving(self, sensordata: np.ndarray) -> np.ndarray:
+        task: Any = self.task
+        return task.driving.reward(sensordata)
+
+    def _turned(self, sensordata: np.ndarray) -> np.ndarray:
+        """Returns the measurements with the spot in the frame of the turned nose."""
+        if not self.world.nose:
+            return sensordata
+        turned, ahead = sensordata.copy(), self.layout.smell.start
+        angle = math.radians(self.world.nose)
+        x, y = sensordata[..., ahead] + self.nose, sensordata[..., ahead + 1]
+        turned[..., ahead] = math.cos(angle) * x + math.sin(angle) * y - self.nose
+        turned[..., ahead + 1] = math.cos(angle) * y - math.sin(angle) * x
+        return turned
+
+
+def _numbers_of(kind: str, length: int) -> tuple[str, ...]:
+    """Returns the sensor that measures each number of an observation."""
+    return RANGEFINDERS if kind == "distances" else (kind,) * length
