@@ -4,12 +4,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from musebot.controller import PROPOSERS, Parameters
-from musebot.protocols.lives.conditions import PAPER_TASKS, Condition
+from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
+from musebot.tasks.lives import PAPER_LIVES
 
 quick = settings(deadline=None, max_examples=50)
-CONDITIONS = tuple(Condition(task, p) for task in PAPER_TASKS for p in PROPOSERS)
+CONDITIONS = tuple(Condition(life, p) for life in PAPER_LIVES for p in PROPOSERS)
 
 experiments = st.builds(
     Experiment,

@@ -124,7 +124,7 @@ def test_a_site_with_a_broken_link_or_a_foreign_script_is_refused(tmp_path):
 
 PARTS = {"": Experiment, "brain.": Parameters, "kinematics.": Kinematics}
 NAMES = [part + field.name for part, cls in PARTS.items() for field in dataclasses.fields(cls)]
-WORLD = ("body", "protocol", "time_scale", "device", "seed")  # options of `run` that are fields
+WORLD = ("body", "time_scale", "device", "seed")  # options of `run` that are fields
 RAY = re.compile("--[a-z-]*port$|--node-ip-address")
 PLACEHOLDER = re.compile(r"(\w+\.)?NAME=|\.\.$|agent\.")  # an agent's settings are its own
 

@@ -16,8 +16,8 @@ from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Robot
-from musebot.tasks.lives import LIVES
 from musebot.protocols.pages import tables
+from musebot.tasks.lives import LIVES
 
 WA, SF = "wall_avoidance", "spot_finding"
 FIXED, CREATIVE = Condition(WA, "fixed"), Condition(SF, "creative")

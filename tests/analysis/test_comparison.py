@@ -16,8 +16,8 @@ from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.learn_ability import CATEGORIES, category, learn_ability
 from musebot.protocols.lives.run import Robot
-from musebot.tasks.lives import LIVES
 from musebot.protocols.pages import tables
+from musebot.tasks.lives import LIVES
 
 WA, SF = "wall_avoidance", "spot_finding"
 WALLS_FIXED = Condition(WA, "fixed")

@@ -35,12 +35,12 @@ def test_the_paper_has_500_robots_in_each_of_six_columns_with_means_that_agree()
         assert (ones - negative) / measured <= printed.mean <= (ones + positive) / measured
 
 
-def test_only_the_papers_conditions_and_protocol_have_a_paper_column():
+def test_only_the_papers_conditions_have_a_paper_column():
     condition = Condition("spot_finding", "fixed")
     found = paper_column(Experiment(), condition)
     assert found is not None and found.summary == PAPER[condition]
-    assert paper_column(Experiment(protocol="walls"), condition) is None
-    assert paper_column(Experiment(), Condition("spot_finding", "agents:mine")) is None
+    for other in (("spot_finding_walls", "fixed"), ("spot_finding", "agents:mine")):
+        assert paper_column(Experiment(), Condition(*other)) is None
 
 
 def test_a_column_has_the_values_of_valid_robots_and_intervals_around_them():

@@ -38,9 +38,8 @@ def planned(held=None, file=None, **options):
 
 CHANGED = {
     "nose": "printed", "nose_place": "centre", "learn_across_placement": True,
-    "turned_start": 5.0, "arena_scale": 1.5, "motor_speed": 0.1, "motor_torque": "scaled",
-    "physics": "warp", "cohort_size": 2, "seed": 7, "time_scale": 0.5, "protocol": "walls",
-    "body": "kinematic",
+    "motor_speed": 0.1, "motor_torque": "scaled",
+    "physics": "warp", "cohort_size": 2, "seed": 7, "time_scale": 0.5, "body": "kinematic",
 }  # fmt: skip
 
 
@@ -76,7 +75,7 @@ def test_a_reading_sets_its_fields_and_other_words_come_first():
     [
         ({}, {WA: 4, SF: 6}),
         ({"robots": 2}, {WA: 2, SF: 2}),
-        ({"task": ("spot_finding",)}, {SF: 6}),
+        ({"life": ("spot_finding",)}, {SF: 6}),
         ({"proposer": ("fixed",)}, {WA: 4}),
     ],
 )
@@ -85,7 +84,7 @@ def test_what_is_not_given_is_that_of_the_folder_or_of_the_file(options, robots)
     file = Config(robots={(c.task, c.proposer): n for c, n in known.items()})
     held = Plan(Experiment(cohort_size=2), known)
     assert planned(held, **options).robots == planned(file=file, **options).robots == robots
-    dqn = {"agent": ("dqn",), "task": ("spot_finding",)}
+    dqn = {"agent": ("dqn",), "life": ("spot_finding",)}
     assert planned(held, **dqn).robots == {Condition(SF.task, "musebot:dqn"): 6}
     with pytest.raises(InputError, match="choose among these, got spot_finding/musebot"):
         planned(file=file, **dqn)
@@ -100,14 +99,11 @@ def test_the_same_agent_under_two_names_is_planned_once_only():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--task", "dancing"], "task must be one of wall_avoidance, spot_finding"),
+        (["--life", "dancing"], "there is no life 'dancing'"),
+        (["--life", "body@13"], "there is no life 'body@13'"),
         (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
         (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
         (["--processes", "0"], "processes must be a whole number of at least 1, got 0"),
-        (
-            ["--protocol", "walls", "--life", "wall_avoidance"],
-            "the protocol walls has only spot_finding, got wall_avoidance",
-        ),
         (["--set", "signals=raw"], "settings and raw signals change agents only"),
         (["--agent", "dqn", "--set", "agent.rat=1"], "dqn has no setting rat: did you mean rate"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
@@ -126,7 +122,7 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(words, sentence, t
 
 
 def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
-    options = {"task": "spot_finding", "proposer": ["creative", "random"], "robots": 2}
+    options = {"life": "spot_finding", "proposer": ["creative", "random"], "robots": 2}
     settings = {"set": {"brain.epsilon": 0.1, "brain.fixed_motors": [0.0, 0.5]}, "brain": "steady"}
     run = musebot.run(tmp_path / "run", **SHORT, **options, **settings)
     assert run.conditions() == [Condition("spot_finding", name) for name in ("random", "creative")]
@@ -147,7 +143,7 @@ def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
 
 def test_a_folder_keeps_its_experiment_and_refuses_another(tmp_path, capsys, commands_in_process):
     out = str(tmp_path / "run")
-    short = "--robots 2 --time-scale 0.001 --task spot_finding --proposer creative".split()
+    short = "--robots 2 --time-scale 0.001 --life spot_finding --proposer creative".split()
     assert cli.main(["run", out, *short, "--brain", "steady", "--body", "kinematic"]) == 0
     assert "brain: steady, body: kinematic, all durations times 0.001" in capsys.readouterr().out
     before = files_below(Path(out))
@@ -176,7 +172,7 @@ import musebot
 
 print("read")
 short = {"time_scale": 0.001, "body": "kinematic", "processes": 1}
-run = musebot.run("out", robots=2, task="wall_avoidance", proposer="fixed", **short)
+run = musebot.run("out", robots=2, life="wall_avoidance", proposer="fixed", **short)
 print(len(run.robots(run.conditions()[0])))
 """
 

@@ -13,8 +13,8 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
-from musebot.tasks.lives import PROTOCOLS
-from musebot.tasks.suite import TASKS
+from musebot.tasks.lives import LIVES
+from musebot.tasks.suite import SUITE
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +58,12 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["report"], "a page needs OUT"),
         (["report", "--figure", "robot"], "--figure needs --output"),
         (["report", "--figure", "robot", "--output", "x.txt"], "x.txt"),
-        (["film", "--life", "spot_finding", "--output", "x.txt"], "x.txt"),
-        (["film", "nowhere", "--life", "spot_finding", "--output", "x.gif"], "nowhere"),
+        (["film", "--task", "spot_finding", "--output", "x.txt"], "x.txt"),
+        (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
         (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
         (["explore", "dancing"], "the task must be one of"),
-        (["list", "feelings"], "there are tasks, brains, protocols, agents"),
+        (["list", "feelings"], "there are lives, tasks, brains, agents"),
         (["doctor", "--set", "a=1"], "it needs --agent"),
     ],
 )
@@ -79,7 +79,7 @@ def test_bad_input_is_one_sentence_and_nothing_is_made(
 
 def test_everything_with_a_name_is_listed_with_a_line(capsys):
     names = {
-        "tasks": TASKS, "brains": BRAINS, "protocols": PROTOCOLS,
+        "lives": LIVES, "tasks": {*SUITE}, "brains": BRAINS,
         "agents": (*PROPOSERS, *RECORDED_NAMES),
     }  # fmt: skip
     assert {kind: {*lines} for kind, lines in NAMES.items()} == {k: {*v} for k, v in names.items()}

@@ -9,12 +9,13 @@ import pytest
 from musebot.models import Kinematics
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.compare import benchmark
-from musebot.protocols.compare.benchmark import LEARNERS, Benchmark, Leaderboard
+from musebot.protocols.compare.benchmark import LEARNERS, RANKED, Benchmark, Leaderboard
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.compare.tune import Tune
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.run_files import read_run
 
+WALLS = "spot_finding_walls"
 TINY = {"robots": 2, "time_scale": 0.001, "body": "kinematic"}
 
 
@@ -27,15 +28,16 @@ def cheap(monkeypatch):
 
 def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
     plans = Benchmark().plans()
-    for board in ("paper", "walls"):
-        names = {n.removeprefix(f"{board}-") for n in plans if n.startswith(f"{board}-")}
+    for life in RANKED:
+        names = {n.removeprefix(f"{life}-") for n in plans if n.startswith(f"{life}-")}
         wanted = {f"{name}-{track}" for name in (*LEARNERS, "steady") for track in ("paper", "raw")}
         assert names == wanted | {"bounds", "paper-paper"}
     for track in ("paper", "raw"):
-        brain = plans[f"paper-steady-{track}"].experiment.brain
+        brain = plans[f"spot_finding-steady-{track}"].experiment.brain
         assert brain.raw_signals == brain.raw_reward == (track == "raw")
-    walls = plans["walls-dqn-raw"].experiment
-    assert (walls.signals, walls.protocol, walls.seed) == ("raw", "walls", 32010)
+    walls = plans["spot_finding_walls-dqn-raw"]
+    assert (walls.experiment.signals, walls.experiment.seed) == ("raw", 32010)
+    assert [c.task for c in walls.conditions] == ["spot_finding_walls"]
     for plan in Benchmark(body="kinematic").plans().values():
         assert plan.experiment.cohort_size == 60
         assert plan.experiment.kinematics == Kinematics(felt="pushed", wall="slips", lag=0.08)
@@ -81,18 +83,18 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(
     tune = Tune(agent="sarsa_lambda", signals="raw", trials=4, kept=2, robots=2, time_scale=0.001)
     conduct(tune, tuned, in_process())
     best = tune.best(tuned).settings
-    study = Benchmark((tuned,), ("sarsa_lambda",), ("raw",), ("walls",), **TINY)
+    study = Benchmark((tuned,), ("sarsa_lambda",), ("raw",), (WALLS,), **TINY)
     page = conduct(study, out, in_process()).markdown
     chosen = "".join(f" agent.{word}" for word in best)
     assert f"`--agent sarsa_lambda --set signals=raw{chosen}`" in page
     assert "4 settings, then the best 2; robots of a setting: 1, then 2" in page
     assert "paper signals" not in page and "was not tuned" not in capsys.readouterr().err
-    kept = (out / "walls-sarsa_lambda-raw" / "experiment.json").read_bytes()
+    kept = (out / f"{WALLS}-sarsa_lambda-raw" / "experiment.json").read_bytes()
     more = dataclasses.replace(study, agent=("sarsa_lambda", "steady"), signals=("paper", "raw"))
     page = conduct(more, out, in_process()).markdown
-    assert (out / "walls-sarsa_lambda-raw" / "experiment.json").read_bytes() == kept
+    assert (out / f"{WALLS}-sarsa_lambda-raw" / "experiment.json").read_bytes() == kept
     assert capsys.readouterr().err.count("sarsa_lambda was not tuned with paper signals") == 1
-    titles = re.findall("^### Spot finding, protocol walls, (.*), kinematic", page, re.MULTILINE)
+    titles = re.findall("^### Spot finding, walls sensed, (.*), kinematic", page, re.MULTILINE)
     assert titles == ["paper signals", "raw signals"]
     with pytest.raises(InputError, match="holds a study with seed 32010, not 5"):
         conduct(dataclasses.replace(study, seed=5), out, in_process())
@@ -100,11 +102,11 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(
     next((tuned / "trials").glob("*-1.safetensors")).unlink()
     with pytest.raises(InputError, match="is not finished"):
         conduct(dataclasses.replace(study), out, in_process())
-    others = dataclasses.replace(study, agent=("dqn",), board=("walls",)).plans()
-    assert others["walls-dqn-raw"].experiment.settings == ()
+    others = dataclasses.replace(study, agent=("dqn",), life=(WALLS,)).plans()
+    assert others[f"{WALLS}-dqn-raw"].experiment.settings == ()
 
     # The leaderboard of these runs has the same rows, and measures nothing again.
-    runs = tuple(sorted(out.glob("walls-*-raw"))) + (out / "walls-bounds",)
+    runs = tuple(sorted(out.glob(f"{WALLS}-*-raw"))) + (out / f"{WALLS}-bounds",)
     words = ["--runs", *map(str, runs)]
     assert cli.main(["benchmark", "rank", str(tmp_path / "board"), *words, "--processes", "1"]) == 0
     ranking = tmp_path / "board" / "leaderboard.md"
@@ -113,4 +115,4 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(
     costs = re.findall(r"\| sarsa_lambda \| ([0-9.]+) \| ([0-9.]+) \| ([0-9.]+) \|", first)
     assert costs and all(float(number) > 0 for row in costs for number in row)
     assert conduct(Leaderboard(runs), tmp_path / "board", in_process(most=0)).markdown == first
-    assert read_run(runs[0]).name in ("walls-sarsa_lambda-raw", "walls-steady-raw")
+    assert read_run(runs[0]).name in (f"{WALLS}-sarsa_lambda-raw", f"{WALLS}-steady-raw")

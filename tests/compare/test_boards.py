@@ -20,7 +20,7 @@ from musebot.protocols.lives.run import Robot, Run, results_of
 SPOT, WALLS = "spot_finding", "wall_avoidance"
 STEADY = BRAINS["steady"]
 SATURATED = dataclasses.replace(STEADY, raw_signals=False, raw_reward=False)
-BOARD, CONTACT = Board("raw", "paper", SPOT), Board("raw", "paper", WALLS)
+BOARD, CONTACT = Board("raw", SPOT), Board("raw", WALLS)
 
 
 @pytest.fixture(autouse=True)
@@ -117,10 +117,10 @@ def test_the_page_has_a_row_a_learner_and_marks_those_that_may_be_the_first():
     found = {
         CONTACT: [touching, *walls],
         BOARD: ENTRIES,
-        Board("raw", "walls", SPOT): [LOW, HIGH, *others],
+        Board("raw", "spot_finding_walls"): [LOW, HIGH, *others],
     }
     rows = rows_of(found, {(BOARD, "mine:slow"): np.array([8.0, 4.0, 2048.0])})
-    assert rows[0] == ["learner", "spot finding", "spot finding, protocol walls", "touch a wall"]
+    assert rows[0] == ["learner", "spot finding", "spot finding, walls sensed", "touch a wall"]
     summary = {row[0]: row[1:] for row in rows[2:7]}
     assert [*summary] == ["*hand_coded*", "mine:good", "mine:alike", "mine:slow", "*newborn*"]
     bold = {name: [cell[:2] == "**" for cell in cells[:2]] for name, cells in summary.items()}
@@ -189,7 +189,7 @@ def runs(invented):
 def test_runs_become_boards_between_their_bounds(runs):
     found = boards(runs)
     learners = {"paper": ["steady, creative"], "raw": ["mine:a", "steady, creative"]}
-    assert found.keys() == {Board(t, "paper", task) for t in learners for task in (SPOT, WALLS)}
+    assert found.keys() == {Board(t, task) for t in learners for task in (SPOT, WALLS)}
     for board, entries in found.items():
         assert {e.name for e in entries[:2]} == {"hand_coded", "newborn"}
         assert [e.name for e in entries[2:]] == learners[board.signals]

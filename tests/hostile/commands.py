@@ -37,13 +37,13 @@ TEXTS = (
     "os.path:join", "../x", "/", "a[/]b", "[red]x[/red]", "\x1b[2J", "x\ny", "\u202egpj", "🤖",
     "\udcff", "x" * 10**5, "--help", "-h", "-", "=", "a=b", "%s%n", "$(id)", "${HOME}",
     "<script>", "\r", "\x7f", "'", '"', "paper", "steady", "steady-", "kinematic", "mujoco",
-    "printed", "walls", "continual", "ray",
+    "printed", "body", "body@2", "continual", "ray",
 )  # fmt: skip
 NESTED = ("[" * 10**5, "[" * 50 + "]" * 50, "{}", '{"a":1}', "[1e400]", "[NaN]", "[[0.5]]")
 NAMES = (
     "ideas evaluation_hidden memory_hidden epsilon learn_rate initial_range noise fixed_motors "
     "discount bootstrap optimizer epsilon_decay_steps raw_signals nothing __class__ radius "
-    "wheel_base lag pieces wall felt arena_scale motor_speed brain.epsilon brain.ideas "
+    "wheel_base lag pieces wall felt motor_speed brain.epsilon brain.ideas "
     "kinematics.lag rate"
 ).split()
 PLACES = "--output --config --compare --out --policies --tuned --runs --json --car-xml".split()

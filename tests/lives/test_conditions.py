@@ -6,15 +6,11 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.conditions import (
-    PAPER_TASKS,
-    CohortKey,
-    Condition,
-    check_proposer,
-)
+from musebot.protocols.lives.conditions import CohortKey, Condition, check_proposer
+from musebot.tasks.lives import LIVES
 
 AGENTS = ("a.b:c", "z:y")
-ORDERED = [Condition(task, p) for task in PAPER_TASKS for p in (*PROPOSERS, *AGENTS)]
+ORDERED = [Condition(life, p) for life in LIVES for p in (*PROPOSERS, *AGENTS)]
 
 
 def test_conditions_and_cohorts_sort_as_the_papers_tables_with_agents_after_the_proposers():
@@ -23,7 +19,7 @@ def test_conditions_and_cohorts_sort_as_the_papers_tables_with_agents_after_the_
         shuffled = [*ordered]
         random.Random(0).shuffle(shuffled)
         assert sorted(shuffled) == ordered
-    assert PAPER_TASKS == ("wall_avoidance", "spot_finding")
+    assert [*LIVES][:2] == ["wall_avoidance", "spot_finding"]
 
 
 def test_conditions_and_cohorts_have_names_and_equal_ones_are_one_key():
@@ -36,8 +32,10 @@ def test_conditions_and_cohorts_have_names_and_equal_ones_are_one_key():
 
 
 def test_unknown_tasks_and_proposers_are_refused_and_factories_accepted():
-    with pytest.raises(InputError, match="must be one of wall_avoidance, spot_finding, got 'swim'"):
-        Condition("swim", "fixed")
+    for name in ("Swim", "swim@0", "swim@", "../swim", "s" * 41):
+        with pytest.raises(InputError, match="a life has a name such as wall_avoidance, .*, got"):
+            Condition(name, "fixed")
+    assert str(Condition("swim@12", "fixed")) == "swim@12/fixed"
     with pytest.raises(InputError, match="must be one of fixed, random, creative, or .*'divine'"):
         Condition("spot_finding", "divine")
     for name in ("nonsense", "a.b", "a:b:c", "a b:c", ":x", "x:", "1a:b"):

@@ -218,7 +218,7 @@ CASES = {
     "fixed": {"proposer": "fixed"},
     "random": {"proposer": "random", "task": "spot_finding"},
     "ideal": {"task": "spot_finding", "kinematics": Kinematics()},
-    "walls": {"brain": STEADY, "task": "spot_finding", "protocol": "walls"},
+    "walls": {"brain": STEADY, "task": "spot_finding_walls"},
     "warp": {"base": dataclasses.replace(WARP, time_scale=0.0005)},
 }
 

@@ -1,8 +1,7 @@
-"""What an experiment is: its parameters, its schedules, and its random streams."""
+"""What an experiment is: its parameters, its lives, and its random streams."""
 
 import dataclasses
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,8 +12,8 @@ from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.cohort import random_streams
 from musebot.protocols.lives.conditions import CohortKey
-from musebot.protocols.lives.experiment import BODIES, Experiment, differing
-from musebot.tasks.lives import PROTOCOLS, SCHEDULES
+from musebot.protocols.lives.experiment import Experiment, differing
+from musebot.tasks.lives import LIVES, WALL_AVOIDANCE
 
 # Parameters
 
@@ -65,29 +64,16 @@ def test_fields_that_exclude_each_other_are_refused_in_a_sentence():
         assert sentence in str(caught.value)
 
 
-def test_an_experiment_has_the_tasks_and_schedules_of_its_protocol():
-    for protocol, schedules in PROTOCOLS.items():
-        experiment = Experiment(protocol=protocol)
-        assert experiment.tasks == tuple(schedules)
-        for task, schedule in schedules.items():
-            assert experiment.life_of(task) == schedule
-            assert experiment.arena_task(task) == schedule.task
-    assert Experiment(protocol="walls").arena_task("wall_avoidance") == "wall_avoidance"
-    assert Experiment() == Experiment(brain=Parameters(), protocol="paper")
-    assert sum(Experiment(time_scale=0.5).life_of("wall_avoidance").steps()) == 48_000
-
-
-def test_corners_of_a_larger_arena_stay_at_ten_centimetres_from_its_walls():
-    for body in BODIES:
-        experiment = Experiment(body=body, arena_scale=4 / 3, turned_start=90.0)
-        size = experiment.batch("spot_finding", 1).dimensions
-        assert (size.half_length, size.half_width) == pytest.approx((0.70, 0.35 * 4 / 3))
-        before, training, after = experiment.life_of("spot_finding").phases
-        heading = LIVES["spot_finding"].phases[0].robot[2] + np.pi / 2
-        corner = (size.half_length - 0.1, size.half_width - 0.1)
-        assert before.robot == pytest.approx((-corner[0], corner[1], heading))
-        assert before.spot == after.spot == pytest.approx(corner)
-        assert training.spot == "random" and training.robot is None
+def test_an_experiment_has_all_lives_those_of_newborns_and_one_of_its_own():
+    own = dataclasses.replace(WALL_AVOIDANCE, name="mine")
+    experiment = Experiment(time_scale=0.5, life=own)
+    for life in (*LIVES.values(), own):
+        assert experiment.life_of(life.name) == life.scaled(0.5)
+        assert experiment.life_of(f"{life.name}@2") == life.newborn(2).scaled(0.5)
+    assert sum(experiment.life_of("mine").steps()) == 48_000
+    for name in ("mine", "body@0", "body@13", "body@²", "@1"):
+        with pytest.raises(InputError, match="there is no life"):
+            Experiment().life_of(name)
 
 
 # Comparison of experiments

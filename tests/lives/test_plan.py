@@ -11,26 +11,28 @@ from musebot.controller import BRAINS, Parameters
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives import plan as module
-from musebot.protocols.lives.conditions import PAPER_TASKS, CohortKey, Condition
+from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan, check_memory, cohort_bytes, default_cohort_size
 from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import RESULTS_FILE, write_results
 from musebot.protocols.lives.runs import check_agents
+from musebot.tasks.lives import PAPER_LIVES
 
 MEGABYTE = 2**20
 
 
 def test_an_invalid_plan_is_refused_in_a_sentence():
-    walls = Experiment(cohort_size=1, protocol="walls")
-    assert Plan.of(walls, [Condition("spot_finding", "fixed")], 1).conditions
+    warp = Experiment(cohort_size=1, physics="warp")
+    body, nobody = (Condition(life, "fixed") for life in ("body", "nobody"))
     for conditions, robots, experiment, sentence in (
         ((), 50, Experiment(), "at least one task and one proposer are needed"),
         (CONDITIONS, 0, Experiment(), "a whole number from 1 to 1000000, got 0"),
         (CONDITIONS, 1_000_050, Experiment(), "from 1 to 1000000, got 1000050"),
         (CONDITIONS, True, Experiment(), "from 1 to 1000000, got True"),
         (CONDITIONS, 75, Experiment(), "must be a multiple of the cohort size, 50, got 75"),
-        (CONDITIONS, 1, walls, "the protocol walls has only spot_finding, got wall_avoidance"),
+        ([body], 1, warp, "body is simulated on CPUs only: its world changes"),
+        ([nobody], 50, Experiment(), "there is no life 'nobody'; did you mean body?"),
     ):
         with pytest.raises(InputError) as caught:
             Plan.of(experiment, conditions, robots)
@@ -43,10 +45,10 @@ def test_an_invalid_plan_is_refused_in_a_sentence():
 @quick
 @given(plans())
 def test_cohorts_hold_every_robot_once_in_the_order_of_the_plan_but_the_longest_lives_first(plan):
-    size, schedule = plan.experiment.cohort_size, plan.experiment.schedule
+    size, life_of = plan.experiment.cohort_size, plan.experiment.life_of
     of_plan = [CohortKey(c, n) for c in plan.conditions for n in range(plan.robots[c] // size)]
     assert plan.cohorts() == sorted(
-        of_plan, key=lambda key: sum(schedule(key.condition.task).steps()), reverse=True
+        of_plan, key=lambda key: sum(life_of(key.condition.task).steps()), reverse=True
     )
 
 
@@ -128,7 +130,7 @@ def test_cohorts_that_run_at_a_time_need_their_memory_together(robots, memory):
 
 def test_jobs_on_tensors_have_all_conditions_of_a_task():
     experiment = Experiment(cohort_size=100, physics="warp")
-    each = dict.fromkeys(PAPER_TASKS, 0)
+    each = dict.fromkeys(PAPER_LIVES, 0)
     for condition in CONDITIONS:
         each[condition.task] += cohort_bytes(experiment, condition)
     assert module.job_bytes(Plan.of(experiment, CONDITIONS, 200)) == max(each.values())

@@ -67,7 +67,7 @@ def test_the_band_of_a_curve_is_the_interval_of_the_mean_of_valid_robots():
     [
         (WA, {}),
         (WA, {"time_scale": 0.5}),
-        (SF, {"protocol": "walls"}),
+        ("spot_finding_walls", {}),
         (WA, {"time_scale": 0.07}),  # the first test and training share a minute
     ],
 )

@@ -41,5 +41,5 @@ def test_particulars_and_titles_have_all_fields_that_are_not_the_default():
 def test_the_title_of_several_runs_has_what_they_share():
     found = markdown.title("spot_finding", OTHER, Experiment(body="kinematic"))
     assert found == "Spot finding (table 2), body: kinematic"
-    found = markdown.title("spot_finding", Experiment(protocol="walls"))
-    assert found == "Spot finding, protocol: walls"
+    found = markdown.title("spot_finding_walls", Experiment())
+    assert found == "Spot finding, walls sensed"

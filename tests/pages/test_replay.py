@@ -16,10 +16,10 @@ from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Run, results_of
-from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.protocols.pages import replay
 from musebot.protocols.pages.replay import Episode, StoredRobot, robots_named
 from musebot.tasks import make_batch
+from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks.suite import TASKS
 
 # ---- Policies ----

@@ -30,7 +30,7 @@ def test_a_window_that_cannot_be_opened_is_one_sentence(monkeypatch):
 
 def test_robot_with_another_body_is_refused(run, stored):
     for name, value in (
-        ("body", "kinematic"), ("arena_scale", 2.0), ("nose_place", "centre"), ("motor_speed", 0.1)
+        ("body", "kinematic"), ("nose_place", "centre"), ("motor_speed", 0.1)
     ):  # fmt: skip
         experiment = dataclasses.replace(run.experiment, **{name: value})
         with pytest.raises(InputError, match=f"the default {name}, got a run with {value}"):

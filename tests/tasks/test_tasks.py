@@ -12,8 +12,8 @@ from scipy import stats
 
 import musebot
 from musebot.models import add_noses, add_obstacles, add_velocity, arena_spec, hide_spot
-from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks import make_batch
+from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks.starts import CORNERS, Start, random_poses, random_spots
 from musebot.tasks.suite import TASKS
 
