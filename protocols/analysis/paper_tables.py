@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ...tasks.lives import LIVES
+from ...tasks.lives import Life
 from ..lives.conditions import Condition
 from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES, Summary
@@ -63,9 +63,8 @@ def paper_column(experiment: Experiment, condition: Condition) -> Column | None:
     return Column(summary, _shares(summary), intervals.mean_from(summary), unknown, unknown)
 
 
-def row_names(task: str) -> list[str]:
+def row_names(life: Life) -> list[str]:
     """Returns the names of a table's rows: robots, categories, mean, deviation, time."""
-    life = LIVES[task]
     names = [f"({life.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
     return ["robots", *names, "mean L", "sd of L", f"share of time {life.event}, post"]
 

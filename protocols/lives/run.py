@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
+import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, Literal
@@ -314,8 +315,11 @@ class Run:
         )
 
     def test_seconds(self, task: str) -> float:
-        """Returns the duration of a test, equal before and after training, in simulated seconds."""
-        return self.experiment.life_of(task).steps_of("post") * CONTROL_TIMESTEP
+        """Returns the duration of a test, equal before and after training, in simulated seconds.
+
+        NaN for a life without tests.
+        """
+        return self.experiment.life_of(task).steps_of("post") * CONTROL_TIMESTEP or math.nan
 
     def to_frame(self) -> Any:
         """Returns a row for each robot, invalid robots included, as a pandas DataFrame.

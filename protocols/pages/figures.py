@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ...tasks.lives import LIVES, PAPER_LIVES, STAGES, Life, control_steps
+from ...tasks.lives import LIVES, STAGES, Life, control_steps
 from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
@@ -39,7 +39,8 @@ def learning_curves(run: Run) -> Figure:
             if len(curves):
                 _curve(axis, curves, run.experiment.life_of(task), look[proposer])
         _parts(axis, run.experiment, task)
-        axis.set_title(f"{LIVES[task].title}: share of the time {LIVES[task].event}", pad=16)
+        life = run.experiment.life_of(task)
+        axis.set_title(f"{life.title}: share of the time {life.event}", pad=16)
         axis.set_xlabel("simulated hours")
         in_per_cent(axis)
     _legend(figure, {short_name(name): own for name, own in look.items()})
@@ -107,16 +108,16 @@ def categories(run: Run) -> Figure:
     heights = [0.29 * len(own) + 0.95 for own in bars.values()]
     figure, axes = canvas(sum(heights), len(bars), 1, height_ratios=heights)
     for (task, own), axis in zip(bars.items(), axes[:, 0], strict=True):
-        _stacks(axis, task, own)
+        _stacks(axis, run.experiment.life_of(task), own)
     return figure
 
 
-def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None:
+def _stacks(axis: Axes, life: Life, rows: list[tuple[str, str, Summary]]) -> None:
     """Draws a stacked bar for each row, a tuple of proposer, source (ours, paper) and column."""
     proposers = [proposer for proposer, _, _ in rows]
     places = [i + 0.35 * len({*proposers[: i + 1]}) for i in range(len(rows))]
     shares = np.array([summary.shares for _, _, summary in rows]).T
-    names = [c if c != "unmeasured" else LIVES[task].unmeasured for c in CATEGORIES]
+    names = [c if c != "unmeasured" else life.unmeasured for c in CATEGORIES]
     left = np.zeros(len(rows))
     for name, values, shade in zip(names, shares, CATEGORY_COLOURS, strict=True):
         bars = axis.barh(places, values, left=left, height=0.86, color=shade, lw=0, label=name)
@@ -129,7 +130,7 @@ def _stacks(axis: Axes, task: str, rows: list[tuple[str, str, Summary]]) -> None
     axis.spines[:].set_visible(False)
     axis.set_xlim(0, 1)
     axis.invert_yaxis()
-    axis.set_title(f"{LIVES[task].title}: per cent of the robots", pad=20)
+    axis.set_title(f"{life.title}: per cent of the robots", pad=20)
     axis.legend(
         loc="lower left", bbox_to_anchor=(0, 1), ncols=len(names), frameon=False, fontsize=8,
         borderpad=0, borderaxespad=0.2, handlelength=0.8, handletextpad=0.4, columnspacing=1.2,
@@ -147,7 +148,7 @@ def abilities(run: Run) -> Figure:
     for task, column in zip(tasks, axes.T, strict=True):
         for axis, (proposer, own) in zip(column, look.items(), strict=True):
             title = _histogram(axis, run, Condition(task, proposer), own["color"])
-            first = f"{LIVES[task].title}\n" if axis is column[0] else ""
+            first = f"{run.experiment.life_of(task).title}\n" if axis is column[0] else ""
             axis.set_title(f"{first}{title}", fontsize=8)
         column[-1].set_xlabel("Learn Ability L")
     return figure
@@ -177,7 +178,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
 
 def spinning(behaviour: Behaviour) -> Figure:
     """Draws the share of time that each robot spins before and after training, and the means."""
-    tasks = [t for t in PAPER_LIVES if any(c.task == t for c in behaviour.spinning)]
+    tasks = [*dict.fromkeys(condition.task for condition in behaviour.spinning)]
     figure, axes = canvas(2.9, 1, len(tasks), sharey=True)
     jitter = np.random.default_rng(0)
     for task, axis in zip(tasks, axes[0], strict=True):
@@ -194,7 +195,7 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.set_xticks(range(len(names)), names)
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
-        axis.set_title(LIVES[task].title, pad=10)
+        axis.set_title(LIVES[task].title if task in LIVES else task, pad=10)
         in_per_cent(axis, 1)
     axes[0, 0].set_ylabel("share of the time spinning")
     marks = {"marker": "o", "ls": "", "ms": 3.5}

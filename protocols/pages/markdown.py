@@ -19,7 +19,7 @@ MEANS = "BCa bootstrap over robots; Gaffke's bounds for a mean near an end of it
 
 TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
 # Seed and cohort size are stated nowhere, the other two in words of their own.
-_STATED_APART = ("seed", "cohort_size", "time_scale")
+_STATED_APART = ("seed", "cohort_size", "time_scale", "life")
 
 
 # ---- Tables ----

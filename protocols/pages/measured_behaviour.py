@@ -26,7 +26,8 @@ def observe(run: Run) -> Behaviour:
     spinning, nearer, stays = {}, {}, {}
     for condition in run.conditions():
         rows = run.valid_rows(condition)[:SAMPLE]
-        if not rows or not condition.has_brain:
+        tested = run.experiment.life_of(condition.task).tested
+        if not rows or not condition.has_brain or not tested:
             continue
         which: list[tuple[int, When]] = [(row, when) for when in WHEN for row in rows]
         track = evaluate(run, condition, which, SPIN_MINUTES * run.experiment.time_scale)

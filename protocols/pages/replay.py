@@ -263,7 +263,10 @@ def evaluate(
 
 
 def _first_phase(experiment: Experiment, task: str, stage: str) -> Phase:
-    return next(phase for phase in experiment.life_of(task).phases if phase.stage == stage)
+    life = experiment.life_of(task)
+    if not life.tested:
+        raise InputError(f"the life {task} has no test that could be repeated")
+    return next(phase for phase in life.phases if phase.stage == stage)
 
 
 def watch(

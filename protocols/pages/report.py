@@ -13,7 +13,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ... import __version__
-from ...tasks.lives import LIVES, PAPER_LIVES
+from ...tasks.lives import PAPER_LIVES
 from ..analysis.behaviour import Behaviour
 from ..errors import InputError
 from ..lives.run import Run
@@ -34,7 +34,7 @@ from .replay import BRAINS_OF_TESTS, StoredRobot
 PAGE = "report.html"
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
 _FILM_SECONDS = 6.0
-_FILM_SPEEDS = {"wall_avoidance": 6.0, "spot_finding": 60.0}
+_FILM_SPEEDS = {True: 60.0, False: 6.0}  # by `Life.wanted`
 
 
 def draw(name: str, path: Path, run: Run | None = None, task: str | None = None) -> None:
@@ -122,11 +122,11 @@ def _film(run: Run, folder: Path) -> str:
     """
     missing: list[str] = []
     for task in run.tasks():
-        example = robot_figures.favourite(run, task)
+        example, life = robot_figures.favourite(run, task), run.experiment.life_of(task)
         if example is None:
-            missing.append(f"{LIVES[task].title} has no robot with a brain to film.")
+            missing.append(f"{life.title} has no test, or no robot with a brain, to film.")
             continue
-        condition, speed = example.condition, _FILM_SPEEDS[task]
+        condition, speed = example.condition, _FILM_SPEEDS[life.wanted]
         kind = f"{example.kind}_{condition.proposer}_{example.robot}"
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
@@ -139,7 +139,7 @@ def _film(run: Run, folder: Path) -> str:
         except InputError as error:
             if not existed and not any(folder.iterdir()):
                 folder.rmdir()
-            missing.append(f"{LIVES[task].title} has no film: {error}.")
+            missing.append(f"{life.title} has no film: {error}.")
     return " ".join(missing)
 
 
@@ -183,9 +183,9 @@ def page(
         tasks=[
             {
                 "name": task,
-                "title": LIVES[task].title.lower(),
-                "event": LIVES[task].event,
-                "minutes": f"{robot_figures.MINUTES[task] * scale:g}",
+                "title": (life := run.experiment.life_of(task)).title.lower(),
+                "event": life.event,
+                "minutes": f"{robot_figures.MINUTES[life.wanted] * scale:g}",
                 "kinds": [one.kind for one in robot_figures.examples(run, task)],
             }
             for task in run.tasks()

@@ -17,7 +17,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from ...controller import Neurocontroller
 from ...tasks import CONTROL_TIMESTEP, Robots
-from ...tasks.lives import LIVES, UPPER_LEFT, UPPER_RIGHT, control_steps
+from ...tasks.lives import UPPER_LEFT, UPPER_RIGHT, control_steps
 from ..agents.neurocontroller import NeurocontrollerAgent
 from ..analysis.behaviour import RIM, Track, spins, stay_of
 from ..errors import InputError
@@ -27,7 +27,7 @@ from .measured_behaviour import SAMPLE, SPIN_MINUTES, finders, from_the_rim
 from .replay import evaluate, stored_brains
 from .style import DARK, EVENT, INK, canvas, colour
 
-MINUTES = {"wall_avoidance": 4.0, "spot_finding": 15.0}  # of the test that trajectories show
+MINUTES = {True: 15.0, False: 4.0}  # of the test that trajectories show, by `Life.wanted`
 APPROACH_MINUTES = 40.0  # of the test after training in which approachers are looked for
 SPINS = 0.1  # least share of time: a robot that spins less only turns away from walls
 SLOW = 25.0  # [min]: the paper's slow robots arrive after 20 to 30 minutes
@@ -54,11 +54,12 @@ def examples(run: Run, task: str) -> list[Example]:
 
     They are creative if the run has creative robots. The gain is the change of the time in contact
     (or in the spot) from the test before training to the test after it, positive for an
-    improvement. A kind without a robot is left out.
+    improvement. A kind without a robot is left out; a life without tests has none.
     """
-    if (condition := _condition(run, task, ("creative",))) is None:
+    life = run.experiment.life_of(task)
+    if not life.tested or (condition := _condition(run, task, ("creative",))) is None:
         return []
-    life, robots = LIVES[task], run.robots(condition)
+    robots = run.robots(condition)
     sign = 1 if life.wanted else -1
     unmeasured = [i for i, one in enumerate(robots) if one.category == life.unmeasured]
     measured = [i for i in run.valid_rows(condition) if i not in unmeasured]
@@ -93,7 +94,8 @@ def trajectories(run: Run, task: str) -> Figure | None:
         return None
     condition = found[0].condition
     which: list[tuple[int, When]] = [(one.row, when) for one in found for when in WHEN]
-    track = evaluate(run, condition, which, MINUTES[task] * run.experiment.time_scale)
+    life = run.experiment.life_of(task)
+    track = evaluate(run, condition, which, MINUTES[life.wanted] * run.experiment.time_scale)
     figure, axes = canvas(2.9, 2, len(found))
     for index, axis in enumerate(axes.T.flat):
         example, when = found[index // 2], WHEN[index % 2]
@@ -101,7 +103,7 @@ def trajectories(run: Run, task: str) -> Figure | None:
         if when == WHEN[0]:
             axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
         share = track.events[:, index].mean()
-        axis.set_xlabel(f"{when}: {share:.0%} {LIVES[task].event}", labelpad=2)
+        axis.set_xlabel(f"{when}: {share:.0%} {life.event}", labelpad=2)
     return figure
 
 
@@ -110,7 +112,7 @@ def _draw_robot(axis: Axes, run: Run, condition: Condition, track: Track, index:
     size = run.experiment.batch(condition.task, 1).dimensions
     length, width = size.half_length, size.half_width
     axis.add_patch(Rectangle((-length, -width), 2 * length, 2 * width, fill=False, ec=INK, lw=1.0))
-    if LIVES[condition.task].wanted:
+    if run.experiment.life_of(condition.task).wanted:
         axis.add_patch(Circle(tuple(track.spot), size.spot_radius, fc=INK, alpha=0.3, lw=0))
     draw_path(axis, track, index, colour(condition.proposer))
     axis.set(xlim=(-1.03 * length, 1.03 * length), ylim=(-1.04 * width, 1.04 * width))
@@ -187,8 +189,9 @@ def values(run: Run, task: str) -> Figure | None:
     for axis, name in zip(axes[0], states, strict=True):
         axis.set_title(name)
     axes[1, 1].set_xlabel("left motor")
+    title = run.experiment.life_of(task).title
     figure.suptitle(
-        f"{LIVES[task].title}, {example.kind}: {condition.proposer} {example.robot}", x=0.01,
+        f"{title}, {example.kind}: {condition.proposer} {example.robot}", x=0.01,
         ha="left", fontsize=9.5, weight="bold",
     )  # fmt: skip
     return figure

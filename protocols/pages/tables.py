@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ...tasks.lives import LIVES
 from ..agents.names import short_name
 from ..analysis import comparison, intervals
 from ..analysis.behaviour import Behaviour
@@ -55,7 +54,11 @@ def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = Fal
     parts = []
     for task in run.tasks():
         parts.append(f"### {md.escape(md.title(task, run.experiment))}\n")
-        names = ["", *row_names(task), VARIATION]
+        life = run.experiment.life_of(task)
+        if not life.tested:
+            parts.append("\n".join([*md.table(_shares_of_life(run, task)), ""]))
+            continue
+        names = ["", *row_names(life), VARIATION]
         columns = [_columns(run, Condition(task, proposer)) for proposer in run.proposers(task)]
         for group in columns if narrow else [itertools.chain(*columns)]:
             parts.append("\n".join([*md.table([*zip(names, *group, strict=True)]), ""]))
@@ -66,6 +69,20 @@ def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = Fal
     if results := judge_all(run, behaviour):
         parts.append(_claims(run.experiment, results))
     return "\n".join(parts)
+
+
+def _shares_of_life(run: Run, task: str) -> list[list[str]]:
+    """Returns the rows of a life without tests: robots, and their share of the time."""
+    life, steps = run.experiment.life_of(task), run.experiment.life_of(task).steps_of_minutes()
+    rows = [[""], ["robots"], [f"share of time {life.event}"]]
+    for proposer in run.proposers(task):
+        shares = run.curves(Condition(task, proposer)) @ (steps / steps.sum())
+        ends = intervals.mean(shares, intervals.SHARE)
+        mean = float(shares.mean()) if len(shares) else math.nan
+        cells = short_name(proposer), str(len(shares)), md.with_interval(md.number(mean), ends)
+        for row, cell in zip(rows, cells, strict=True):
+            row.append(cell)
+    return rows
 
 
 def _columns(run: Run, condition: Condition) -> list[list[str]]:
@@ -110,7 +127,8 @@ def _joint_tests(run: Run) -> dict[str, float]:
         ours, paper = run.summary(condition), paper_column(run.experiment, condition)
         if paper and ours.robots:
             counts = ours.counts, paper.summary.counts
-            found.setdefault(LIVES[condition.task].title.lower(), []).append(counts)
+            title = run.experiment.life_of(condition.task).title.lower()
+            found.setdefault(title, []).append(counts)
     if len(found) > 1:
         found["both tables"] = [pair for pairs in found.values() for pair in pairs]
     return {name: same_classes(pairs) for name, pairs in found.items()}
@@ -199,7 +217,7 @@ def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell])
         name = f"{cell.condition.task}, {short_name(cell.condition.proposer)}: {cell.name}"
         lines.append(f"- {name} {first} against {second}, {difference}")
     lines += [""] * bool(found)
-    for task in md.TITLES:
+    for task in ours.tasks():
         if own := [cell for cell in cells if cell.condition.task == task]:
             rows = [["", "", *names, "difference", "p", "Holm"]]
             for cell in own:

@@ -11,6 +11,7 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Robot
+from musebot.tasks.lives import WALL_AVOIDANCE
 
 KEPT = Path(__file__).parents[2] / "docs" / "results"
 
@@ -55,4 +56,4 @@ def test_a_column_has_the_values_of_valid_robots_and_intervals_around_them():
     assert (summary.robots, summary.invalid, summary.counts) == (6, 1, (2, 3, 0, 1, 0))
     assert found.mean[0] < summary.mean == 0.5 < found.mean[1]
     assert found.post_share[0] < summary.post_share == 30 / 1200 < found.post_share[1]
-    assert len(row_names("wall_avoidance")) == 1 + len(found.shares) + 3
+    assert len(row_names(WALL_AVOIDANCE)) == 1 + len(found.shares) + 3

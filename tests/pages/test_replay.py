@@ -75,7 +75,7 @@ def test_the_time_with_the_event_adds_up():
 def test_robot_that_does_not_exist_is_refused_in_one_sentence(stored, invalid):
     hint = "it has wall_avoidance/fixed, .*: --proposer or --agent chooses"
     for changes, sentence in (
-        ({"task": "dancing"}, "the task must be one of"),
+        ({"task": "dancing"}, f"the run has no robots of dancing/creative; {hint}"),
         ({"proposer": "muse"}, "the proposer must be one of"),
         ({"proposer": "random"}, f"the run has no robots of wall_avoidance/random; {hint}"),
         ({"robot": 3}, "are 0 to 2, got 3"),
