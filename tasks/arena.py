@@ -356,6 +356,8 @@ class TaskDefinition(Checked):
         start = Start(settings.get("robot"), settings.get("spot"))
         episode = self.episode(start, physics.dimensions, steps_until(limit))
         rules = self.rules.of(physics.model.ptr, settings.get("nose", "inverse"))
+        if self.life:
+            self.life.check(rules, physics.dimensions)
         task = Task(rules, episode, settings.get("random"))
         return Environment(physics, task, bool(kwargs.get("flat_observation", False)))
 

@@ -17,12 +17,13 @@ import numpy as np
 
 from ..fields import Checked, choice, flag, number, text
 from .episode import CONTROL_TIMESTEP, real_numbers
-from .starts import CORNERS, random_poses, random_spots
+from .starts import CORNERS, Start, random_poses, random_spots
 from .world import World
 
 if TYPE_CHECKING:
     from ..models import Dimensions
     from .batch import Robots
+    from .rules import Rules
     from .starts import Random
 
 Stage = Literal["pre", "training", "post"]
@@ -135,6 +136,18 @@ class Life(Checked):
         stages = [STAGES.index(phase.stage) for phase in self.phases]
         if not stages or stages != sorted(stages):
             raise ValueError(f"phases must be some, in the order of their stages: {STAGES}")
+
+    def check(self, rules: Rules, dimensions: Dimensions) -> None:
+        """Raises ValueError for an impossible place, or a world that the robot cannot live in.
+
+        Args:
+          rules: Rules of the life's task.
+          dimensions: Dimensions of robot, arena and spot.
+        """
+        for phase in self.phases:
+            places = (None if one == "random" else one for one in (phase.robot, phase.spot))
+            Start(*places).check(dimensions)
+            phase.world.rules(rules, dimensions.nose)
 
     def scaled(self, factor: float) -> Life:
         """Returns the life with every duration multiplied by a factor."""
@@ -338,6 +351,8 @@ def life_from(fields: Any) -> Life:
         raise ValueError("a life must have a list of phases")
     if missing := {"name", "task"} - {*own}:
         raise ValueError(f"a life must have a {min(missing)}")
+    if "@" in str(own["name"]):
+        raise ValueError(f"a name with @ is that of a newborn's life, got {own['name']!r:.60}")
     own["phases"] = tuple(map(_phase_from, own["phases"]))
     return Life(**{"title": own["name"], **own})
 

@@ -68,7 +68,10 @@ def task_definition(task_name: str) -> TaskDefinition:
 
 
 def life_definition(life: Any) -> TaskDefinition:
-    """Returns the task whose one episode is a life, given as its name or itself; else ValueError."""
+    """Returns the task whose one episode is a life, given as its name or itself.
+
+    Raises ValueError where there is none.
+    """
     found = LIVES.get(life) if isinstance(life, str) else life
     if not isinstance(found, Life):
         raise ValueError(f"life must be one of {sorted(LIVES)} or a Life, got {life!r:.60}")

@@ -1,4 +1,4 @@
-"""What holds in the world in a phase of a life: the wheels' wiring, the senses, what is rewarded."""
+"""What holds in a phase of a life: the wheels' wiring, the senses, what is rewarded."""
 
 from __future__ import annotations
 
@@ -104,12 +104,12 @@ class WorldRules(Rules):
         """Raises ValueError, see `World.rules`."""
         for name in ("shapes", "rewards", "maximal", "has_nose"):
             object.__setattr__(self, name, getattr(self.task, name))
-        sensed = {name for kind in self.shapes for name in _numbers_of(kind, 1)}
+        sensed = {name for kind in self.shapes for name in sensor_names(kind, 1)}
         for name, *_ in self.world.sensors:
             if name not in sensed:
                 raise ValueError(f"the robot of {type(self.task).__name__} has no sensor {name!r}")
-        if self.world.nose and not self.has_nose:
-            raise ValueError(f"the robot of {type(self.task).__name__} has no nose")
+        if self.world.nose and "nose" not in self.shapes:
+            raise ValueError(f"the robot of {type(self.task).__name__} has no single nose")
         if self.world.rewarded == "driving" and not hasattr(self.task, "driving"):
             raise ValueError(f"{type(self.task).__name__} cannot reward driving")
 
@@ -118,7 +118,7 @@ class WorldRules(Rules):
         found = self.task.observations(self._turned(sensordata))
         wrong = {name: (offset, gain) for name, offset, gain in self.world.sensors}
         for kind, (length, low, high) in self.shapes.items() if wrong else ():
-            pairs = [wrong.get(name, (0.0, 1.0)) for name in _numbers_of(kind, length)]
+            pairs = [wrong.get(name, (0.0, 1.0)) for name in sensor_names(kind, length)]
             offset, gain = np.array(pairs).T
             found[kind] = np.clip(offset + gain * found[kind], low, high)
         return found
@@ -151,6 +151,6 @@ class WorldRules(Rules):
         return turned
 
 
-def _numbers_of(kind: str, length: int) -> tuple[str, ...]:
+def sensor_names(kind: str, length: int) -> tuple[str, ...]:
     """Returns the sensor that measures each number of an observation."""
     return RANGEFINDERS if kind == "distances" else (kind,) * length

@@ -17,9 +17,9 @@ from typing import Any, TypeVar
 from ...controller.brains import BRAINS
 from ...controller.parameters import Parameters
 from ...fields import shown
-from ...models import Kinematics
+from ...models import Dimensions, Kinematics
 from ...tasks.lives import LIVES, Life, life_from
-from ...tasks.suite import TASKS
+from ...tasks.suite import task_definition
 from ..errors import InputError, nearest, similar
 from ..storage import parsed, read_whole
 from .experiment import Experiment
@@ -181,19 +181,23 @@ def read_life(path: Path) -> Life:
         value is not allowed.
     """
     try:
-        life = life_from(tomllib.loads(read_whole(path).decode()))
-        if life.name in LIVES:
-            raise ValueError(f"there is a life {life.name} already")
-        for world in life.worlds:
-            world.rules(TASKS[life.task].rules.of(TASKS[life.task].spec().compile()), 0)
+        return _own_life(tomllib.loads(read_whole(path).decode()))
     except FileNotFoundError as error:
         raise InputError(str(error)) from error
-    except KeyError as error:
-        raise InputError(
-            f"{path}: there is no task {shown(error.args[0])}; {nearest(error.args[0], TASKS)}"
-        ) from error
-    except (ValueError, TypeError, RecursionError) as error:
+    except (InputError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+
+
+def _own_life(fields: Any) -> Life:
+    """Returns the life with some fields; raises InputError where it is a wrong one."""
+    try:
+        life = life_from(fields)
+        if life.name in LIVES:
+            raise ValueError(f"there is a life {life.name} already")
+        model = task_definition(life.task).spec().compile()
+        life.check(task_definition(life.task).rules.of(model), Dimensions.of(model))
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InputError(" ".join(str(error).split())) from error
     return life
 
 
@@ -207,6 +211,8 @@ def _values(given: Any) -> dict[str, Any]:
     if "kinematics" in values:
         own = _checked(values["kinematics"], _names(Kinematics), "kinematics")
         values["kinematics"] = _replaced(Kinematics(), own)
+    if values.get("life") is not None:
+        values["life"] = _own_life(values["life"])
     return values
 
 

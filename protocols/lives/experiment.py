@@ -190,9 +190,15 @@ def overrides_of(numbers: Parameters | Kinematics, reference: Parameters | Kinem
 
 
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
-    """Returns the fields in which two experiments differ, by dotted name, with both values."""
-    first, second = flat(dataclasses.asdict(ours)), flat(dataclasses.asdict(other))
-    return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
+    """Returns the fields in which two experiments differ, by dotted name, with both values.
+
+    A life is given by its name.
+    """
+    first, second = (flat(dataclasses.asdict(one) | {"life": one.life}) for one in (ours, other))
+    found = {name: (first[name], second[name]) for name in first if first[name] != second[name]}
+    if "life" in found:
+        found["life"] = (ours.life and ours.life.name, other.life and other.life.name)
+    return found
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -108,11 +108,14 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Simulates 0.1 s for a left and right action within `action_space`, shape (2,).
 
         Returns observation (S,), reward, termination (False), truncation (at the end of a life) and
-        the entries of `INFO`, and of `LIFE_INFO` in a life. Raises what `arena.Environment.step` does, and RuntimeError before a reset.
+        the entries of `INFO`, and of `LIFE_INFO` in a life. Raises what `arena.Environment.step`
+        does, and RuntimeError before a reset and after the end of a life.
         """
         environment = self._environment
         with environment.lifecycle.one_thread:
             environment.lifecycle.check_running()
+            if environment.task.steps >= environment.task.episode.steps:
+                raise RuntimeError("reset must be called after the end of a life")
             timestep = environment.step(action)
             self._show()
             over = environment.task.steps >= environment.task.episode.steps  # of a life

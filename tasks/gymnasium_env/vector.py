@@ -117,6 +117,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             from ..tensors.warp import WarpBatch
 
             self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
+        if life:
+            life.check(self._batch.rules, self._batch.dimensions)
         self._episode = definition.episode(Start(**kwargs), self._batch.dimensions, steps)
         self.single_observation_space, self.single_action_space = spaces(
             definition.rules, definition.limit

@@ -17,7 +17,7 @@ from musebot.protocols.cli import run as module
 from musebot.protocols.cli.run import Run
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.config import READINGS, Config
+from musebot.protocols.lives.config import READINGS, Config, read_life
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.manifest import MANIFEST, read_manifest
 from musebot.protocols.lives.plan import Plan
@@ -165,6 +165,71 @@ def test_a_run_is_repeated_by_its_own_manifest(tmp_path, commands_in_process):
     musebot.run(again, config=first / MANIFEST, quiet=True)
     assert read_manifest(again) == read_manifest(first)
     assert repr(musebot.load_run(again).results) == repr(musebot.load_run(first).results)
+
+
+TINY = "--robots 2 --time-scale 0.001 --body kinematic --proposer fixed".split()
+OWN = """
+name = "swap"
+task = "spot_finding"
+
+[[phases]]
+minutes = 300
+spot = "random"
+every_minutes = 60
+
+[[phases]]
+minutes = 300
+spot = "random"
+world = {wheels = [0, 1, 1, 0], nose = 90, sensors = [["nose", 1, -1]]}
+"""
+
+
+def test_a_life_of_a_file_is_that_of_the_run_and_of_its_manifest(
+    tmp_path, capsys, commands_in_process
+):
+    file, out, again = (tmp_path / name for name in ("own.toml", "out", "again"))
+    file.write_text(OWN)
+    assert cli.main(["run", str(out), "--life", str(file), "swap@2", "body", *TINY]) == 0
+    printed = capsys.readouterr().out
+    for words in ("### swap, body", "### swap, newborn of phase 2", "share of time in the spot |"):
+        assert words in printed
+    run = musebot.load_run(out)
+    assert [c.task for c in run.conditions()] == ["body", "swap", "swap@2"]
+    assert run.experiment.life == read_life(file)
+    assert [len(run.curves(c)[0]) for c in run.conditions()] == [1, 1, 1]
+    file.unlink()
+    assert cli.main(["run", str(out)]) == 0
+    assert cli.main(["run", str(again), "--config", str(out / MANIFEST)]) == 0
+    assert repr(musebot.load_run(again).results) == repr(run.results)
+    file.write_text(OWN.replace("nose = 90", "nose = 91"))
+    capsys.readouterr()
+    assert cli.main(["run", str(out), "--life", str(file)]) == 2
+    assert "holds an experiment with life.phases" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"swap"', '"body"', "there is a life body already"),
+        ('"swap"', '"swap@2"', "a name with @ is that of a newborn's life, got 'swap@2'"),
+        ('"spot_finding"', '"spot_findin"', "task must be one of ['spot_finding', "),
+        ('"spot_finding"', '"wall_avoidance"', "the robot of WallAvoidanceRules has no "),
+        ('"spot_finding"', '"spot_finding_two_noses"', "the robot of TwoNosesRules has no "),
+        ("nose = 90", 'rewarded = "driving"', "SpotFindingRules cannot reward driving"),
+        ("nose = 90", "nose = 361", "nose must be a number in [-360, 360] degrees, got 361"),
+        ("minutes = 300", "minutes = -1", "minutes must be a number in [0, 1e+06] minutes"),
+        ("minutes = 300", "minute = 300", "a phase has the fields stage, minutes, "),
+        ('spot = "random"', "robot = [5, 5, 0]", "robot must be inside the arena"),
+        ("[[phases]]", "[[phases", "own.toml: "),
+    ],
+)
+def test_a_bad_life_is_one_sentence_and_nothing_is_made(old, new, sentence, tmp_path, capsys):
+    file = tmp_path / "own.toml"
+    file.write_text(OWN.replace(old, new))
+    assert cli.main(["run", str(tmp_path / "new"), "--life", str(file), *TINY]) == 2
+    message = capsys.readouterr().err
+    assert sentence in message and message.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [file]
 
 
 SCRIPT = """

@@ -88,6 +88,8 @@ def test_differing_fields_have_dotted_names_and_both_values():
         "brain.epsilon": (0.01, 0.1),
     }
     assert differing(one, one) == {}
+    mine = Experiment(life=dataclasses.replace(WALL_AVOIDANCE, name="mine"))
+    assert differing(Experiment(), mine) == {"life": (None, "mine")}
 
 
 # Random streams
