@@ -1,4 +1,4 @@
-"""Strategies of hypothesis that several tests need: experiments and plans."""
+"""Strategies of hypothesis that several tests need: worlds, experiments and plans."""
 
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -8,9 +8,21 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.tasks.lives import PAPER_LIVES
+from musebot.tasks.world import SENSORS, World
 
 quick = settings(deadline=None, max_examples=50)
 CONDITIONS = tuple(Condition(life, p) for life in PAPER_LIVES for p in PROPOSERS)
+
+shares = st.floats(-1, 1)
+worlds = st.builds(
+    World,
+    wheels=st.tuples(shares, shares, shares, shares),
+    nose=st.floats(-360, 360),
+    sensors=st.lists(
+        st.tuples(st.sampled_from(SENSORS), shares, shares), unique_by=lambda entry: entry[0]
+    ).map(tuple),
+    rewarded=st.sampled_from(["task", "driving"]),
+)
 
 experiments = st.builds(
     Experiment,

@@ -1,14 +1,16 @@
 """A cohort follows its schedule: its placements, when it learns, and how events are counted."""
 
+import copy
 import dataclasses
 
 import numpy as np
 import pytest
 
+from musebot.controller import BRAINS
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import BODIES, Experiment
-from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
+from musebot.tasks.lives import CHANGING, UPPER_LEFT, UPPER_RIGHT
 
 ROBOTS = 3
 MINUTE = 600  # control steps
@@ -279,3 +281,29 @@ def test_robots_in_spot_finding_walls_sense_walls_and_their_brains_have_the_inpu
     state = cohort.batch.rules.state(cohort.batch.sensordata)
     assert state.shape == (2, 6) and (state[:, 1:5] > 0).any(axis=1).all()
     assert cohort.decide(False).shape == (2, 2)
+
+
+# Lives that change
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("life", [life.name for life in CHANGING])
+def test_robots_of_a_changing_life_that_are_stopped_anywhere_continue_bit_exactly(life, body):
+    experiment = Experiment(cohort_size=2, body=body, brain=BRAINS["steady"], time_scale=0.0006)
+    legs = experiment.life_of(life).legs()
+    change = next(leg.start for leg in legs if leg.changes_world)
+
+    def born():
+        return Cohort(experiment, CohortKey(Condition(life, "creative"), 0))
+
+    whole = born()
+    for leg in legs:
+        whole.advance(leg.stop - leg.start)
+        assert whole.step == leg.stop and whole.batch.world == leg.phase.world
+    for stop in (change - 1, change, change + 1, legs[-1].stop - 1):
+        first, second = born(), born()
+        first.advance(stop)
+        arrays, notes = copy.deepcopy(first.checkpoint())
+        second.restore(arrays, notes)
+        second.advance(10**9)
+        np.testing.assert_equal(second.checkpoint(), whole.checkpoint(), err_msg=str(stop))

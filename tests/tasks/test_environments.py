@@ -1,6 +1,7 @@
 """One contract for dm_control's, Gymnasium's single and Gymnasium's vector environment."""
 
 import copy
+import dataclasses
 import pickle
 import re
 import threading
@@ -11,19 +12,40 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
 from dm_control.rl.control import PhysicsError  # noqa: E402
+from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 import musebot  # noqa: E402
-from musebot.tasks.gymnasium_env import ArenaEnv, ArenaVectorEnv  # noqa: E402
+from musebot.tasks.gymnasium_env import INFO, ArenaEnv, ArenaVectorEnv  # noqa: E402
+from musebot.tasks.gymnasium_env.common import LIFE_INFO  # noqa: E402
+from musebot.tasks.lives import Life, Phase  # noqa: E402
+from musebot.tasks.world import World  # noqa: E402
 
 JUMPING, PILLARS = "spot_finding_jumping", "wall_avoidance_obstacles"
 ROBOTS = 3
+# Places are drawn at the steps 0, 90, 180 and 200; then the world changes.
+TWO_WORLDS = Life(
+    "mine",
+    "Mine",
+    "spot_or_driving",
+    (
+        Phase(minutes=1 / 3, spot="random", every_minutes=0.15),
+        Phase(minutes=0.01, robot="random", world=World((-1.0, 0.0, 0.0, 1.0), 90.0)),
+        Phase(minutes=1, world=World(sensors=(("nose", 1.0, -1.0),), rewarded="driving")),
+    ),
+)
+
+
+def named(task):
+    """Returns the keywords of a task, or of a life, in Gymnasium's environments."""
+    return {"task": "life", "life": task} if isinstance(task, Life) else {"task": task}
 
 
 class DmControl:
     """A dm_control environment; the other classes have the same methods."""
 
     def __init__(self, task=JUMPING, seed=1, **kwargs):
-        self.env = musebot.load("arena", task, {"random": seed, **kwargs})
+        domain = "life" if isinstance(task, Life) else "arena"
+        self.env = musebot.load(domain, task, {"random": seed, **kwargs})
 
     def reset(self, **kwargs):
         return np.concatenate([*self.env.reset(**kwargs).observation.values()]).astype(np.float32)
@@ -43,7 +65,7 @@ class DmControl:
 
 class Single(DmControl):
     def __init__(self, task=JUMPING, seed=1, **kwargs):
-        self.env, self.seed = ArenaEnv(task, **kwargs), seed
+        self.env, self.seed = ArenaEnv(**named(task), **kwargs), seed
 
     def reset(self, **kwargs):
         return self.env.reset(seed=self.seed, **kwargs)[0]
@@ -56,7 +78,10 @@ class Single(DmControl):
 
 class Vector(Single):
     def __init__(self, task=JUMPING, seed=1, **kwargs):
-        self.env, self.seed = ArenaVectorEnv(task, ROBOTS, threads=2, **kwargs), seed
+        self.env, self.seed = (
+            ArenaVectorEnv(**named(task), num_envs=ROBOTS, threads=2, **kwargs),
+            seed,
+        )
 
     def reset(self, **kwargs):
         return self.env.reset(seed=self.seed, **kwargs)[0][0]
@@ -270,8 +295,10 @@ def copied(make, one, how, **short):
     return other
 
 
-def test_a_copy_continues_bit_exactly_across_a_jump_of_the_spot_and_an_end(make):
+@pytest.mark.parametrize("task", [JUMPING, TWO_WORLDS], ids=["jumping", "life"])
+def test_a_copy_continues_bit_exactly_across_a_jump_or_change_and_an_end(make, task):
     short = {DmControl: {"time_limit": 20.6}, Single: {}, Vector: {"max_episode_steps": 206}}[make]
+    short = {"task": task, **short}
     one = begun(make, **short)
     for step in range(208):
         one.step(np.full((ROBOTS, 2), 0.5 if step < 60 else -0.2))
@@ -350,6 +377,74 @@ def test_a_copy_of_the_physics_shows_what_the_original_shows():
             assert not twin.legacy_step
             for name in ("sensordata", "xpos", "qacc", "qpos"):
                 np.testing.assert_array_equal(getattr(twin.data, name), getattr(physics.data, name))
+
+
+# Lives
+
+
+def test_a_life_is_alike_in_every_interface_and_ends_once():
+    short = dataclasses.replace(TWO_WORLDS, phases=TWO_WORLDS.phases[:2]).scaled(0.5)
+    length, first = sum(short.steps()), Vector(short)
+    singles = [Single(short, seed=1 + robot) for robot in range(ROBOTS)]
+    twin = DmControl(short, seed=np.random.Generator(np.random.PCG64(1)))
+    seen = [first.env.reset(seed=1)[0], [one.reset() for one in singles]]
+    np.testing.assert_array_equal(*seen)
+    twin.reset()
+    random, phases = np.random.default_rng(0), []
+    for step in range(1, length + 1):
+        actions = random.uniform(-1, 1, (ROBOTS, 2)).astype(np.float32)
+        ours = first.env.step(actions)
+        theirs = [one.env.step(action) for one, action in zip(singles, actions, strict=True)]
+        timestep = twin.env.step(actions[0])
+        for mine, its in zip(ours[:4], zip(*theirs, strict=True), strict=False):
+            np.testing.assert_array_equal(mine, its)
+        for name in (*INFO, *LIFE_INFO):
+            np.testing.assert_array_equal(ours[4][name], [its[4][name] for its in theirs])
+        flat = np.concatenate([*timestep.observation.values()]).astype(np.float32)
+        np.testing.assert_array_equal(flat, ours[0][0])
+        assert (timestep.reward, timestep.last()) == (ours[1][0], ours[3][0])
+        assert ours[3].all() == (step == length)
+        phases.append((ours[4]["phase"][0], ours[4]["changed"][0]))
+    assert phases == [(0, False)] * 99 + [(1, True)] + [(1, False)] * (length - 100)
+    one = singles[0]
+    other = begun(Single, short, seed=9)
+    other.env.set_state(one.env.get_state())  # that of the last step
+    for single in (one, other):
+        said = (RuntimeError, "reset must be called after the end of a life")
+        assert refusal(single.step, STILL) == said
+    np.testing.assert_array_equal(one.env.reset()[0], other.env.reset()[0])
+
+
+def test_a_life_takes_no_places_and_its_robots_begin_together():
+    for make in KINDS:
+        one = begun(make, TWO_WORLDS)
+        for places in ({"robot": (0, 0, 0)}, {"spot": (0, 0)}):
+            assert refusal(make, TWO_WORLDS, **places)[0] is TypeError
+            assert refusal(one.reset, options=places)[0] is TypeError
+        outside = Phase(robot=(5.0, 5.0, 0.0))
+        for phase, task in ((outside, "spot_finding"), (TWO_WORLDS.phases[2], "wall_avoidance")):
+            wrong = dataclasses.replace(TWO_WORLDS, task=task, phases=(Phase(), phase))
+            assert refusal(make, wrong)[0] is ValueError
+        assert refusal(make, dataclasses.replace(TWO_WORLDS, task="dancing"))[0] is ValueError
+    mask = np.array([True, False, True])
+    said = refusal(begun(Vector, TWO_WORLDS).env.reset, options={"reset_mask": mask})
+    assert said == (ValueError, "robots of a life begin together: reset takes no reset_mask")
+    for life in ("nobody", None, 3):
+        words = "life must be one of .* or a Life, got"
+        with pytest.raises(ValueError, match=words):
+            musebot.load("life", life)
+        with pytest.raises(ValueError, match=words):
+            gymnasium.make("musebot/Life-v0", life=life)
+    with pytest.raises(TypeError, match="life must be given: one of"):
+        gymnasium.make("musebot/Life-v0")
+
+
+def test_gymnasium_makes_lives_that_its_checker_accepts():
+    env = gymnasium.make("musebot/Life-v0", life="senses")
+    assert env.spec.max_episode_steps is None
+    check_env(env.unwrapped, skip_render_check=True)
+    batch = gymnasium.make_vec("musebot/Life-v0", 2, life="body")
+    assert isinstance(batch.unwrapped, ArenaVectorEnv) and batch.reset(seed=1)[0].shape == (2, 1)
 
 
 # Keywords

@@ -17,7 +17,7 @@ from gymnasium.vector import SyncVectorEnv  # noqa: E402
 
 import musebot  # noqa: E402
 from musebot.tasks.gymnasium_env import INFO  # noqa: E402
-from musebot.tasks.suite import TASKS  # noqa: E402
+from musebot.tasks.suite import SUITE, TASKS  # noqa: E402
 
 IDS = [f"musebot/{name}" for name in musebot.GYMNASIUM_TASKS]
 PAPER_IDS = [i for i in IDS if ("arena", gymnasium.spec(i).kwargs["task"]) in musebot.PAPER]
@@ -32,7 +32,7 @@ def test_every_task_has_one_id_and_every_entry_of_info_is_documented():
     page = (Path(__file__).parents[2] / "docs" / "tasks.md").read_text()
     rows = re.findall(r"^\| `(\w+)` \| (?:\(2,\)|number|Boolean) \|", page, re.MULTILINE)
     assert rows == list(INFO)
-    assert sorted(musebot.GYMNASIUM_TASKS.values()) == sorted(TASKS)
+    assert sorted(musebot.GYMNASIUM_TASKS.values()) == sorted(SUITE)
     assert all(gymnasium.spec(i).max_episode_steps == 1000 for i in IDS)
 
 
