@@ -7,7 +7,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import dm_env
 import mujoco as mj
@@ -36,11 +36,13 @@ from .episode import (
     set_stream_state,
     stream_state,
 )
-from .lives import Life, Phase
 from .rules import Rules
 from .sensors import NoseForm
 from .starts import Corner, Random, Start, random_spots
 from .world import World
+
+if TYPE_CHECKING:
+    from .lives import Life, Phase
 
 SHELL = "musebot_shell"  # material that `visualize_reward` colours
 SUITE = containers.TaggedTasks()  # every task's factory
@@ -354,15 +356,15 @@ class TaskDefinition(Checked):
         limit = seconds(next(value for value in limits if value is not None))
         physics = Physics.from_model(MjModel(self.spec().compile()))
         start = Start(settings.get("robot"), settings.get("spot"))
-        episode = self.episode(start, physics.dimensions, steps_until(limit))
         rules = self.rules.of(physics.model.ptr, settings.get("nose", "inverse"))
-        if self.life:
-            self.life.check(rules, physics.dimensions)
+        episode = self.episode(start, physics.dimensions, steps_until(limit), rules)
         task = Task(rules, episode, settings.get("random"))
         return Environment(physics, task, bool(kwargs.get("flat_observation", False)))
 
-    def episode(self, start: Start, dimensions: Dimensions, steps: float) -> Episode:
-        """Returns an episode of the task, see `Episode`."""
+    def episode(self, start: Start, dimensions: Dimensions, steps: float, rules: Rules) -> Episode:
+        """Returns an episode of the task, see `Episode`; ValueError for a life that cannot be."""
+        if self.life:
+            self.life.check(rules, dimensions)
         length = sum(self.life.steps()) if self.life else math.inf
         return Episode(
             self.name, start, dimensions, self.limit, self.spot_steps, min(steps, length), self.life

@@ -107,19 +107,16 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         nose = kwargs.pop("nose", "inverse")
         robots = 1 if backend == "warp" else num_envs  # Warp needs its model and rules only
-        life = definition.life
-        self._batch = make_batch(
-            life.task if life else definition.name, robots, nose=nose, threads=threads
-        )
+        name = definition.life.task if definition.life else definition.name
+        self._batch = make_batch(name, robots, nose=nose, threads=threads)
         if backend == "warp":
-            if life:
+            if definition.life:
                 raise ValueError("a life needs the backend 'mujoco', got 'warp'")
             from ..tensors.warp import WarpBatch
 
             self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
-        if life:
-            life.check(self._batch.rules, self._batch.dimensions)
-        self._episode = definition.episode(Start(**kwargs), self._batch.dimensions, steps)
+        rules, size = self._batch.rules, self._batch.dimensions
+        self._episode = definition.episode(Start(**kwargs), size, steps, rules)
         self.single_observation_space, self.single_action_space = spaces(
             definition.rules, definition.limit
         )
