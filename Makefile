@@ -28,7 +28,7 @@ help:  ## list the targets
 run: $(READY)  ## film a trained policy, let 60 robots learn, write their page; in runs/demo
 	mkdir -p $(DEMO)
 	$(VENV)/bin/musebot film --task spot_finding --output $(DEMO)/trained.mp4 --seconds 6
-	$(VENV)/bin/musebot run $(DEMO)/robots --body kinematic --set backend=numba cohort_size=30 --task wall_avoidance --proposer creative --robots 60
+	$(VENV)/bin/musebot run $(DEMO)/robots --body kinematic --set backend=numba cohort_size=30 --life wall_avoidance --proposer creative --robots 60
 	$(VENV)/bin/musebot report $(DEMO)/robots
 
 test: $(READY) $(RAY) $(GYM) $(WARP) $(CHROMIUM)  ## run the tests

@@ -17,9 +17,10 @@ from musebot.protocols.cli.parser import parsed
 from musebot.protocols.cli.run import Run
 from musebot.protocols.cli.verbs import BENCHMARK, VERBS, verb_class
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.config import named_brain, read_config, values_of
+from musebot.protocols.lives.config import named_brain, read_config, read_life, values_of
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import changed
+from musebot.tasks.lives import CHANGING
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -191,6 +192,18 @@ def test_the_configuration_file_is_read(tmp_path):
     config = read_config(tmp_path / "run.toml")
     assert config.values["brain"] == dataclasses.replace(named_brain("steady"), ideas=9)
     assert [*config.robots.values()] == [2, 2]
+
+
+def test_the_life_of_the_guide_is_read_and_changes(tmp_path):
+    text, file = PAGES[DOCS / "lives.md"], tmp_path / "life.toml"
+    file.write_text(*re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
+    assert [leg.changes_world for leg in read_life(file).legs()] == [False, True] + [False] * 11
+    rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| [^|]+ \|$", text, re.MULTILINE)
+    assert rows == [life.name for life in CHANGING]
+    pytest.importorskip("gymnasium")
+    from musebot.tasks.gymnasium_env.common import LIFE_INFO
+
+    assert re.findall(r"^\| `(\w+)` \| [^|]+ \|$", text, re.MULTILINE) == [*LIFE_INFO]
 
 
 def test_a_notebook_is_small_and_its_page_shows_its_pictures():

@@ -32,7 +32,7 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
 *No brains*: kept without them, so no robot can be filmed.
 The column *experiment* names all that differs from the
-defaults: brain `paper`, body `mujoco`, protocol `paper`.
+defaults: brain `paper`, body `mujoco`.
 
 {table(("run", "experiment", "seed:", "robots"), runs)}
 ## Pages of studies

@@ -13,7 +13,7 @@ import musebot
 from musebot.models.edits import OBSTACLES, add_obstacles
 from musebot.protocols.cli.listing import NAMES
 from musebot.tasks.arena import CONTROL_TIMESTEP, TaskDefinition
-from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
+from musebot.tasks.suite import BENCHMARKING, PAPER, SUITE, TASKS
 
 SMELL = (
     "Eq. 3, s / (1 + s) with s = 10 (r / d) (1 - 2 beta / alpha) if beta < alpha / 2, else 0; "
@@ -42,7 +42,7 @@ POLICY_STEPS = 327_680
 def pages(docs: Path) -> dict[str, str]:
     """Returns the pages by their path below `docs/reference`."""
     earned = dict(_earned((docs / "tasks.md").read_text()))
-    made = {f"tasks/{name}.md": _page(TASKS[name], earned) for name in TASKS}
+    made = {f"tasks/{name}.md": _page(TASKS[name], earned) for name in TASKS if name in SUITE}
     return {"gallery.md": _gallery(earned), **made}
 
 
@@ -50,7 +50,7 @@ def _earned(written: str) -> list[tuple[str, tuple[str, str]]]:
     """Returns the mean rewards a step of random actions and of PPO, from docs/tasks.md."""
     _, _, section = written.partition("\n## What learners earn\n")
     rows = re.findall(r"^\| (\w+) \| ([^|]*) \| ([^|]*)\|$", section, re.MULTILINE)
-    return [(name, (random.strip(), ppo.strip())) for name, random, ppo in rows if name in TASKS]
+    return [(name, (random.strip(), ppo.strip())) for name, random, ppo in rows if name in SUITE]
 
 
 def _gymnasium_id(name: str) -> str:
@@ -178,7 +178,7 @@ def _start(definition: TaskDefinition) -> str:
 
 def _gallery(earned: dict[str, tuple[str, str]]) -> str:
     cells, says = [], NAMES["tasks"]
-    for name in TASKS:
+    for name in SUITE:
         random, ppo = (value.partition(" ")[0] or "-" for value in earned[name])
         film = f"[![A trained policy in {name}](../images/{name}.gif)](tasks/{name}.md)"
         described = f"[{name}](tasks/{name}.md)<br>{says[name]}"
