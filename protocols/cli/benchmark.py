@@ -1,4 +1,4 @@
-"""`musebot benchmark`: tunes, simulates and ranks learners, and trains policies by PPO."""
+"""`musebot benchmark`: tunes, simulates and compares learners, and trains policies by PPO."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from .options import argument, executor, option
 _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
 _TASKS = ("wall_avoidance", "spot_finding")
-_RANKED = (*_TASKS, "spot_finding_walls")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "paper, or raw: smell and reward before they saturate"
@@ -48,26 +47,26 @@ class _Conducted:
 
 @dataclasses.dataclass
 class Run(_Conducted):
-    """Simulate learners in the same lives, each with its tuned settings, and rank them.
+    """Simulate learners in lives that change, each with its tuned settings, and compare them.
 
-    On each board each learner has one run per track. The bounds newborn and hand_coded have one run
-    per board, which counts in both tracks. Learners, tracks and lives can be added later.
+    Each learner has one run in each life, which also holds newborns of each world. Learners and
+    lives can be added later.
     """
 
     study = "benchmark", "Benchmark"
 
     out: Path = argument(_OUT, "OUT")
+    life: tuple[str, ...] = option((), "lives that change (body, tasks, drift)", "LIFE")
     agent: tuple[str, ...] = option(
         (), "learners: agents, or a brain, paper or steady (all of ours, without ppo)", "NAME"
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
-    signals: tuple[str, ...] = option(_SIGNALS, f"tracks: {_RAW} (both)", choices=_SIGNALS)
-    life: tuple[str, ...] = option(_RANKED, "lives (all)", choices=_RANKED)
-    body: str = option("mujoco", "body of the robot (mujoco)", choices=_BODIES)
+    signals: str = option("paper", f"{_RAW} (paper)", choices=_SIGNALS)
+    body: str = option("kinematic", "body of the robot (kinematic)", choices=_BODIES)
     robots: int = option(
-        60, "robots of each learner: at most 30, or a multiple of 30; kinematic of 60 (60)", "N"
+        60, "robots of each learner: at most 60, or a multiple; in MuJoCo of 30 (60)", "N"
     )
-    seed: int = option(32010, "seed of all random streams (32010)", "N")
+    seed: int = option(61010, "seed of all random streams (61010)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
@@ -98,24 +97,6 @@ class Tune(_Conducted):
     time_scale: float = option(1.0, _SCALE, "X")
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
-
-
-@dataclasses.dataclass
-class Rank(_Conducted):
-    """Rank learners in finished runs, between a newborn and a hand-coded robot.
-
-    Each track, protocol, task and simulator is a board; its runs must hold the agents `newborn` and
-    `hand_coded`, which are its bounds.
-    """
-
-    study = "benchmark", "Leaderboard"
-
-    out: Path = argument(_OUT, "OUT")
-    runs: tuple[Path, ...] = option(
-        dataclasses.MISSING, "folders of finished runs of `musebot run`", "RUN"
-    )
-    tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
-    processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
 
 
 @dataclasses.dataclass

@@ -13,15 +13,14 @@ VERBS: Mapping[str, tuple[str, str, str]] = {
     "report": ("report", "Report", "write one page about a run, or draw a figure"),
     "film": ("film", "Film", "film a robot of a run, or a trained policy"),
     "explore": ("explore", "Explore", "open a window on a task"),
-    "benchmark": ("benchmark", "", "tune, simulate and rank learners, yours among ours"),
-    "list": ("listing", "List", "list tasks, brains, protocols and agents by name"),
+    "benchmark": ("benchmark", "", "compare learners in lives that change, yours among ours"),
+    "list": ("listing", "List", "list lives, tasks, brains and agents by name"),
     "bench": ("bench", "Bench", "measure the speed compared with the raw physics"),
     "doctor": ("doctor", "Doctor", "report what is missing here, or check an agent"),
 }
 BENCHMARK: Mapping[str, tuple[str, str, str]] = {
-    "benchmark run": ("benchmark", "Run", "simulate learners on all boards and rank them"),
+    "benchmark run": ("benchmark", "Run", "compare learners in lives that change"),
     "benchmark tune": ("benchmark", "Tune", "tune an agent's settings, with equal effort"),
-    "benchmark rank": ("benchmark", "Rank", "rank learners in finished runs"),
     "benchmark ppo": ("benchmark", "PPO", "train policies by PPO"),
 }
 

@@ -1,14 +1,9 @@
-"""The studies that rank learners: in the same lives, or in finished runs."""
+"""The benchmark of lives: learners in lives that change, each with newborns as controls."""
 
 from __future__ import annotations
 
-import abc
 import dataclasses
 import functools
-import itertools
-import re
-import time
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,148 +11,90 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...controller import BRAINS, PROPOSERS
+from ...fields import shown
 from ...models import Kinematics
-from ...tasks.arena import CONTROL_TIMESTEP
-from ...tasks.lives import PAPER_LIVES
+from ...tasks.lives import BODY, DRIFT, LIVES, TASKS, Life
 from ..agents.factory import factory_of, trust
-from ..agents.names import (
-    LOWER,
-    OWN,
-    TRAINED_BEFORE,
-    UPPER,
-    is_own,
-    recorded_name,
-    short_name,
-)
-from ..agents.senses import random_signals, senses_of
-from ..errors import InputError
-from ..lives.cohort import make_agent
+from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, short_name
+from ..analysis.adaptation import Bounds, adaptation_of
+from ..errors import InputError, nearest
 from ..lives.conditions import Condition
 from ..lives.config import with_overrides
 from ..lives.experiment import Body, Experiment, Signals
 from ..lives.plan import Plan
 from ..lives.run import Run
 from ..lives.run_files import read_runs
-from ..terminal import notice
-from .boards import Board, Entry, boards
-from .jobs import ArrayJob, Arrays, Progress
-from .leaderboard_page import page
+from .bounds import bounds_job, matrix_of
+from .lives_page import Column, Row, page
 from .study import Page, RunJobs, Study, check_positive, simulate_runs
 from .tune import BODY_EFFECTS, read_tunings
 
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
-TIMED = 60, 500
-"""Robots and control steps of the measurement of costs."""
-
-RANKED = (*PAPER_LIVES, "spot_finding_walls")
+HEADLINE = (BODY.name, TASKS.name, DRIFT.name)
 _BRAINS = "paper", "steady"
-_PAPER_ALONE = "paper", recorded_name(TRAINED_BEFORE)  # have no raw signals
 # In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
 _COHORTS: Mapping[str, int] = {"mujoco": 30, "kinematic": 60}
-_NONE: Mapping[str, Any] = {}
-
-
-class Ranking(Study):
-    """A study whose page ranks the learners of some runs, and says what they cost."""
-
-    folders: ClassVar[tuple[str, ...]] = ("costs",)
-    tuned: tuple[Path, ...]
-
-    @abc.abstractmethod
-    def boards(self, out: Path) -> dict[Board, list[Entry]]:
-        """Returns the boards of the finished runs."""
-
-    def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """Measures what our own learners cost; `ppo` has as many robots as policies."""
-        rows = [(board, entry) for board, own in self.boards(out).items() for entry in own]
-        own = [row for row in rows if is_own(row[1].condition.proposer)]
-        run_jobs([_cost_job(out, *row) for row in own if row[1].name != TRAINED_BEFORE])
-
-    def page(self, out: Path) -> Page:
-        found = self.boards(out)
-        jobs = {(b, e.name): _cost_job(out, b, e) for b, own in found.items() for e in own}
-        costs = {row: job.read()["costs"] for row, job in jobs.items() if job.done()}
-        return page(found, costs, read_tunings(self.tuned))
 
 
 @dataclasses.dataclass
-class Leaderboard(Ranking):
-    """Ranks learners in finished runs; its fields are options of `musebot benchmark rank`."""
+class Benchmark(Study):
+    """Simulates learners in lives that change, each with its tuned settings, and compares them.
 
-    name: ClassVar[str] = "leaderboard"
-
-    runs: tuple[Path, ...]
-    tuned: tuple[Path, ...] = ()
-
-    @functools.cached_property
-    def _runs(self) -> list[Run]:
-        return read_runs(self.runs, networks=False)
-
-    def identity(self) -> Mapping[str, Any]:
-        boards(self._runs)  # refuses runs that make none
-        efforts = {" ".join(key): one.study.effort for key, one in read_tunings(self.tuned).items()}
-        runs = {run.name: dataclasses.asdict(run.experiment) for run in self._runs}
-        return {"runs": runs, "tuned": efforts}
-
-    def boards(self, out: Path) -> dict[Board, list[Entry]]:
-        return boards(self._runs)
-
-
-@dataclasses.dataclass
-class Benchmark(Ranking):
-    """Simulates learners in the same lives, each with its tuned settings, and ranks them.
-
-    Its fields are options of `musebot benchmark run`. On each board each learner has one run per
-    track. The bounds have one run per board, which counts in both tracks.
+    Its fields are options of `musebot benchmark run`. Each learner has one run in each life, which
+    also holds newborns of each world.
     """
 
     name: ClassVar[str] = "benchmark"
+    folders: ClassVar[tuple[str, ...]] = ("bounds",)
 
-    tuned: tuple[Path, ...] = ()
+    life: tuple[str, ...] = HEADLINE
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
-    signals: tuple[Signals, ...] = ("paper", "raw")
-    life: tuple[str, ...] = RANKED
+    tuned: tuple[Path, ...] = ()
+    signals: Signals = "paper"
     robots: int = 60
-    seed: int = 32010
-    body: Body = "mujoco"
+    seed: int = 61010
+    body: Body = "kinematic"
     time_scale: float = 1.0
 
     def identity(self) -> Mapping[str, Any]:
-        """Returns what all runs share: learners, tracks and lives may be added later."""
+        """Returns what all runs share: learners and lives may be added later."""
         check_positive(robots=self.robots)
         most = _COHORTS[self.body]
         if self.robots > most and self.robots % most:
             raise InputError(f"robots above {most} must be a multiple of {most}, got {self.robots}")
-        return {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
+        for name in self.life:
+            if name not in LIVES or LIVES[name].tested:
+                changing = [name for name, life in LIVES.items() if not life.tested]
+                raise InputError(
+                    f"there is no changing life {shown(name)}; {nearest(name, changing)}"
+                )
+        shared = {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
+        return {**shared, "signals": self.signals}
+
+    def experiment(self) -> Experiment:
+        return self._experiment({})
 
     def plans(self) -> Mapping[str, Plan]:
+        return {folder: plan for folder, (_, plan) in self._runs.items()}
+
+    @functools.cached_property
+    def _runs(self) -> Mapping[str, tuple[str, Plan]]:
+        """The life and the plan of each run, by the name of its folder."""
         found = {}
         for life in self.life:
-            bounds = tuple(map(recorded_name, (LOWER, UPPER)))
-            found[f"{life}-bounds"] = self._plan(life, bounds)
-            for name, signals in itertools.product(self._learners, self.signals):
-                if signals == "paper" or name not in _PAPER_ALONE:
-                    row = f"{life}-{short_name(name).replace(':', '-')}-{signals}"
-                    found[row] = self._plan(life, *self._driver(name, signals))
-        if all(name.endswith("-bounds") for name in found):
-            raise InputError("at least one learner, a track that it has and a life are needed")
+            for name in self._learners:
+                proposers, fields = self._driver(name)
+                lives = [life, *newborn_lives(LIVES[life])]
+                conditions = [Condition(one, driver) for one in lives for driver in proposers]
+                plan = Plan.of(self._experiment(fields), conditions, self.robots)
+                found[f"{life}-{short_name(name).replace(':', '-')}"] = life, plan
+        if not found:
+            raise InputError("at least one learner and a life are needed")
         return found
 
-    def _driver(self, name: str, signals: Signals) -> tuple[tuple[str, ...], dict[str, Any]]:
-        """Returns a learner's proposers, and the fields of its experiment."""
-        if name == "paper":
-            return PROPOSERS, {"brain": BRAINS[name]}
-        if name == "steady":
-            raw = signals == "raw"
-            brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
-            return ("creative",), {"brain": brain}
-        settings = self._settings.get((name, signals), ())
-        return (name,), {"signals": signals, "settings": settings}
-
-    def _plan(self, life: str, proposers: Sequence[str], fields: Mapping[str, Any] = _NONE) -> Plan:
-        """Returns the plan of some proposers or agents in a life."""
+    def _experiment(self, fields: Mapping[str, Any]) -> Experiment:
         effects = BODY_EFFECTS if self.body == "kinematic" else ()
-        experiment = Experiment(
+        return Experiment(
             seed=self.seed,
             cohort_size=min(self.robots, _COHORTS[self.body]),
             body=self.body,
@@ -165,15 +102,24 @@ class Benchmark(Ranking):
             time_scale=self.time_scale,
             **fields,
         )
-        conditions = [Condition(life, one) for one in proposers]
-        return Plan.of(experiment, conditions, self.robots)
+
+    def _driver(self, name: str) -> tuple[Sequence[str], dict[str, Any]]:
+        """Returns a learner's proposers, and the fields of its experiment."""
+        if name == "paper":
+            return PROPOSERS, {"brain": BRAINS[name]}
+        if name == "steady":
+            raw = self.signals == "raw"
+            brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
+            return ("creative",), {"brain": brain}
+        settings = self._settings.get((name, self.signals), ())
+        return (name,), {"signals": self.signals, "settings": settings}
 
     @functools.cached_property
     def _learners(self) -> list[str]:
         """The brains, and the agents as runs record them; their code may run from now on."""
         names = [name if name in _BRAINS else recorded_name(name) for name in self.agent]
         for name in names:
-            if short_name(name) in (LOWER, UPPER, *PROPOSERS):
+            if short_name(name) in (LOWER, UPPER, TRAINED_BEFORE, *PROPOSERS):
                 raise InputError(f"{short_name(name)} is no learner of the benchmark")
             if name not in _BRAINS:
                 trust(name)
@@ -183,68 +129,54 @@ class Benchmark(Ranking):
     @functools.cached_property
     def _settings(self) -> Mapping[tuple[str, str], tuple[str, ...]]:
         """The best settings of each tuned agent of the command, by recorded name and signals."""
-        tunings = read_tunings(self.tuned)
         return {  # no other agent's code may run
             key: one.study.best(one.folder).settings
-            for key, one in tunings.items()
+            for key, one in read_tunings(self.tuned).items()
             if key[0] in self._learners
         }
 
-    def check(self, out: Path) -> None:
-        """Says which learners are not tuned."""
-        for name, signals in itertools.product(self._learners, self.signals if self.tuned else ()):
-            if name not in (*_BRAINS, *_PAPER_ALONE) and (name, signals) not in self._settings:
-                notice(f"{short_name(name)} was not tuned with {signals} signals: its defaults")
-
     def work(self, out: Path, run_jobs: RunJobs) -> None:
+        run_jobs([bounds_job(out, self.experiment(), life) for life in self.life])
         simulate_runs(out, self.plans(), run_jobs)
-        super().work(out, run_jobs)
 
-    def boards(self, out: Path) -> dict[Board, list[Entry]]:
-        found = boards(read_runs([out / name for name in self.plans()], networks=False))
-        return {board: entries for board, entries in found.items() if board.signals in self.signals}
-
-
-def _cost_job(out: Path, board: Board, entry: Entry) -> ArrayJob:
-    """Returns the job that measures what a learner costs."""
-    words = f"{board.name}-{entry.name}"
-    name = f"{re.sub(r'[^A-Za-z0-9]+', '-', words)[:100]}-{zlib.crc32(words.encode()):08x}"
-    return ArrayJob(
-        out / "costs" / f"{name}.safetensors",
-        functools.partial(costs, entry.experiment, entry.condition),
-        2 * TIMED[0] * TIMED[1] * CONTROL_TIMESTEP,
-        {"costs": ("F64", (3,))},
-        {"board": board.name, "command": entry.command},
-    )
+    def page(self, out: Path) -> Page:
+        columns = []
+        for name in self.life:
+            life = self.experiment().life_of(name)
+            matrix = matrix_of(bounds_job(out, self.experiment(), name), life)
+            folders = [folder for folder, (own, _) in self._runs.items() if own == name]
+            runs = read_runs([out / folder for folder in folders])
+            rows = [row for run in runs for row in _rows(run, life, matrix.bounds(life))]
+            columns.append(Column(life, matrix, rows))
+        return page(columns)
 
 
-def costs(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
-    """Measures what an agent or brain costs, in training on a stream of signals: takes seconds.
+def newborn_lives(life: Life) -> list[str]:
+    """Returns the lives of newborns in the worlds after the first; none where no world returns."""
+    if len(life.worlds) == len(life.phases):
+        return []
+    worlds = [phase.world for phase in life.phases]
+    return [f"{life.name}@{worlds.index(world) + 1}" for world in life.worlds[1:]]
 
-    Returns:
-      "costs": CPU time of a robot-step in [us], that of the paper's creative brain, measured right
-      after, and bytes of a robot in a checkpoint, shape (3,).
 
-    Raises:
-      InputError: the agent cannot be made.
-      RunError: the agent fails or exits.
-    """
-    robots, steps = TIMED
-    papers = Experiment(brain=BRAINS["paper"])
-    agents = (
-        make_agent(experiment, condition, robots, 1),
-        make_agent(papers, Condition(condition.task, "creative"), robots, 1),
-    )
-    senses = senses_of(experiment.life_of(condition.task).task)
-    states, rewards = random_signals(senses, steps, robots)
-    found = []
-    for agent in agents:
-        agent.reset()
-        for step, (state, reward) in enumerate(zip(states, rewards, strict=True)):
-            if step == steps // 10:  # what is done once is not counted
-                begun = time.thread_time()
-            agent.act(state, True)
-            agent.learn(reward)
-        found.append((time.thread_time() - begun) / (steps - steps // 10) / robots * 1e6)
-    size = sum(array.nbytes for array in agents[0].state().values()) / robots
-    return {"costs": np.array([*found, size])}
+def _rows(run: Run, life: Life, bounds: Bounds) -> list[Row]:
+    """Returns the learners of a run: one for each proposer or agent."""
+    rows = []
+    for proposer in run.proposers(life.name):
+        old = adaptation_of(run, Condition(life.name, proposer), bounds)
+        # In the first phase all are newborns.
+        controls = [old] + [
+            adaptation_of(run, Condition(name, proposer), bounds.of_world(number))
+            for number, name in enumerate(newborn_lives(life), 1)
+        ]
+        newborns = np.array([one.recovery[:, 0].mean() for one in controls])
+        curves = run.results[Condition(life.name, proposer)].curves
+        rows.append(Row(_name(run.experiment, proposer), curves, old, newborns))
+    return rows
+
+
+def _name(experiment: Experiment, proposer: str) -> str:
+    """Returns the name of a learner, or of its brain and proposer."""
+    if proposer not in PROPOSERS:
+        return short_name(proposer)
+    return f"{experiment.brain_name}, {proposer}"

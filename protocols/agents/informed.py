@@ -1,0 +1,48 @@
+"""Hand-coded policies that are told the world: bounds of what can be reached in a life."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...controller.senses import Senses
+from ...tasks.world import World, sensor_names
+from .base import Wrapper
+from .hand_coded import HandCoded
+
+
+class Informed(Wrapper):
+    """The hand-coded robot, told which world it lives in; it learns nothing.
+
+    In its world it is about as good as the hand-coded robot in the default world. In another one it
+    is a fixed policy.
+    """
+
+    def __init__(self, world: World, shapes: dict[str, int], senses: Senses) -> None:
+        """Takes a world, and what the robot senses.
+
+        Args:
+          world: World that the policy is made for.
+          shapes: Length of each observation, by name, in their order.
+          senses: Ranges of the signals.
+
+        Raises:
+          InputError: there is no hand-coded policy for these signals.
+        """
+        wrong = {name: (offset, gain) for name, offset, gain in world.sensors}
+        names = [name for kind, length in shapes.items() for name in sensor_names(kind, length)]
+        self._offset, self._gain = np.float32([wrong.get(name, (0, 1)) for name in names]).T
+        # Where driving is rewarded, it drives about, as a robot without a nose does.
+        self._first = shapes.get("nose", 0) if world.rewarded == "driving" else 0
+        backwards = -1 if math.cos(math.radians(world.nose)) < 0 else 1
+        self._wheels = backwards * np.linalg.pinv(np.reshape(world.wheels, (2, 2)))
+        super().__init__(HandCoded(Senses(senses.state[self._first :], senses.reward)))
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        lost = self._gain == 0  # reads nothing: as without smell, far from walls
+        signals = np.where(lost, 0, (state - self._offset) / np.where(lost, 1, self._gain))
+        motors = super().act(signals[:, self._first :].astype(np.float32), learning)
+        wheels = motors @ self._wheels.T
+        # A motor cannot give more than 0.5: the robot is slower, on the same path.
+        return wheels / np.maximum(np.abs(wheels).max(axis=1, keepdims=True) / 0.5, 1)

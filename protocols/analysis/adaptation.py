@@ -1,0 +1,163 @@
+"""How robots adapt in a life that changes: online score, recovery, savings, forgetting.
+
+Everything is computed for each robot first; a newborn in the same world is the control of an old
+robot after a change. The measures and their sources are in docs/lives.md.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ...tasks.lives import Life, control_steps
+from ..lives.conditions import Condition
+from ..lives.run import Run
+
+FAILED = 0.1
+"""Online score below which a life has failed."""
+
+RECOVERED = 0.5
+"""Share of the way from the lower to the upper bound at which a robot has recovered."""
+
+WINDOW = 5
+"""Minutes over which a robot must be recovered on average; also those before and after a return."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """Shares of time that an untrained and an informed policy reach in each of a life's W worlds.
+
+    Attributes:
+      low: Share of untrained robots, shape (W,).
+      high: Share of robots with a policy made for the world, shape (W,).
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+
+    def of_world(self, number: int) -> Bounds:
+        """Returns the bounds of a life in one of the worlds only."""
+        return Bounds(self.low[[number]], self.high[[number]])
+
+
+@dataclasses.dataclass(frozen=True)
+class Adaptation:
+    """What n robots did in the P phases of a life.
+
+    Attributes:
+      scores: Score in each phase: 0 at the lower bound of its world, 1 at the upper, shape (n, P).
+      online: Mean score over the life, weighted by the phases' minutes, shape (n,).
+      recovery: Minutes from the start of each phase until a robot is recovered, see `RECOVERED`;
+        the length of the phase for a robot that is not, shape (n, P).
+      before: Score in the last `WINDOW` minutes of each phase, shape (n, P).
+      after: Score in the first `WINDOW` minutes of each phase, shape (n, P).
+      worlds: Number of each phase's world, in the order of `Life.worlds`, shape (P,).
+    """
+
+    scores: np.ndarray
+    online: np.ndarray
+    recovery: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    worlds: np.ndarray
+
+    @classmethod
+    def of(cls, shares: np.ndarray, life: Life, bounds: Bounds) -> Adaptation:
+        """Computes it from the robots' shares of each of M minutes, shape (n, M)."""
+        numbers = [life.worlds.index(phase.world) for phase in life.phases]
+        worlds = np.array(numbers)
+        phases, parts = phases_of_minutes(life), []
+        for phase, world in enumerate(numbers):
+            low, high = bounds.low[world], bounds.high[world]
+            own = (shares[:, phases == phase] - low) / (high - low)
+            ends = own[:, -WINDOW:].mean(axis=1), own[:, :WINDOW].mean(axis=1)
+            parts.append((own.mean(axis=1), _recovery(own), *ends))
+        scores, recovery, before, after = np.array(parts).transpose(1, 2, 0)
+        minutes = np.array([phase.minutes for phase in life.phases])
+        online = scores @ (minutes / minutes.sum())
+        return cls(scores, online, recovery, before, after, worlds)
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Which lives have failed, shape (n,)."""
+        return self.online < FAILED
+
+    def worst_tenth(self) -> float:
+        """Returns the mean online score of the tenth of the robots with the lowest."""
+        count = -(-len(self.online) // 10)
+        return float(np.sort(self.online)[:count].mean())
+
+    def relative_recovery(self, newborns: np.ndarray) -> np.ndarray:
+        """Returns mean recovery after each change over that of newborns in the same world.
+
+        Below 1 the old robot is faster. `newborns` is their mean recovery in each world, in
+        minutes, shape (W,). Returns shape (P - 1,).
+        """
+        return (self.recovery.mean(axis=0) / newborns[self.worlds])[1:]
+
+    def slope(self, newborns: np.ndarray) -> float:
+        """Returns the change of log2 `relative_recovery` from one change to the next.
+
+        Positive: recovery becomes slower with age, a loss of plasticity.
+        """
+        relative = np.log2(self.relative_recovery(newborns))
+        return float(np.polyfit(np.arange(len(relative)), relative, 1)[0])
+
+    def savings(self) -> float:
+        """Returns by which share recovery is faster in the last visits of worlds than in the first.
+
+        NaN where no world returns.
+        """
+        first, last = self._visits()
+        earlier, later = (self.recovery[:, own].mean() for own in (first, last))
+        return float(1 - later / earlier) if len(first) else float("nan")
+
+    def forgetting(self) -> float:
+        """Returns the mean score at the end of a visit less that at the next return of its world.
+
+        NaN where no world returns.
+        """
+        lost = [
+            (self.before[:, left] - self.after[:, back]).mean() for left, back in self._returns()
+        ]
+        return float(np.mean(lost)) if lost else float("nan")
+
+    def _returns(self) -> list[tuple[int, int]]:
+        """Returns pairs of phases: a visit of a world, and the next one."""
+        visits = [np.flatnonzero(self.worlds == world) for world in np.unique(self.worlds)]
+        return [(int(a), int(b)) for own in visits for a, b in zip(own, own[1:], strict=False)]
+
+    def _visits(self) -> tuple[list[int], list[int]]:
+        """Returns the phases of the first and of the last visits of the worlds that return."""
+        returns = self._returns()
+        backs = {back for _, back in returns}
+        lefts = {left for left, _ in returns}
+        return sorted(lefts - backs), sorted(backs - lefts)
+
+
+def phases_of_minutes(life: Life) -> np.ndarray:
+    """Returns the phase in the middle of each minute of a life, shape (M,)."""
+    ends = np.cumsum(life.steps_of_minutes())
+    middles = ends - control_steps(1) // 2
+    return np.searchsorted(np.cumsum(life.steps()), middles, side="right").clip(
+        0, len(life.phases) - 1
+    )
+
+
+def _recovery(scores: np.ndarray) -> np.ndarray:
+    """Returns the minutes until the mean of `WINDOW` minutes is recovered, of scores (n, m)."""
+    minutes = scores.shape[1]
+    width = min(WINDOW, minutes)
+    sums = np.cumsum(np.pad(scores, ((0, 0), (1, 0))), axis=1)
+    means = (sums[:, width:] - sums[:, :-width]) / width
+    recovered = means >= RECOVERED
+    return np.where(recovered.any(axis=1), recovered.argmax(axis=1), minutes).astype(float)
+
+
+def adaptation_of(run: Run, condition: Condition, bounds: Bounds) -> Adaptation:
+    """Returns how all robots of a condition adapted; one that was stopped reaches nothing."""
+    results = run.results[condition]
+    shares = results.curves.astype(float)
+    shares[[not robot.valid for robot in results.robots]] = 0
+    return Adaptation.of(shares, run.experiment.life_of(condition.task), bounds)

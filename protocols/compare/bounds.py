@@ -1,0 +1,137 @@
+"""Bounds of a life: what policies that are told its worlds reach, and what untrained robots do."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ...controller.senses import Senses
+from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.lives import Life, control_steps, place
+from ...tasks.suite import task_definition
+from ..agents.base import Agent
+from ..agents.hand_coded import HandCoded, newborn
+from ..agents.informed import Informed
+from ..agents.senses import senses_of
+from ..analysis.adaptation import Bounds
+from ..lives.device import decide
+from ..lives.experiment import Experiment
+from .jobs import ArrayJob, Arrays, Progress
+
+ROBOTS, MINUTES = 30, 20
+"""Robots of a policy in a world, and minutes in it."""
+
+MOST = 12  # worlds of a life whose policies are tried: of more, every n-th
+UNTAUGHT = ("untrained", "random")
+
+
+class RandomMotors(HandCoded):
+    """Drives at random: new motor values in each step."""
+
+    def __init__(self, senses: Senses, seed: int) -> None:
+        super().__init__(senses)
+        self._random = np.random.default_rng(seed)
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        return self._random.uniform(-0.5, 0.5, (len(state), 2))
+
+
+@dataclasses.dataclass(frozen=True)
+class Matrix:
+    """Shares of time that policies reach in the worlds of a life, W of them.
+
+    Attributes:
+      worlds: Numbers of the worlds, in the order of `Life.worlds`.
+      shares: Mean share of each policy in each world, shape (W + 2, W): those made for the worlds,
+        then `UNTAUGHT`.
+    """
+
+    worlds: tuple[int, ...]
+    shares: np.ndarray
+
+    @property
+    def informed(self) -> np.ndarray:
+        """Share of the policy that was made for each world, shape (W,)."""
+        return np.diagonal(self.shares)
+
+    @property
+    def best_fixed(self) -> float:
+        """Largest mean share over all worlds that one of the policies reaches."""
+        return float(self.shares[: len(self.worlds)].mean(axis=1).max())
+
+    def bounds(self, life: Life) -> Bounds:
+        """Returns the bounds of all worlds; one that was not tried has those of one before."""
+        tried = np.searchsorted(self.worlds, np.arange(len(life.worlds)), side="right") - 1
+        return Bounds(self.shares[-2][tried], self.informed[tried])
+
+
+def tried_worlds(life: Life) -> tuple[int, ...]:
+    """Returns the numbers of the worlds whose policies are tried."""
+    return tuple(range(0, len(life.worlds), -(-len(life.worlds) // MOST)))
+
+
+def bounds_job(out: Path, experiment: Experiment, name: str) -> ArrayJob:
+    """Returns the job that measures the bounds of a life in an experiment's simulator."""
+    life = experiment.life_of(name)
+    worlds = len(tried_worlds(life))
+    shape = worlds + len(UNTAUGHT), worlds
+    return ArrayJob(
+        out / "bounds" / f"{name}.safetensors",
+        functools.partial(measure, experiment, name),
+        float(np.prod(shape)) * _steps(experiment) * CONTROL_TIMESTEP * ROBOTS,
+        {"shares": ("F64", shape)},
+        {"life": dataclasses.asdict(life), "body": experiment.body, "seed": experiment.seed},
+    )
+
+
+def matrix_of(job: ArrayJob, life: Life) -> Matrix:
+    """Reads what a job has measured."""
+    return Matrix(tried_worlds(life), job.read()["shares"])
+
+
+def measure(experiment: Experiment, name: str, progress: Progress) -> Arrays:
+    """Measures what policies reach in the worlds of a life.
+
+    Returns:
+      "shares": mean share of time in which what the world rewards is reached, see `Matrix.shares`.
+    """
+    life = experiment.life_of(name)
+    tried = [life.worlds[number] for number in tried_worlds(life)]
+    rules, senses = task_definition(life.task).rules, senses_of(life.task)
+    lengths = {kind: length for kind, (length, *_) in rules.shapes.items()}
+    policies: list[Callable[[], Agent]] = [
+        *(functools.partial(Informed, world, lengths, senses) for world in tried),
+        lambda: newborn(ROBOTS, senses, experiment.seed),
+        lambda: RandomMotors(senses, experiment.seed),
+    ]
+    shares = np.zeros((len(policies), len(tried)))
+    seconds = _steps(experiment) * CONTROL_TIMESTEP * ROBOTS
+    for column, world in enumerate(tried):
+        phase = next(phase for phase in life.phases if phase.world == world)
+        phase = dataclasses.replace(phase, minutes=MINUTES * experiment.time_scale)
+        for row, make in enumerate(policies):
+            progress((column * len(policies) + row) * seconds)
+            one = dataclasses.replace(life, phases=(phase,))
+            shares[row, column] = _share(experiment, one, make())
+    return {"shares": shares}
+
+
+def _steps(experiment: Experiment) -> int:
+    return control_steps(MINUTES * experiment.time_scale)
+
+
+def _share(experiment: Experiment, life: Life, agent: Agent) -> float:
+    """Returns the share of time in which robots that do not learn reach what is rewarded."""
+    batch = experiment.batch(life.task, ROBOTS)
+    random = np.random.default_rng(experiment.seed)
+    reached = 0
+    for leg in life.legs():
+        place(batch, leg.phase, random)
+        for _ in range(leg.start, leg.stop):
+            batch.step(decide(agent, batch, False))
+            reached += int(batch.rules.event(batch.sensordata).sum())
+    return reached / (ROBOTS * sum(life.steps()))

@@ -1,0 +1,166 @@
+"""The leaderboard: a row a learner, a column a life, and what happens after changes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...tasks.lives import Life
+from ..analysis import intervals
+from ..analysis.adaptation import FAILED, RECOVERED, WINDOW, Adaptation
+from ..analysis.hypothesis_tests import ALPHA, holm, same_mean
+from ..pages import style
+from ..pages.markdown import mean_cell, number, probability, table, with_interval
+from .bounds import UNTAUGHT, Matrix
+from .study import Page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ABOUT = (
+    "Score: share of time in which a robot reaches what its world rewards, scaled in each phase so "
+    "that an untrained robot has 0 and a policy made for the world 1, and averaged over the whole "
+    "life. Brackets: 95 % intervals. Bold: the best learner of a life, and all that do not differ "
+    f"significantly from it (p at least {ALPHA}, permutation tests of means, Holm over the "
+    "learners)."
+)
+_MEASURES = (
+    f"Failed: lives with a score below {FAILED}. Worst tenth: mean score of the tenth of the "
+    f"robots with the lowest. Recovery: minutes until the mean of {WINDOW} minutes is at least "
+    f"{RECOVERED:g} of the way to the upper bound, after a change, over those of a newborn in the "
+    "same world; below 1 the old robot is faster. Slope: change of the logarithm (to base 2) of "
+    "recovery from one change to the next; positive: it learns more slowly with age. Savings: by "
+    "which share recovery is faster at the last return of a world than at the first visit. "
+    f"Forgotten: mean score of the last {WINDOW} minutes of a visit less that of the first {WINDOW} "
+    "of the next one."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A learner in a life.
+
+    Attributes:
+      name: Name of the learner.
+      curves: Share of each minute in which the goal was reached, shape (n, M).
+      old: How its robots adapted.
+      newborns: Mean minutes of recovery of newborns in each world, shape (W,); of fewer worlds
+        where a life has no such controls.
+    """
+
+    name: str
+    curves: np.ndarray
+    old: Adaptation
+    newborns: np.ndarray
+
+    @property
+    def controlled(self) -> bool:
+        """Whether there are newborns in all worlds."""
+        return len(self.newborns) == len(np.unique(self.old.worlds))
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A life with its bounds and its learners."""
+
+    life: Life
+    matrix: Matrix
+    rows: Sequence[Row]
+
+    def ranked(self) -> list[Row]:
+        """Returns the learners, the best first."""
+        return sorted(self.rows, key=lambda row: (-row.old.online.mean(), row.name))
+
+    def tests(self) -> Mapping[str, float]:
+        """Returns the corrected p of each learner against the best, by name."""
+        best, *others = self.ranked()
+        values = [same_mean(best.old.online, row.old.online, paired=False) for row in others]
+        return dict(zip([row.name for row in others], holm(np.array(values)), strict=True))
+
+
+def page(columns: Sequence[Column]) -> Page:
+    """Returns the page of some lives."""
+    lines = ["## Scores", "", *table(_summary(columns)), "", _ABOUT, "", _MEASURES, ""]
+    figures = {}
+    with style.styled():
+        for column in columns:
+            lines += [f"## {column.life.title}", "", *table(_measures(column)), ""]
+            lines += [*table(_bounds(column.matrix)), ""]
+            figures[column.life.name] = draw(column)
+    return Page("\n".join(lines), figures)
+
+
+def _summary(columns: Sequence[Column]) -> list[list[str]]:
+    """Returns the table of all learners, sorted by their scores in the lives, in turn."""
+    cells: dict[str, list[str]] = {}
+    scores: dict[str, list[float]] = {}
+    for place, column in enumerate(columns):
+        tests = column.tests()
+        for row in column.rows:
+            text = mean_cell(row.old.online)
+            if tests.get(row.name, 1.0) >= ALPHA:
+                text = f"**{text}**"
+            cells.setdefault(row.name, ["-"] * len(columns))[place] = text
+            scores.setdefault(row.name, [-math.inf] * len(columns))[place] = row.old.online.mean()
+    names = sorted(cells, key=lambda name: ([-score for score in scores[name]], name))
+    head = ["learner", *(column.life.title.lower() for column in columns)]
+    return [head, *([name, *cells[name]] for name in names)]
+
+
+def _measures(column: Column) -> list[list[str]]:
+    """Returns the table of a life: a row a learner."""
+    head = "learner,robots,score,failed,worst tenth,recovery,slope,savings,forgotten,p"
+    rows: list[list[str]] = [[*head.split(",")]]
+    tests = column.tests()
+    for row in column.ranked():
+        old, count = row.old, len(row.old.online)
+        failed = with_interval(
+            f"{old.failed.mean():.2f}", intervals.share(int(old.failed.sum()), count), ".2f"
+        )
+        relative = slope = "-"
+        if row.controlled:
+            relative = f"{old.relative_recovery(row.newborns).mean():.2f}"
+            slope = f"{old.slope(row.newborns):+.3f}"
+        p = tests.get(row.name, math.nan)
+        ends = number(old.savings(), "+.2f"), number(old.forgetting(), "+.2f")
+        cells = [mean_cell(old.online), failed, f"{old.worst_tenth():.3f}", relative, slope, *ends]
+        rows.append([row.name, str(count), *cells, "" if math.isnan(p) else probability(p)])
+    return rows
+
+
+def _bounds(matrix: Matrix) -> list[list[str]]:
+    """Returns the table of what policies reach in the worlds of a life."""
+    worlds = [f"world {number + 1}" for number in matrix.worlds]
+    policies = [f"policy of {world}" for world in worlds]
+    rows = zip([*policies, *UNTAUGHT], matrix.shares, strict=True)
+    cells = ([name, *(f"{share:.3f}" for share in own), f"{own.mean():.3f}"] for name, own in rows)
+    return [["share of time", *worlds, "mean"], *cells]
+
+
+def draw(column: Column) -> Figure:
+    """Draws each learner's share of time over the life: its robots thin, their mean thick."""
+    rows = column.ranked()
+    figure, axes = style.canvas(1.3 * len(rows) + 0.6, len(rows), 1, sharex=True, sharey=True)
+    ends = np.cumsum([phase.minutes for phase in column.life.phases]) / 60
+    for axis, row in zip(axes.flat, rows, strict=True):
+        hours, points = smoothed(row.curves)
+        axis.plot(hours, points.T, color="0.75", linewidth=0.3)
+        axis.plot(hours, points.mean(axis=0), color=style.PALETTE[0], linewidth=1.5)
+        for end in ends[:-1] if len(ends) <= 24 else ():
+            axis.axvline(end, color="0.5", linewidth=0.5)
+        axis.set_title(row.name, fontsize=8, loc="left")
+        style.in_per_cent(axis, 1.0)
+    axes.flat[-1].set_xlabel("hours of life")
+    return figure
+
+
+def smoothed(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the hours of points of five minutes, shape (k,), and their means, shape (n, k)."""
+    width = min(WINDOW, curves.shape[1])
+    whole = curves.shape[1] // width * width
+    points = curves[:, :whole].reshape(len(curves), -1, width).mean(axis=2)
+    return (np.arange(points.shape[1]) + 0.5) * width / 60, points
