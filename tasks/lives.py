@@ -145,8 +145,9 @@ class Life(Checked):
           dimensions: Dimensions of robot, arena and spot.
         """
         for phase in self.phases:
-            places = (None if one == "random" else one for one in (phase.robot, phase.spot))
-            Start(*places).check(dimensions)
+            robot = None if phase.robot == "random" else phase.robot
+            spot = None if phase.spot == "random" else phase.spot
+            Start(robot, spot).check(dimensions)
             phase.world.rules(rules, dimensions.nose)
 
     def scaled(self, factor: float) -> Life:
