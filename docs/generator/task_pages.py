@@ -12,8 +12,8 @@ from tables import first_line, table
 import musebot
 from musebot.models.edits import OBSTACLES, add_obstacles
 from musebot.protocols.cli.listing import NAMES
-from musebot.tasks.arena import CONTROL_TIMESTEP, TaskDefinition
-from musebot.tasks.suite import BENCHMARKING, PAPER, SUITE, TASKS
+from musebot.tasks.arena import CONTROL_TIMESTEP, SUITE, TaskDefinition
+from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
 
 SMELL = (
     "Eq. 3, s / (1 + s) with s = 10 (r / d) (1 - 2 beta / alpha) if beta < alpha / 2, else 0; "

@@ -13,8 +13,8 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import simulate
+from musebot.tasks.arena import SUITE
 from musebot.tasks.lives import LIVES
-from musebot.tasks.suite import SUITE
 
 
 @pytest.fixture(scope="module")

@@ -190,8 +190,8 @@ def test_the_table_of_tasks_is_that_of_the_suite_and_other_names_are_refused():
     assert musebot.TASKS_BY_DOMAIN == {"arena": tuple(task for _, task in musebot.ALL_TASKS)}
     assert sorted(musebot.SUITE) == sorted(name for _, name in musebot.ALL_TASKS)
     assert {*TASKS} - {*musebot.SUITE} == {"spot_or_driving"}  # of a life
-    for name, definition in TASKS.items():
-        factory = musebot.SUITE[name]
+    for name, factory in musebot.SUITE.items():
+        definition = TASKS[name]
         assert definition.name == factory.__name__ == name
         assert factory.__doc__ == definition.rules.__doc__
         assert factory(random=1).task.episode.task == name
