@@ -48,8 +48,8 @@ class Adaptation:
     Attributes:
       scores: Score in each phase: 0 at the lower bound of its world, 1 at the upper, shape (n, P).
       online: Mean score over the life, weighted by the phases' minutes, shape (n,).
-      recovery: Minutes from the start of each phase until a robot is recovered, see `RECOVERED`;
-        the length of the phase for a robot that is not, shape (n, P).
+      recovery: Minute of each phase, from 1, with which the first `WINDOW` begins in which a robot
+        is recovered, see `RECOVERED`; the last one for a robot that never is, shape (n, P).
       before: Score in the last `WINDOW` minutes of each phase, shape (n, P).
       after: Score in the first `WINDOW` minutes of each phase, shape (n, P).
       worlds: Number of each phase's world, in the order of `Life.worlds`, shape (P,).
@@ -67,10 +67,11 @@ class Adaptation:
         """Computes it from the robots' shares of each of M minutes, shape (n, M)."""
         numbers = [life.worlds.index(phase.world) for phase in life.phases]
         worlds = np.array(numbers)
-        phases, parts = phases_of_minutes(life), []
-        for phase, world in enumerate(numbers):
-            low, high = bounds.low[world], bounds.high[world]
-            own = (shares[:, phases == phase] - low) / (high - low)
+        parts = []
+        for minutes, world in zip(minutes_of_phases(life), numbers, strict=True):
+            low, span = bounds.low[world], bounds.high[world] - bounds.low[world]
+            # In a rehearsal the bounds may be equal.
+            own = (shares[:, minutes] - low) / (span if span > 0 else np.nan)
             ends = own[:, -WINDOW:].mean(axis=1), own[:, :WINDOW].mean(axis=1)
             parts.append((own.mean(axis=1), _recovery(own), *ends))
         scores, recovery, before, after = np.array(parts).transpose(1, 2, 0)
@@ -110,8 +111,10 @@ class Adaptation:
         NaN where no world returns.
         """
         first, last = self._visits()
+        if not first:
+            return float("nan")
         earlier, later = (self.recovery[:, own].mean() for own in (first, last))
-        return float(1 - later / earlier) if len(first) else float("nan")
+        return float(1 - later / earlier)
 
     def forgetting(self) -> float:
         """Returns the mean score at the end of a visit less that at the next return of its world.
@@ -136,23 +139,29 @@ class Adaptation:
         return sorted(lefts - backs), sorted(backs - lefts)
 
 
-def phases_of_minutes(life: Life) -> np.ndarray:
-    """Returns the phase in the middle of each minute of a life, shape (M,)."""
-    ends = np.cumsum(life.steps_of_minutes())
-    middles = ends - control_steps(1) // 2
-    return np.searchsorted(np.cumsum(life.steps()), middles, side="right").clip(
-        0, len(life.phases) - 1
-    )
+def minutes_of_phases(life: Life) -> list[np.ndarray]:
+    """Returns the indices of each phase's minutes: those whose middle is in the phase.
+
+    A phase of a rehearsal that has none has the minute in which its own middle is.
+    """
+    minute, ends = control_steps(1), np.cumsum(life.steps())
+    middles = np.cumsum(life.steps_of_minutes()) - minute / 2
+    phases = np.searchsorted(ends, middles, side="right")
+    found = []
+    for number, (end, steps) in enumerate(zip(ends, life.steps(), strict=True)):
+        own = np.flatnonzero(phases == number)
+        found.append(own if own.size else np.array([(end - steps // 2 - 1) // minute]))
+    return found
 
 
 def _recovery(scores: np.ndarray) -> np.ndarray:
-    """Returns the minutes until the mean of `WINDOW` minutes is recovered, of scores (n, m)."""
+    """Returns the minute, from 1, at which recovered windows begin, for scores of shape (n, m)."""
     minutes = scores.shape[1]
     width = min(WINDOW, minutes)
     sums = np.cumsum(np.pad(scores, ((0, 0), (1, 0))), axis=1)
     means = (sums[:, width:] - sums[:, :-width]) / width
     recovered = means >= RECOVERED
-    return np.where(recovered.any(axis=1), recovered.argmax(axis=1), minutes).astype(float)
+    return np.where(recovered.any(axis=1), 1.0 + recovered.argmax(axis=1), minutes)
 
 
 def adaptation_of(run: Run, condition: Condition, bounds: Bounds) -> Adaptation:

@@ -35,8 +35,8 @@ _MEASURES = (
     "same world; below 1 the old robot is faster. Slope: change of the logarithm (to base 2) of "
     "recovery from one change to the next; positive: it learns more slowly with age. Savings: by "
     "which share recovery is faster at the last return of a world than at the first visit. "
-    f"Forgotten: mean score of the last {WINDOW} minutes of a visit less that of the first {WINDOW} "
-    "of the next one."
+    f"Forgotten: mean score of the last {WINDOW} minutes of a visit less that of the first "
+    f"{WINDOW} of the next one."
 )
 
 

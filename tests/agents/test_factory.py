@@ -128,7 +128,7 @@ def held(tmp_path, monkeypatch, commands_in_process):
     """Runs commands beside a run of an agent; returns their status and whether its code ran."""
     (tmp_path / "spy_agent.py").write_text(SPY)
     monkeypatch.chdir(tmp_path)
-    words = f"run out --agent spy_agent:make --robots 2 --time-scale 0.001 --task {WALLS}"
+    words = f"run out --agent spy_agent:make --robots 2 --time-scale 0.001 --life {WALLS}"
     assert cli.main(words.split()) == 0
     sys.modules.pop("spy_agent")
     monkeypatch.setattr(trusting, "_TRUSTED", set())
@@ -164,7 +164,7 @@ def test_an_agent_is_imported_where_the_command_allows_it(held, words, tmp_path)
 
 
 def test_the_finished_robots_of_an_agent_need_no_trust(held):
-    assert held(f"run out --proposer fixed --task {WALLS}") == (0, False)
+    assert held(f"run out --proposer fixed --life {WALLS}") == (0, False)
     assert held("tables out --compare out --json") == (0, False)
 
 

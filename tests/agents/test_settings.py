@@ -73,7 +73,7 @@ def test_other_settings_are_refused_in_a_sentence():
             checked_settings("mine", made, settings_from(words.split()), 4)
 
 
-REHEARSAL = "--robots 2 --time-scale 0.002 --body kinematic --task spot_finding".split()
+REHEARSAL = "--robots 2 --time-scale 0.002 --body kinematic --life spot_finding".split()
 
 
 def test_a_run_keeps_its_settings_and_signals(tmp_path, commands_in_process, capsys):

@@ -1,45 +1,44 @@
-"""All learners have the same schedules in both tracks, with their tuned settings."""
+"""Learners in lives that change, each with its tuned settings and its newborns."""
 
 import dataclasses
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from musebot.models import Kinematics
-from musebot.protocols.cli import parser as cli
-from musebot.protocols.compare import benchmark
-from musebot.protocols.compare.benchmark import LEARNERS, RANKED, Benchmark, Leaderboard
+from musebot.protocols.compare import bounds
+from musebot.protocols.compare.benchmark import HEADLINE, LEARNERS, Benchmark, newborn_lives
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.compare.tune import Tune
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.run_files import read_run
+from musebot.protocols.lives.experiment import Experiment
+from musebot.tasks.lives import BODY, CHANGING, DRIFT
 
-WALLS = "spot_finding_walls"
-TINY = {"robots": 2, "time_scale": 0.001, "body": "kinematic"}
+TINY = {"robots": 2, "time_scale": 0.002, "life": ("body",)}
 
 
 @pytest.fixture(autouse=True)
 def cheap(monkeypatch):
-    """Measures what learners cost with fewer robots and steps, and draws less."""
-    monkeypatch.setattr(benchmark, "TIMED", (2, 20))
-    monkeypatch.setattr("musebot.protocols.compare.boards.DRAWS", 100)
+    """Measures bounds with few robots."""
+    monkeypatch.setattr(bounds, "ROBOTS", 2)
 
 
-def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
+def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
     plans = Benchmark().plans()
-    for life in RANKED:
-        names = {n.removeprefix(f"{life}-") for n in plans if n.startswith(f"{life}-")}
-        wanted = {f"{name}-{track}" for name in (*LEARNERS, "steady") for track in ("paper", "raw")}
-        assert names == wanted | {"bounds", "paper-paper"}
+    names = (*LEARNERS, "steady", "paper")
+    assert plans.keys() == {f"{life}-{name}" for life in HEADLINE for name in names}
+    lives = [condition.task for condition in plans["body-dqn"].conditions]
+    assert lives == ["body", "body@2", "body@3"] and newborn_lives(DRIFT) == []
+    assert {c.proposer for c in plans["body-paper"].conditions} == {"fixed", "random", "creative"}
     for track in ("paper", "raw"):
-        brain = plans[f"spot_finding-steady-{track}"].experiment.brain
+        plans = Benchmark(signals=track).plans()
+        assert plans["body-dqn"].experiment.signals == track
+        brain = plans["tasks-steady"].experiment.brain
         assert brain.raw_signals == brain.raw_reward == (track == "raw")
-    walls = plans["spot_finding_walls-dqn-raw"]
-    assert (walls.experiment.signals, walls.experiment.seed) == ("raw", 32010)
-    assert [c.task for c in walls.conditions] == ["spot_finding_walls"]
-    for plan in Benchmark(body="kinematic").plans().values():
-        assert plan.experiment.cohort_size == 60
+    for plan in plans.values():
+        assert plan.experiment.cohort_size == 60 and plan.experiment.seed == 61010
         assert plan.experiment.kinematics == Kinematics(felt="pushed", wall="slips", lag=0.08)
 
 
@@ -47,12 +46,13 @@ def test_every_learner_has_a_run_in_each_track_and_every_board_its_bounds():
     ("changes", "sentence"),
     [
         ({"robots": 0}, "robots must be from 1"),
-        ({"robots": 40}, "robots above 30 must be a multiple of 30, got 40"),
-        ({"robots": 90, "body": "kinematic"}, "robots above 60 must be a multiple of 60, got 90"),
+        ({"robots": 90}, "robots above 60 must be a multiple of 60, got 90"),
+        ({"robots": 40, "body": "mujoco"}, "robots above 30 must be a multiple of 30, got 40"),
         ({"agent": ()}, "at least one learner"),
         ({"agent": ("dqm",)}, "did you mean dqn"),
         ({"agent": ("newborn",)}, "newborn is no learner of the benchmark"),
-        ({"agent": ("paper", "ppo"), "signals": ("raw",)}, "a track that it has"),
+        ({"life": ("boddy",)}, "there is no changing life 'boddy'; did you mean body"),
+        ({"life": ("spot_finding",)}, "there is no changing life 'spot_finding'"),
         ({"tuned": (Path("nowhere"),), "agent": ("dqn",)}, "is no study `tune` of musebot's"),
     ],
 )
@@ -76,43 +76,43 @@ def test_an_agent_named_twice_has_one_run_and_one_that_fails_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_tuned_settings_are_used_and_learners_and_tracks_are_added(
-    tmp_path, in_process, capsys, commands_in_process
-):
+def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_process):
     tuned, out = tmp_path / "tuned", tmp_path / "out"
-    tune = Tune(agent="sarsa_lambda", signals="raw", trials=4, kept=2, robots=2, time_scale=0.001)
+    tune = Tune(agent="sarsa_lambda", trials=4, kept=2, robots=2, time_scale=0.001)
     conduct(tune, tuned, in_process())
-    best = tune.best(tuned).settings
-    study = Benchmark((tuned,), ("sarsa_lambda",), ("raw",), (WALLS,), **TINY)
-    page = conduct(study, out, in_process()).markdown
-    chosen = "".join(f" agent.{word}" for word in best)
-    assert f"`--agent sarsa_lambda --set signals=raw{chosen}`" in page
-    assert "4 settings, then the best 2; robots of a setting: 1, then 2" in page
-    assert "paper signals" not in page and "was not tuned" not in capsys.readouterr().err
-    kept = (out / f"{WALLS}-sarsa_lambda-raw" / "experiment.json").read_bytes()
-    more = dataclasses.replace(study, agent=("sarsa_lambda", "steady"), signals=("paper", "raw"))
+    study = Benchmark(tuned=(tuned,), agent=("sarsa_lambda",), **TINY)
+    own = study.plans()["body-sarsa_lambda"].experiment.settings
+    assert own == tune.best(tuned).settings
+    first = conduct(study, out, in_process()).markdown
+    assert conduct(study, out, in_process(most=0)).markdown == first
+    kept = {path: path.read_bytes() for path in out.glob("b*/*") if path.is_file()}
+    more = dataclasses.replace(study, agent=("sarsa_lambda", "paper"), life=("body", "senses"))
     page = conduct(more, out, in_process()).markdown
-    assert (out / f"{WALLS}-sarsa_lambda-raw" / "experiment.json").read_bytes() == kept
-    assert capsys.readouterr().err.count("sarsa_lambda was not tuned with paper signals") == 1
-    titles = re.findall("^### Spot finding, walls sensed, (.*), kinematic", page, re.MULTILINE)
-    assert titles == ["paper signals", "raw signals"]
-    with pytest.raises(InputError, match="holds a study with seed 32010, not 5"):
+    assert all(path.read_bytes() == content for path, content in kept.items())
+    rows = {line.split(" | ")[0].removeprefix("| ") for line in page.splitlines() if "|" in line}
+    assert {"sarsa_lambda", "paper, fixed", "paper, creative", "untrained", "random"} <= rows
+    assert re.findall("^## (.*)$", page, re.MULTILINE) == [
+        "Scores", "Changing body", "Changing senses"
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="holds a study with seed 61010, not 5"):
         conduct(dataclasses.replace(study, seed=5), out, in_process())
-    # A tuning that is not finished is refused, and another agent's is not read.
-    next((tuned / "trials").glob("*-1.safetensors")).unlink()
-    with pytest.raises(InputError, match="is not finished"):
-        conduct(dataclasses.replace(study), out, in_process())
-    others = dataclasses.replace(study, agent=("dqn",), life=(WALLS,)).plans()
-    assert others[f"{WALLS}-dqn-raw"].experiment.settings == ()
 
-    # The leaderboard of these runs has the same rows, and measures nothing again.
-    runs = tuple(sorted(out.glob(f"{WALLS}-*-raw"))) + (out / f"{WALLS}-bounds",)
-    words = ["--runs", *map(str, runs)]
-    assert cli.main(["benchmark", "rank", str(tmp_path / "board"), *words, "--processes", "1"]) == 0
-    ranking = tmp_path / "board" / "leaderboard.md"
-    first = ranking.read_text()
-    assert "own settings" in first if best else "defaults" in first
-    costs = re.findall(r"\| sarsa_lambda \| ([0-9.]+) \| ([0-9.]+) \| ([0-9.]+) \|", first)
-    assert costs and all(float(number) > 0 for row in costs for number in row)
-    assert conduct(Leaderboard(runs), tmp_path / "board", in_process(most=0)).markdown == first
-    assert read_run(runs[0]).name in (f"{WALLS}-sarsa_lambda-raw", f"{WALLS}-steady-raw")
+
+def test_informed_policies_are_good_in_their_own_world_only(monkeypatch):
+    monkeypatch.setattr(bounds, "ROBOTS", 10)
+    experiment = Experiment(body="kinematic", time_scale=0.15)  # three minutes
+    for life in CHANGING:
+        monkeypatch.setattr(bounds, "MOST", 2)  # of the drift the first and the opposite one
+        shares = bounds.measure(experiment, life.name, lambda done: None)["shares"]
+        found = bounds.Matrix(bounds.tried_worlds(life), shares)
+        assert (found.informed > 0.8).all(), life.name
+        assert found.best_fixed < 0.55 and (shares[-2:] < 0.35).all(), life.name
+
+
+def test_a_world_that_was_not_tried_has_the_bounds_of_one_before():
+    matrix = bounds.Matrix((0, 2), np.array([[0.9, 0.1], [0.2, 0.8], [0.1, 0.15], [0.0, 0.0]]))
+    drift = dataclasses.replace(DRIFT, phases=DRIFT.phases[:4])
+    found = matrix.bounds(drift)
+    assert found.low.tolist() == [0.1, 0.1, 0.15, 0.15]
+    assert found.high.tolist() == [0.9, 0.9, 0.8, 0.8]
+    assert matrix.best_fixed == pytest.approx(0.5) and len(bounds.tried_worlds(BODY)) == 3

@@ -113,7 +113,7 @@ class Writer:
 
 # What is done: words of commands, first those that prepare OUT
 
-RUN = "run OUT --task wall_avoidance --proposer fixed creative --set cohort_size=1 "
+RUN = "run OUT --life wall_avoidance --proposer fixed creative --set cohort_size=1 "
 RUN += "--time-scale 0.0001 --save-every 1e-9 --robots {} --body {}"
 TUNE = "benchmark tune OUT --agent q_learner --robots 2 --time-scale 0.0005 --trials 2 --kept 1"
 CASES = {

@@ -110,9 +110,9 @@ def commands(tmp_path_factory):
 
 TUNE = "--agent q_learner --robots 4 --trials 4 --kept 2 --time-scale 0.02 --processes 2"
 LINES = {
-    "run": "run OUT --task wall_avoidance --proposer creative fixed --robots 4 --set cohort_size=2 "
+    "run": "run OUT --life wall_avoidance --proposer creative fixed --robots 4 --set cohort_size=2 "
     "--time-scale 0.002 --processes 2 --save-every 0.05",
-    "numba": "run OUT --task wall_avoidance --proposer creative fixed --robots 4 --body kinematic "
+    "numba": "run OUT --life wall_avoidance --proposer creative fixed --robots 4 --body kinematic "
     "--set backend=numba cohort_size=2 --time-scale 0.02 --processes 2 --save-every 0.05",
     "tune": f"benchmark tune OUT {TUNE}",
 }

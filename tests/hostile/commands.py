@@ -59,9 +59,8 @@ SOUND = {
     "list": "tasks",
     "bench": "--quick",
     "doctor": "",
-    "benchmark run": f"OUT --agent q_learner {_SHORT} --body kinematic --signals raw",
+    "benchmark run": f"OUT --agent q_learner {_SHORT} --life body --signals raw",
     "benchmark tune": f"OUT --agent q_learner {_SHORT} --trials 2 --kept 1",
-    "benchmark rank": "OUT --runs BOARD",
     "benchmark ppo": "OUT --task spot_finding_unit",
 }
 VERBS = [*SOUND]

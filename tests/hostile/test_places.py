@@ -11,7 +11,7 @@ from hostile import oracle
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.pages import measured_behaviour, report
 
-SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --task wall_avoidance"
+SHORT = "--robots 1 --time-scale 0.001 --body kinematic --proposer creative --life wall_avoidance"
 
 
 @pytest.fixture

@@ -1,0 +1,90 @@
+"""How robots adapt: laws of the measures, on curves whose values are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from musebot.protocols.analysis.adaptation import (
+    WINDOW,
+    Adaptation,
+    Bounds,
+    minutes_of_phases,
+)
+from musebot.tasks.lives import BODY, LIVES
+
+UNIT = Bounds(np.zeros(3), np.ones(3))
+MINUTES = 60
+
+
+def curves(*minutes, phases=12, high=1.0):
+    """Robots that reach nothing in the first minutes of each phase, then all: one robot each."""
+    phase = np.array([np.where(np.arange(MINUTES) < one, 0.0, high) for one in minutes])
+    return np.tile(phase, (1, phases))
+
+
+@given(st.lists(st.integers(0, MINUTES - WINDOW), min_size=1, max_size=4))
+def test_recovery_is_the_minutes_until_the_goal_is_reached_half_of_the_time(minutes):
+    found = Adaptation.of(curves(*minutes), BODY, UNIT)
+    # A window of five minutes is recovered as soon as three of them are.
+    wanted = [max(1, one - 1) for one in minutes]
+    assert (found.recovery == np.array(wanted)[:, None]).all()
+    assert found.online == pytest.approx([1 - one / MINUTES for one in minutes])
+
+
+@given(st.floats(0, 0.4), st.floats(0.5, 1))
+def test_scores_are_0_at_the_lower_bound_and_1_at_the_upper(low, high):
+    bounds = Bounds(np.full(3, low), np.full(3, high))
+    for share, score in ((low, 0), (high, 1), ((low + high) / 2, 0.5)):
+        found = Adaptation.of(np.full((2, 720), share), BODY, bounds)
+        assert found.online == pytest.approx([score] * 2)
+        assert found.scores == pytest.approx(np.full((2, 12), score))
+        assert (found.failed == (score < 0.1)).all()
+
+
+def test_a_robot_that_never_recovers_takes_the_whole_phase():
+    found = Adaptation.of(curves(MINUTES, high=0.0), BODY, UNIT)
+    assert (found.recovery == MINUTES).all() and found.failed.all()
+
+
+def faster(factors):
+    """One robot that needs 40 minutes in a phase, times a factor."""
+    parts = [curves(round(40 * factor) + 1, phases=1) for factor in factors]
+    return Adaptation.of(np.concatenate(parts, axis=1), BODY, UNIT)
+
+
+def test_an_old_robot_is_compared_with_newborns_of_the_same_world():
+    found = faster([1] * 12)
+    assert found.relative_recovery(np.array([40, 20, 80])).tolist() == [2, 0.5, 1] * 3 + [2, 0.5]
+    assert found.slope(np.full(3, 40)) == pytest.approx(0)
+    slower = faster([2 ** (-1 + k / 8) for k in range(12)])
+    assert slower.slope(np.full(3, 40)) == pytest.approx(1 / 8, abs=0.02)
+
+
+def test_savings_compare_the_last_visits_of_worlds_with_the_first():
+    assert faster([1] * 9 + [0.5] * 3).savings() == pytest.approx(0.5)
+    assert faster([1] * 12).savings() == pytest.approx(0)
+    once = dataclasses.replace(BODY, phases=BODY.phases[:3])
+    found = Adaptation.of(curves(10, phases=3), once, UNIT)
+    assert np.isnan(found.savings()) and np.isnan(found.forgetting())
+
+
+def test_forgetting_is_what_is_lost_between_two_visits():
+    assert Adaptation.of(curves(10), BODY, UNIT).forgetting() == pytest.approx(1)
+    assert Adaptation.of(curves(0), BODY, UNIT).forgetting() == pytest.approx(0)
+
+
+def test_the_worst_tenth_is_at_least_one_robot():
+    found = Adaptation.of(curves(*range(0, 60, 6)), BODY, UNIT)
+    assert found.worst_tenth() == pytest.approx(found.online.min())
+
+
+@pytest.mark.parametrize("name", LIVES)
+def test_each_minute_belongs_to_one_phase_and_each_phase_has_a_minute(name):
+    whole = minutes_of_phases(LIVES[name])
+    assert [len(own) for own in whole] == [phase.minutes for phase in LIVES[name].phases]
+    assert np.concatenate(whole).tolist() == list(range(sum(map(len, whole))))
+    for own in minutes_of_phases(rehearsal := LIVES[name].scaled(0.01)):
+        assert len(own) and own.max() < len(rehearsal.steps_of_minutes())
