@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -169,25 +168,6 @@ def test_a_run_is_repeated_by_its_own_manifest(tmp_path, commands_in_process):
     musebot.run(again, config=first / MANIFEST, quiet=True)
     assert read_manifest(again) == read_manifest(first)
     assert repr(musebot.load_run(again).results) == repr(musebot.load_run(first).results)
-
-
-SCRIPT = """
-import musebot
-
-print("read")
-short = {"time_scale": 0.001, "body": "kinematic", "processes": 1}
-run = musebot.run("out", robots=2, task="wall_avoidance", proposer="fixed", **short)
-print(len(run.robots(run.conditions()[0])))
-"""
-
-
-@pytest.mark.slow
-def test_a_script_without_the_main_guard_simulates_once(tmp_path):
-    (tmp_path / "script.py").write_text(SCRIPT)
-    command = [sys.executable, "script.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.stdout.split() == ["read", "2"], done.stderr
-    assert "100.0 %, 2 of 2 robots done" in done.stderr
 
 
 def test_a_script_that_is_also_its_agents_module_is_asked_for_the_guard(
