@@ -15,7 +15,7 @@ from musebot.protocols.compare.tune import Tune
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.run_files import read_run
 
-TINY = {"robots": 2, "time_scale": 0.001, "body": "kinematic"}
+TINY = {"robots": 2, "time_scale": 0.0005, "body": "kinematic"}
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +78,7 @@ def test_tuned_settings_are_used_and_learners_and_tracks_are_added(
     tmp_path, in_process, capsys, commands_in_process
 ):
     tuned, out = tmp_path / "tuned", tmp_path / "out"
-    tune = Tune(agent="sarsa_lambda", signals="raw", trials=4, kept=2, robots=2, time_scale=0.001)
+    tune = Tune(agent="sarsa_lambda", signals="raw", trials=4, kept=2, robots=2, time_scale=0.0005)
     conduct(tune, tuned, in_process())
     best = tune.best(tuned).settings
     study = Benchmark((tuned,), ("sarsa_lambda",), ("raw",), ("walls",), **TINY)
